@@ -1,0 +1,1 @@
+"""Fitting the five parameters to recordings, and saying how well they are known."""

@@ -1,0 +1,104 @@
+"""What a fit is, whatever the method: one result type for IRT, least squares and the baselines."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from irt.model import Model
+
+#: Called with (done, total, text) by everything that may take longer than two seconds.
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Iteration:
+    """One step of a fit.
+
+    Attributes
+    ----------
+    parameters : (5,) array
+        In the order of `irt.rig.PARAMETERS`, each in its own unit.
+    mae : float
+        Mean absolute error of the prediction from these parameters, in board edges.
+    """
+
+    parameters: NDArray[np.float64]
+    mae: float
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What one start point led to.
+
+    Attributes
+    ----------
+    history : tuple of Iteration
+        `history[0]` is the start point, before any step. Never empty.
+    """
+
+    history: tuple[Iteration, ...]
+
+    @property
+    def final(self) -> Iteration:
+        """Where the method stopped."""
+        return self.history[-1]
+
+    @property
+    def best(self) -> Iteration:
+        """The iteration with the smallest error: some methods end worse than they were."""
+        return min(self.history, key=lambda iteration: iteration.mae)
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """The outcome of `least_squares`, `irt` and their like.
+
+    Attributes
+    ----------
+    method : str
+        "least-squares", "irt", ...
+    model : Model
+        The tuned model; its parameters carry 95 % intervals.
+    noise : float
+        Standard deviation of the tracker per coordinate, in board edges, estimated robustly from what the
+        tuned model leaves over.
+    estimates : tuple of Estimate
+        One for each start point, the best first; the model comes from the first.
+    rollouts : int
+        Simulated recordings (or windows of one) that the fit has cost, all starts together.
+    unidentifiable : tuple of str
+        Plain sentences: which combinations these recordings cannot pin down. Empty if all is known.
+    notes : tuple of str
+        Plain sentences about anything else the user should know: a parameter outside its range, a time scale
+        taken from the stamps.
+    seed : int
+        Of the start points; the same seed gives the same bits for any number of threads.
+    seconds : float
+        Wall time.
+    """
+
+    method: str
+    model: Model
+    noise: float
+    estimates: tuple[Estimate, ...]
+    rollouts: int
+    unidentifiable: tuple[str, ...]
+    notes: tuple[str, ...]
+    seed: int
+    seconds: float
+
+    @property
+    def history(self) -> tuple[Iteration, ...]:
+        """Iterations of the start that won."""
+        return self.estimates[0].history
+
+    @property
+    def mae(self) -> float:
+        """Smallest mean absolute error met on the way of the start that won, in board edges."""
+        return self.estimates[0].best.mae
