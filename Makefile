@@ -1,0 +1,95 @@
+# Each target does its own set-up: on a fresh machine the first one makes .venv, installs the pinned packages and
+# builds the extension. Needed beforehand: Python 3.11 or newer, a C compiler, and cargo (rustup).
+
+# The first of these names that runs becomes .venv; `make PYTHON=/path/to/python test` names another.
+PYTHON ?= python3.13 python3.12 python3.11 python3
+
+BIN := .venv/bin
+PACKAGES := .venv/.packages
+EXTENSION := .venv/.extension
+EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
+PYTHON_SOURCES := python tests benches
+# Continuous integration builds what Cargo.lock says, and fails where it is out of date.
+LOCKED := $(if $(CI),--locked)
+
+# A new shell may not have read rustup's line in the profile yet; an active conda or venv must not take the extension.
+export PATH := $(PATH):$(HOME)/.cargo/bin
+export VIRTUAL_ENV := $(CURDIR)/.venv
+unexport CONDA_PREFIX
+
+.PHONY: help
+help: ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+.PHONY: demo
+demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (under three minutes)
+	$(BIN)/irt demo
+
+.PHONY: test
+test: $(EXTENSION) ## every test, Rust and Python
+	cargo test $(LOCKED) --workspace
+	$(BIN)/python -m pytest -n 2
+
+.PHONY: lint
+lint: $(EXTENSION) components ## formatting, lints, types, and the extension against its stub
+	cargo fmt --all --check
+	$(BIN)/ruff format --check $(PYTHON_SOURCES)
+	$(BIN)/ruff check $(PYTHON_SOURCES)
+	$(BIN)/mypy
+	$(BIN)/mypy benches
+	$(BIN)/python -m mypy.stubtest --mypy-config-file pyproject.toml irt._labsim
+	cargo clippy $(LOCKED) --workspace --all-targets -- -D warnings
+
+.PHONY: fmt
+fmt: $(PACKAGES) components ## format the sources
+	cargo fmt --all
+	$(BIN)/ruff check --select I --fix $(PYTHON_SOURCES)
+	$(BIN)/ruff format $(PYTHON_SOURCES)
+
+.PHONY: bench
+bench: $(PACKAGES) tools ## time the engine and write the table in README.md
+	cargo bench $(LOCKED) --package labsim
+	$(BIN)/python benches/write_table.py
+
+.PHONY: pictures
+pictures: $(EXTENSION) ## draw the pictures of README.md
+	$(BIN)/python docs/pictures.py
+
+.PHONY: wheel
+wheel: $(PACKAGES) tools ## build the wheel into dist/
+	$(BIN)/maturin build $(LOCKED) --release --out dist
+
+.PHONY: build
+build: $(EXTENSION) ## only the set-up: .venv, pinned packages, extension
+
+.PHONY: clean
+clean: ## remove all that was built, .venv included
+	rm -rf .venv target dist .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
+	find python tests benches docs -name __pycache__ -prune -exec rm -rf {} +
+
+.PHONY: tools
+tools:
+	@command -v cargo >/dev/null || { echo "make: cargo is missing: install Rust with rustup, then run make again" >&2; exit 1; }
+	@command -v cc >/dev/null || { echo "make: the C compiler cc is missing: install gcc or clang, then run make again" >&2; exit 1; }
+
+.PHONY: components
+components: tools
+	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 || \
+		{ echo "make: rustfmt or clippy is missing: run 'rustup component add rustfmt clippy'" >&2; exit 1; }
+
+$(BIN)/python:
+	@for python in $(PYTHON); do \
+		if $$python -c 'import ensurepip, sys; assert sys.version_info >= (3, 11)' >/dev/null 2>&1; then \
+			echo "$$python -m venv .venv"; exec $$python -m venv .venv; \
+		fi; \
+	done; \
+	echo "make: no Python 3.11 or newer with venv runs as any of: $(PYTHON): install one (Debian, Ubuntu: python3 and python3-venv), or name one with PYTHON=" >&2; \
+	exit 1
+
+$(PACKAGES): requirements.lock | $(BIN)/python
+	$(BIN)/python -m pip install --disable-pip-version-check --requirement requirements.lock
+	@touch $@
+
+$(EXTENSION): $(PACKAGES) $(EXTENSION_SOURCES) | tools
+	$(BIN)/maturin develop $(LOCKED) --release
+	@touch $@
