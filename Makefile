@@ -47,7 +47,7 @@ fmt: $(PACKAGES) components ## format the sources
 	$(BIN)/ruff format $(PYTHON_SOURCES)
 
 .PHONY: bench
-bench: $(PACKAGES) tools ## time the engine and write the table in README.md
+bench: $(PACKAGES) ## time the engine and write the table in README.md
 	cargo bench $(LOCKED) --package labsim
 	$(BIN)/python benches/write_table.py
 
@@ -56,7 +56,7 @@ pictures: $(EXTENSION) ## draw the pictures of README.md
 	$(BIN)/python docs/pictures.py
 
 .PHONY: wheel
-wheel: $(PACKAGES) tools ## build the wheel into dist/
+wheel: $(PACKAGES) ## build the wheel into dist/
 	$(BIN)/maturin build $(LOCKED) --release --out dist
 
 .PHONY: build
@@ -77,7 +77,7 @@ components: tools
 	@cargo fmt --version >/dev/null 2>&1 && cargo clippy --version >/dev/null 2>&1 || \
 		{ echo "make: rustfmt or clippy is missing: run 'rustup component add rustfmt clippy'" >&2; exit 1; }
 
-$(BIN)/python:
+$(BIN)/python: | tools
 	@for python in $(PYTHON); do \
 		if $$python -c 'import ensurepip, sys; assert sys.version_info >= (3, 11)' >/dev/null 2>&1; then \
 			echo "$$python -m venv .venv"; exec $$python -m venv .venv; \
@@ -90,6 +90,6 @@ $(PACKAGES): requirements.lock | $(BIN)/python
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement requirements.lock
 	@touch $@
 
-$(EXTENSION): $(PACKAGES) $(EXTENSION_SOURCES) | tools
+$(EXTENSION): $(PACKAGES) $(EXTENSION_SOURCES)
 	$(BIN)/maturin develop $(LOCKED) --release
 	@touch $@

@@ -1,0 +1,121 @@
+"""One way through the package: a layer imports only from those below it, and heavy packages load late."""
+
+import ast
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Iterator
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
+
+# Top to bottom. A new module takes its place here, above all that it uses.
+LAYERS = (
+    "cli",
+    "report",
+    "tuning",
+    "fitting",
+    "residual",
+    "rollouts",
+    "model",
+    "rig",
+    "recording",
+    "files",
+    "errors",
+)
+EXTENSION = "irt._labsim"
+HEAVY = {"cv2", "matplotlib", "pybullet", "scipy", "torch"}
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+SOURCES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def imports(name: str, path: Path) -> Iterator[str]:
+    """Full names of the irt modules that a file imports anywhere: at the top, in functions, for types."""
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Import):
+            found = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = "." * node.level + (node.module or "")
+            source = importlib.util.resolve_name(base, package) if node.level else base
+            submodules = [f"{source}.{alias.name}" for alias in node.names]
+            found = [sub if sub in SOURCES or sub == EXTENSION else source for sub in submodules]
+        else:
+            continue
+        yield from (module for module in found if module.split(".")[0] == "irt" and module != name)
+
+
+GRAPH = {name: set(imports(name, path)) for name, path in SOURCES.items()}
+
+
+def layer(module: str) -> str:
+    return module.split(".")[1]
+
+
+def test_every_module_has_a_layer() -> None:
+    unplaced = {name for name in SOURCES if name != "irt" and layer(name) not in LAYERS}
+    assert not unplaced, f"give these a place in LAYERS: {sorted(unplaced)}"
+
+
+@pytest.mark.parametrize("name", sorted(SOURCES.keys() - {"irt"}))
+def test_imports_point_down(name: str) -> None:
+    below = set(LAYERS[LAYERS.index(layer(name)) + 1 :])
+    for target in GRAPH[name] - {EXTENSION}:
+        # `import irt` reaches every layer at once, so a layer that used it would import upwards.
+        assert target != "irt", f"{name} imports the package itself: import the module that it needs"
+        assert layer(target) == layer(name) or layer(target) in below, f"{name} imports {target} from above"
+
+
+def test_no_import_cycles() -> None:
+    TopologicalSorter(GRAPH).prepare()
+
+
+def test_only_rollouts_meets_the_engine() -> None:
+    assert {name for name, targets in GRAPH.items() if EXTENSION in targets} == {"irt.rollouts"}
+
+
+def loaded_after(statement: str) -> set[str]:
+    """Run a statement in a new interpreter; return the top-level packages that it loaded."""
+    script = f"import sys\n{statement}\nprint(*sys.modules, file=sys.stderr)"
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return {module.split(".")[0] for module in ran.stderr.split()}
+
+
+HELP = """
+import sys
+from irt.cli.__main__ import main
+sys.argv = ["irt", "--help"]
+try:
+    main()
+except SystemExit as stop:
+    assert not stop.code, stop.code
+"""
+
+
+@pytest.mark.parametrize("statement", ["import irt", HELP], ids=["import irt", "irt --help"])
+def test_heavy_packages_load_only_where_used(statement: str) -> None:
+    loaded = loaded_after(statement)
+    assert "irt" in loaded
+    assert not loaded & HEAVY
+
+
+def test_help_answers_at_once() -> None:
+    resource = pytest.importorskip("resource", reason="processor time of a child is read the Unix way")
+
+    def seconds() -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, "-c", HELP], capture_output=True, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return float(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+
+    # Processor time, and the best of several: what other programs take from the machine is not measured.
+    assert min(seconds() for _ in range(5)) < 0.3
