@@ -68,7 +68,7 @@ def test_no_source_file_holds_two_things() -> None:
     assert not long
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_make_commands_on_a_page_exist(page: Path) -> None:
     named = set(re.findall(r"\bmake ([a-z-]+)", code_in(page)))
     assert named <= make_targets()
@@ -79,7 +79,7 @@ def test_readme_opens_with_the_two_commands() -> None:
     assert commands[:2] == ["demo", "test"]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_links_and_pictures_on_a_page_exist(page: Path) -> None:
     targets = re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8"))
     missing = [
