@@ -1,0 +1,78 @@
+"""Tune a marble-labyrinth simulator to recordings, and find the physics it leaves out.
+
+Names are resolved on first use, so that importing the package costs next to nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from irt.errors import IrtError
+
+if TYPE_CHECKING:
+    from irt.model import Effect, Model, Parameter, load_model, save_model
+    from irt.recording import Recording, load_recording, save_recording
+    from irt.residual import Evaluation, evaluate
+    from irt.rig import Board, Marble, Rig, load_rig
+    from irt.rollouts import effects, paper_drive, rollouts
+    from irt.tuning import tune
+
+__all__ = [
+    "Board",
+    "Effect",
+    "Evaluation",
+    "IrtError",
+    "Marble",
+    "Model",
+    "Parameter",
+    "Recording",
+    "Rig",
+    "effects",
+    "evaluate",
+    "load_model",
+    "load_recording",
+    "load_rig",
+    "paper_drive",
+    "rollouts",
+    "save_model",
+    "save_recording",
+    "tune",
+]
+
+_HOMES = {
+    "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
+    "irt.recording": ("Recording", "load_recording", "save_recording"),
+    "irt.residual": ("Evaluation", "evaluate"),
+    "irt.rig": ("Board", "Marble", "Rig", "load_rig"),
+    "irt.rollouts": ("effects", "paper_drive", "rollouts"),
+    "irt.tuning": ("tune",),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version  # noqa: PLC0415
+
+        return version("labsim-irt")
+    if name not in _HOME:
+        raise AttributeError(f"module 'irt' has no attribute '{name}'")
+    return getattr(importlib.import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
+
+
+class _Package(ModuleType):
+    """Keeps `irt.rollouts` the function: importing a module binds its name in the package that holds it."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

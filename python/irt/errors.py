@@ -1,0 +1,45 @@
+"""The one exception root, and how its messages are made."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+
+class IrtError(ValueError):
+    """A file, a value or a name is not as it must be.
+
+    ``str(error)`` is one line for a user: where (file, line, column), what was expected, what came, and what
+    to do.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(" ".join(message.splitlines()))
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """Put ``where`` (a file, a section of one) before the message of any `IrtError` raised inside."""
+    try:
+        yield
+    except IrtError as error:
+        raise IrtError(f"{where}: {error}") from error
+
+
+def unknown_name(kind: str, name: str, possible: Iterable[str]) -> IrtError:
+    """Return the error for a name that is none of ``possible``, with the nearest one as a suggestion.
+
+    Parameters
+    ----------
+    kind : str
+        What the name stands for, such as ``"effect"``.
+    name : str
+        What was found.
+    possible : iterable of str
+        What could have stood there, in the order to be listed.
+    """
+    names = list(possible)
+    near = difflib.get_close_matches(name, names, n=1)
+    hint = f'; did you mean "{near[0]}"?' if near else ";"
+    return IrtError(f'unknown {kind} "{name}"{hint} possible: {", ".join(names) if names else "none"}')

@@ -1,0 +1,217 @@
+"""Text and TOML in, whole files out: every failure is one line that names the file."""
+
+from __future__ import annotations
+
+import math
+import os
+import secrets
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from irt.errors import IrtError, unknown_name
+
+PathLike = str | os.PathLike[str]
+
+
+def read_text(path: PathLike) -> str:
+    """Return the text of a UTF-8 file, with or without a byte order mark; line ends are left as they are.
+
+    Raises
+    ------
+    IrtError
+        If the file is missing, unreadable or not UTF-8.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise IrtError(f"{path}: no such file") from error
+    except IsADirectoryError as error:
+        raise IrtError(f"{path}: is a folder, where a file was expected") from error
+    except OSError as error:
+        raise IrtError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise IrtError(f"{path}, line {line}: not UTF-8 text; save the file as UTF-8") from error
+
+
+@contextmanager
+def atomic_path(path: PathLike) -> Iterator[Path]:
+    """Yield a path beside ``path``; what the block writes there takes the place of ``path`` once it is whole.
+
+    If the block raises, ``path`` is left as it was and nothing stays beside it. The yielded name keeps the
+    suffix of ``path``, by which some writers choose their format. Devices and pipes are written directly:
+    replacing ``/dev/null`` by a file would harm the machine.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file() and not target.is_dir():
+        yield target
+        return
+    beside = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    try:
+        if target.is_dir():
+            raise IrtError(f"{path}: cannot be written: it is a folder")
+        if not target.parent.is_dir():
+            raise IrtError(f"{path}: cannot be written: there is no folder {target.parent}; make it first")
+        yield beside
+        beside.replace(target)
+    except OSError as error:
+        raise IrtError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        # A file name too long for the disk fails here too, after it was already reported above.
+        with suppress(OSError):
+            beside.unlink()
+
+
+def write_atomic(path: PathLike, data: bytes | str) -> None:
+    """Write ``data`` to ``path`` so that a reader sees the old file or the whole new one (text as UTF-8).
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with atomic_path(path) as beside:
+        beside.write_bytes(data.encode() if isinstance(data, str) else data)
+
+
+def make_folder(path: PathLike) -> Path:
+    """Make the folder for results, with its parents, unless it exists, and return it.
+
+    Called before long work, so that an output that cannot be written is known at once.
+
+    Raises
+    ------
+    IrtError
+        If the folder cannot be made, or nothing can be written into it.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise IrtError(f"{path}: the folder cannot be made: {error.strerror}") from error
+    if not os.access(path, os.W_OK | os.X_OK):
+        raise IrtError(f"{path}: nothing can be written into this folder; choose another")
+    return path
+
+
+def read_toml(path: PathLike) -> TomlTable:
+    """Return the whole of a TOML file as a table.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be read, or is broken TOML (the line and column are named).
+    """
+    text = read_text(path)
+    try:
+        content = tomllib.loads(text)
+    # Not only its own errors: thousands of digits or brackets leave the parser as these two.
+    except (ValueError, RecursionError) as error:
+        raise IrtError(f"{path}: broken TOML: {error}") from error
+    return TomlTable(f"{path}", content)
+
+
+class TomlTable:
+    """One table of a TOML file, read key by key; whatever is wrong is told with file, section and key.
+
+    Parameters
+    ----------
+    where : str
+        The file, and the section if the table is one.
+    content : dict
+        What stands in it.
+    """
+
+    def __init__(self, where: str, content: dict[str, Any]) -> None:
+        self.where = where
+        self.content = content
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.content
+
+    def error(self, key: str, message: str) -> IrtError:
+        """Return an error that says where the key stands."""
+        return IrtError(f"{self.where}, {key}: {message}")
+
+    def only(self, kind: str, possible: Sequence[str]) -> None:
+        """Raise unless every key is one of ``possible``; ``kind`` says what the keys are called."""
+        for key in self.content:
+            if key not in possible:
+                raise IrtError(f"{self.where}: {unknown_name(kind, key, possible)}")
+
+    def section(self, key: str) -> TomlTable:
+        """Return the table under ``key``, empty if there is none."""
+        content = self.content.get(key, {})
+        if not isinstance(content, dict):
+            raise self.error(key, f"expected a section [{key}], found {_shown(content)}")
+        return TomlTable(f"{self.where}, [{key}]", content)
+
+    def inline(self, key: str, form: str) -> TomlTable:
+        """Return the table that stands under ``key`` in one line, of the ``form`` named."""
+        content = self.content.get(key)
+        if not isinstance(content, dict):
+            raise self.error(key, f"expected {form}, found {_shown(content)}")
+        return TomlTable(f"{self.where}, {key}", content)
+
+    def sections(self, key: str) -> list[TomlTable]:
+        """Return the tables of the array of tables under ``key``, none if there is none."""
+        content = self.content.get(key, [])
+        if not isinstance(content, list) or not all(isinstance(item, dict) for item in content):
+            raise self.error(key, f"expected sections [[{key}]], found {_shown(content)}")
+        return [TomlTable(f"{self.where}, [[{key}]] {i}", item) for i, item in enumerate(content, start=1)]
+
+    def number(self, key: str) -> float:
+        """Return the finite number under ``key``, which must be there."""
+        if key not in self.content:
+            raise IrtError(f"{self.where}: {key} is missing")
+        return self._finite(key, self.content[key])
+
+    def numbers(self, *keys: str) -> dict[str, float]:
+        """Return the numbers under those of ``keys`` that are there."""
+        return {key: self.number(key) for key in keys if key in self.content}
+
+    def pair(self, key: str) -> tuple[float, float]:
+        """Return the two numbers ``[a, b]`` under ``key``, which must be there."""
+        content = self.content.get(key)
+        if not isinstance(content, list) or len(content) != 2:
+            raise self.error(key, f"expected [low, high], found {_shown(content)}")
+        return self._finite(key, content[0]), self._finite(key, content[1])
+
+    def word(self, key: str) -> str:
+        """Return the text under ``key``, which must be there."""
+        if key not in self.content:
+            raise IrtError(f"{self.where}: {key} is missing")
+        content = self.content[key]
+        if not isinstance(content, str):
+            raise self.error(key, f"expected text in quotes, found {_shown(content)}")
+        return content
+
+    def _finite(self, key: str, value: object) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.error(key, f"expected a number, found {_shown(value)}")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error(key, f"expected a finite number, found {_shown(value)}")
+        return number
+
+
+def _shown(value: object) -> str:
+    """Return a value as it may stand in a message: short, on one line."""
+    if value is None:
+        return "nothing"
+    text = f'"{value}"' if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

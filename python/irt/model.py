@@ -1,0 +1,312 @@
+"""What a fit leaves behind and a simulation starts from: dimensions, five parameters, effects."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irt.errors import IrtError, located, unknown_name
+from irt.files import PathLike, TomlTable, read_toml, write_atomic
+from irt.rig import (
+    PARAMETERS,
+    RANGES,
+    Board,
+    Marble,
+    Rig,
+    Start,
+    check_range,
+    check_value,
+    read_dimensions,
+    read_start,
+)
+
+#: Version of the model file that this release writes, and the newest that it reads.
+FORMAT = 1
+TimeStep = Literal["rounded", "continuous"]
+
+_SECTIONS = ("format", "board", "marble", "recordings", "simulation", "parameters", "effects")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """The value of one tuned parameter, and where it is known its 95 % interval, in the parameter's own unit.
+
+    Raises
+    ------
+    IrtError
+        If the interval has one end only, or does not run upwards.
+    """
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.low is None) != (self.high is None):
+            raise IrtError("an interval needs both low and high")
+        if self.low is not None and self.high is not None and not self.low <= self.high:
+            raise IrtError(f"the interval from {self.low} to {self.high} is upside down")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect added to the base simulation: its name in the catalogue, its parameters by name.
+
+    Whether the engine knows the effect shows when it is simulated, or read with a catalogue (`load_model`).
+
+    Raises
+    ------
+    IrtError
+        If a name could not stand in a file, or a value is not finite.
+    """
+
+    name: str
+    parameters: dict[str, float]
+
+    def __post_init__(self) -> None:
+        for name in (self.name, *self.parameters):
+            if not _NAME.fullmatch(name):
+                raise IrtError(f'"{name}" is no name of an effect or of a parameter of one')
+        for name, value in self.parameters.items():
+            if not math.isfinite(value):
+                raise IrtError(f"{self.name}, {name}: expected a finite number, found {value}")
+
+
+@dataclass(frozen=True)
+class Model:
+    """A simulator that matches a rig.
+
+    Attributes
+    ----------
+    board, marble : Board, Marble
+        What was measured directly.
+    start : {"rest", "moving"}
+        Whether the marble rests on a level board before row 0 of a recording.
+    ranges : dict
+        Lowest and highest value searched, for each of `PARAMETERS`.
+    parameters : dict
+        Each of `PARAMETERS` by name, in this order.
+    effects : tuple of Effect
+        What was added to the base simulation.
+    time_step : {"rounded", "continuous"}
+        Whether a timestep is ``round(time_scale)`` physics updates of 1/240 s, as in the paper, or as many
+        that are a little longer or shorter, so that together they last ``time_scale / 240`` s.
+
+    Raises
+    ------
+    IrtError
+        If a parameter is missing, unknown, or has a value that it cannot have.
+    """
+
+    board: Board
+    marble: Marble
+    start: Start
+    ranges: dict[str, tuple[float, float]]
+    parameters: dict[str, Parameter]
+    effects: tuple[Effect, ...] = ()
+    time_step: TimeStep = field(default="rounded")
+
+    def __post_init__(self) -> None:
+        for name in (*self.parameters, *self.ranges):
+            if name not in PARAMETERS:
+                raise unknown_name("parameter", name, PARAMETERS)
+        for name in PARAMETERS:
+            if name not in self.parameters or name not in self.ranges:
+                raise IrtError(
+                    f"{name} is missing; a model has a value and a range for {', '.join(PARAMETERS)}"
+                )
+            check_value(name, self.parameters[name].value)
+            check_range(name, *self.ranges[name])
+        if self.time_step not in get_args(TimeStep):
+            raise unknown_name("time_step", self.time_step, get_args(TimeStep))
+        object.__setattr__(self, "parameters", {name: self.parameters[name] for name in PARAMETERS})
+
+    @classmethod
+    def from_rig(
+        cls,
+        rig: Rig,
+        values: ArrayLike | Mapping[str, float],
+        *,
+        intervals: ArrayLike | None = None,
+        effects: Sequence[Effect] = (),
+        time_step: TimeStep = "rounded",
+    ) -> Model:
+        """Return the model of a rig for these values of the parameters.
+
+        Parameters
+        ----------
+        rig : Rig
+            Where dimensions, start and ranges come from.
+        values : (5,) array or mapping
+            In the order of `PARAMETERS`, or by name; each in its own unit.
+        intervals : (5, 2) array, optional
+            95 % intervals, lower and upper ends.
+        effects : sequence of Effect, optional
+            What is added to the base simulation.
+        time_step : {"rounded", "continuous"}
+            See `Model`.
+
+        Raises
+        ------
+        IrtError
+            If the values are not one for each parameter.
+        """
+        if isinstance(values, Mapping):
+            by_name = {name: float(value) for name, value in values.items()}
+        else:
+            by_name = dict(
+                zip(PARAMETERS, _floats("values", values, (len(PARAMETERS),)).tolist(), strict=True)
+            )
+        ends = {}
+        if intervals is not None:
+            ends = dict(
+                zip(PARAMETERS, _floats("intervals", intervals, (len(PARAMETERS), 2)).tolist(), strict=True)
+            )
+        return cls(
+            board=rig.board,
+            marble=rig.marble,
+            start=rig.start,
+            ranges=dict(rig.ranges),
+            parameters={name: Parameter(value, *ends.get(name, ())) for name, value in by_name.items()},
+            effects=tuple(effects),
+            time_step=time_step,
+        )
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The parameters' values, (5,), in the order of `PARAMETERS`."""
+        return np.array([self.parameters[name].value for name in PARAMETERS])
+
+
+def load_model(path: PathLike, catalogue: Mapping[str, Collection[str]] | None = None) -> Model:
+    """Read a model that `save_model` wrote, or a person.
+
+    Parameters
+    ----------
+    path : path
+        The TOML file.
+    catalogue : mapping, optional
+        The effects that the engine knows, each with the names of its parameters; others are refused.
+
+    Raises
+    ------
+    IrtError
+        If the file is no model, or one of a newer format; the message names section and key.
+    """
+    table = read_toml(path)
+    if not table.content:
+        raise IrtError(f"{path}: the file is empty")
+    _check_format(table)
+    table.only("section", _SECTIONS)
+    board, marble = read_dimensions(table)
+    simulation = table.section("simulation")
+    simulation.only("key", ("time_step",))
+    time_step = simulation.word("time_step") if "time_step" in simulation else "rounded"
+    parameters, ranges = _read_parameters(table.section("parameters"))
+    effects = tuple(_read_effect(entry, catalogue) for entry in table.sections("effects"))
+    with located(f"{path}"):
+        return Model(
+            board=board,
+            marble=marble,
+            start=read_start(table),
+            ranges=ranges,
+            parameters=parameters,
+            effects=effects,
+            time_step=time_step,  # type: ignore[arg-type]  # the model checks it
+        )
+
+
+def save_model(path: PathLike, model: Model) -> None:
+    """Write a model as TOML, so that `load_model` returns the same numbers bit for bit.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    write_atomic(path, "\n".join(_lines(model)) + "\n")
+
+
+def _check_format(table: TomlTable) -> None:
+    found = table.content.get("format", FORMAT)
+    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
+        raise table.error("format", f"expected a number from 1 to {FORMAT}, found {found}")
+    if found > FORMAT:
+        raise table.error(
+            "format",
+            f"the model is of a newer format, {found}; this release reads up to {FORMAT}: update irt",
+        )
+
+
+def _read_parameters(section: TomlTable) -> tuple[dict[str, Parameter], dict[str, tuple[float, float]]]:
+    section.only("parameter", PARAMETERS)
+    parameters = {}
+    ranges = dict(RANGES)
+    for name, content in section.content.items():
+        if not isinstance(content, dict):
+            parameters[name] = Parameter(section.number(name))
+        else:
+            table = section.inline(name, "")
+            table.only("key", ("value", "low", "high", "range"))
+            with located(table.where):
+                parameters[name] = Parameter(table.number("value"), **table.numbers("low", "high"))
+            if "range" in table:
+                ranges[name] = table.pair("range")
+        with located(section.where):
+            check_value(name, parameters[name].value)
+            check_range(name, *ranges[name])
+    return parameters, ranges
+
+
+def _read_effect(table: TomlTable, catalogue: Mapping[str, Collection[str]] | None) -> Effect:
+    name = table.word("name")
+    values = {key: table.number(key) for key in table.content if key != "name"}
+    with located(table.where):
+        effect = Effect(name, values)
+        if catalogue is not None and name not in catalogue:
+            raise unknown_name("effect", name, catalogue)
+    if catalogue is not None:
+        table.only(f"parameter of {name}", ("name", *catalogue[name]))
+    return effect
+
+
+def _lines(model: Model) -> Iterator[str]:
+    """Yield the lines of the model's TOML; repr writes a float so that it reads back as the same number."""
+    yield f"format = {FORMAT}"
+    for name, part in (("board", model.board), ("marble", model.marble)):
+        yield f"\n[{name}]"
+        for entry in fields(part):
+            yield f"{entry.name} = {float(getattr(part, entry.name))!r}"
+    yield f'\n[recordings]\nstart = "{model.start}"'
+    yield f'\n[simulation]\ntime_step = "{model.time_step}"'
+    yield "\n[parameters]"
+    for name, parameter in model.parameters.items():
+        known = {"value": parameter.value, "low": parameter.low, "high": parameter.high}
+        shown = [f"{key} = {float(value)!r}" for key, value in known.items() if value is not None]
+        low, high = model.ranges[name]
+        yield f"{name} = {{ {', '.join(shown)}, range = [{float(low)!r}, {float(high)!r}] }}"
+    for effect in model.effects:
+        yield f'\n[[effects]]\nname = "{effect.name}"'
+        for name, value in effect.parameters.items():
+            yield f"{name} = {float(value)!r}"
+
+
+def _by_name(array: NDArray[np.float64]) -> dict[str, Any]:
+    return dict(zip(PARAMETERS, array.tolist(), strict=True))
+
+
+def _floats(what: str, values: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise IrtError(f"{what} must be an array of numbers") from error
+    if array.shape != shape:
+        raise IrtError(f"{what} must have shape {shape}, not {array.shape}")
+    return array

@@ -1,0 +1,378 @@
+"""One recording: what was commanded and where the marble was seen, one CSV row a timestep."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from irt.errors import IrtError
+from irt.files import PathLike, read_text, write_atomic
+
+Array = NDArray[np.float64]
+#: Names the place of a value in a message, from its row (from 0) and its column.
+Where = Callable[[int, str], str]
+
+STEP = "step"
+STAMP = "t_s"
+KNOBS = ("knob_x_rad", "knob_y_rad")
+MARBLE = ("marble_x", "marble_y")
+
+#: Half of all positions beyond this many board edges: no marble on a board, but another unit.
+_MOST_EDGES = 2.0
+#: No slip of a tracker and no knob goes this far (board edges, rad); squares of larger numbers may overflow.
+_LARGEST = 1e6
+#: Longest time that one command may hold (s): 5000 physics updates, as many as the engine allows.
+_LONGEST_STEP_S = 5000 / 240
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One run of the rig.
+
+    Row i is the position seen at the moment command i is issued; command i holds until row i + 1. The arrays
+    are copies, and read-only.
+
+    Attributes
+    ----------
+    name : str
+        The file's name without its ending.
+    path : Path
+        The file.
+    knobs : (n, 2) array
+        Commanded knob angles [rad].
+    marble : (n, 2) array
+        Observed positions [board edges], NaN rows where the tracker lost the marble; never in row 0, where
+        every prediction starts.
+    stamps : (n,) array or None
+        Time of each row [s], rising.
+
+    Raises
+    ------
+    IrtError
+        If the arrays are no recording: other shapes, fewer than two rows, values that cannot be.
+    """
+
+    name: str
+    path: Path
+    knobs: Array
+    marble: Array
+    stamps: Array | None = None
+
+    def __post_init__(self) -> None:
+        def where(row: int, column: str) -> str:
+            return f"{self.name}, row {row}, column {column}"
+
+        object.__setattr__(self, "knobs", _owned(self.name, "knobs", self.knobs))
+        object.__setattr__(self, "marble", _owned(self.name, "marble", self.marble))
+        if self.stamps is not None:
+            object.__setattr__(self, "stamps", _owned(self.name, "stamps", self.stamps))
+        rows = len(np.atleast_1d(self.knobs))
+        shapes = {"knobs": (rows, 2), "marble": (rows, 2), "stamps": (rows,)}
+        for field, shape in shapes.items():
+            array = getattr(self, field)
+            if array is not None and array.shape != shape:
+                raise IrtError(f"{self.name}: {field} must have shape {shape}, not {array.shape}")
+        _check_commands(self.name, self.knobs, self.stamps, where)
+        _check_marble(self.name, self.marble, where)
+
+    @property
+    def durations(self) -> Array | None:
+        """How long each command holds, (n,) [s], where there are stamps (see `durations`)."""
+        return durations(self.stamps)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Rows in which the tracker saw the marble, (n,)."""
+        return ~np.isnan(self.marble[:, 0])
+
+    def to_csv(self) -> str:
+        """Return the recording as CSV text that reads back bit for bit."""
+        stamped = () if self.stamps is None else (STAMP,)
+        lines = [",".join((STEP, *stamped, *KNOBS, *MARBLE))]
+        columns = [*self.knobs.T, *self.marble.T]
+        if self.stamps is not None:
+            columns.insert(0, self.stamps)
+        for row, values in enumerate(np.stack(columns, axis=1).tolist()):
+            # repr gives the shortest text that reads back as the same number.
+            lines.append(
+                ",".join([str(row), *("" if math.isnan(value) else repr(value) for value in values)])
+            )
+        return "\n".join(lines) + "\n"
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """What to simulate: commands, and where the marble starts if the file says so.
+
+    Attributes
+    ----------
+    knobs : (n, 2) array
+        Commanded knob angles [rad].
+    start : (2,) array or None
+        Marble position at row 0 [board edges].
+    stamps : (n,) array or None
+        Time of each row [s], rising.
+    """
+
+    knobs: Array
+    start: Array | None
+    stamps: Array | None
+
+    @property
+    def durations(self) -> Array | None:
+        """How long each command holds, (n,) [s], where there are stamps (see `durations`)."""
+        return durations(self.stamps)
+
+
+def durations(stamps: Array | None) -> Array | None:
+    """Return how long each command holds, (n,) [s]; the last, of unknown end, as long as the one before."""
+    if stamps is None:
+        return None
+    steps = np.diff(stamps)
+    return np.append(steps, steps[-1])
+
+
+def load_recording(path: PathLike) -> Recording:
+    """Read a recording from a CSV file.
+
+    Columns are found by name, in any order; others are ignored. A byte order mark, Windows line ends and
+    blank lines are accepted.
+
+    Parameters
+    ----------
+    path : path
+        A CSV with the columns ``step``, ``knob_x_rad``, ``knob_y_rad``, ``marble_x``, ``marble_y``, and
+        ``t_s`` if the rows carry stamps.
+
+    Raises
+    ------
+    IrtError
+        If the file is no recording; the message names line and column.
+    """
+    table = _Table.read(path, (STEP, *KNOBS, *MARBLE))
+    knobs, stamps = _read_commands(table)
+    marble = _read_marble(table)
+    return Recording(Path(path).stem, Path(path), knobs, marble, stamps)
+
+
+def load_commands(path: PathLike) -> Commands:
+    """Read the commands of a CSV file; the marble's columns may be absent, or empty throughout.
+
+    Raises
+    ------
+    IrtError
+        If the file holds no commands; the message names line and column.
+    """
+    table = _Table.read(path, (STEP, *KNOBS))
+    knobs, stamps = _read_commands(table)
+    start = None
+    if any(column in table.columns for column in MARBLE):
+        table.require(MARBLE)
+        if any(cell for column in MARBLE for cell in table.columns[column]):
+            start = _read_marble(table)[0]
+    return Commands(knobs, start, stamps)
+
+
+def save_recording(
+    path: PathLike, knobs: ArrayLike, marble: ArrayLike, stamps: ArrayLike | None = None
+) -> None:
+    """Write a recording as CSV, so that `load_recording` returns the same numbers bit for bit.
+
+    Parameters
+    ----------
+    path : path
+        The file to write; an old one is replaced only by the whole new one.
+    knobs : (n, 2) array
+        Commanded knob angles [rad].
+    marble : (n, 2) array
+        Observed positions [board edges]; a NaN row is written as empty cells.
+    stamps : (n,) array, optional
+        Time of each row [s].
+
+    Raises
+    ------
+    IrtError
+        If the arrays are no recording, or the file cannot be written.
+    """
+    path = Path(path)
+    name = path.stem
+    owned_stamps = None if stamps is None else _owned(name, "stamps", stamps)
+    recording = Recording(
+        name, path, _owned(name, "knobs", knobs), _owned(name, "marble", marble), owned_stamps
+    )
+    write_atomic(path, recording.to_csv())
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The cells of a CSV file by column, and the line of the file on which each row ends."""
+
+    path: PathLike
+    header_line: int
+    columns: dict[str, list[str]]
+    lines: list[int]
+
+    @classmethod
+    def read(cls, path: PathLike, required: Sequence[str]) -> _Table:
+        reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+        rows: list[list[str]] = []
+        lines: list[int] = []
+        try:
+            for cells in reader:
+                stripped = [cell.strip() for cell in cells]
+                if any(stripped):
+                    rows.append(stripped)
+                    lines.append(reader.line_num)
+        except csv.Error as error:
+            raise IrtError(f"{path}, line {reader.line_num}: broken CSV: {error}") from error
+        if not rows:
+            raise IrtError(f"{path}: the file is empty")
+        header = rows.pop(0)
+        _check_header(f"{path}, line {lines[0]}", header)
+        for cells, line in zip(rows, lines[1:], strict=True):
+            if len(cells) != len(header):
+                raise IrtError(f"{path}, line {line}: {len(cells)} cells, but the header has {len(header)}")
+        columns = {name: [cells[i] for cells in rows] for i, name in enumerate(header)}
+        table = cls(path, lines[0], columns, lines[1:])
+        table.require(required)
+        return table
+
+    def require(self, names: Sequence[str]) -> None:
+        for name in names:
+            if name not in self.columns:
+                where, found = f"{self.path}, line {self.header_line}", ", ".join(self.columns)
+                raise IrtError(f"{where}: column {name} is missing; the header has {found}")
+
+    def where(self, row: int, column: str) -> str:
+        return f"{self.path}, line {self.lines[row]}, column {column}"
+
+    def numbers(self, column: str, *, empty: str = "") -> Array:
+        """Return a column as numbers; ``empty`` is read where a cell is."""
+        values = np.empty(len(self.lines))
+        for row, cell in enumerate(self.columns[column]):
+            try:
+                values[row] = _number(cell or empty)
+            except ValueError:
+                found = f'found "{cell[:40]}"' if cell else "found an empty cell"
+                raise IrtError(f"{self.where(row, column)}: expected a number, {found}") from None
+        return values
+
+
+def _number(text: str) -> float:
+    # Python groups digits as in 1_000, other programs do not: there it is a slip.
+    if "_" in text:
+        raise ValueError(text)
+    return float(text)
+
+
+def _check_header(where: str, header: list[str]) -> None:
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        raise IrtError(f"{where}: cells must be separated by commas")
+    for name in (STEP, STAMP, *KNOBS, *MARBLE):
+        if header.count(name) > 1:
+            raise IrtError(f"{where}: column {name} stands there {header.count(name)} times; keep one")
+
+
+def _read_commands(table: _Table) -> tuple[Array, Array | None]:
+    if not table.lines:
+        raise IrtError(f"{table.path}: the file has a header, but no rows")
+    _check_steps(table)
+    knobs = np.stack([table.numbers(column) for column in KNOBS], axis=1)
+    stamps = table.numbers(STAMP) if STAMP in table.columns else None
+    _check_commands(f"{table.path}", knobs, stamps, table.where)
+    return knobs, stamps
+
+
+def _read_marble(table: _Table) -> Array:
+    marble = np.stack([table.numbers(column, empty="nan") for column in MARBLE], axis=1)
+    _check_marble(f"{table.path}", marble, table.where)
+    return marble
+
+
+def _check_steps(table: _Table) -> None:
+    steps = table.numbers(STEP)
+    wrong = _first(steps != np.arange(len(steps)))
+    if wrong is None:
+        return
+    where = f"{table.where(wrong, STEP)}: expected {wrong}, found {table.columns[STEP][wrong]}"
+    if steps[wrong] in steps[:wrong]:
+        raise IrtError(
+            f"{where}, which line {table.lines[int(steps[wrong])]} has already; no step may repeat"
+        )
+    hint = " (keep rows in which the marble was lost; only their positions stay empty)"
+    raise IrtError(f"{where}; steps count 0, 1, 2, ...{hint if steps[wrong] > wrong else ''}")
+
+
+def _check_commands(name: str, knobs: Array, stamps: Array | None, where: Where) -> None:
+    if len(knobs) < 2:
+        raise IrtError(f"{name}: one row only; at least two are needed, a start and what came of it")
+    for axis, column in enumerate(KNOBS):
+        if (row := _first(~(np.abs(knobs[:, axis]) <= _LARGEST))) is not None:
+            place, found = where(row, column), knobs[row, axis]
+            raise IrtError(
+                f"{place}: expected a knob angle in radians, found {found}; no command may be lost"
+            )
+    if stamps is None:
+        return
+    if (row := _first(~np.isfinite(stamps))) is not None:
+        raise IrtError(f"{where(row, STAMP)}: a stamp must be a finite number, found {stamps[row]}")
+    steps = np.diff(stamps)
+    if (row := _first(steps <= 0)) is not None:
+        found = f"{stamps[row + 1]} follows {stamps[row]}"
+        raise IrtError(f"{where(row + 1, STAMP)}: stamps must rise from row to row, but {found}")
+    if (row := _first(steps > _LONGEST_STEP_S)) is not None:
+        raise IrtError(
+            f"{where(row + 1, STAMP)}: {steps[row]:.6g} s after the row before; are the stamps in seconds? "
+            "Otherwise split the recording at this pause"
+        )
+
+
+def _check_marble(name: str, marble: Array, where: Where) -> None:
+    for axis, column in enumerate(MARBLE):
+        values = np.abs(marble[:, axis])
+        if (row := _first(values > _LARGEST)) is not None:
+            raise IrtError(
+                f"{where(row, column)}: {marble[row, axis]} is no position [board edges]; "
+                "leave both cells empty where the marble was lost"
+            )
+    lost = np.isnan(marble)
+    if (row := _first(lost[:, 0] != lost[:, 1])) is not None:
+        column, other = MARBLE if lost[row, 0] else MARBLE[::-1]
+        raise IrtError(f"{where(row, column)}: empty, but {other} is not; leave both empty or fill both")
+    seen = ~lost[:, 0]
+    if not seen.any():
+        raise IrtError(f"{name}: the marble is lost in every row; there is nothing to compare with")
+    if lost[0, 0]:
+        first = int(np.argmax(seen))
+        raise IrtError(
+            f"{where(0, MARBLE[0])}: the marble is lost in the first row, where every prediction starts; "
+            f"cut the rows until it is seen ({first}) and count the steps from 0 again"
+        )
+    if np.median(np.abs(marble[seen]).max(axis=1)) > _MOST_EDGES:
+        raise IrtError(
+            f"{where(0, MARBLE[0])}: most positions lie more than {_MOST_EDGES:g} edges off the centre; "
+            "positions are in units of the long edge: divide millimetres by the edge in millimetres"
+        )
+
+
+def _owned(name: str, field: str, values: ArrayLike) -> Array:
+    """Return a read-only copy, so that a recording stays what it was checked to be."""
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (ValueError, TypeError) as error:
+        raise IrtError(f"{name}: {field} must be an array of numbers") from error
+    array.flags.writeable = False
+    return array
+
+
+def _first(wrong: NDArray[np.bool_]) -> int | None:
+    """Return the first row that is wrong."""
+    rows = np.flatnonzero(wrong)
+    return int(rows[0]) if len(rows) else None
