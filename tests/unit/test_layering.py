@@ -19,6 +19,7 @@ LAYERS = (
     "tuning",
     "fitting",
     "residual",
+    "start_state",
     "rollouts",
     "model",
     "rig",

@@ -1,0 +1,115 @@
+"""Where the marble was and how fast it rolled at the first row of a window, as the simulator sees it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.model import Model
+from irt.rollouts import rollouts
+
+Array = NDArray[np.float64]
+
+#: Steps of the finite differences, in x, y [board edges] and their rates [board edges per second].
+_STEPS = np.array([1e-4, 1e-4, 1e-3, 1e-3])
+#: Gauss-Newton steps; with the base physics the second hardly moves the state any more.
+_ITERATIONS = 6
+
+
+def simulate(model: Model, knobs: Array, durations: Array | None, states: Array) -> Array:
+    """Simulate windows of one length, each from its own start state.
+
+    Parameters
+    ----------
+    model : Model
+        The simulator.
+    knobs : (w, n, 2) array
+        Commanded knob angles [rad].
+    durations : (w, n) array or None
+        How long each command holds [s]; without it the model's time scale tells.
+    states : (w, 4) array
+        Start states: x, y [board edges] and their rates [board edges per second of simulated time].
+
+    Returns
+    -------
+    (w, n, 2) array
+        Predicted positions [board edges], the start in row 0.
+    """
+    return rollouts(
+        np.tile(model.values, (len(knobs), 1)),
+        knobs,
+        rig=model,
+        effects=model.effects,
+        start=states[:, :2],
+        start_velocity=states[:, 2:],
+        durations=durations,
+        time_step=model.time_step,
+    )
+
+
+def estimate_start_states(
+    model: Model, knobs: Array, durations: Array | None, observed: Array, guess: Array
+) -> Array:
+    """Return the start states from which the simulator meets the observations best, in least squares.
+
+    Gauss-Newton with Levenberg's damping over position and velocity; one batch of rollouts an iteration holds
+    all windows and their finite differences. The marble stays between the walls.
+
+    Parameters
+    ----------
+    model : Model
+        The simulator.
+    knobs, durations : (w, n, 2) array, (w, n) array or None
+        Commands, as for `simulate`.
+    observed : (w, n, 2) array
+        Positions [board edges], NaN rows where the tracker lost the marble.
+    guess : (w, 4) array
+        Where to begin, as the states of `simulate`.
+
+    Returns
+    -------
+    (w, 4) array
+        As the states of `simulate`.
+    """
+    board, radius = model.board, model.marble.radius_m
+    room = np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius
+    reach = np.append(room / board.edge_x_m * model.parameters["observation_scale"].value, [np.inf, np.inf])
+
+    def linearise(states: Array) -> tuple[Array, Array]:
+        return _linearise(model, knobs, durations, observed, states)
+
+    states = np.clip(guess, -reach, reach)
+    residual, jacobian = linearise(states)
+    damping = np.full((len(states), 1), 1e-3)
+    for _ in range(_ITERATIONS):
+        gradient = np.einsum("wij,wi->wj", jacobian, residual)
+        normal = np.einsum("wij,wik->wjk", jacobian, jacobian)
+        # Where friction holds the marble, nothing depends on its velocity: there the step stays zero.
+        diagonal = damping * np.einsum("wjj->wj", normal) + 1e-12
+        step = np.linalg.solve(normal + np.eye(4) * diagonal[:, None, :], gradient[..., None])[..., 0]
+        trial = np.clip(states - step, -reach, reach)
+        trial_residual, trial_jacobian = linearise(trial)
+        better = (trial_residual**2).sum(axis=1) < (residual**2).sum(axis=1)
+        damping[better] /= 10.0
+        damping[~better] *= 10.0
+        states[better] = trial[better]
+        residual[better] = trial_residual[better]
+        jacobian[better] = trial_jacobian[better]
+    return states
+
+
+def _linearise(
+    model: Model, knobs: Array, durations: Array | None, observed: Array, states: Array
+) -> tuple[Array, Array]:
+    """Return (w, 2n) residuals, zero in lost rows, and their (w, 2n, 4) derivatives."""
+    windows = len(states)
+    steps = np.where(states > 0.0, -_STEPS, _STEPS)  # towards the centre, away from the walls
+    moved = states[:, None, :] + steps[:, None, :] * np.eye(4)
+    tried = np.concatenate([states[:, None, :], moved], axis=1).reshape(-1, 4)
+    repeated = None if durations is None else np.repeat(durations, 5, axis=0)
+    predicted = simulate(model, np.repeat(knobs, 5, axis=0), repeated, tried).reshape(windows, 5, -1)
+    target = observed.reshape(windows, -1)
+    known = ~np.isnan(target)
+    residual = np.where(known, predicted[:, 0] - target, 0.0)
+    change = (predicted[:, 1:] - predicted[:, :1]) / steps[:, :, None]
+    return residual, np.where(known[:, None, :], change, 0.0).swapaxes(1, 2)
