@@ -228,8 +228,8 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
 
     A free run starts in row 0: at rest, or for a model of recordings that start in motion, from the state
     that the first four rows tell. A window starts from the state estimated on the four rows before it and
-    never sees the rows that it predicts. Windows follow one another without a gap, except where the marble was
-    lost in more than one of the four rows, or at the end, where no whole one fits.
+    never sees the rows that it predicts. Windows follow one another without a gap, except where the marble
+    was lost in more than one of the four rows, or at the end, where no whole one fits.
 
     Parameters
     ----------

@@ -1,0 +1,87 @@
+"""`irt evaluate`: how far a model's predictions lie from recordings."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from irt.residual import Errors, Evaluation
+
+NAME = "evaluate"
+HELP = "measure how far a model's predictions lie from recordings"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `irt evaluate`."""
+    parser.add_argument("model", metavar="MODEL", type=Path, help="a model.toml, as `irt tune` writes it")
+    parser.add_argument("rig", metavar="RIG", type=Path, help="a folder of recordings (*.csv)")
+    parser.add_argument(
+        "--window",
+        metavar="SECONDS",
+        type=_seconds,
+        default=2.0,
+        help="length of a window, which starts from the state that the four rows before it tell (default: 2)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("irt-evaluate"),
+        help="folder for evaluation.json and evaluation.svg (default: irt-evaluate)",
+    )
+    parser.epilog = "example:\n  irt evaluate model.toml my-rig --window 2"
+
+
+def run(args: argparse.Namespace) -> None:
+    """Evaluate the model, print the errors of each run, and write them beside a plot."""
+    from irt.files import make_folder, write_atomic
+    from irt.model import load_model
+    from irt.report.plots import plot_evaluation
+    from irt.residual import evaluate
+    from irt.rig import load_rig
+
+    model = load_model(args.model)
+    rig = load_rig(args.rig)
+    folder = make_folder(args.out)
+    evaluation = evaluate(model, rig.recordings, args.window)
+    for line in _table(evaluation):
+        print(line)
+    written = {"model": f"{args.model}", "rig": f"{args.rig}", **evaluation.as_dict()}
+    write_atomic(folder / "evaluation.json", json.dumps(written, indent=2, allow_nan=False) + "\n")
+    plot_evaluation(folder / "evaluation.svg", evaluation, rig.recordings)
+    print(f"\nwrote {folder / 'evaluation.json'} and {folder / 'evaluation.svg'}")
+
+
+def _seconds(text: str) -> float:
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:
+        raise argparse.ArgumentTypeError(f"expected seconds above 0, found {text}")
+    return seconds
+
+
+def _table(evaluation: Evaluation) -> Iterator[str]:
+    """Yield the lines of a table: a row for each run, and one for all."""
+    rows = [*((run.recording, run) for run in evaluation.runs), ("all runs", evaluation)]
+    width = max(len(name) for name, _ in rows)
+    windows = f"windows of {evaluation.window_s:g} s"
+    yield "errors in % of the board's long edge"
+    yield f"{'':{width}}               {'free run':^16}   {windows:^16}"
+    yield f"{'run':{width}}   rows   lost    mean largest      mean largest"
+    for name, errors in rows:
+        free = errors.free_run
+        yield f"{name:{width}} {free.rows:6} {free.lost:6} {_percent(free)}   {_percent(errors.windowed)}"
+
+
+def _percent(errors: Errors | None) -> str:
+    if errors is None:
+        return f"{'-':>7} {'-':>7}"
+    return f"{100 * errors.mae:7.2f} {100 * errors.max:7.2f}"

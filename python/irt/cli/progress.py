@@ -1,0 +1,29 @@
+"""The progress bar of every verb."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+#: Work shorter than this goes by without a bar (s).
+_PATIENCE_S = 2.0
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callable[[int, int, str], None]]:
+    """Yield a function to be called with (done, total, text) as work goes on.
+
+    It draws a bar on standard error, once the work has lasted two seconds, and only on a terminal; the bar is
+    wiped away at the end.
+    """
+    from tqdm import tqdm
+
+    with tqdm(file=sys.stderr, disable=None, delay=_PATIENCE_S, leave=False, dynamic_ncols=True) as bar:
+
+        def update(done: int, total: int, text: str) -> None:
+            bar.total = total
+            bar.set_description_str(text, refresh=False)
+            bar.update(done - bar.n)
+
+        yield update

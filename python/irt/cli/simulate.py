@@ -1,0 +1,49 @@
+"""`irt simulate`: knobs in, a recording out."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+NAME = "simulate"
+HELP = "predict where the marble rolls under given commands"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `irt simulate`."""
+    parser.add_argument("model", metavar="MODEL", type=Path, help="a model.toml, as `irt tune` writes it")
+    parser.add_argument(
+        "--commands",
+        metavar="CSV",
+        type=Path,
+        required=True,
+        help="columns step, knob_x_rad, knob_y_rad; t_s, if the rows have stamps; marble_x and marble_y, "
+        "whose first row is the start (default: the centre), at rest. A recording will do",
+    )
+    parser.add_argument(
+        "--out", metavar="CSV", type=Path, help="the recording to write (default: standard output)"
+    )
+    parser.epilog = "example:\n  irt simulate model.toml --commands run-1.csv --out predicted.csv"
+
+
+def run(args: argparse.Namespace) -> None:
+    """Simulate the commands and write the recording."""
+    import numpy as np
+
+    from irt.model import load_model
+    from irt.recording import Recording, load_commands, save_recording
+    from irt.start_state import simulate
+
+    model = load_model(args.model)
+    commands = load_commands(args.commands)
+    state = np.zeros((1, 4))
+    if commands.start is not None:
+        state[0, :2] = commands.start
+    durations = None if commands.durations is None else commands.durations[None]
+    marble = simulate(model, commands.knobs[None], durations, state)[0]
+    if args.out is None:
+        recording = Recording(args.commands.stem, args.commands, commands.knobs, marble, commands.stamps)
+        sys.stdout.write(recording.to_csv())
+    else:
+        save_recording(args.out, commands.knobs, marble, commands.stamps)
