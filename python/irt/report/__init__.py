@@ -1,0 +1,1 @@
+"""Pictures and pages: what a fit found, to be looked at."""

@@ -1,0 +1,359 @@
+"""One picture a function: each draws arrays and results of this package into one SVG or PNG file.
+
+Positions are in units of the board's long edge, errors in percent of it, as in the paper's figures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from numpy.typing import ArrayLike, NDArray
+
+from irt.files import PathLike
+from irt.fitting.fit import FitResult
+from irt.model import Model
+from irt.recording import Recording
+from irt.report import style
+from irt.residual import Evaluation
+from irt.rig import PARAMETERS
+
+Array = NDArray[np.float64]
+
+_PERCENT = 100.0
+_FLOOR: dict[str, Any] = {"color": style.INK, "lw": 0.9, "ls": (0, (4, 3))}
+_TICKS = (-0.4, -0.2, 0.0, 0.2, 0.4)
+_ERROR = "mean error  [% of edge]"
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What one model says about one recording, and how to draw it.
+
+    Attributes
+    ----------
+    label : str
+        One or two words beside the line.
+    marble : (n, 2) array
+        Predicted positions [board edges], a row for each of the recording.
+    model : Model
+        Where it comes from.
+    colour : str
+        One of `irt.report.style`.
+    """
+
+    label: str
+    marble: Array
+    model: Model
+    colour: str = style.TUNED
+
+
+def plot_fit(
+    path: PathLike, recording: Recording, predictions: Sequence[Prediction], *, limit: float | None = None
+) -> None:
+    """Draw recorded positions as dots, predicted ones as lines, over time (paper, Figs. 3 and 7).
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    recording : Recording
+        Rows without a marble are shaded.
+    predictions : sequence of Prediction
+        Drawn in this order.
+    limit : float, optional
+        Both axes reach from ``-limit`` to ``limit`` [board edges], for pictures to be compared; by default
+        each reaches as far as its data.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    time, unit = _time(recording)
+    with style.drawing(path, style.WIDTH, 3.5) as figure:
+        both = figure.subplots(2, sharex=True)
+        for axis, axes in enumerate(both):
+            axes.plot(time, recording.marble[:, axis], ".", color=style.RECORDED, clip_on=False)
+            for prediction in predictions:
+                axes.plot(time, prediction.marble[:, axis], color=prediction.colour, zorder=3)
+            for first, last in _lost(recording):
+                axes.axvspan(first, last, color=style.FAINT, lw=0)
+            axes.set_ylabel(f"{'xy'[axis]}  [edges]")
+            if limit is not None:
+                axes.set_ylim(-limit, limit)
+            axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=limit is not None))
+            ends = [(_last(recording.marble[:, axis]), "recorded", style.RECORDED)]
+            ends += [(_last(p.marble[:, axis]), p.label, p.colour) for p in predictions]
+            style.label_ends(axes, ends)
+        both[0].set_xlim(time[0], time[-1])
+        both[1].set_xlabel(unit)
+
+
+def plot_paths(path: PathLike, panels: Sequence[tuple[Recording, Prediction]]) -> None:
+    """Draw the board from above, two panels to a row: recorded dots, the predicted path, and the rim.
+
+    The rim stands where the model sees it: its observation scale stretches the picture.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    panels : sequence of (Recording, Prediction)
+        What to draw into each, row by row.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
+    with style.drawing(path, 3.6 * columns + 0.3, 3.2 * rows + 0.3) as figure:
+        grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        for axes in grid.flat[len(panels) :]:
+            axes.set_axis_off()
+        for axes, (recording, prediction) in zip(grid.flat, panels, strict=False):
+            _draw_path(axes, recording, prediction)
+        half = 1.05 * np.max([_rim(prediction.model) for _, prediction in panels], axis=0)
+        grid[0, 0].set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=_TICKS, yticks=_TICKS)
+        for axes in grid[-1]:
+            axes.set_xlabel("x  [edges]")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("y  [edges]")
+
+
+def plot_history(path: PathLike, result: FitResult, *, noise: float | None = None) -> None:
+    """Draw the error over the iterations of a fit, from every start point (paper, Figs. 5 and 8).
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    result : FitResult
+        Its first estimate, which the model comes from, stands out.
+    noise : float, optional
+        Standard deviation of the tracker [board edges]; draws the error that nothing can go below.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with style.drawing(path, style.WIDTH, 3.1) as figure:
+        axes = figure.subplots()
+        for estimate in reversed(result.estimates):
+            errors = _PERCENT * np.array([iteration.mae for iteration in estimate.history])
+            won = estimate is result.estimates[0]
+            axes.plot(errors, color=style.TUNED if won else style.MUTED, **_weight(won))
+        best = result.estimates[0].best
+        place = (_index(result.estimates[0].history, best), _PERCENT * best.mae)
+        axes.plot(*place, "o", ms=6, mfc=style.PAPER, mec=style.TUNED, zorder=4)
+        _make_logarithmic(axes)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_xlabel("iteration")
+        axes.set_ylabel(_ERROR)
+        axes.margins(x=0.02)
+        name = "best start" if len(result.estimates) > 1 else ""
+        ends = [(_PERCENT * result.history[-1].mae, name, style.TUNED)]
+        if noise is not None:
+            floor = _PERCENT * mean_absolute(noise)
+            axes.axhline(floor, **_FLOOR)
+            axes.set_ylim(bottom=floor / 1.6)
+            ends.append((floor, "tracker's\nnoise", style.INK))
+        style.label_ends(axes, ends)
+
+
+def plot_parameters(path: PathLike, result: FitResult) -> None:
+    """Draw how each parameter came to its value, from every start point (paper, Fig. 6).
+
+    Each axis is the range that was searched; a band is the 95 % interval of the final value.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    result : FitResult
+        Its first estimate, which the model comes from, stands out.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with style.drawing(path, style.WIDTH, 5.6) as figure:
+        panels = figure.subplots(len(PARAMETERS), sharex=True)
+        for index, (name, axes) in enumerate(zip(PARAMETERS, panels, strict=True)):
+            for estimate in reversed(result.estimates):
+                values = [iteration.parameters[index] for iteration in estimate.history]
+                won = estimate is result.estimates[0]
+                axes.plot(values, color=style.TUNED if won else style.MUTED, clip_on=False, **_weight(won))
+            fitted = result.model.parameters[name]
+            if fitted.low is not None and fitted.high is not None:
+                axes.axhspan(fitted.low, fitted.high, color=style.TUNED, alpha=0.18, lw=0)
+            low, high = result.model.ranges[name]
+            axes.set_ylim(min(low, fitted.value), max(high, fitted.value))
+            axes.yaxis.set_major_locator(MaxNLocator(3))
+            axes.set_title(name.replace("_", " "))
+        panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
+        panels[-1].set_xlabel("iteration")
+        panels[-1].margins(x=0.0)
+
+
+def plot_evaluation(
+    path: PathLike, evaluation: Evaluation, recordings: Sequence[Recording], *, noise: float | None = None
+) -> None:
+    """Draw how far a model is off over time, one panel a recording: in a free run and in windows.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    evaluation : Evaluation
+        What `irt.residual.evaluate` returned for these recordings.
+    recordings : sequence of Recording
+        What was evaluated.
+    noise : float, optional
+        Standard deviation of the tracker [board edges]; draws the error that nothing can go below.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with style.drawing(path, style.WIDTH, 0.5 + 1.5 * len(recordings)) as figure:
+        panels = figure.subplots(len(recordings), squeeze=False, sharey=True)[:, 0]
+        for axes, recording, run in zip(panels, recordings, evaluation.runs, strict=True):
+            time, unit = _time(recording)
+            free = _distance(recording, run.free_prediction)
+            windowed = _distance(recording, run.windowed_prediction)
+            axes.plot(time, free, color=style.TUNED)
+            for rows in np.split(np.arange(len(time)), run.window_rows):
+                axes.plot(time[rows], windowed[rows], color=style.SECOND)
+            axes.set_xlim(time[0], time[-1])
+            axes.set_title(recording.name)
+            ends = [(_last(free), "free run", style.TUNED)]
+            if run.windowed is not None:
+                ends.append((_last(windowed), f"{evaluation.window_s:g} s windows", style.SECOND))
+            if noise is not None:
+                floor = _PERCENT * mean_absolute(noise)
+                axes.axhline(floor, **_FLOOR)
+                ends.append((floor, "tracker's noise", style.INK))
+            axes.set_ylim(bottom=0.0)
+            style.label_ends(axes, ends)
+        panels[-1].set_xlabel(unit)
+        figure.supylabel(_ERROR, color=style.MUTED, fontsize="medium")
+
+
+def plot_loss(path: PathLike, training: ArrayLike, heldout: ArrayLike) -> None:
+    """Draw the loss of a network over the epochs of its training.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    training, heldout : (epochs,) array
+        Mean squared error of the normalised parameter difference, on the pairs it learns from and on others.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with style.drawing(path, style.WIDTH, 3.1) as figure:
+        axes = figure.subplots()
+        ends = []
+        for name, losses, colour in (("training", training, style.MUTED), ("held out", heldout, style.TUNED)):
+            values = np.asarray(losses, dtype=np.float64)
+            axes.plot(np.arange(1, len(values) + 1), values, color=colour)
+            ends.append((float(values[-1]), name, colour))
+        _make_logarithmic(axes)
+        axes.set_xlabel("epoch")
+        axes.set_ylabel("mean squared error")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        style.label_ends(axes, ends)
+
+
+def mean_absolute(noise: float) -> float:
+    """Return the mean absolute error that Gaussian noise of this standard deviation makes by itself."""
+    return float(noise * np.sqrt(2 / np.pi))
+
+
+def _make_logarithmic(axes: Any) -> None:
+    """Give the axes a logarithmic height, with plain numbers at 1, 2 and 5."""
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
+
+
+def _weight(won: bool) -> dict[str, Any]:
+    """Return how a line is drawn that won, or did not."""
+    return {"lw": 1.8, "zorder": 3} if won else {"lw": 0.9, "alpha": 0.7}
+
+
+def _last(values: Array) -> float:
+    """Return the last of the values that is none of the gaps."""
+    return float(values[np.isfinite(values)][-1])
+
+
+def _index(items: Sequence[object], item: object) -> int:
+    """Return where an item itself, not its equal, stands."""
+    return next(i for i, other in enumerate(items) if other is item)
+
+
+def _time(recording: Recording) -> tuple[Array, str]:
+    """Return the time axis, from 0, and its label."""
+    if recording.stamps is None:
+        return np.arange(len(recording.knobs), dtype=np.float64), "timestep"
+    return recording.stamps - recording.stamps[0], "time  [s]"
+
+
+def _lost(recording: Recording) -> list[tuple[float, float]]:
+    """Return each stretch of time without a marble, half a row wider than its rows on either side."""
+    time, _ = _time(recording)
+    half = 0.5 * float(np.median(np.diff(time)))
+    edges = np.diff(np.concatenate([[False], ~recording.seen, [False]]).astype(int))
+    firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return [(time[first] - half, time[last] + half) for first, last in zip(firsts, lasts, strict=True)]
+
+
+def _distance(recording: Recording, marble: Array) -> Array:
+    """Return the mean over x and y of the absolute error in each row, (n,) [% of the edge]."""
+    return np.asarray(_PERCENT * np.abs(marble - recording.marble).mean(axis=1))
+
+
+def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
+    """Draw one board."""
+    _draw_rim(axes, prediction.model)
+    axes.plot(*recording.marble.T, ".", color=style.RECORDED)
+    axes.plot(*prediction.marble.T, color=prediction.colour)
+    axes.plot(*recording.marble[0], "o", ms=6, mfc=style.PAPER, mec=style.INK, zorder=4)
+    # On the side that the marble leaves free.
+    up = recording.marble[0, 1] >= np.nanmean(recording.marble[:, 1])
+    place = {"xytext": (0, 7 if up else -7), "va": "bottom" if up else "top"}
+    axes.annotate("start", recording.marble[0], textcoords="offset points", ha="center", **place)
+    axes.set_title(prediction.label, color=prediction.colour, fontweight="bold")
+    axes.set_aspect("equal")
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+
+
+def _rim(model: Model) -> Array:
+    """Return where the inside of the rim is seen, half its length along x and y [board edges]."""
+    scale = model.parameters["observation_scale"].value
+    return np.asarray(0.5 * scale * np.array([1.0, model.board.edge_y_m / model.board.edge_x_m]))
+
+
+def _draw_rim(axes: Any, model: Model) -> None:
+    """Draw the inside of the rim, and dotted where the centre of a marble that touches it is seen."""
+    rim = _rim(model)
+    marble = 2 * rim[0] * model.marble.radius_m / model.board.edge_x_m
+    outline: dict[str, Any] = {"ec": style.INK, "lw": 2.2, "joinstyle": "round"}
+    reach: dict[str, Any] = {"ec": style.MUTED, "lw": 0.7, "ls": (0, (1, 3))}
+    for (x, y), look in ((rim, outline), (rim - marble, reach)):
+        axes.add_patch(Rectangle((-x, -y), 2 * x, 2 * y, fill=False, **look))

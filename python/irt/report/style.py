@@ -1,0 +1,163 @@
+"""How every picture of this package looks, and how it becomes a file."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.figure import Figure
+
+from irt.errors import IrtError
+from irt.files import PathLike, write_atomic
+
+# Every colour is one role and no two are equal: a page finds them in an SVG by their value and puts a CSS
+# variable in their place, which is how the same picture serves a light and a dark page. The four of the lines
+# are Okabe and Ito's, which colour-blind readers tell apart.
+PAPER = "#ffffff"
+INK = "#1b1f24"
+MUTED = "#6e7781"
+FAINT = "#e3e6ea"
+RECORDED = "#57606a"
+UNTUNED = "#d55e00"
+TUNED = "#0072b2"
+SECOND = "#009e73"
+THIRD = "#cc79a7"
+COLOURS = {
+    "paper": PAPER,
+    "ink": INK,
+    "muted": MUTED,
+    "faint": FAINT,
+    "recorded": RECORDED,
+    "untuned": UNTUNED,
+    "tuned": TUNED,
+    "second": SECOND,
+    "third": THIRD,
+}
+
+#: One column of a page [inches]: narrow enough to be read on a phone without zooming.
+WIDTH = 4.7
+
+_FONT_SIZE = 9.0
+
+_SETTINGS: Any = {
+    "font.family": "sans-serif",
+    "font.size": _FONT_SIZE,
+    "axes.titlesize": _FONT_SIZE,
+    "axes.titlelocation": "left",
+    "axes.titlecolor": INK,
+    "axes.labelsize": _FONT_SIZE,
+    "axes.labelcolor": MUTED,
+    "axes.edgecolor": MUTED,
+    "axes.facecolor": "none",
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": FAINT,
+    "grid.linewidth": 0.7,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.major.size": 0.0,
+    "ytick.major.size": 0.0,
+    "ytick.minor.size": 0.0,
+    "text.color": INK,
+    # Names of files are written as they are, dollar signs and all.
+    "text.parse_math": False,
+    "lines.linewidth": 1.6,
+    "lines.solid_capstyle": "round",
+    "lines.markersize": 3.2,
+    "figure.facecolor": PAPER,
+    "savefig.facecolor": PAPER,
+    "savefig.dpi": 200,
+    # Text stays text: it can be searched, read aloud, and set in the page's own type.
+    "svg.fonttype": "none",
+}
+
+
+@contextmanager
+def drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
+    """Yield an empty figure, and write it to ``path`` when the block ends.
+
+    No state of matplotlib is left changed, and no display is needed. The same drawing gives the same bytes.
+
+    Parameters
+    ----------
+    path : path
+        Ends in ``.svg`` or ``.png``; replaced only by the whole new file.
+    width, height : float
+        Size [inches].
+
+    Raises
+    ------
+    IrtError
+        If the ending is another, or the file cannot be written.
+    """
+    path = Path(path)
+    kind = path.suffix.lower().removeprefix(".")
+    if kind not in ("svg", "png"):
+        raise IrtError(f"{path}: pictures are written as .svg or .png")
+    # The salt makes the ids inside an SVG a function of its name, instead of a random number.
+    with mpl.rc_context({**_SETTINGS, "svg.hashsalt": path.stem}):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        yield figure
+        buffer = io.BytesIO()
+        metadata = {"Date": None, "Creator": None} if kind == "svg" else {"Software": None}
+        figure.savefig(buffer, format=kind, metadata=metadata)
+    write_atomic(path, buffer.getvalue())
+
+
+def label_ends(axes: Any, labels: Sequence[tuple[float, str, str]]) -> None:
+    """Write the name of each line to the right of the axes, at the height of its end, none over another.
+
+    Call when the limits of the axes are final.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Where the lines are.
+    labels : sequence of (height, text, colour)
+        Height in data coordinates.
+    """
+    axes.autoscale_view()
+    to_axes = axes.transScale + axes.transLimits
+    ends = sorted((float(to_axes.transform((1.0, place))[1]), text, colour) for place, text, colour in labels)
+    inches = axes.get_position().height * axes.figure.get_figheight()
+    line = 1.25 * _FONT_SIZE / 72 / inches
+    sizes = [line * (1 + text.count("\n")) for _, text, _ in ends]
+    centres = spread([height for height, _, _ in ends], sizes)
+    for centre, (_, text, colour) in zip(centres, ends, strict=True):
+        axes.text(1.015, centre, text, color=colour, transform=axes.transAxes, va="center", ha="left")
+
+
+def spread(heights: Sequence[float], sizes: Sequence[float]) -> list[float]:
+    """Return centres for labels of these sizes, as near to the heights as they can be without overlap.
+
+    Parameters
+    ----------
+    heights : sequence of float
+        Where the labels would like to be, rising.
+    sizes : sequence of float
+        How much room each takes, in the same unit.
+    """
+    blocks: list[tuple[float, float, int]] = []  # centre, size, number of labels
+    for height, size in zip(heights, sizes, strict=True):
+        block = (height, size, 1)
+        while blocks and blocks[-1][0] + blocks[-1][1] / 2 > block[0] - block[1] / 2:
+            centre, below, count = blocks.pop()
+            total = count + block[2]
+            block = ((centre * count + block[0] * block[2]) / total, below + block[1], total)
+        blocks.append(block)
+    centres = []
+    remaining = iter(sizes)
+    for centre, size, count in blocks:
+        bottom = centre - size / 2
+        for _ in range(count):
+            own = next(remaining)
+            centres.append(bottom + own / 2)
+            bottom += own
+    return centres

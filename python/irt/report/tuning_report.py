@@ -1,0 +1,335 @@
+"""The page that a tuning leaves behind: how well the simulator fits now, and how far to trust it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from irt.files import PathLike, make_folder
+from irt.fitting.fit import FitResult
+from irt.fitting.robust import tracker_noise
+from irt.model import Model, Parameter
+from irt.report import style
+from irt.report.page import Page, Picture
+from irt.report.plots import (
+    Prediction,
+    mean_absolute,
+    plot_fit,
+    plot_history,
+    plot_parameters,
+    plot_paths,
+)
+from irt.residual import Evaluation, RunEvaluation, evaluate, segments
+from irt.rig import PARAMETERS, Rig
+
+_METHODS = {"irt": "IRT", "least-squares": "least squares"}
+_COLOURS = (style.TUNED, style.SECOND, style.THIRD)
+_UNITS = {"time_scale": "1/240 s"}
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """One model on one rig.
+
+    Attributes
+    ----------
+    name : str
+        "untuned", or the method that tuned it.
+    model : Model
+        The simulator.
+    evaluation : Evaluation
+        How it does on the recordings it is judged by.
+    colour : str
+        Of its lines.
+    """
+
+    name: str
+    model: Model
+    evaluation: Evaluation
+    colour: str
+
+    @property
+    def windowed(self) -> bool:
+        """Whether windows count: a marble in motion has left its first state behind long before the end."""
+        return self.model.start == "moving" and self.evaluation.windowed is not None
+
+    @property
+    def mae(self) -> float:
+        """Mean absolute error over all recordings [board edges]."""
+        return self._mae(self.evaluation)
+
+    def run_mae(self, run: int) -> float:
+        """Return the mean absolute error on one recording [board edges]; NaN where no window fits."""
+        return self._mae(self.evaluation.runs[run])
+
+    def prediction(self, run: int, label: str | None = None) -> Prediction:
+        """Return what the model says about one of the recordings."""
+        of_run = self.evaluation.runs[run]
+        marble = of_run.windowed_prediction if self.windowed else of_run.free_prediction
+        return Prediction(label or self.name, marble, self.model, self.colour)
+
+    def _mae(self, errors: Evaluation | RunEvaluation) -> float:
+        chosen = errors.windowed if self.windowed else errors.free_run
+        return math.nan if chosen is None else chosen.mae
+
+
+def untuned(rig: Rig) -> Model:
+    """Return the model of a rig of which nothing is known but the ranges: each parameter in the middle."""
+    return Model.from_rig(rig, {name: sum(rig.ranges[name]) / 2 for name in PARAMETERS})
+
+
+def write_tuning_report(
+    folder: PathLike,
+    rig: Rig,
+    results: Sequence[FitResult],
+    *,
+    heldout: Rig | None = None,
+    title: str,
+    settings: Mapping[str, str],
+) -> Path:
+    """Write ``report.html`` and its pictures as SVG files into a folder, and return the page's path.
+
+    Parameters
+    ----------
+    folder : path
+        Made where it is missing.
+    rig : Rig
+        What the models were tuned to.
+    results : sequence of FitResult
+        One for each method; the first is the one the page is about, the others are second opinions.
+    heldout : Rig, optional
+        Recordings that no method saw, to judge by.
+    title : str
+        Heading of the page.
+    settings : mapping
+        What someone needs to do the same again, by name.
+
+    Raises
+    ------
+    IrtError
+        If a file cannot be written.
+    """
+    folder = make_folder(folder)
+    shown = _contend(rig, rig, results)
+    unseen = _contend(rig, heldout, results) if heldout is not None else []
+    page = Page(title, " ".join(lead(shown, unseen, tracker_noise(segments(heldout or rig)))))
+    _add_fit(page, folder, rig, shown)
+    if heldout is not None:
+        _add_heldout(page, folder, heldout, unseen)
+    _add_parameters(page, folder, results)
+    _add_history(page, folder, rig, results)
+    page.heading("To do the same again")
+    page.facts(settings)
+    path = folder / "report.html"
+    page.write(path)
+    return path
+
+
+def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) -> list[str]:
+    """Return the answer: what tuning has won, on recordings seen and unseen, and what is left.
+
+    Parameters
+    ----------
+    shown : sequence of Contender
+        Untuned and tuned models on the recordings they were tuned to, untuned first.
+    unseen : sequence of Contender
+        The same on recordings held out, or empty.
+    noise : float
+        Standard deviation of the tracker [board edges].
+    """
+    before, after = shown[0], shown[1]
+    sentences = [
+        f"Tuning by {after.name} took the simulated marble from {percent(before.mae)} of the board's edge "
+        f"off to {percent(after.mae)}, on average over the {_count(after)} it was given."
+    ]
+    judged = after
+    if unseen:
+        before, judged = unseen[0], unseen[1]
+        sentences.append(
+            f"On {_count(judged)} under other drives, which it was not given, the error fell from "
+            f"{percent(before.mae)} to {percent(judged.mae)}."
+        )
+    floor = mean_absolute(noise)
+    if judged.mae < 1.5 * floor:
+        sentences.append(
+            f"The tracker's noise alone makes {percent(floor)}: there is little left to explain."
+        )
+    else:
+        sentences.append(
+            f"The tracker's noise alone makes {percent(floor)}: what is left is physics that the five "
+            "parameters do not have, or parameters that are not yet right."
+        )
+    return sentences
+
+
+def compare(first: Contender, second: Contender) -> str:
+    """Return which of two models predicts better, in a sentence; less than 5 % apart is a draw."""
+    better, worse = sorted((first, second), key=lambda contender: contender.mae)
+    if worse.mae < 1.05 * better.mae:
+        return (
+            f"On these recordings {first.name} ({percent(first.mae)}) and {second.name} "
+            f"({percent(second.mae)}) do equally well."
+        )
+    return (
+        f"On these recordings {better.name} is ahead: {percent(better.mae)} of the edge, against "
+        f"{percent(worse.mae)} of {worse.name}."
+    )
+
+
+def percent(error: float) -> str:
+    """Return an error given in board edges as text: percent, to two digits."""
+    if math.isnan(error):
+        return "-"
+    value = 100 * error
+    return f"{value:.{max(0, min(3, 1 - _magnitude(value)))}f} %"
+
+
+def with_interval(parameter: Parameter) -> str:
+    """Return a value and its 95 % interval as text, to the digits that the interval leaves meaning."""
+    if parameter.low is None or parameter.high is None:
+        return f"{parameter.value:.4g}"
+    width = parameter.high - parameter.low
+    digits = max(0, 1 - _magnitude(width)) if width > 0 else 6
+    value, low, high = (f"{number:.{digits}f}" for number in (parameter.value, parameter.low, parameter.high))
+    return f"{value}  ({low} to {high})"
+
+
+def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Contender]:
+    """Return the untuned model of a rig and the tuned ones, with their errors on the recordings judged."""
+    models = [("untuned", untuned(rig), style.UNTUNED)]
+    for result, colour in zip(results, _COLOURS, strict=False):
+        models.append((_METHODS.get(result.method, result.method), result.model, colour))
+    return [
+        Contender(name, model, evaluate(model, judged.recordings), colour) for name, model, colour in models
+    ]
+
+
+def _add_fit(page: Page, folder: Path, rig: Rig, contenders: Sequence[Contender]) -> None:
+    """Add the pictures before and after, of one recording."""
+    recording = rig.recordings[0]
+    predictions = [contenders[0].prediction(0), contenders[1].prediction(0, "tuned")]
+    seen = [recording.marble, *(prediction.marble for prediction in predictions)]
+    limit = 1.05 * max(float(np.nanmax(np.abs(marble))) for marble in seen)
+    over_time, from_above = [], []
+    for contender, prediction in zip(contenders, predictions, strict=False):
+        fit, paths = folder / f"fit-{prediction.label}.svg", folder / f"paths-{prediction.label}.svg"
+        plot_fit(fit, recording, [prediction], limit=limit)
+        plot_paths(paths, [(recording, prediction)])
+        caption = f"{prediction.label.capitalize()}: {percent(contender.run_mae(0))} of the edge off."
+        over_time.append(Picture(fit, caption))
+        from_above.append(Picture(paths, f"{prediction.label.capitalize()}, from above."))
+    page.heading("Before and after")
+    page.paragraph(
+        f"{recording.name}, one of the recordings that the simulator was tuned to. Dots are what the tracker "
+        f"saw, lines what the simulator predicts {_from_what(contenders[1])}. Untuned means that each "
+        "parameter stands in the middle of its range. From above, the dotted line is as far as the marble's "
+        "centre can go."
+    )
+    page.pictures(*over_time)
+    page.pictures(*from_above)
+
+
+def _add_heldout(page: Page, folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> None:
+    """Add what the models say about recordings that they never saw."""
+    tuned = contenders[1]
+    stretches = segments(heldout)
+    rows, pictures = [], []
+    for run, recording in enumerate(heldout.recordings):
+        noise = tracker_noise([segment for segment in stretches if segment.recording == recording.name])
+        errors = [*(contender.run_mae(run) for contender in contenders), mean_absolute(noise)]
+        rows.append([recording.name, *(percent(error) for error in errors)])
+        picture = folder / f"heldout-{run + 1}.svg"
+        plot_paths(picture, [(recording, tuned.prediction(run, recording.name))])
+        pictures.append(Picture(picture, f"{recording.name} as {tuned.name} predicts it."))
+    overall = [*(contender.mae for contender in contenders), mean_absolute(tracker_noise(stretches))]
+    rows.append(["all", *(percent(error) for error in overall)])
+    page.heading("Recordings held out")
+    page.paragraph(
+        "No tuning saw these: a model that only retraces what it was given fails here. Each error is the "
+        f"mean of |x| and |y| over all rows, predicted {_from_what(tuned)}."
+    )
+    page.table(
+        "Mean absolute error, in percent of the board's long edge",
+        ["recording", *(contender.name for contender in contenders), "tracker's noise"],
+        rows,
+        total=True,
+    )
+    for other in contenders[2:]:
+        page.paragraph(compare(tuned, other))
+    page.pictures(*pictures)
+
+
+def _from_what(contender: Contender) -> str:
+    """Return what a prediction is made from, in words."""
+    if contender.windowed:
+        seconds = contender.evaluation.window_s
+        return f"in windows of {seconds:g} s, each from the state that the rows before it tell"
+    return "from the first position and the commands alone"
+
+
+def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> None:
+    """Add the values with their intervals, and what they do not say."""
+    page.heading("The parameters")
+    names = [_METHODS.get(result.method, result.method) for result in results]
+    ranges = results[0].model.ranges
+    page.table(
+        "Value and 95 % interval, given that the model's physics is right",
+        ["parameter", "searched", *names],
+        [
+            [
+                f"{name} [{_UNITS[name]}]" if name in _UNITS else name,
+                f"{ranges[name][0]:g} to {ranges[name][1]:g}",
+                *(with_interval(result.model.parameters[name]) for result in results),
+            ]
+            for name in PARAMETERS
+        ],
+    )
+    said = list(dict.fromkeys(sentence for result in results for sentence in result.unidentifiable))
+    if said:
+        page.paragraph("What these recordings cannot pin down:")
+        page.bullets(said)
+    noted = list(dict.fromkeys(note for result in results for note in result.notes))
+    if noted:
+        page.paragraph("To know besides:")
+        page.bullets(noted)
+
+
+def _add_history(page: Page, folder: Path, rig: Rig, results: Sequence[FitResult]) -> None:
+    """Add how each method came to its answer."""
+    page.heading("The way there")
+    noise = tracker_noise(segments(rig))
+    histories, evolutions = [], []
+    for result in results:
+        name = _METHODS.get(result.method, result.method)
+        history, evolution = (
+            folder / f"history-{result.method}.svg",
+            folder / f"parameters-{result.method}.svg",
+        )
+        plot_history(history, result, noise=noise)
+        plot_parameters(evolution, result)
+        starts = len(result.estimates)
+        histories.append(
+            Picture(
+                history,
+                f"{name}: error over the iterations from {starts} random start{'s' if starts != 1 else ''}; "
+                f"{result.rollouts} simulated runs and {result.seconds:.1f} s in all.",
+            )
+        )
+        evolutions.append(Picture(evolution, f"{name}: each parameter within the range that was searched."))
+    page.pictures(*histories)
+    page.pictures(*evolutions)
+
+
+def _count(contender: Contender) -> str:
+    """Return how many recordings a model is judged by, in words."""
+    count = len(contender.evaluation.runs)
+    return f"{count} recording{'s' if count != 1 else ''}"
+
+
+def _magnitude(value: float) -> int:
+    """Return the power of ten of the first digit of a number."""
+    return math.floor(math.log10(abs(value))) if value else 0
