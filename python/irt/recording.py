@@ -158,7 +158,8 @@ def load_recording(path: PathLike) -> Recording:
     """
     table = _Table.read(path, (STEP, *KNOBS, *MARBLE))
     knobs, stamps = _read_commands(table)
-    marble = _read_marble(table)
+    marble = _read_positions(table)
+    _check_marble(f"{path}", marble, table.where)
     return Recording(Path(path).stem, Path(path), knobs, marble, stamps)
 
 
@@ -172,11 +173,13 @@ def load_commands(path: PathLike) -> Commands:
     """
     table = _Table.read(path, (STEP, *KNOBS))
     knobs, stamps = _read_commands(table)
+    there = [column for column in MARBLE if column in table.columns]
+    if len(there) == 1:
+        raise IrtError(f"{path}: a start needs both {' and '.join(MARBLE)}; the header has only {there[0]}")
     start = None
-    if any(column in table.columns for column in MARBLE):
-        table.require(MARBLE)
-        if any(cell for column in MARBLE for cell in table.columns[column]):
-            start = _read_marble(table)[0]
+    if there and not np.isnan(marble := _read_positions(table)).all():
+        _check_marble(f"{path}", marble, table.where)
+        start = marble[0]
     return Commands(knobs, start, stamps)
 
 
@@ -215,8 +218,7 @@ class _Table:
     """The cells of a CSV file by column, and the line of the file on which each row ends."""
 
     path: PathLike
-    header_line: int
-    columns: dict[str, list[str]]
+    columns: dict[str, tuple[str, ...]]
     lines: list[int]
 
     @classmethod
@@ -235,20 +237,13 @@ class _Table:
         if not rows:
             raise IrtError(f"{path}: the file is empty")
         header = rows.pop(0)
-        _check_header(f"{path}, line {lines[0]}", header)
+        _check_header(f"{path}, line {lines[0]}", header, required)
         for cells, line in zip(rows, lines[1:], strict=True):
             if len(cells) != len(header):
                 raise IrtError(f"{path}, line {line}: {len(cells)} cells, but the header has {len(header)}")
-        columns = {name: [cells[i] for cells in rows] for i, name in enumerate(header)}
-        table = cls(path, lines[0], columns, lines[1:])
-        table.require(required)
-        return table
-
-    def require(self, names: Sequence[str]) -> None:
-        for name in names:
-            if name not in self.columns:
-                where, found = f"{self.path}, line {self.header_line}", ", ".join(self.columns)
-                raise IrtError(f"{where}: column {name} is missing; the header has {found}")
+        if not rows:
+            raise IrtError(f"{path}: the file has a header, but no rows")
+        return cls(path, dict(zip(header, zip(*rows, strict=True), strict=True)), lines[1:])
 
     def where(self, row: int, column: str) -> str:
         return f"{self.path}, line {self.lines[row]}, column {column}"
@@ -272,17 +267,18 @@ def _number(text: str) -> float:
     return float(text)
 
 
-def _check_header(where: str, header: list[str]) -> None:
+def _check_header(where: str, header: list[str], required: Sequence[str]) -> None:
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
         raise IrtError(f"{where}: cells must be separated by commas")
+    for name in required:
+        if name not in header:
+            raise IrtError(f"{where}: column {name} is missing; the header has {', '.join(header)}")
     for name in (STEP, STAMP, *KNOBS, *MARBLE):
         if header.count(name) > 1:
             raise IrtError(f"{where}: column {name} stands there {header.count(name)} times; keep one")
 
 
 def _read_commands(table: _Table) -> tuple[Array, Array | None]:
-    if not table.lines:
-        raise IrtError(f"{table.path}: the file has a header, but no rows")
     _check_steps(table)
     knobs = np.stack([table.numbers(column) for column in KNOBS], axis=1)
     stamps = table.numbers(STAMP) if STAMP in table.columns else None
@@ -290,10 +286,8 @@ def _read_commands(table: _Table) -> tuple[Array, Array | None]:
     return knobs, stamps
 
 
-def _read_marble(table: _Table) -> Array:
-    marble = np.stack([table.numbers(column, empty="nan") for column in MARBLE], axis=1)
-    _check_marble(f"{table.path}", marble, table.where)
-    return marble
+def _read_positions(table: _Table) -> Array:
+    return np.stack([table.numbers(column, empty="nan") for column in MARBLE], axis=1)
 
 
 def _check_steps(table: _Table) -> None:

@@ -40,7 +40,7 @@ class Verb(Protocol):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit status; wrong usage raises `SystemExit` of `WRONG_USAGE`."""
+    """Run the command line and return the exit status; wrong usage raises `SystemExit` with its own."""
     words = sys.argv[1:] if argv is None else argv
     with_traceback = "--traceback" in words or os.environ.get("IRT_TRACEBACK", "0") not in {"", "0"}
     try:
@@ -57,15 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         if with_traceback:
             traceback.print_exc()
-        if isinstance(error, IrtError):
-            return _failed(str(error), COULD_NOT)
-        if isinstance(error, OSError):
-            _silence_stdout()
-        return _failed(
-            f"unexpected {type(error).__name__}: {error} (a fault of irt: please report it, with what the same "
-            "command prints with --traceback)",
-            COULD_NOT,
-        )
+        return _failed(_explained(error), COULD_NOT)
     return DONE
 
 
@@ -110,6 +102,17 @@ class _Version(argparse.Action):
 
         print(f"irt {version('labsim-irt')}")
         parser.exit()
+
+
+def _explained(error: Exception) -> str:
+    if isinstance(error, IrtError):
+        return str(error)
+    if isinstance(error, OSError) and error.strerror:
+        # What the files module did not meet on a path: a full disk behind standard output, say.
+        _silence_stdout()
+        return f"{error.filename or 'output'}: {error.strerror}"
+    kind = f"unexpected {type(error).__name__}: {error}"
+    return f"{kind} (a fault of irt; please report it with what --traceback shows)"
 
 
 def _failed(message: str, status: int) -> int:

@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
         print(line)
     written = {"model": f"{args.model}", "rig": f"{args.rig}", **evaluation.as_dict()}
     write_atomic(folder / "evaluation.json", json.dumps(written, indent=2, allow_nan=False) + "\n")
-    plot_evaluation(folder / "evaluation.svg", evaluation, rig.recordings)
+    plot_evaluation(folder / "evaluation.svg", rig.recordings, evaluation)
     print(f"\nwrote {folder / 'evaluation.json'} and {folder / 'evaluation.svg'}")
 
 
@@ -70,15 +70,15 @@ def _seconds(text: str) -> float:
 
 def _table(evaluation: Evaluation) -> Iterator[str]:
     """Yield the lines of a table: a row for each run, and one for all."""
-    rows = [*((run.recording, run) for run in evaluation.runs), ("all runs", evaluation)]
-    width = max(len(name) for name, _ in rows)
+    rows = [(run.recording, run.free_run, run.windowed) for run in evaluation.runs]
+    rows.append(("all runs", evaluation.free_run, evaluation.windowed))
+    width = max(len(name) for name, *_ in rows)
     windows = f"windows of {evaluation.window_s:g} s"
     yield "errors in % of the board's long edge"
     yield f"{'':{width}}               {'free run':^16}   {windows:^16}"
     yield f"{'run':{width}}   rows   lost    mean largest      mean largest"
-    for name, errors in rows:
-        free = errors.free_run
-        yield f"{name:{width}} {free.rows:6} {free.lost:6} {_percent(free)}   {_percent(errors.windowed)}"
+    for name, free, windowed in rows:
+        yield f"{name:{width}} {free.rows:6} {free.lost:6} {_percent(free)}   {_percent(windowed)}"
 
 
 def _percent(errors: Errors | None) -> str:
