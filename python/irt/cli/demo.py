@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from irt.fitting.fit import FitResult
     from irt.rig import Rig
@@ -98,3 +98,14 @@ def _recordings(rig: Rig) -> str:
     names = ", ".join(recording.name for recording in rig.recordings)
     rows = sum(len(recording.knobs) for recording in rig.recordings)
     return f"{rig.path.name}, shipped with the package: {names} ({rows} rows)"
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    """Return the reader of a whole number that must not be below another."""
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"expected a whole number from {least} on, found {text}")
+        return int(text)
+
+    return read
