@@ -1,0 +1,50 @@
+//! Between numpy's arrays and the engine's slices.
+
+use labsim::PerRollout;
+use labsim::error::Error;
+use numpy::ndarray::Array2;
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+
+use crate::errors;
+
+/// The rows of a `(n, N)` array.
+pub(crate) fn rows<const N: usize>(array: &PyReadonlyArray2<'_, f64>) -> PyResult<Vec<[f64; N]>> {
+    let view = array.as_array();
+    if view.ncols() != N {
+        return Err(shape_error(&format!("(n, {N})"), view.shape()));
+    }
+    Ok(view.rows().into_iter().map(|row| std::array::from_fn(|i| row[i])).collect())
+}
+
+/// The pairs of a `(n, rows, 2)` array, one rollout behind the other.
+pub(crate) fn pairs_of_each(array: &PyReadonlyArray3<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
+    let view = array.as_array();
+    if view.shape()[2] != 2 {
+        return Err(shape_error("(n, rows, 2)", view.shape()));
+    }
+    Ok(view.lanes(numpy::ndarray::Axis(2)).into_iter().map(|pair| [pair[0], pair[1]]).collect())
+}
+
+/// Values that all rollouts share where there are enough for one only.
+pub(crate) fn shared_or_each<T>(values: &[T], length: usize, rollouts: usize) -> PerRollout<'_, T> {
+    if values.len() == length && rollouts != 1 {
+        PerRollout::Shared(values)
+    } else {
+        PerRollout::Each(values)
+    }
+}
+
+/// A `(rows, 2)` array of pairs.
+pub(crate) fn matrix<'py>(py: Python<'py>, pairs: &[[f64; 2]]) -> Bound<'py, PyArray2<f64>> {
+    let flat = pairs.as_flattened().to_vec();
+    Array2::from_shape_vec((pairs.len(), 2), flat).expect("pairs have two entries").into_pyarray(py)
+}
+
+fn shape_error(expected: &str, got: &[usize]) -> PyErr {
+    errors::to_python(Error::Invalid {
+        what: "array".to_owned(),
+        expected: format!("shape {expected}"),
+        got: format!("{got:?}"),
+    })
+}

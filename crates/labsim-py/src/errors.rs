@@ -1,0 +1,14 @@
+//! The engine's error as the package's one exception.
+
+use labsim::Error;
+use pyo3::prelude::*;
+
+mod python {
+    pyo3::import_exception!(irt.errors, IrtError);
+}
+
+/// The exception that tells a user what the engine refused.
+#[expect(clippy::needless_pass_by_value, reason = "the shape that map_err takes")]
+pub(crate) fn to_python(error: Error) -> PyErr {
+    python::IrtError::new_err(error.to_string())
+}

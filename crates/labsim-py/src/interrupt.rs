@@ -1,0 +1,43 @@
+//! Long work that Ctrl-C can stop, with Python's other threads running meanwhile.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::thread;
+use std::time::Duration;
+
+use pyo3::prelude::*;
+
+use crate::errors;
+
+/// How often Python is asked whether a signal came.
+const PATIENCE: Duration = Duration::from_millis(50);
+
+/// Runs `work` without the GIL; on Ctrl-C sets its flag, waits for it and raises `KeyboardInterrupt`.
+pub(crate) fn interruptible<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce(&AtomicBool) -> labsim::Result<T> + Send,
+) -> PyResult<T> {
+    let cancel = &AtomicBool::new(false);
+    py.detach(|| {
+        thread::scope(|scope| {
+            let (done, waiting) = sync_channel(1);
+            let worker = scope.spawn(move || {
+                let result = work(cancel);
+                // The receiver lives until this thread has ended.
+                let _ = done.send(());
+                result
+            });
+            while waiting.recv_timeout(PATIENCE) == Err(RecvTimeoutError::Timeout) {
+                if let Err(signal) = Python::attach(|py| py.check_signals()) {
+                    cancel.store(true, Ordering::Relaxed);
+                    let _ = worker.join();
+                    return Err(signal);
+                }
+            }
+            match worker.join() {
+                Ok(result) => result.map_err(errors::to_python),
+                Err(panic) => std::panic::resume_unwind(panic),
+            }
+        })
+    })
+}

@@ -1,0 +1,101 @@
+//! The Python extension module `irt._labsim`: arrays in, arrays out; no physics.
+
+mod arrays;
+mod errors;
+mod interrupt;
+
+use labsim::board::{Board, Marble, Rig};
+use labsim::{Batch, Engine, Parameters, TimeBase};
+use numpy::ndarray::Array3;
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+
+/// The labyrinth engine. `irt.rollouts` is the way in; this module only carries arrays.
+#[pymodule]
+mod _labsim {
+    #[pymodule_export]
+    use super::{paper_drive, rollouts};
+
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        module.add("ENGINES", labsim::Engine::ALL.map(|(name, _)| name).to_vec())?;
+        module.add("PARAMETERS", labsim::parameters::NAMES.to_vec())?;
+        module.add("SUBSTEP_S", labsim::board::SUBSTEP_S)
+    }
+}
+
+/// Simulates a batch of rollouts; see `irt.rollouts`.
+///
+/// Arrays whose first axis has length 1 are shared by all rollouts.
+#[pyfunction]
+#[pyo3(signature = (
+    parameters, commands, start, start_velocity, *, board, marble, engine, continuous, substeps, durations, threads
+))]
+#[expect(clippy::too_many_arguments, reason = "one flat call; irt.rollouts gives it names and defaults")]
+#[expect(clippy::needless_pass_by_value, reason = "the extracted views of Python's arguments are owned here")]
+fn rollouts<'py>(
+    py: Python<'py>,
+    parameters: PyReadonlyArray2<'py, f64>,
+    commands: PyReadonlyArray3<'py, f64>,
+    start: PyReadonlyArray2<'py, f64>,
+    start_velocity: PyReadonlyArray2<'py, f64>,
+    board: [f64; 4],
+    marble: [f64; 3],
+    engine: &str,
+    continuous: bool,
+    substeps: Option<PyReadonlyArray1<'py, u32>>,
+    durations: Option<PyReadonlyArray2<'py, f64>>,
+    threads: Option<usize>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let engine: Engine = engine.parse().map_err(errors::to_python)?;
+    let [edge_x_m, edge_y_m, wall_restitution, wall_friction] = board;
+    let [radius_m, mass_kg, damping_per_s] = marble;
+    let rig = Rig {
+        board: Board {
+            edge_x_m,
+            edge_y_m,
+            wall_restitution,
+            wall_friction,
+        },
+        marble: Marble {
+            radius_m,
+            mass_kg,
+            damping_per_s,
+        },
+    };
+    let parameters: Vec<Parameters> = arrays::rows::<5>(&parameters)?.into_iter().map(Parameters::from).collect();
+    let rows = commands.as_array().shape()[1];
+    let commands = arrays::pairs_of_each(&commands)?;
+    let start = arrays::rows::<2>(&start)?;
+    let start_velocity = arrays::rows::<2>(&start_velocity)?;
+    let substeps = substeps.map(|each| each.as_array().to_vec());
+    let durations = durations.map(|each| each.as_array().iter().copied().collect::<Vec<f64>>());
+    let count = parameters.len();
+    let batch = Batch {
+        rig: &rig,
+        parameters: &parameters,
+        rows,
+        commands: arrays::shared_or_each(&commands, rows, count),
+        start: arrays::shared_or_each(&start, 1, count),
+        start_velocity: arrays::shared_or_each(&start_velocity, 1, count),
+        time: match &durations {
+            Some(durations) => TimeBase::Durations(arrays::shared_or_each(durations, rows, count)),
+            None if continuous => TimeBase::Continuous(substeps.as_deref()),
+            None => TimeBase::Rounded,
+        },
+    };
+    let observations = interrupt::interruptible(py, |cancel| batch.run(engine, threads, cancel))?;
+    let flat = observations.into_flattened();
+    let array = Array3::from_shape_vec((count, rows, 2), flat).expect("the engine fills every row");
+    Ok(array.into_pyarray(py))
+}
+
+/// Knob angles of the paper's drive (rad), `(steps, 2)`; see `irt.paper_drive`.
+#[pyfunction]
+fn paper_drive(py: Python<'_>, steps: usize, amplitude: f64, literal: bool) -> Bound<'_, PyArray2<f64>> {
+    let knobs = labsim::paper_drive(steps, amplitude, literal);
+    arrays::matrix(py, &knobs)
+}

@@ -1,0 +1,125 @@
+//! Two engines that answer one question: where is the marble seen at each row?
+
+pub(crate) mod rapier;
+pub(crate) mod rolling;
+
+use std::cmp::Ordering;
+use std::str::FromStr;
+
+use crate::board::SUBSTEP_S;
+use crate::error::Error;
+use crate::parameters::Parameters;
+
+/// Which physics moves the marble.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Engine {
+    /// Full 3-D rigid bodies: the reference.
+    Rapier,
+    /// A rolling sphere on a tilting plane, many rollouts to a SIMD register: the fast one.
+    Rolling,
+}
+
+impl Engine {
+    /// Every engine, with the name users know it by.
+    pub const ALL: [(&str, Self); 2] = [("rolling", Self::Rolling), ("rapier", Self::Rapier)];
+}
+
+impl FromStr for Engine {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        let found = Self::ALL.iter().find(|(known, _)| *known == name);
+        found.map(|&(_, engine)| engine).ok_or_else(|| Error::Unknown {
+            kind: "engine",
+            name: name.to_owned(),
+            possible: Self::ALL.map(|(known, _)| known).join(", "),
+        })
+    }
+}
+
+/// The physics updates of one timestep.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step {
+    /// How many updates.
+    pub substeps: u32,
+    /// How long each of them is (s).
+    pub length_s: f64,
+}
+
+impl Step {
+    /// A timestep as the paper simulates it: round(`time_scale`) updates of 1/240 s.
+    pub fn rounded(time_scale: f64) -> Self {
+        Self {
+            substeps: time_scale.round() as u32,
+            length_s: SUBSTEP_S,
+        }
+    }
+
+    /// A timestep of exactly `time_scale`/240 s, so that a fit sees a smooth parameter.
+    ///
+    /// Finite differences need the same `substeps` on both sides; without it the count is that of
+    /// [`Step::rounded`], at least one.
+    pub fn continuous(time_scale: f64, substeps: Option<u32>) -> Self {
+        let substeps = substeps.unwrap_or_else(|| (time_scale.round() as u32).max(1));
+        Self {
+            substeps,
+            length_s: time_scale * SUBSTEP_S / f64::from(substeps),
+        }
+    }
+
+    /// A timestep of a known duration, in updates as near to 1/240 s as whole numbers allow.
+    pub fn lasting(seconds: f64) -> Self {
+        Self::continuous(seconds / SUBSTEP_S, None)
+    }
+}
+
+/// The timesteps of one rollout.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Clock {
+    /// Every timestep is alike.
+    Even(Step),
+    /// Each timestep has its own length.
+    Stamped(Vec<Step>),
+}
+
+impl Clock {
+    pub(crate) fn step(&self, row: usize) -> Step {
+        match self {
+            Self::Even(step) => *step,
+            Self::Stamped(steps) => steps[row],
+        }
+    }
+
+    /// Number of updates until the last of `rows` rows is observed.
+    pub(crate) fn total_substeps(&self, rows: usize) -> u64 {
+        match self {
+            Self::Even(step) => u64::from(step.substeps) * (rows as u64 - 1),
+            Self::Stamped(steps) => steps[..rows - 1].iter().map(|step| u64::from(step.substeps)).sum(),
+        }
+    }
+
+    /// Orders by duration of the work; equal only where every row has the same number of updates.
+    pub(crate) fn compare(&self, other: &Self, rows: usize) -> Ordering {
+        let totals = self.total_substeps(rows).cmp(&other.total_substeps(rows));
+        totals.then_with(|| match (self, other) {
+            (Self::Stamped(a), Self::Stamped(b)) => {
+                let substeps = |step: &Step| step.substeps;
+                a[..rows - 1].iter().map(substeps).cmp(b[..rows - 1].iter().map(substeps))
+            }
+            _ => Ordering::Equal,
+        })
+    }
+}
+
+/// One marble to simulate.
+#[derive(Debug, Clone)]
+pub(crate) struct Job<'a> {
+    pub(crate) parameters: Parameters,
+    /// Knob angles (rad), one pair a row; command i holds from row i to row i + 1.
+    pub(crate) commands: &'a [[f64; 2]],
+    /// Observed position at row 0 (board edges).
+    pub(crate) start: [f64; 2],
+    /// Observed velocity at row 0 (board edges per second); the marble rolls without slip.
+    pub(crate) start_velocity: [f64; 2],
+    pub(crate) clock: Clock,
+}

@@ -1,0 +1,44 @@
+//! The one error of the engine.
+
+/// Why a simulation could not be run.
+///
+/// Every message says what was expected and what came instead.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Error {
+    /// A number that no physics allows, or a shape that does not fit.
+    #[error("{what}: expected {expected}, got {got}")]
+    Invalid {
+        /// The quantity, by the name the user knows it by.
+        what: String,
+        /// What is possible.
+        expected: String,
+        /// What came.
+        got: String,
+    },
+    /// A name that the engine does not know.
+    #[error("unknown {kind} '{name}' (possible: {possible})")]
+    Unknown {
+        /// Engine, parameter, effect.
+        kind: &'static str,
+        /// What was asked for.
+        name: String,
+        /// The names that exist, separated by commas.
+        possible: String,
+    },
+    /// The caller asked the batch to stop.
+    #[error("stopped before the batch was complete")]
+    Cancelled,
+}
+
+impl Error {
+    pub(crate) fn invalid(what: impl Into<String>, expected: &str, got: impl ToString) -> Self {
+        Self::Invalid {
+            what: what.into(),
+            expected: expected.to_owned(),
+            got: got.to_string(),
+        }
+    }
+}
+
+/// The engine's result.
+pub type Result<T> = std::result::Result<T, Error>;

@@ -1,0 +1,243 @@
+//! A batch of rollouts over the threads: the only parallel code of the engine.
+
+use std::collections::HashMap;
+use std::f64::consts::FRAC_PI_2;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::board::Rig;
+use crate::engine::{Clock, Engine, Job, Step, rapier, rolling};
+use crate::error::{Error, Result};
+use crate::parameters::Parameters;
+
+/// A quantity that every rollout shares, or of which each has its own, one behind the other.
+#[derive(Debug, Clone, Copy)]
+pub enum PerRollout<'a, T> {
+    /// One for all.
+    Shared(&'a [T]),
+    /// One each, concatenated.
+    Each(&'a [T]),
+}
+
+impl<'a, T> PerRollout<'a, T> {
+    fn of(&self, rollout: usize, length: usize) -> &'a [T] {
+        match *self {
+            Self::Shared(all) => all,
+            Self::Each(all) => &all[rollout * length..(rollout + 1) * length],
+        }
+    }
+
+    fn check(&self, what: &str, rollouts: usize, length: usize) -> Result<()> {
+        let (expected, got) = match *self {
+            Self::Shared(all) => (length, all.len()),
+            Self::Each(all) => (rollouts * length, all.len()),
+        };
+        if expected == got {
+            Ok(())
+        } else {
+            Err(Error::invalid(what, &format!("{expected} entries"), got))
+        }
+    }
+}
+
+/// How long a command holds.
+#[derive(Debug, Clone, Copy)]
+pub enum TimeBase<'a> {
+    /// round(`time_scale`) physics updates of 1/240 s: the paper's.
+    Rounded,
+    /// `time_scale`/240 s exactly; the number of updates may be fixed for each rollout, as finite
+    /// differences need it.
+    Continuous(Option<&'a [u32]>),
+    /// Seconds for each row, from a recording's stamps; `time_scale` is not used.
+    Durations(PerRollout<'a, f64>),
+}
+
+/// Rollouts that share a rig and an engine.
+#[derive(Debug, Clone, Copy)]
+pub struct Batch<'a> {
+    /// Board and marble.
+    pub rig: &'a Rig,
+    /// One set of parameters a rollout.
+    pub parameters: &'a [Parameters],
+    /// Rows of each rollout, the start included.
+    pub rows: usize,
+    /// Knob angles (rad), `rows` pairs; command i holds from row i to row i + 1.
+    pub commands: PerRollout<'a, [f64; 2]>,
+    /// Observed position at row 0 (board edges), one pair.
+    pub start: PerRollout<'a, [f64; 2]>,
+    /// Observed velocity at row 0 (board edges per second), one pair.
+    pub start_velocity: PerRollout<'a, [f64; 2]>,
+    /// How long a command holds.
+    pub time: TimeBase<'a>,
+}
+
+impl Batch<'_> {
+    /// Simulates every rollout; returns the observations (board edges), `rows` pairs a rollout.
+    ///
+    /// A rollout's result has the same bits whatever shares its batch and however many `threads`
+    /// work (`None`: one for each core). Setting `cancel` ends the work soon.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for values that no physics allows, [`Error::Cancelled`] once `cancel` is
+    /// set.
+    pub fn run(&self, engine: Engine, threads: Option<usize>, cancel: &AtomicBool) -> Result<Vec<[f64; 2]>> {
+        self.check()?;
+        let mut observations = vec![[0.0; 2]; self.parameters.len() * self.rows];
+        if observations.is_empty() {
+            return Ok(observations);
+        }
+        let groups = self.groups(engine, &mut observations);
+        let work = || {
+            groups.into_par_iter().for_each(|(jobs, mut out)| {
+                if !cancel.load(Ordering::Relaxed) {
+                    match engine {
+                        Engine::Rapier => rapier::run(self.rig, &jobs, &mut out, cancel),
+                        Engine::Rolling => rolling::run(self.rig, &jobs, &mut out, cancel),
+                    }
+                }
+            });
+        };
+        match threads {
+            None => work(),
+            Some(threads) => pool(threads)?.install(work),
+        }
+        if cancel.load(Ordering::Relaxed) {
+            return Err(Error::Cancelled);
+        }
+        Ok(observations)
+    }
+
+    fn check(&self) -> Result<()> {
+        let (rollouts, rows) = (self.parameters.len(), self.rows);
+        self.rig.check()?;
+        self.commands.check("commands", rollouts, rows)?;
+        self.start.check("start", rollouts, 1)?;
+        self.start_velocity.check("start_velocity", rollouts, 1)?;
+        if let TimeBase::Durations(durations) = &self.time {
+            durations.check("durations", rollouts, rows)?;
+        }
+        if let TimeBase::Continuous(Some(substeps)) = self.time {
+            PerRollout::Each(substeps).check("substeps", rollouts, 1)?;
+        }
+        (0..rollouts).try_for_each(|i| self.check_rollout(i).map_err(|error| locate(error, i)))
+    }
+
+    fn check_rollout(&self, rollout: usize) -> Result<()> {
+        let parameters = &self.parameters[rollout];
+        parameters.check()?;
+        let finite = |what: &str, values: &[[f64; 2]]| match values.as_flattened().iter().find(|v| !v.is_finite()) {
+            Some(value) => Err(Error::invalid(what, "finite numbers", value)),
+            None => Ok(()),
+        };
+        finite("start", self.start.of(rollout, 1))?;
+        finite("start_velocity", self.start_velocity.of(rollout, 1))?;
+        let commands = self.commands.of(rollout, self.rows);
+        finite("commands", commands)?;
+        for (axis, gear) in [parameters.gear_x, parameters.gear_y].into_iter().enumerate() {
+            let steepest = commands.iter().map(|knobs| (gear * knobs[axis]).abs()).fold(0.0, f64::max);
+            if steepest >= FRAC_PI_2 {
+                return Err(Error::invalid(["gear_x", "gear_y"][axis], "a board that tilts by less than π/2", steepest));
+            }
+        }
+        match self.time {
+            TimeBase::Durations(durations) => {
+                let wrong = durations.of(rollout, self.rows).iter().find(|&&s| !(0.0..=20.0).contains(&s));
+                wrong.map_or(Ok(()), |s| Err(Error::invalid("durations", "0 to 20 s a row", s)))
+            }
+            TimeBase::Continuous(Some(substeps)) if substeps[rollout] == 0 => {
+                Err(Error::invalid("substeps", "at least 1", 0))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn clock(&self, rollout: usize) -> Clock {
+        let time_scale = self.parameters[rollout].time_scale;
+        match self.time {
+            TimeBase::Rounded => Clock::Even(Step::rounded(time_scale)),
+            TimeBase::Continuous(substeps) => {
+                Clock::Even(Step::continuous(time_scale, substeps.map(|each| each[rollout])))
+            }
+            TimeBase::Durations(durations) => {
+                Clock::Stamped(durations.of(rollout, self.rows).iter().map(|&s| Step::lasting(s)).collect())
+            }
+        }
+    }
+
+    /// Rollouts that an engine simulates together, with the places for their results.
+    ///
+    /// Neighbours take about equally long in a rapier world; in lanes they share every count of
+    /// substeps. The order decides only who keeps whom company, never a result.
+    fn groups<'a>(&'a self, engine: Engine, observations: &'a mut [[f64; 2]]) -> Vec<Group<'a>> {
+        let mut jobs: Vec<(Job<'a>, &'a mut [[f64; 2]])> = observations
+            .chunks_exact_mut(self.rows)
+            .enumerate()
+            .map(|(rollout, out)| {
+                let job = Job {
+                    parameters: self.parameters[rollout],
+                    commands: self.commands.of(rollout, self.rows),
+                    start: self.start.of(rollout, 1)[0],
+                    start_velocity: self.start_velocity.of(rollout, 1)[0],
+                    clock: self.clock(rollout),
+                };
+                (job, out)
+            })
+            .collect();
+        // The longest first, so that no thread is left with a long group at the end.
+        jobs.sort_by(|(a, _), (b, _)| b.clock.compare(&a.clock, self.rows));
+        let most = match engine {
+            Engine::Rapier => rapier::GROUP,
+            Engine::Rolling => rolling::GROUP,
+        };
+        let mut groups: Vec<Group<'a>> = Vec::new();
+        for (job, out) in jobs {
+            match groups.last_mut() {
+                Some((group, outs))
+                    if group.len() < most
+                        && (engine == Engine::Rapier || group[0].clock.compare(&job.clock, self.rows).is_eq()) =>
+                {
+                    group.push(job);
+                    outs.push(out);
+                }
+                _ => groups.push((vec![job], vec![out])),
+            }
+        }
+        groups
+    }
+}
+
+type Group<'a> = (Vec<Job<'a>>, Vec<&'a mut [[f64; 2]]>);
+
+fn locate(error: Error, rollout: usize) -> Error {
+    match error {
+        Error::Invalid { what, expected, got } => Error::Invalid {
+            what: format!("{what} of rollout {rollout}"),
+            expected,
+            got,
+        },
+        other => other,
+    }
+}
+
+/// The pool of that many threads; kept, since starting one takes longer than a small batch.
+fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
+    static POOLS: OnceLock<Mutex<HashMap<usize, Arc<ThreadPool>>>> = OnceLock::new();
+    if threads == 0 || threads > 1024 {
+        return Err(Error::invalid("threads", "1 to 1024", threads));
+    }
+    let pools = POOLS.get_or_init(Mutex::default);
+    let mut pools = pools.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(pool) = pools.get(&threads) {
+        return Ok(Arc::clone(pool));
+    }
+    let pool = ThreadPoolBuilder::new()
+        .num_threads(threads)
+        .build()
+        .map_err(|error| Error::invalid("threads", "as many as the system can start", error))?;
+    let pool = Arc::new(pool);
+    pools.insert(threads, Arc::clone(&pool));
+    Ok(pool)
+}

@@ -1,0 +1,199 @@
+"""The array interface to the engine: parameters and knob angles in, observations out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from irt import _labsim
+from irt.errors import IrtError
+from irt.rig import Board, Marble
+
+Array = npt.NDArray[np.float64]
+Engine = Literal["rolling", "rapier"]
+TimeStep = Literal["rounded", "continuous"]
+
+SUBSTEP_S: float = _labsim.SUBSTEP_S
+
+
+class HasBoardAndMarble(Protocol):
+    """What a rollout needs to know of a rig or a model."""
+
+    @property
+    def board(self) -> Board:
+        """The board and its rim."""
+
+    @property
+    def marble(self) -> Marble:
+        """The marble."""
+
+
+def rollouts(
+    parameters: npt.ArrayLike,
+    commands: npt.ArrayLike,
+    *,
+    rig: HasBoardAndMarble | None = None,
+    effects: Sequence[Mapping[str, Any]] | None = None,
+    engine: Engine = "rolling",
+    start: npt.ArrayLike | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    start_velocity: npt.ArrayLike | None = None,
+    durations: npt.ArrayLike | None = None,
+    time_step: TimeStep = "rounded",
+    substeps: npt.ArrayLike | None = None,
+) -> Array:
+    """Simulate a batch of rollouts.
+
+    Arrays without the axis ``n`` are shared by all rollouts. The result has the same bits for any
+    number of threads and whatever else is in the batch. Ctrl-C stops a long batch.
+
+    Parameters
+    ----------
+    parameters : (n, 5)
+        ``gear_x``, ``gear_y``, ``rolling_friction``, ``time_scale``, ``observation_scale``, in their
+        own units (paper, section 5.2).
+    commands : (rows, 2) or (n, rows, 2)
+        Knob angles [rad]; command i holds from row i to row i + 1.
+    rig : optional
+        Anything with a ``board`` and a ``marble`` (a rig, a model); default the paper's labyrinth.
+    effects : optional
+        Physical effects beyond the five parameters; this version's catalogue is empty.
+    engine : {"rolling", "rapier"}
+        "rolling" (planar, fast) or "rapier" (3-D rigid bodies, the reference).
+    start : (2,) or (n, 2), optional
+        Observed position at row 0 [board edges]; default the centre.
+    seed : int
+        For effects that draw random numbers.
+    threads : int, optional
+        Default: one for each core.
+    start_velocity : (2,) or (n, 2), optional
+        Observed velocity at row 0 [board edges per second]; default at rest.
+    durations : (rows,) or (n, rows), optional
+        Seconds that each command holds, from a recording's stamps; ``time_scale`` is not used then.
+    time_step : {"rounded", "continuous"}
+        "rounded": round(time_scale) updates of 1/240 s a row, as in the paper; "continuous": exactly
+        time_scale/240 s, in that many slightly longer or shorter updates, so that a fit sees a smooth
+        parameter.
+    substeps : (n,), optional
+        Fixes the updates a row of "continuous" rollouts: finite differences need the same on both sides.
+
+    Returns
+    -------
+    (n, rows, 2)
+        Observed positions [board edges]; row 0 is the start.
+
+    Raises
+    ------
+    IrtError
+        A wrong shape, a NaN, a value no physics allows or an unknown name.
+    """
+    _refuse_effects(effects, seed)
+    if time_step not in ("rounded", "continuous"):
+        raise IrtError(f"time_step: expected 'rounded' or 'continuous', got {time_step!r}")
+    values = _array("parameters", parameters, "(n, 5)", 2)
+    count = len(values)
+    knobs = _per_rollout("commands", commands, "(rows, 2) or (n, rows, 2)", 3, count)
+    rows = knobs.shape[1]
+    if rows == 0:
+        raise IrtError("commands: expected at least one row, got none")
+    board, marble = (rig.board, rig.marble) if rig is not None else (Board(), Marble())
+    lasting = None
+    if durations is not None:
+        lasting = _per_rollout("durations", durations, "(rows,) or (n, rows)", 2, count, rows)
+    return _labsim.rollouts(
+        values,
+        knobs,
+        _pairs("start", start, count),
+        _pairs("start_velocity", start_velocity, count),
+        board=(board.edge_x_m, board.edge_y_m, board.wall_restitution, board.wall_friction),
+        marble=(marble.radius_m, marble.mass_kg, marble.damping_per_s),
+        engine=engine,
+        continuous=time_step == "continuous",
+        substeps=None if substeps is None else _counts(substeps, count),
+        durations=lasting,
+        threads=threads,
+    )
+
+
+def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False) -> Array:
+    """Knob angles of the paper's drive (Eq. 3).
+
+    Parameters
+    ----------
+    steps : int
+        Number of timesteps.
+    amplitude : float
+        Largest knob angle [rad].
+    literal : bool
+        The equation to the letter, sin(t / (200π)), which covers 0.16 rad in 100 steps; by default a
+        full period in 100 steps, as the text says: sin(2πt / 100).
+
+    Returns
+    -------
+    (steps, 2)
+        ``knob_x_rad`` and ``knob_y_rad``.
+    """
+    if steps < 1:
+        raise IrtError(f"steps: expected at least 1, got {steps}")
+    return _labsim.paper_drive(steps, amplitude, literal)
+
+
+def effects() -> list[dict[str, Any]]:
+    """List the catalogue of physical effects, as read from the engine.
+
+    Each entry has a ``name``, a ``stage``, its ``parameters`` (unit, range, neutral value) and a ``doc``.
+    This version's engine has the base physics alone, so the list is empty.
+    """
+    return []
+
+
+def _refuse_effects(effects: Sequence[Mapping[str, Any]] | None, seed: int) -> None:
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
+        raise IrtError(f"seed: expected a whole number, got {seed!r}")
+    if effects:
+        raise IrtError(
+            f"unknown effect {effects[0]!r}: this version's engine has no effects beyond the base physics"
+        )
+
+
+def _array(what: str, values: npt.ArrayLike, shape: str, axes: int) -> Array:
+    try:
+        array = np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise IrtError(f"{what}: expected numbers of shape {shape} ({error})") from error
+    if array.ndim != axes:
+        raise IrtError(f"{what}: expected shape {shape}, got {np.shape(values)}")
+    return array
+
+
+def _per_rollout(
+    what: str, values: npt.ArrayLike, shape: str, axes: int, count: int, rows: int | None = None
+) -> Array:
+    """Give the first axis length 1 (shared) or ``count`` (one each)."""
+    shared = np.ndim(values) == axes - 1  # type: ignore[arg-type]
+    array = _array(what, [values] if shared else values, shape, axes)  # type: ignore[arg-type]
+    if len(array) not in (1, count):
+        raise IrtError(f"{what}: expected one for each of the {count} rollouts, got {len(array)}")
+    if rows is not None and array.shape[1] != rows:
+        raise IrtError(f"{what}: expected {rows} rows as in commands, got {array.shape[1]}")
+    return array
+
+
+def _pairs(what: str, values: npt.ArrayLike | None, count: int) -> Array:
+    if values is None:
+        return np.zeros((1, 2))
+    array = _per_rollout(what, values, "(2,) or (n, 2)", 2, count)
+    if array.shape[1] != 2:
+        raise IrtError(f"{what}: expected shape (2,) or (n, 2), got {np.shape(values)}")
+    return array
+
+
+def _counts(values: npt.ArrayLike, count: int) -> npt.NDArray[np.uint32]:
+    array = np.asarray(values)
+    if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer) or (array < 1).any():
+        raise IrtError(f"substeps: expected {count} whole numbers of at least 1, got {values!r}")
+    return array.astype(np.uint32)
