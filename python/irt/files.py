@@ -53,22 +53,24 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
     IrtError
         If the file cannot be written.
     """
+    given = Path(path)
     target = Path(os.path.realpath(path))
-    if target.exists() and not target.is_file() and not target.is_dir():
-        yield target
-        return
-    beside = target.with_name(f".{target.stem}.{secrets.token_hex(4)}{target.suffix}")
+    beside = target.with_name(f".irt-{secrets.token_hex(4)}{target.suffix}")
     try:
-        if target.is_dir():
+        if given.is_dir():
             raise IrtError(f"{path}: cannot be written: it is a folder")
+        if given.exists() and not given.is_file():
+            yield given
+            return
         if not target.parent.is_dir():
             raise IrtError(f"{path}: cannot be written: there is no folder {target.parent}; make it first")
         yield beside
         beside.replace(target)
+    except BrokenPipeError:
+        raise
     except OSError as error:
         raise IrtError(f"{path}: cannot be written: {error.strerror or error}") from error
     finally:
-        # A file name too long for the disk fails here too, after it was already reported above.
         with suppress(OSError):
             beside.unlink()
 

@@ -39,7 +39,7 @@ def simulate(model: Model, knobs: Array, durations: Array | None, states: Array)
         np.tile(model.values, (len(knobs), 1)),
         knobs,
         rig=model,
-        effects=model.effects,
+        effects=[{"name": effect.name, **effect.parameters} for effect in model.effects],
         start=states[:, :2],
         start_velocity=states[:, 2:],
         durations=durations,

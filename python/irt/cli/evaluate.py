@@ -40,13 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Evaluate the model, print the errors of each run, and write them beside a plot."""
+    from irt.cli.inputs import read_model
     from irt.files import make_folder, write_atomic
-    from irt.model import load_model
     from irt.report.plots import plot_evaluation
     from irt.residual import evaluate
     from irt.rig import load_rig
 
-    model = load_model(args.model)
+    model = read_model(args.model)
     rig = load_rig(args.rig)
     folder = make_folder(args.out)
     evaluation = evaluate(model, rig.recordings, args.window)
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
         print(line)
     written = {"model": f"{args.model}", "rig": f"{args.rig}", **evaluation.as_dict()}
     write_atomic(folder / "evaluation.json", json.dumps(written, indent=2, allow_nan=False) + "\n")
-    plot_evaluation(folder / "evaluation.svg", rig.recordings, evaluation)
+    plot_evaluation(folder / "evaluation.svg", evaluation, rig.recordings)
     print(f"\nwrote {folder / 'evaluation.json'} and {folder / 'evaluation.svg'}")
 
 

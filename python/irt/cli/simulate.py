@@ -31,11 +31,11 @@ def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
     import numpy as np
 
-    from irt.model import load_model
+    from irt.cli.inputs import read_model
     from irt.recording import Recording, load_commands, save_recording
     from irt.start_state import simulate
 
-    model = load_model(args.model)
+    model = read_model(args.model)
     commands = load_commands(args.commands)
     state = np.zeros((1, 4))
     if commands.start is not None:

@@ -1,0 +1,75 @@
+"""Fixtures of all tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from irt.cli.__main__ import main
+from irt.recording import save_recording
+
+ROOT = Path(__file__).resolve().parents[1]
+
+#: Called with recordings by name, each (knobs, marble) or (knobs, marble, stamps), and the text of rig.toml.
+WriteRig = Callable[..., Path]
+
+
+class Outcome(NamedTuple):
+    """What a command line did."""
+
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def write_rig(tmp_path: Path) -> WriteRig:
+    """Write a small rig from arrays and return its folder."""
+
+    def write(
+        recordings: Mapping[str, Sequence[ArrayLike]], toml: str | None = None, folder: str = "rig"
+    ) -> Path:
+        path = tmp_path / folder
+        path.mkdir()
+        for name, arrays in recordings.items():
+            save_recording(path / f"{name}.csv", *arrays)
+        if toml is not None:
+            (path / "rig.toml").write_text(toml)
+        return path
+
+    return write
+
+
+@pytest.fixture
+def wave() -> np.ndarray:
+    """Knob angles, (40, 2) [rad], that move the marble about without taking it far from the centre."""
+    phase = 2.0 * np.pi * np.arange(40)[:, None] / np.array([20.0, 13.0])
+    return 0.05 * np.sin(phase)
+
+
+@pytest.fixture
+def shared() -> Path:
+    """Return the folder of data that lies beside the checkout."""
+    path = ROOT.parent / "shared"
+    if not path.is_dir():
+        pytest.skip(f"the shared data are not beside this checkout (no folder {path.name} there)")
+    return path
+
+
+@pytest.fixture
+def irt(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """Run a command line in this process and return its exit status and what it printed."""
+
+    def run(*words: str | Path) -> Outcome:
+        try:
+            status = main([str(word) for word in words])
+        except SystemExit as stop:
+            status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        return Outcome(status, *capsys.readouterr())
+
+    return run
