@@ -152,7 +152,7 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
             axes.plot(errors, color=style.TUNED if won else style.MUTED, **_weight(won))
         best = result.estimates[0].best
         place = (_index(result.estimates[0].history, best), _PERCENT * best.mae)
-        axes.plot(*place, "o", ms=6, mfc=style.PAPER, mec=style.TUNED, zorder=4)
+        axes.plot(*place, "o", color=style.TUNED, ms=6, mfc=style.PAPER, zorder=4)
         _make_logarithmic(axes)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("iteration")
@@ -332,7 +332,7 @@ def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
     _draw_rim(axes, prediction.model)
     axes.plot(*recording.marble.T, ".", color=style.RECORDED)
     axes.plot(*prediction.marble.T, color=prediction.colour)
-    axes.plot(*recording.marble[0], "o", ms=6, mfc=style.PAPER, mec=style.INK, zorder=4)
+    axes.plot(*recording.marble[0], "o", color=style.INK, ms=6, mfc=style.PAPER, zorder=4)
     # On the side that the marble leaves free.
     up = recording.marble[0, 1] >= np.nanmean(recording.marble[:, 1])
     place = {"xytext": (0, 7 if up else -7), "va": "bottom" if up else "top"}

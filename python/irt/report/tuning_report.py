@@ -149,9 +149,10 @@ def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) 
     judged = after
     if unseen:
         before, judged = unseen[0], unseen[1]
+        went = "fell" if judged.mae < before.mae else "rose"
         sentences.append(
-            f"On {_count(judged)} under other drives, which it was not given, the error fell from "
-            f"{percent(before.mae)} to {percent(judged.mae)}."
+            f"On {_count(judged)} that it was not given, the error {went} from {percent(before.mae)} to "
+            f"{percent(judged.mae)}."
         )
     floor = mean_absolute(noise)
     if judged.mae < 1.5 * floor:

@@ -1,0 +1,167 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irt.errors import IrtError
+from irt.model import Model, Parameter
+from irt.recording import Recording
+from irt.report import style
+from irt.report.tuning_report import (
+    Contender,
+    compare,
+    lead,
+    percent,
+    untuned,
+    with_interval,
+    write_tuning_report,
+)
+from irt.residual import evaluate
+from irt.rig import PARAMETERS
+from irt.rollouts import rollouts
+
+
+@pytest.fixture
+def simulated(rig, result, tmp_path):
+    """The rig with recordings that the tuned model explains down to noise of 0.001 board edges."""
+    rng = np.random.default_rng(0)
+    phase = 2 * np.pi * np.arange(60) / 60
+    runs = []
+    drives = {"first": [np.sin(phase), np.cos(phase)], "<second>": [np.cos(phase), -np.sin(phase)]}
+    for name, drive in drives.items():
+        knobs = 0.05 * np.stack(drive, axis=1)
+        (marble,) = rollouts(result.model.values[None], knobs, rig=rig)
+        runs.append(Recording(name, tmp_path / name, knobs, marble + rng.normal(0, 1e-3, marble.shape)))
+    return replace(rig, recordings=tuple(runs))
+
+
+@pytest.fixture
+def contender(simulated, result):
+    def make(name, factor):
+        model = Model.from_rig(simulated, result.model.values * [factor, 1, 1, 1, 1])
+        return Contender(name, model, evaluate(model, simulated.recordings), style.TUNED)
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (0.2134, "21 %"),
+        (0.0994, "9.9 %"),
+        (0.0402, "4.0 %"),
+        (0.00164, "0.16 %"),
+        (0.0, "0.0 %"),
+        (2.0, "200 %"),
+    ],
+)
+def test_errors_are_told_in_two_digits(error, text):
+    assert percent(error) == text
+
+
+def test_an_error_of_nothing_is_a_dash():
+    assert percent(math.nan) == "-"
+
+
+@pytest.mark.parametrize(
+    ("parameter", "text"),
+    [
+        (Parameter(0.0420349, 0.0410, 0.0431), "0.0420  (0.0410 to 0.0431)"),
+        (Parameter(16.04, 12.3, 19.9), "16.0  (12.3 to 19.9)"),
+        (Parameter(1042.4, 12.3, 3000.9), "1042  (12 to 3001)"),
+        (Parameter(0.5, 0.5, 0.5), "0.500000  (0.500000 to 0.500000)"),
+        (Parameter(0.0420349), "0.04203"),
+    ],
+)
+def test_values_keep_the_digits_that_their_interval_leaves(parameter, text):
+    assert with_interval(parameter) == text
+
+
+def test_untuned_means_the_middle_of_the_ranges(rig):
+    model = untuned(replace(rig, ranges={**rig.ranges, "gear_x": (0.02, 0.04)}))
+    assert model.parameters["gear_x"].value == pytest.approx(0.03)
+    for name in PARAMETERS[1:]:
+        assert model.parameters[name].value == pytest.approx(sum(rig.ranges[name]) / 2)
+
+
+def test_lead_tells_when_there_is_little_left(contender):
+    before, after = contender("untuned", 1.5), contender("IRT", 1.0)
+    text = " ".join(lead([before, after], [], 1e-3))
+    assert f"from {percent(before.mae)} of the board's edge off to {percent(after.mae)}" in text
+    assert "over the 2 recordings it was given" in text
+    assert "little left" in text
+    assert "held" not in text
+
+
+def test_lead_tells_when_something_is_left_on_runs_held_out(contender):
+    before, after, worse = contender("untuned", 1.5), contender("IRT", 1.0), contender("IRT", 1.2)
+    text = " ".join(lead([before, after], [before, worse], 1e-3))
+    assert f"the error fell from {percent(before.mae)} to {percent(worse.mae)}" in text
+    assert "physics that the five parameters do not have" in text
+
+
+def test_lead_does_not_call_a_rise_a_fall(contender):
+    good, bad = contender("untuned", 1.0), contender("IRT", 1.5)
+    text = " ".join(lead([good, bad], [good, bad], 1e-3))
+    assert "fell" not in text
+    assert f"the error rose from {percent(good.mae)} to {percent(bad.mae)}" in text
+
+
+def test_comparison_names_the_better_one_or_a_draw(contender):
+    good, bad = contender("least squares", 1.0), contender("IRT", 1.2)
+    for order in ((good, bad), (bad, good)):
+        assert compare(*order).startswith("On these recordings least squares is ahead: ")
+    assert "do equally well" in compare(good, contender("IRT", 1.0))
+
+
+def test_page_tells_the_errors_that_evaluation_finds(tmp_path, simulated, result):
+    second = replace(result, method="least-squares", notes=("a note",), estimates=result.estimates[:1])
+    path = write_tuning_report(
+        tmp_path / "out",
+        simulated,
+        [result, second],
+        heldout=simulated,
+        title="A <title>",
+        settings={"seed": "7"},
+    )
+    page = path.read_text(encoding="utf-8")
+    evaluation = evaluate(result.model, simulated.recordings)
+    for run in evaluation.runs:
+        assert f"<td>{percent(run.free_run.mae)}</td>" in page
+    for text in (
+        "A &lt;title&gt;",
+        "&lt;second&gt;",
+        "gears &amp; time: &lt;one&gt; number",
+        "a note",
+        "<dd>7</dd>",
+    ):
+        assert text in page
+    assert "from 2 random starts" in page
+    assert "from 1 random start;" in page
+    assert page.count("<figure>") == len(list((tmp_path / "out").glob("*.svg"))) == 2 + 2 + 2 + 4
+    assert "nan" not in page.split("</style>")[1].lower()
+
+
+def test_page_of_a_single_fit_needs_no_runs_held_out(tmp_path, simulated, result):
+    page = write_tuning_report(tmp_path, simulated, [result], title="t", settings={}).read_text(
+        encoding="utf-8"
+    )
+    assert "held out" not in page
+    assert page.count("<figure>") == 2 + 2 + 2
+
+
+def test_a_marble_in_motion_is_judged_in_windows(tmp_path, simulated, result):
+    moving = replace(simulated, start="moving")
+    fitted = replace(result, model=replace(result.model, start="moving"))
+    page = write_tuning_report(tmp_path, moving, [fitted], title="t", settings={}).read_text(encoding="utf-8")
+    assert "in windows of 2 s, each from the state that the rows before it tell" in page
+    windowed = evaluate(fitted.model, moving.recordings).windowed
+    assert windowed is not None
+    assert f"to {percent(windowed.mae)}, on average" in page
+
+
+def test_unwritable_folder_is_named(tmp_path, simulated, result):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(IrtError, match="file"):
+        write_tuning_report(tmp_path / "file", simulated, [result], title="t", settings={})
