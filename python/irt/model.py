@@ -119,9 +119,7 @@ class Model:
                 raise unknown_name("parameter", name, PARAMETERS)
         for name in PARAMETERS:
             if name not in self.parameters or name not in self.ranges:
-                raise IrtError(
-                    f"{name} is missing; a model has a value and a range for {', '.join(PARAMETERS)}"
-                )
+                raise IrtError(f"{name} is missing; a model needs all of {', '.join(PARAMETERS)}")
             check_value(name, self.parameters[name].value)
             check_range(name, *self.ranges[name])
         if self.time_step not in get_args(TimeStep):
@@ -240,8 +238,7 @@ def _check_format(table: TomlTable) -> None:
         raise table.error("format", f"expected a number from 1 to {FORMAT}, found {found}")
     if found > FORMAT:
         raise table.error(
-            "format",
-            f"the model is of a newer format, {found}; this release reads up to {FORMAT}: update irt",
+            "format", f"{found} is a newer format than this release reads ({FORMAT}): update irt"
         )
 
 
