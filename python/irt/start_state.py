@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 #: Steps of the finite differences, in x, y [board edges] and their rates [board edges per second].
 _STEPS = np.array([1e-4, 1e-4, 1e-3, 1e-3])
-#: Gauss-Newton steps; with the base physics the second hardly moves the state any more.
+#: Gauss-Newton steps; with the base physics the third hardly moves the state any more.
 _ITERATIONS = 6
 
 

@@ -122,7 +122,7 @@ BAD = {
     "key": (GOOD + "[simulation]\nstep = 1\n", r'\[simulation\]: unknown key "step"'),
     "effect": (
         GOOD + "[[effects]]\nname = 'delay'\ndelay_s = 1\n[[effects]]\nname = 'backlsh'\n",
-        r'model\.toml, \[\[effects\]\] 2: unknown effect "backlsh"; did you mean "backlash"\? possible: backlash',
+        r'\[\[effects\]\] 2: unknown effect "backlsh"; did you mean "backlash"\? possible: backlash',
     ),
     "effect's parameter": (
         GOOD + "[[effects]]\nname = 'delay'\ndelay = 1\n",
