@@ -191,7 +191,7 @@ class TestWindows:
         lost = [2, 13, 16, 17]
         result = evaluate(model(), [record(wave, MOVING, lost=lost)], window_s=0.4)
         run = result.runs[0]
-        # After rows 12 to 15 the next window would begin, were 13, 16 and 17 not lost.
+        # Of rows 16 to 19 two are lost: the window after them begins a row later, where one is.
         np.testing.assert_array_equal(run.window_rows, [4, 8, 12, 16, 21, 25, 29, 33])
         assert run.windowed is not None
         assert (run.windowed.rows, run.windowed.lost) == (29, 3)
