@@ -173,22 +173,22 @@ class TomlTable:
             raise self.error(key, f"expected sections [[{key}]], found {_shown(content)}")
         return [TomlTable(f"{self.where}, [[{key}]] {i}", item) for i, item in enumerate(content, start=1)]
 
-    def number(self, key: str) -> float:
-        """Return the finite number under ``key``, which must be there."""
+    def number(self, key: str, *, infinite: bool = False) -> float:
+        """Return the number under ``key``, which must be there; ``infinite`` allows ``inf``."""
         if key not in self.content:
             raise IrtError(f"{self.where}: {key} is missing")
-        return self._finite(key, self.content[key])
+        return self._number(key, self.content[key], infinite=infinite)
 
-    def numbers(self, *keys: str) -> dict[str, float]:
+    def numbers(self, *keys: str, infinite: bool = False) -> dict[str, float]:
         """Return the numbers under those of ``keys`` that are there."""
-        return {key: self.number(key) for key in keys if key in self.content}
+        return {key: self.number(key, infinite=infinite) for key in keys if key in self.content}
 
     def pair(self, key: str) -> tuple[float, float]:
         """Return the two numbers ``[a, b]`` under ``key``, which must be there."""
         content = self.content.get(key)
         if not isinstance(content, list) or len(content) != 2:
             raise self.error(key, f"expected [low, high], found {_shown(content)}")
-        return self._finite(key, content[0]), self._finite(key, content[1])
+        return self._number(key, content[0]), self._number(key, content[1])
 
     def word(self, key: str) -> str:
         """Return the text under ``key``, which must be there."""
@@ -199,14 +199,14 @@ class TomlTable:
             raise self.error(key, f"expected text in quotes, found {_shown(content)}")
         return content
 
-    def _finite(self, key: str, value: object) -> float:
+    def _number(self, key: str, value: object, *, infinite: bool = False) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.error(key, f"expected a number, found {_shown(value)}")
         try:
             number = float(value)
         except OverflowError:
             number = math.inf
-        if not math.isfinite(number):
+        if not (infinite and math.isinf(number)) and not math.isfinite(number):
             raise self.error(key, f"expected a finite number, found {_shown(value)}")
         return number
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -37,6 +37,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 @dataclass(frozen=True)
 class Parameter:
     """The value of one tuned parameter, and where it is known its 95 % interval, in the parameter's own unit.
+
+    An end of the interval is infinite where the recordings do not bound the parameter.
 
     Raises
     ------
@@ -111,7 +113,7 @@ class Model:
     ranges: dict[str, tuple[float, float]]
     parameters: dict[str, Parameter]
     effects: tuple[Effect, ...] = ()
-    time_step: TimeStep = field(default="rounded")
+    time_step: TimeStep = "rounded"
 
     def __post_init__(self) -> None:
         for name in (*self.parameters, *self.ranges):
@@ -253,7 +255,9 @@ def _read_parameters(section: TomlTable) -> tuple[dict[str, Parameter], dict[str
             table = section.inline(name, "")
             table.only("key", ("value", "low", "high", "range"))
             with located(table.where):
-                parameters[name] = Parameter(table.number("value"), **table.numbers("low", "high"))
+                parameters[name] = Parameter(
+                    table.number("value"), **table.numbers("low", "high", infinite=True)
+                )
             if "range" in table:
                 ranges[name] = table.pair("range")
         with located(section.where):

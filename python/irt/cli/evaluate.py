@@ -75,7 +75,7 @@ def _table(evaluation: Evaluation) -> Iterator[str]:
     width = max(len(name) for name, *_ in rows)
     windows = f"windows of {evaluation.window_s:g} s"
     yield "errors in % of the board's long edge"
-    yield f"{'':{width}}               {'free run':^16}   {windows:^16}"
+    yield f"{'':{width}}               {'free run':^16}   {windows:^16}".rstrip()
     yield f"{'run':{width}}   rows   lost    mean largest      mean largest"
     for name, free, windowed in rows:
         yield f"{name:{width}} {free.rows:6} {free.lost:6} {_percent(free)}   {_percent(windowed)}"
