@@ -7,8 +7,10 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from irt.cli.inputs import whole
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from irt.fitting.fit import FitResult
     from irt.rig import Rig
@@ -28,9 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("irt-demo"),
         help="folder to write (default: irt-demo)",
     )
-    parser.add_argument("--seed", metavar="S", type=_whole(0), default=0, help="of the starts (default: 0)")
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the starts (default: 0)")
     parser.add_argument(
-        "--starts", metavar="N", type=_whole(1), default=8, help="random starts of each method (default: 8)"
+        "--starts", metavar="N", type=whole(1), default=8, help="random starts of each method (default: 8)"
     )
     parser.epilog = "example:\n  irt demo --out demo --starts 4"
 
@@ -98,14 +100,3 @@ def _recordings(rig: Rig) -> str:
     names = ", ".join(recording.name for recording in rig.recordings)
     rows = sum(len(recording.knobs) for recording in rig.recordings)
     return f"{rig.path.name}, shipped with the package: {names} ({rows} rows)"
-
-
-def _whole(least: int) -> Callable[[str], int]:
-    """Return the reader of a whole number that must not be below another."""
-
-    def read(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"expected a whole number from {least} on, found {text}")
-        return int(text)
-
-    return read

@@ -1,0 +1,192 @@
+"""`irt tune`: fit the five parameters to recordings."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from irt.cli.inputs import whole
+from irt.errors import IrtError
+
+if TYPE_CHECKING:
+    from irt.fitting.fit import FitResult
+    from irt.residual import Errors, Evaluation
+    from irt.rig import Rig
+
+NAME = "tune"
+HELP = "fit the simulator's five parameters to recordings"
+
+METHODS = ("irt", "least-squares")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `irt tune`."""
+    parser.add_argument("rig", metavar="RIG", type=Path, help="a folder of recordings (*.csv)")
+    parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=f"how (default: {METHODS[0]})")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        help="folder for the results (default: irt-tune-NAME, for a rig NAME)",
+    )
+    parser.add_argument(
+        "--starts",
+        metavar="N",
+        type=whole(1),
+        help="random start points (default: 5 of irt, 8 of least-squares)",
+    )
+    parser.add_argument(
+        "--iterations", metavar="N", type=whole(1), help="of irt, from each start (default: 20)"
+    )
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the starts (default: 0)")
+    parser.add_argument(
+        "--network",
+        metavar="FILE",
+        type=Path,
+        help="of irt, from `irt pretrain` (default: under the paper's drive the one that is shipped; for any "
+        "other drive one is trained and cached)",
+    )
+    parser.add_argument(
+        "--engine", choices=("rolling", "rapier"), default="rolling", help="the simulator (default: rolling)"
+    )
+    parser.add_argument(
+        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+    )
+    parser.epilog = "example:\n  irt tune my-rig --method irt --out tuned"
+
+
+def run(args: argparse.Namespace) -> None:
+    """Tune, write model, numbers and a page with pictures, and print a short table."""
+    from irt.cli.progress import progress_bar
+    from irt.files import make_folder, write_atomic
+    from irt.model import save_model
+    from irt.report.tuning_report import untuned, write_tuning_report
+    from irt.residual import evaluate
+    from irt.rig import load_rig
+    from irt.tuning import tune
+
+    options = _options(args)
+    rig = load_rig(args.rig)
+    folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
+    training = _announce_training(rig, args) if args.method == "irt" and args.network is None else None
+    try:
+        with progress_bar() as progress:
+            result = tune(rig, args.method, progress=progress, **options)
+    except KeyboardInterrupt:
+        if training is not None and training.exists():
+            print("irt: the same command again goes on with the training", file=sys.stderr)
+        raise
+    before, after = (evaluate(model, rig.recordings) for model in (untuned(rig), result.model))
+    save_model(folder / "model.toml", result.model)
+    numbers = json.dumps(_numbers(args, result, before, after), indent=2, allow_nan=False)
+    write_atomic(folder / "fit.json", f"{numbers}\n")
+    page = write_tuning_report(
+        folder,
+        rig,
+        [result],
+        title=f"{args.rig.resolve().name}, tuned",
+        settings={"command": _command(args), "seed": f"{args.seed}", "time": f"{result.seconds:.1f} s"},
+    )
+    for line in _table(result, before, after):
+        print(line)
+    print(f"\nwrote {folder / 'model.toml'}, {folder / 'fit.json'} and {page}")
+
+
+def _options(args: argparse.Namespace) -> dict[str, Any]:
+    """Return what was asked for, as options of the method."""
+    options = {"seed": args.seed, "engine": args.engine, "threads": args.threads}
+    if args.starts is not None:
+        options["starts"] = args.starts
+    for name in ("iterations", "network"):
+        value = getattr(args, name)
+        if value is not None and args.method != "irt":
+            raise IrtError(f"--{name} belongs to --method irt; leave it out")
+        if value is not None:
+            options[name] = value
+    return options
+
+
+def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
+    """Say so where there is no network for a rig yet; return the checkpoint of its training."""
+    from irt.tuning.cache import need
+    from irt.tuning.pretrain import Recipe, checkpoint_path
+
+    path = need(rig, args.engine).path
+    if path.exists():
+        return None
+    print(
+        f"There is no network for this rig's drive yet: training one on {Recipe().pairs} simulated pairs, a "
+        f"matter of minutes. It stays in {path}.",
+        flush=True,
+    )
+    return checkpoint_path(path)
+
+
+def _numbers(
+    args: argparse.Namespace, result: FitResult, before: Evaluation, after: Evaluation
+) -> dict[str, Any]:
+    """Return what fit.json holds."""
+    return {
+        "command": _command(args),
+        "method": result.method,
+        "seed": result.seed,
+        "parameters": {
+            name: {
+                "value": parameter.value,
+                "low": parameter.low,
+                "high": parameter.high,
+                "range": list(result.model.ranges[name]),
+            }
+            for name, parameter in result.model.parameters.items()
+        },
+        "noise": result.noise,
+        "before": before.as_dict(),
+        "after": after.as_dict(),
+        "unidentifiable": list(result.unidentifiable),
+        "notes": list(result.notes),
+        "rollouts": result.rollouts,
+        "seconds": result.seconds,
+        "starts": [
+            [{"parameters": step.parameters.tolist(), "mae": step.mae} for step in estimate.history]
+            for estimate in result.estimates
+        ],
+    }
+
+
+def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator[str]:
+    """Yield what a user wants to know first."""
+    from irt.report.tuning_report import with_interval
+
+    yield "parameter           value  (95 % interval)"
+    for name, parameter in result.model.parameters.items():
+        unit = " updates of 1/240 s a timestep" if name == "time_scale" else ""
+        yield f"{name:<18}  {with_interval(parameter)}{unit}"
+    yield "\nmean error in % of the board's long edge, untuned -> tuned"
+    yield f"free run            {_change(before.free_run, after.free_run)}"
+    if before.windowed is not None and after.windowed is not None:
+        yield f"windows of {after.window_s:g} s      {_change(before.windowed, after.windowed)}"
+    for title, sentences in (
+        ("not pinned down by these recordings", result.unidentifiable),
+        ("to know besides", result.notes),
+    ):
+        if sentences:
+            yield f"\n{title}"
+            yield from (f"- {sentence}" for sentence in sentences)
+
+
+def _change(before: Errors, after: Errors) -> str:
+    return f"{100 * before.mae:.2f} -> {100 * after.mae:.2f}"
+
+
+def _command(args: argparse.Namespace) -> str:
+    """Return the command that does the same again."""
+    words = ["irt", "tune", args.rig, "--method", args.method, "--seed", args.seed, "--engine", args.engine]
+    for name in ("starts", "iterations", "network"):
+        if getattr(args, name) is not None:
+            words += [f"--{name}", getattr(args, name)]
+    return shlex.join(str(word) for word in words)

@@ -1,0 +1,262 @@
+"""What a tuning network belongs to: commands, time base, start states, board, ranges and engine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.fitting.least_squares import stamped_time_scale
+from irt.residual import Segment
+from irt.rig import PARAMETERS, RANGES, Board, Marble, Rig, Start
+from irt.rollouts import Engine, paper_drive, rollouts
+
+Array = NDArray[np.float64]
+
+#: Inputs that a joint network takes at most for one observation; the paper's takes 200.
+MOST_INPUTS = 400
+#: How far the start of a recording may lie off the centre to count as the paper's drive [board edges].
+CENTRED = 0.02
+#: Damping of the marble up to which the paper's network serves [1/s]; PyBullet applies 0.04 by default.
+LITTLE_DAMPING = 0.1
+#: Rounding of the commands that a CSV with four digits brings [rad].
+SAME_KNOB = 1e-4
+
+_TIME_SCALE = PARAMETERS.index("time_scale")
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Commands for one simulation, and its start state.
+
+    Attributes
+    ----------
+    knobs : (n, 2) array
+        Knob angles [rad].
+    durations : (n,) array or None
+        How long each command holds [s], where the recording is stamped.
+    start : (2,) array
+        Position at row 0 [board edges].
+    start_velocity : (2,) array
+        Velocity at row 0 [board edges/s]. Without stamps the seconds are those of a time scale in the middle
+        of its range: what was measured is the way from row to row.
+    """
+
+    knobs: Array
+    durations: Array | None
+    start: Array
+    start_velocity: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """All that decides what a network sees, except the five parameters.
+
+    Attributes
+    ----------
+    runs : tuple of Run
+        Simulated one by one; their observations are concatenated.
+    board, marble : Board, Marble
+        What was measured directly.
+    ranges : dict
+        Lowest and highest value of each parameter; they are scaled to [0, 1] by it (paper, section 5.3).
+    start : {"rest", "moving"}
+        Where marbles start in motion, their start states are guesses. A straight line through the rows of a
+        run takes up what is wrong with them, and is removed from every observation.
+    engine : {"rolling", "rapier"}
+        The simulator.
+    time_scale : float or None
+        What the stamps say, where there are any; there is none to find then.
+    rows_per_input : int
+        Rows that are averaged to one input of the network.
+    """
+
+    runs: tuple[Run, ...]
+    board: Board
+    marble: Marble
+    ranges: dict[str, tuple[float, float]]
+    start: Start
+    engine: Engine
+    time_scale: float | None = None
+    rows_per_input: int = 1
+
+    @classmethod
+    def paper(cls, *, engine: Engine = "rolling", literal: bool = False) -> Drive:
+        """Return the drive of the paper: 100 rows from rest in the centre (Eq. 3; see `paper_drive`)."""
+        run = Run(paper_drive(literal=literal), None, np.zeros(2), np.zeros(2))
+        return cls((run,), Board(), Marble(), dict(RANGES), "rest", engine)
+
+    @classmethod
+    def of_segments(cls, rig: Rig, segments: Sequence[Segment], engine: Engine = "rolling") -> Drive:
+        """Return the joint drive of all segments of a rig: one network sees them at once."""
+        runs = tuple(Run(s.knobs, s.durations, s.start, s.start_velocity) for s in segments)
+        rows = sum(len(run.knobs) for run in runs)
+        return cls(
+            runs,
+            rig.board,
+            rig.marble,
+            dict(rig.ranges),
+            rig.start,
+            engine,
+            stamped_time_scale(rig),
+            rows_per_input=-(-2 * rows // MOST_INPUTS),
+        )
+
+    @cached_property
+    def open(self) -> NDArray[np.bool_]:
+        """Which of the five parameters there is to find, (5,): time_scale is not, where stamps tell it."""
+        is_open = self._low < self._high
+        is_open[_TIME_SCALE] &= self.time_scale is None
+        return is_open
+
+    def scaled(self, parameters: Array) -> Array:
+        """Return (..., 5) parameters scaled to [0, 1], 0 where there is nothing to find."""
+        width = np.where(self.open, self._high - self._low, 1.0)
+        return np.where(self.open, (parameters - self._low) / width, 0.0)
+
+    def parameters(self, scaled: Array) -> Array:
+        """Return the (..., 5) parameters in their own units."""
+        values = self._low + np.where(self.open, scaled, 0.0) * (self._high - self._low)
+        if self.time_scale is not None:
+            values[..., _TIME_SCALE] = self.time_scale
+        return values
+
+    def simulate(self, parameters: Array, threads: int | None = None) -> list[Array]:
+        """Simulate every run with each of (k, 5) parameters in their own units.
+
+        Returns
+        -------
+        list of (k, n, 2) arrays
+            Observations of each run [board edges], with ``round(time_scale)`` physics updates a row as in the
+            paper.
+        """
+        observed: dict[int, Array] = {}
+        for indices in self._batches:
+            batch = [self.runs[i] for i in indices]
+            stamps = [run.durations for run in batch if run.durations is not None]
+            # Runs of one length, each with every set of parameters, in one call.
+            every = np.repeat(parameters, len(batch), axis=0)
+            start, velocity = (
+                np.tile([getattr(run, name) for run in batch], (len(parameters), 1))
+                for name in ("start", "start_velocity")
+            )
+            result = rollouts(
+                every,
+                np.tile([run.knobs for run in batch], (len(parameters), 1, 1)),
+                rig=self,
+                engine=self.engine,
+                start=start,
+                start_velocity=velocity * (1.0 if stamps else self._rate(every)),
+                durations=np.tile(stamps, (len(parameters), 1)) if stamps else None,
+                threads=threads,
+            )
+            result = result.reshape(len(parameters), len(batch), *result.shape[1:])
+            observed.update(zip(indices, result.swapaxes(0, 1), strict=True))
+        return [observed[i] for i in range(len(self.runs))]
+
+    def residual(self, difference: Sequence[Array]) -> list[Array]:
+        """Return (..., n, 2) differences of observations, without the line that unknown start states make."""
+        if self.start == "rest":
+            return list(difference)
+        return [
+            values - line @ (np.linalg.pinv(line) @ values)
+            for values, line in zip(difference, self._lines, strict=True)
+        ]
+
+    def inputs(self, observed: Sequence[Array]) -> Array:
+        """Return what the network sees of the (k, n, 2) observations of each run: (k, inputs)."""
+        averaged = [
+            np.add.reduceat(values, firsts, axis=-2) / np.diff(firsts, append=values.shape[-2])[:, None]
+            for values in self.residual(observed)
+            for firsts in [np.arange(0, values.shape[-2], self.rows_per_input)]
+        ]
+        return np.concatenate([values.reshape(len(values), -1) for values in averaged], axis=1)
+
+    @property
+    def input_count(self) -> int:
+        """How many inputs the network has for one observation."""
+        return sum(2 * -(-len(run.knobs) // self.rows_per_input) for run in self.runs)
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash (SHA-256) of everything above: the name of the drive that a network file carries."""
+        sha = hashlib.sha256()
+        about = {
+            "board": asdict(self.board),
+            "marble": asdict(self.marble),
+            "ranges": {name: list(self.ranges[name]) for name in PARAMETERS},
+            "start": self.start,
+            "engine": self.engine,
+            "time_scale": self.time_scale,
+            "rows_per_input": self.rows_per_input,
+        }
+        sha.update(json.dumps(about, sort_keys=True).encode())
+        for run in self.runs:
+            for array in (run.knobs, run.durations, run.start, run.start_velocity):
+                # Rounded, because the last bits of a sine differ from one machine to another.
+                told = np.round(np.zeros(0) if array is None else array, 9).astype("<f8") + 0.0
+                sha.update(f"{told.shape}".encode() + told.tobytes())
+        return sha.hexdigest()
+
+    @cached_property
+    def _batches(self) -> list[list[int]]:
+        """Indices of the runs that one call can simulate: of one length, all stamped or none."""
+        batches: dict[tuple[int, bool], list[int]] = {}
+        for i, run in enumerate(self.runs):
+            batches.setdefault((len(run.knobs), run.durations is None), []).append(i)
+        return list(batches.values())
+
+    @cached_property
+    def _lines(self) -> list[Array]:
+        """Offset and rate over the rows of each run, (n, 2)."""
+        return [
+            np.stack([np.ones(len(run.knobs)), _times(run)], axis=1) / len(run.knobs) for run in self.runs
+        ]
+
+    @property
+    def _low(self) -> Array:
+        return np.array([self.ranges[name][0] for name in PARAMETERS])
+
+    @property
+    def _high(self) -> Array:
+        return np.array([self.ranges[name][1] for name in PARAMETERS])
+
+    def _rate(self, parameters: Array) -> Array:
+        """Return seconds of the middle time scale per second of each of (k, 5) parameters, (k, 1)."""
+        middle = sum(self.ranges["time_scale"]) / 2.0
+        return middle / np.maximum(np.rint(parameters[:, _TIME_SCALE, None]), 1.0)
+
+
+def is_paper_drive(rig: Rig, *, literal: bool = False) -> bool:
+    """Return whether each recording of a rig was made under the paper's drive, on the paper's board.
+
+    Mass does not show in the motion, and a little damping is in both observations that a network compares: a
+    network for the paper's marble serves these rigs too.
+    """
+    paper = Drive.paper(literal=literal)
+    knobs = paper.runs[0].knobs
+    return (
+        (rig.board, rig.start) == (paper.board, paper.start)
+        and rig.marble.radius_m == paper.marble.radius_m
+        and rig.marble.damping_per_s <= LITTLE_DAMPING
+        and all(tuple(rig.ranges[name]) == paper.ranges[name] for name in PARAMETERS)
+        and all(
+            recording.stamps is None
+            and recording.knobs.shape == knobs.shape
+            and bool(np.abs(recording.knobs - knobs).max() < SAME_KNOB)
+            and bool(np.abs(recording.marble[0]).max() < CENTRED)
+            for recording in rig.recordings
+        )
+    )
+
+
+def _times(run: Run) -> Array:
+    """Return when each row of a run was seen, in rows."""
+    if run.durations is None:
+        return np.arange(len(run.knobs), dtype=np.float64)
+    return np.append(0.0, np.cumsum(run.durations[:-1])) / float(np.mean(run.durations))

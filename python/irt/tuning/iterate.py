@@ -1,0 +1,168 @@
+"""Iterative residual tuning: simulate a proposal, let the network tell how far off it is, step, and again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from irt.fitting import robust
+from irt.fitting.fit import Progress
+from irt.tuning.drive import Drive
+from irt.tuning.tunenet import TuneNet
+
+Array = NDArray[np.float64]
+
+#: Factor by which each step is shorter than the one before (paper, section 5.3).
+STEP_DECAY = 0.85
+#: A row is a slip of the tracker if it lies this many typical distances from the median of five rows around
+#: it, and this far [board edges].
+_SPIKE, _SPIKE_EDGES = 8.0, 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Proposals on their way.
+
+    Attributes
+    ----------
+    scaled : (iterations + 1, k, 5) array
+        Parameters scaled to [0, 1]; the first are the start points.
+    mae : (iterations + 1, k) array
+        Mean absolute error of their observations over the rows seen [board edges].
+    """
+
+    scaled: Array
+    mae: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tuner:
+    """The iteration, for one drive and one network.
+
+    Attributes
+    ----------
+    drive : Drive
+        What is simulated.
+    network : TuneNet
+        For this drive if ``joint``, else for each of its runs.
+    joint : bool
+        Whether the network sees all runs at once; else it estimates a difference from each, and their mean is
+        taken.
+    both_orders : bool
+        Whether the network is asked in both orders (`TuneNet.both_orders`); the paper asks once.
+    """
+
+    drive: Drive
+    network: TuneNet
+    joint: bool
+    both_orders: bool = True
+
+    def iterate(
+        self,
+        scaled: Array,
+        observed: Sequence[Array],
+        iterations: int,
+        *,
+        threads: int | None = None,
+        progress: Progress | None = None,
+    ) -> Trace:
+        """Tune k proposals at once (paper, sections 4 and 5.3).
+
+        Parameters
+        ----------
+        scaled : (k, 5) array
+            Start points, scaled to [0, 1].
+        observed : sequence of (n, 2) or (k, n, 2) arrays
+            Target observations of each run [board edges], NaN rows where there is none.
+        iterations : int
+            Steps; each is 0.85 times as long as the one before, and clipped to the ranges.
+        threads : int, optional
+            Of the simulations.
+        progress : callable, optional
+            Called with (done, total, text).
+        """
+        path, errors = [np.where(self.drive.open, scaled, 0.0)], []
+        for k in range(iterations + 1):
+            proposed = self.drive.simulate(self.drive.parameters(path[-1]), threads)
+            missing = _missing(proposed, observed)
+            errors.append(np.abs(self._left_over(missing, observed)).mean(axis=1))
+            if progress:
+                progress(k, iterations, f"tuning, error {100 * errors[-1].min():.2f} % of the edge")
+            if k < iterations:
+                estimated = self._difference(proposed, missing)
+                path.append(np.clip(path[-1] + STEP_DECAY**k * estimated, 0.0, 1.0))
+        return Trace(np.array(path), np.array(errors))
+
+    def noise_left(self, parameters: Array, observed: Sequence[Array], threads: int | None = None) -> float:
+        """Return the robust standard deviation [board edges] of what (5,) parameters leave of a target."""
+        proposed = self.drive.simulate(parameters[None], threads)
+        left = np.abs(self._left_over(_missing(proposed, observed), observed))
+        return max(robust.MAD_TO_SD * float(np.median(left)), robust.FINEST)
+
+    def _difference(self, proposed: Sequence[Array], missing: Sequence[Array]) -> Array:
+        """Estimated (k, 5) differences of the scaled parameters, target minus proposal."""
+        target = [p + m for p, m in zip(proposed, missing, strict=True)]
+        if self.joint:
+            estimated = self._ask(self.drive.inputs(proposed), self.drive.inputs(target))
+        else:
+            estimated = np.mean(
+                [self._ask(_flat(p), _flat(t)) for p, t in zip(proposed, target, strict=True)], axis=0
+            )
+        return np.where(self.drive.open, estimated, 0.0)
+
+    @torch.no_grad()
+    def _ask(self, proposed: Array, target: Array) -> Array:
+        both = (torch.tensor(each, dtype=torch.float32) for each in (proposed, target))
+        ask = self.network.both_orders if self.both_orders else self.network
+        return ask(*both).double().numpy()
+
+    def _left_over(self, missing: Sequence[Array], observed: Sequence[Array]) -> Array:
+        """Return what k proposals lack [board edges], (k, 2 rows seen)."""
+        seen = [np.isfinite(each).reshape(-1, *each.shape[-2:])[0] for each in observed]
+        return np.concatenate(
+            [values[:, s] for values, s in zip(self.drive.residual(missing), seen, strict=True)], axis=1
+        )
+
+
+def without_spikes(observed: Array) -> Array:
+    """Return an (n, 2) observation with NaN where the tracker took something else for the marble.
+
+    Such a row stands out from the rows around it. In fast turns a true one may: it costs one row of many.
+    """
+    rows = np.flatnonzero(np.isfinite(observed[:, 0]))
+    if len(rows) < 5:
+        return observed
+    seen = observed[rows]
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(seen, ((2, 2), (0, 0)), mode="edge"), 5, axis=0)
+    off = np.abs(seen - np.median(around, axis=-1))
+    typical = np.median(off[off > 0]) if (off > 0).any() else 0.0
+    cleaned = observed.copy()
+    cleaned[rows[(off > max(_SPIKE * typical, _SPIKE_EDGES)).any(axis=1)]] = np.nan
+    return cleaned
+
+
+def _missing(proposed: Sequence[Array], observed: Sequence[Array]) -> list[Array]:
+    """Return what (k, n, 2) proposals lack of observations.
+
+    In lost rows that is interpolated: between its neighbours it is smooth, even where the marble turned.
+    """
+    return [_interpolated(o - p) for p, o in zip(proposed, observed, strict=True)]
+
+
+def _interpolated(difference: Array) -> Array:
+    """Return (k, n, 2) differences with their NaN rows, the same for every k, told by those around them."""
+    known = np.isfinite(difference[0, :, 0])
+    if known.all():
+        return difference
+    rows = np.arange(len(known))
+    columns = np.moveaxis(difference, 1, -1).reshape(-1, len(rows))
+    filled = np.array([np.interp(rows, rows[known], column[known]) for column in columns])
+    return np.moveaxis(filled.reshape(len(difference), 2, len(rows)), -1, 1)
+
+
+def _flat(observed: Array) -> Array:
+    return observed.reshape(len(observed), -1)

@@ -1,0 +1,87 @@
+"""Pairs of simulations with random parameters: what a tuning network learns from."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from irt.fitting.fit import Progress
+from irt.rig import PARAMETERS
+from irt.tuning.drive import Drive
+
+#: Timesteps simulated in one call: enough for every thread, and little memory.
+_ROWS_AT_ONCE = 500_000
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Simulations to be dealt into pairs.
+
+    Of n pairs to learn from and h held out, simulation i < n is proposed in pair i, whose target is
+    simulation i + n; the pairs held out follow: proposals, then targets.
+
+    Attributes
+    ----------
+    scaled : (2 n + 2 h, 5) tensor
+        Parameters scaled to [0, 1].
+    inputs : (2 n + 2 h, m) tensor
+        Their observations, as the network sees them.
+    heldout : int
+        h.
+    gain : float
+        What brings joint observations to the size of 1; 1 for a single run, as in the paper.
+    digest : str
+        Hash (SHA-256) of parameters and observations.
+    """
+
+    scaled: Tensor
+    inputs: Tensor
+    heldout: int
+    gain: float
+    digest: str
+
+    def to(self, device: torch.device) -> Pairs:
+        """Return the pairs on a device."""
+        return replace(self, scaled=self.scaled.to(device), inputs=self.inputs.to(device))
+
+
+def simulate_pairs(
+    drive: Drive, count: int, seed: int, threads: int | None = None, progress: Progress | None = None
+) -> Pairs:
+    """Draw parameters uniformly and simulate them, for ``count`` pairs and a tenth as many held out.
+
+    Parameters
+    ----------
+    drive : Drive
+        What is simulated.
+    count : int
+        Pairs to learn from.
+    seed : int
+        The same seed gives the same bits for any number of threads.
+    threads : int, optional
+        Of the engine.
+    progress : callable, optional
+        Called with (done, total, text).
+    """
+    heldout = max(1, count // 10)
+    total = 2 * (count + heldout)
+    scaled = np.where(drive.open, np.random.default_rng([seed, 0]).random((total, len(PARAMETERS))), 0.0)
+    inputs = np.empty((total, drive.input_count), dtype=np.float32)
+    chunk = max(1, _ROWS_AT_ONCE // sum(len(run.knobs) for run in drive.runs))
+    for first in range(0, total, chunk):
+        stretch = slice(first, first + chunk)
+        inputs[stretch] = drive.inputs(drive.simulate(drive.parameters(scaled[stretch]), threads))
+        if progress:
+            progress(min(first + chunk, total), total, "simulating pairs")
+    narrow = scaled.astype(np.float32)
+    return Pairs(
+        torch.from_numpy(narrow),
+        torch.from_numpy(inputs),
+        heldout,
+        gain=1.0 if len(drive.runs) == 1 else 1.0 / max(float(inputs[: 2 * count].std()), 1e-6),
+        digest=hashlib.sha256(narrow.tobytes() + inputs.tobytes()).hexdigest(),
+    )

@@ -1,0 +1,303 @@
+"""Pretraining: pairs of simulations with known parameter differences, and a network that learns to tell them.
+
+A run that is stopped goes on from its last checkpoint and ends with the same bits as one that was not: what
+is drawn at random depends on the seed and the epoch alone, and everything else is in the checkpoint.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+from torch import Tensor
+
+from irt.errors import IrtError
+from irt.files import PathLike
+from irt.fitting.fit import Progress
+from irt.rig import PARAMETERS
+from irt.tuning.drive import Drive
+from irt.tuning.pairs import Pairs, simulate_pairs
+from irt.tuning.tunenet import (
+    NetworkFile,
+    TuneNet,
+    load_weights,
+    read_tensors,
+    save_network,
+    write_tensors,
+)
+
+#: Epochs between two checkpoints.
+CHECKPOINT_EPOCHS = 5
+#: What the metadata of a checkpoint says under "format".
+CHECKPOINT_FORMAT = "irt-tunenet-checkpoint-1"
+#: Pairs that one pass of the held-out loss takes at a time.
+_HELDOUT_BATCH = 1000
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a network is trained.
+
+    Attributes
+    ----------
+    pairs : int
+        Pairs to learn from (paper, section 5.2); a tenth as many more are held out.
+    epochs : int
+        Passes over the pairs.
+    seed : int
+        Of parameters, first weights and the order of the pairs; the same seed gives the same bits on the same
+        device.
+    batch : int
+        Pairs to one step.
+    learning_rate : float
+        Of Adam (paper, section 5.3).
+    dealing : {"every epoch", "once"}
+        Whether simulations are dealt into other pairs every epoch. It costs nothing, and the network sees a
+        pair once only. "once" is the paper's.
+    schedule : {"cosine", "constant"}
+        Whether the learning rate falls to zero along half a cosine, or stays, as in the paper.
+    """
+
+    pairs: int = 10_000
+    epochs: int = 200
+    seed: int = 0
+    batch: int = 50
+    learning_rate: float = 3e-4
+    dealing: Literal["every epoch", "once"] = "every epoch"
+    schedule: Literal["cosine", "constant"] = "cosine"
+
+    def __post_init__(self) -> None:
+        for name, least in (("pairs", 1), ("epochs", 1), ("seed", 0), ("batch", 1)):
+            if getattr(self, name) < least:
+                raise IrtError(f"{name} must be at least {least}, not {getattr(self, name)}")
+
+
+def pretrain(
+    drive: Drive,
+    path: PathLike,
+    recipe: Recipe | None = None,
+    *,
+    resume: bool = False,
+    command: str = "",
+    device: str | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> NetworkFile:
+    """Simulate pairs, train a network on them and write it.
+
+    Parameters
+    ----------
+    drive : Drive
+        What the network is to be for.
+    path : path
+        The file to write. Until it is complete, a checkpoint stands beside it (`checkpoint_path`).
+    recipe : Recipe, optional
+        How to train.
+    resume : bool
+        Go on from the checkpoint.
+    command : str
+        What to record as the command that made the file.
+    device : str, optional
+        Where to train; by default CUDA or Apple's MPS where there is one, else the processor.
+    threads : int, optional
+        Of the simulations; the result does not depend on it.
+    progress : callable, optional
+        Called with (done, total, text).
+
+    Returns
+    -------
+    NetworkFile
+        What was written.
+
+    Raises
+    ------
+    IrtError
+        If a file cannot be read or written, or the checkpoint is broken or of another training.
+    """
+    recipe = recipe or Recipe()
+    checkpoint = checkpoint_path(path)
+    if resume:
+        # Known at once, not after the simulations.
+        read_tensors(checkpoint)
+    pairs = simulate_pairs(drive, recipe.pairs, recipe.seed, threads, progress)
+    metadata = _metadata(drive, recipe, pairs, command)
+    place = torch.device(device or best_device())
+    with _reproducible():
+        training = _Training(drive, recipe, pairs.to(place))
+        if resume:
+            training.restore(checkpoint, metadata)
+        for epoch in range(training.epoch, recipe.epochs):
+            training.run_epoch()
+            if progress:
+                text = f"training, held-out loss {training.heldout[-1]:.4f}"
+                progress(epoch + 1, recipe.epochs, text)
+            if (epoch + 1) % CHECKPOINT_EPOCHS == 0 and epoch + 1 < recipe.epochs:
+                training.save(checkpoint, metadata)
+    done = NetworkFile(
+        training.network.cpu().eval(),
+        {**metadata, "heldout_loss": repr(training.heldout[-1]), "device": place.type},
+        torch.tensor(training.losses),
+        torch.tensor(training.heldout),
+    )
+    save_network(path, done)
+    with suppress(OSError):
+        checkpoint.unlink()
+    return done
+
+
+def checkpoint_path(path: PathLike) -> Path:
+    """Return where the checkpoint stands while a network is trained: ``net.checkpoint.safetensors``."""
+    path = Path(path)
+    return path.with_name(f"{path.stem}.checkpoint.safetensors")
+
+
+def best_device() -> str:
+    """Return the device to train on: "cuda", "mps" or "cpu"."""
+    if torch.cuda.is_available():
+        return "cuda"
+    return "mps" if torch.backends.mps.is_available() else "cpu"
+
+
+class _Training:
+    """A network on its way: weights, Adam's moments, the losses so far."""
+
+    def __init__(self, drive: Drive, recipe: Recipe, pairs: Pairs) -> None:
+        self.recipe, self.pairs = recipe, pairs
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(recipe.seed)
+            self.network = TuneNet(drive.input_count)
+        self.network.input_gain.fill_(pairs.gain)
+        self.network.to(pairs.scaled.device)
+        self.adam = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)
+        self.losses: list[float] = []
+        self.heldout: list[float] = []
+
+    @property
+    def epoch(self) -> int:
+        """Epochs done."""
+        return len(self.losses)
+
+    def run_epoch(self) -> None:
+        """Learn from every pair once, and measure the loss on those held out."""
+        proposed, target = self._deal()
+        batches = range(0, self.recipe.pairs, self.recipe.batch)
+        total = torch.zeros((), device=proposed.device)
+        for step, first in enumerate(batches):
+            stretch = slice(first, first + self.recipe.batch)
+            self._set_rate((self.epoch + step / len(batches)) / self.recipe.epochs)
+            loss = self._loss(proposed[stretch], target[stretch])
+            self.adam.zero_grad()
+            torch.autograd.backward(loss)
+            self.adam.step()
+            total += loss.detach() * len(proposed[stretch])
+        # Both at the end: `epoch` counts the losses, and the rate above depends on it.
+        self.heldout.append(self._heldout_loss())
+        self.losses.append(float(total) / self.recipe.pairs)
+
+    def save(self, path: Path, metadata: dict[str, str]) -> None:
+        """Write all that is needed to go on."""
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        for (name, _), state in zip(
+            self.network.named_parameters(), self.adam.state_dict()["state"].values(), strict=True
+        ):
+            tensors |= {f"adam.{key}.{name}": value for key, value in state.items()}
+        tensors["loss.training"] = torch.tensor(self.losses, dtype=torch.float64)
+        tensors["loss.heldout"] = torch.tensor(self.heldout, dtype=torch.float64)
+        write_tensors(path, tensors, {"format": CHECKPOINT_FORMAT, **metadata})
+
+    def restore(self, path: Path, metadata: dict[str, str]) -> None:
+        """Go on from a checkpoint of the same training."""
+        tensors, found = read_tensors(path)
+        if found.get("format") != CHECKPOINT_FORMAT:
+            raise IrtError(f"{path}: not a checkpoint of this release; train without --resume")
+        for name in ("drive", "recipe", "data"):
+            if found.get(name) != metadata[name]:
+                raise IrtError(
+                    f"{path}: of another training: its {name} is {found.get(name)}, not {metadata[name]}; "
+                    "give the same options as then, or train without --resume"
+                )
+        load_weights(path, self.network, tensors)
+        try:
+            state = {
+                i: {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
+                for i, (name, _) in enumerate(self.network.named_parameters())
+            }
+            self.losses = tensors["loss.training"].tolist()
+            self.heldout = tensors["loss.heldout"].tolist()
+        except KeyError as error:
+            raise IrtError(f"{path}: broken: it lacks {error}; train without --resume") from error
+        self.adam.load_state_dict({**self.adam.state_dict(), "state": state})
+
+    def _deal(self) -> tuple[Tensor, Tensor]:
+        """Return the simulations to be proposed and those to be targets, by index, in a random order."""
+        count = self.recipe.pairs
+        # The seed and the epoch make the state: a checkpoint needs none.
+        random = torch.Generator().manual_seed(self.recipe.seed * 1_000_003 + self.epoch)
+        if self.recipe.dealing == "every epoch":
+            order = torch.randperm(2 * count, generator=random)
+            proposed, target = order[:count], order[count:]
+        else:
+            proposed = torch.randperm(count, generator=random)
+            target = proposed + count
+        place = self.pairs.scaled.device
+        return proposed.to(place), target.to(place)
+
+    def _set_rate(self, done: float) -> None:
+        if self.recipe.schedule == "cosine":
+            rate = self.recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * done))
+            self.adam.param_groups[0]["lr"] = rate
+
+    def _loss(self, proposed: Tensor, target: Tensor) -> Tensor:
+        """Mean squared error of the scaled parameter difference (paper, Eq. 2, without regularisation)."""
+        pairs = self.pairs
+        estimated = self.network(pairs.inputs[proposed], pairs.inputs[target])
+        return torch.nn.functional.mse_loss(estimated, pairs.scaled[target] - pairs.scaled[proposed])
+
+    @torch.no_grad()
+    def _heldout_loss(self) -> float:
+        first, count = 2 * self.recipe.pairs, self.pairs.heldout
+        index = torch.arange(first, first + count, device=self.pairs.scaled.device)
+        total = 0.0
+        for proposed in torch.split(index, _HELDOUT_BATCH):
+            total += float(self._loss(proposed, proposed + count)) * len(proposed)
+        return total / count
+
+
+def _metadata(drive: Drive, recipe: Recipe, pairs: Pairs, command: str) -> dict[str, str]:
+    """Return what a file says about the training that made it."""
+    return {
+        "drive": drive.digest,
+        "engine": drive.engine,
+        "ranges": json.dumps({name: drive.ranges[name] for name in PARAMETERS}),
+        "recipe": json.dumps(asdict(recipe)),
+        "seed": f"{recipe.seed}",
+        "pairs": f"{recipe.pairs}",
+        "epochs": f"{recipe.epochs}",
+        "data": pairs.digest,
+        "command": command,
+    }
+
+
+@contextmanager
+def _reproducible() -> Iterator[None]:
+    """Train on one thread, by algorithms that give the same bits every time.
+
+    The layers are so small that more threads would only wait for each other.
+    """
+    threads, deterministic = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
+    # Read when CUDA's matrix library starts; without it the deterministic algorithms refuse.
+    os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
+    torch.set_num_threads(1)
+    torch.use_deterministic_algorithms(True)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.use_deterministic_algorithms(deterministic)
