@@ -13,6 +13,7 @@ from irt.errors import IrtError
 from irt.model import Model
 from irt.recording import Recording
 from irt.rig import Rig
+from irt.rollouts import SUBSTEP_S
 from irt.start_state import estimate_start_states, simulate
 
 Array = NDArray[np.float64]
@@ -21,8 +22,6 @@ Array = NDArray[np.float64]
 SEGMENT_S = 2.5
 #: Rows from which the start state of a window is estimated.
 LEAD_ROWS = 4
-#: Physics updates a second.
-_SUBSTEPS_PER_S = 240.0
 #: Rows through which the first guess of a segment's start state is laid.
 _GUESS_ROWS = 6
 
@@ -380,7 +379,7 @@ def _guess(recording: Recording, head: slice, step_s: float, degree: int) -> Arr
 def _step_s(recording: Recording, substeps: float) -> float:
     """Return the time between two rows [s]: the median of the stamps', else so many physics updates."""
     if recording.durations is None:
-        return substeps / _SUBSTEPS_PER_S
+        return substeps * SUBSTEP_S
     return float(np.median(recording.durations))
 
 

@@ -9,7 +9,7 @@ import pytest
 from irt.errors import IrtError
 from irt.model import Model
 from irt.recording import Recording
-from irt.residual import LEAD_ROWS, evaluate, free_run_error, predict, segments, windowed_error
+from irt.residual import evaluate, free_run_error, predict, segments, windowed_error
 from irt.rig import RANGES, Board, Marble, Rig, load_rig
 from irt.rollouts import rollouts
 
@@ -246,10 +246,6 @@ def test_as_dict_is_json(wave) -> None:
 def test_nothing_to_evaluate() -> None:
     with pytest.raises(IrtError, match="no recording to evaluate the model on"):
         evaluate(model(), [])
-
-
-def test_windows_need_a_head() -> None:
-    assert LEAD_ROWS == 4  # what the format promises: the state is estimated on the four rows before a window
 
 
 def test_ball_table_by_the_figures_beside_it(shared: Path) -> None:
