@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irt.rig import load_rig
+from irt.rig import PARAMETERS, load_rig
+from irt.rollouts import rollouts
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "python" / "irt" / "data"
@@ -71,12 +72,11 @@ def test_marble_accelerates_as_theory_says(script):
     truth = script.Truth(time_scale=1)
     commands = np.tile([0.1, 0.1], (40, 1))
     position = script.simulate(truth, commands, (0.0, 0.0))
-    # Second differences of the first sixth of a second, before the damping shows.
     acceleration = np.diff(position, 2, axis=0).mean(axis=0) * 240**2
     drive = np.array([np.sin(0.1 * truth.gear_y), -np.sin(0.1 * truth.gear_x)])
     direction = drive / np.hypot(*drive)
     expected = 5 / 7 * script.GRAVITY * (drive - truth.rolling_friction * direction)
-    np.testing.assert_allclose(acceleration, expected, rtol=0.01)
+    np.testing.assert_allclose(acceleration, expected, rtol=1e-3)
 
 
 def test_walls_give_way_by_less_than_the_tracker_sees(script):
@@ -110,9 +110,8 @@ def test_runs_held_out_have_other_drives_and_starts():
         seen.append(recording.knobs[:100])
 
 
-def test_sample_has_what_trackers_do_and_pybullets_damping():
+def test_trackers_lose_the_marble_and_take_something_else_for_it():
     rigs = [load_rig(DATA / name) for name in FOLDERS]
-    assert [rig.marble.damping_per_s for rig in rigs] == [0.04, 0.04]
     recordings = {recording.name: recording for rig in rigs for recording in rig.recordings}
     assert (~recordings["run-2"].seen).sum() == 8
     assert (~recordings["multisine"].seen).sum() == 3
@@ -122,3 +121,19 @@ def test_sample_has_what_trackers_do_and_pybullets_damping():
 
 def test_sample_is_small():
     assert sum(len(data) for name in FOLDERS for data in files(DATA / name).values()) < 100_000
+
+
+def test_simulation_with_the_truth_agrees_while_the_marble_rolls_slowly_off_the_rim(script):
+    """Two engines, one physics: what tuning recovers is the truth, not something that makes up for Bullet."""
+    truth = script.Truth()
+    values = [[*(getattr(truth, name) for name in PARAMETERS)]]
+    reach = np.array(script.EDGES_M) / 2 - script.RADIUS_M
+    for run in script.training_runs()[:1] + script.heldout_runs(np.random.default_rng(0)):
+        position = script.simulate(truth, run.knobs, run.start_m)
+        recorded = position / script.EDGES_M[0] * truth.observation_scale
+        (simulated,) = rollouts(values, run.knobs, start=recorded[0])
+        speed = np.hypot(*np.diff(position, axis=0, prepend=position[:1]).T) / truth.time_scale * 240
+        other = (speed > 0.055) | (np.abs(position) > reach - 1e-3).any(axis=1)
+        alike = np.argmax(other) if other.any() else len(position)
+        assert alike > 25
+        np.testing.assert_allclose(simulated[:alike], recorded[:alike], atol=2e-4)
