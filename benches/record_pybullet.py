@@ -236,7 +236,7 @@ writes these files again byte for byte.
 
 A simulation with these values stays within a tenth of the tracker's noise until the marble is faster than
 0.055 m/s, where Bullet keeps contact points that it has left and loses up to 1 % of its acceleration to
-them, or meets the rim, where its contact is another. What follows, up to 1.5 % of the edge, no fit can remove.
+them, or meets the rim, where its contact is another. What follows, up to 1.5 % of the edge, no fit removes.
 """
 
 
