@@ -74,10 +74,6 @@ def _settings(
     args: argparse.Namespace, rig: Rig, heldout: Rig, results: Sequence[FitResult]
 ) -> dict[str, str]:
     """Return what it takes to do the same again."""
-    import platform
-    from importlib.metadata import version
-
-    packages = ("labsim-irt", "numpy", "scipy", "torch", "matplotlib")
     command = ["irt", "demo", "--out", f"{args.out}", "--seed", f"{args.seed}", "--starts", f"{args.starts}"]
     return {
         "command": shlex.join(command),
@@ -86,13 +82,6 @@ def _settings(
         "recorded by": "PyBullet, another engine than the one tuned (benches/record_pybullet.py)",
         "seed": f"{args.seed}: the random starts of both methods",
         "time": ", ".join(f"{result.method} {result.seconds:.1f} s" for result in results),
-        "versions": ", ".join(
-            [
-                *(f"{package} {version(package)}" for package in packages),
-                f"Python {platform.python_version()}",
-            ]
-        ),
-        "machine": f"{platform.system()} {platform.machine()}",
     }
 
 

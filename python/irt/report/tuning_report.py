@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -106,7 +108,7 @@ def write_tuning_report(
     title : str
         Heading of the page.
     settings : mapping
-        What someone needs to do the same again, by name.
+        What someone needs to do the same again, by name; versions are added.
 
     Raises
     ------
@@ -123,7 +125,7 @@ def write_tuning_report(
     _add_parameters(page, folder, results)
     _add_history(page, folder, rig, results)
     page.heading("To do the same again")
-    page.facts(settings)
+    page.facts({**settings, **_versions()})
     path = folder / "report.html"
     page.write(path)
     return path
@@ -197,6 +199,15 @@ def with_interval(parameter: Parameter) -> str:
     digits = max(0, 1 - _magnitude(width)) if width > 0 else 6
     value, low, high = (f"{number:.{digits}f}" for number in (parameter.value, parameter.low, parameter.high))
     return f"{value}  ({low} to {high})"
+
+
+def _versions() -> dict[str, str]:
+    """Return what the numbers were computed with."""
+    packages = ", ".join(f"{name} {version(name)}" for name in ("labsim-irt", "numpy", "scipy", "torch"))
+    return {
+        "versions": f"{packages}, Python {platform.python_version()}",
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
 
 
 def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Contender]:
