@@ -1,5 +1,6 @@
 //! Two engines that answer one question: where is the marble seen at each row?
 
+mod lanes;
 pub(crate) mod rapier;
 pub(crate) mod rolling;
 

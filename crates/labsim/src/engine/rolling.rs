@@ -1,369 +1,396 @@
 //! A rolling sphere on a tilting plane with rim walls: the fast engine.
 //!
-//! A solid sphere on a plane has five velocities that matter: of its centre along x and y (`vx`,
-//! `vy`), of its surface where it touches the board (`sx`, `sy`: the velocity at which the present
-//! spin would be a pure roll), and of its surface about the vertical (`spin`). A push along the
-//! board at the contact changes v by j and s by -5/2 j, since the moment of inertia is 2/5 m r²; so
-//! slip vanishes at j = 2/7 (v - s), and both then are w = (5 v + 2 s)/7, which no contact force
-//! changes. Coulomb's law bounds j. Rolling resistance is a torque: it takes `min(5/7 μ g h, |w|)`
-//! from w, so that a marble whose push is below the resistance stays where it is.
+//! A solid sphere on a plane has five velocities that matter: of its centre along x and y (`v`), of
+//! its surface where it touches the board (`s`: the velocity at which the present spin would be a
+//! pure roll), and of its surface about the vertical (`spin`). A push j along the board at the
+//! contact changes v by -j and s by 5/2 j, since the moment of inertia is 2/5 m r²; so slip vanishes
+//! at j = 2/7 (v - s), and both are then w = (5 v + 2 s)/7, which no contact force changes. Coulomb's
+//! law bounds j. Rolling resistance is a torque: it takes min(5/7 μ g h, |w|) from w, so that a
+//! marble whose push is below the resistance stays where it is.
 //!
 //! At a rim the normal velocity is reflected by the restitution, and Coulomb friction acts on the
 //! marble's surface there, along the rim and vertically; the vertical part lets the marble hop for
 //! some milliseconds, in which the board has no hold of it. What spin is left then slips on the
-//! board.
+//! board. A marble that leans on a rim and rolls along it turns on both, so that a push sees
+//! 1 + 2/5 + 2/5 of its mass.
 //!
 //! All lanes of a group take the same number of substeps; each has its own parameters, commands,
-//! start and substep length. There is no fused multiply-add and no reassociation, so the bits are
-//! the same on every instruction set.
+//! start and substep length.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use multiversion::multiversion;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::Job;
+use super::lanes::{Lanes, Mask};
 use crate::board::{BOARD_FRICTION, GRAVITY, Rig};
 
-/// Lanes: the most rollouts to a group.
+/// The most rollouts to a group.
 pub(crate) const GROUP: usize = 32;
 
-type Lanes = [f64; GROUP];
+/// Registers whose marbles take turns, so that one's divisions hide behind the other's.
+const REGISTERS: usize = 4;
 
-const ZERO: Lanes = [0.0; GROUP];
-
-/// Keeps divisions by a length of zero finite; far below any speed (m/s) that matters.
-const TINY: f64 = 1e-300;
-
-/// The rig in the units of the kernel.
-struct Constants {
-    reach: [f64; 2],
-    restitution: f64,
-    wall_friction: f64,
-    damping: f64,
-}
-
-/// One lane's values that last for the whole rollout.
-struct Lane<'a> {
-    job: &'a Job<'a>,
-    /// Observed edges a metre.
-    edges_per_m: f64,
-}
-
-/// Where the marbles are and how they move (m, m/s).
-struct Marbles {
-    x: Lanes,
-    y: Lanes,
-    vx: Lanes,
-    vy: Lanes,
-    sx: Lanes,
-    sy: Lanes,
-    /// Radius × angular velocity about the vertical.
-    spin: Lanes,
-    /// Time until a hop ends (s).
-    air: Lanes,
-}
-
-/// What acts during a substep, times its length (m/s), and the length (s).
-struct Push {
-    x: Lanes,
-    y: Lanes,
-    /// Gravity across the board.
-    normal: Lanes,
-    /// Most that rolling resistance can take from the rolling velocity.
-    resistance: Lanes,
-    /// Most that friction with the board can change the velocity.
-    grip: Lanes,
-    /// Factor that damping leaves of every velocity.
-    damping: Lanes,
-    length: Lanes,
-}
+/// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
+const TINY: f64 = 1e-280;
 
 /// Simulates up to [`GROUP`] rollouts whose timesteps have equal numbers of substeps.
 pub(crate) fn run(rig: &Rig, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]], cancel: &AtomicBool) {
-    let lanes: [Lane<'_>; GROUP] = std::array::from_fn(|lane| {
-        // Empty lanes repeat the first rollout and are never read.
-        let job = jobs.get(lane).unwrap_or(&jobs[0]);
-        Lane {
-            job,
-            edges_per_m: job.parameters.observation_scale / rig.board.edge_x_m,
-        }
-    });
-    let constants = Constants {
-        reach: rig.reach_m(),
-        restitution: rig.board.wall_restitution,
-        wall_friction: rig.board.wall_friction,
-        damping: rig.marble.damping_per_s,
-    };
-    simulate(&constants, &lanes, out, cancel);
+    Arch::new().dispatch(Group { rig, jobs, out, cancel });
 }
 
-#[multiversion(targets(
-    "x86_64+avx512f+avx512dq+avx512vl+avx512bw",
-    "x86_64+avx2",
-    "aarch64+neon"
-))]
-fn simulate(constants: &Constants, lanes: &[Lane<'_>; GROUP], out: &mut [&mut [[f64; 2]]], cancel: &AtomicBool) {
-    let rows = out[0].len();
-    let mut marbles = place(constants, lanes);
-    let mut push = Push {
-        x: ZERO,
-        y: ZERO,
-        normal: ZERO,
-        resistance: ZERO,
-        grip: ZERO,
-        damping: [1.0; GROUP],
-        length: ZERO,
+struct Group<'a, 'b, 'c> {
+    rig: &'a Rig,
+    jobs: &'a [Job<'b>],
+    out: &'a mut [&'c mut [[f64; 2]]],
+    cancel: &'a AtomicBool,
+}
+
+impl WithSimd for Group<'_, '_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let lanes = REGISTERS * S::F64_LANES;
+        for (jobs, out) in self.jobs.chunks(lanes).zip(self.out.chunks_mut(lanes)) {
+            simulate(simd, self.rig, jobs, out, self.cancel);
+        }
+    }
+}
+
+/// The rig in the units of the kernel.
+#[derive(Clone, Copy)]
+struct Rims<S: Simd> {
+    reach_x: Lanes<S>,
+    reach_y: Lanes<S>,
+    restitution: Lanes<S>,
+    friction: Lanes<S>,
+}
+
+/// Where the marbles of a register are and how they move (m, m/s).
+#[derive(Clone, Copy)]
+struct Marbles<S: Simd> {
+    x: Lanes<S>,
+    y: Lanes<S>,
+    vx: Lanes<S>,
+    vy: Lanes<S>,
+    sx: Lanes<S>,
+    sy: Lanes<S>,
+    /// Radius × angular velocity about the vertical.
+    spin: Lanes<S>,
+    /// Time until a hop ends (s).
+    air: Lanes<S>,
+}
+
+impl<S: Simd> Marbles<S> {
+    #[inline(always)]
+    fn select(mask: Mask<S>, if_true: &Self, if_false: &Self) -> Self {
+        Self {
+            x: mask.select(if_true.x, if_false.x),
+            y: mask.select(if_true.y, if_false.y),
+            vx: mask.select(if_true.vx, if_false.vx),
+            vy: mask.select(if_true.vy, if_false.vy),
+            sx: mask.select(if_true.sx, if_false.sx),
+            sy: mask.select(if_true.sy, if_false.sy),
+            spin: mask.select(if_true.spin, if_false.spin),
+            air: mask.select(if_true.air, if_false.air),
+        }
+    }
+}
+
+/// What acts during a substep, times its length (m/s), and the length (s).
+#[derive(Clone, Copy)]
+struct Push<S: Simd> {
+    x: Lanes<S>,
+    y: Lanes<S>,
+    /// Time in the air for each m/s upwards (s²/m).
+    hop: Lanes<S>,
+    /// Most that rolling resistance takes from the rolling velocity.
+    resistance: Lanes<S>,
+    /// Most that friction with the board changes the velocity.
+    grip: Lanes<S>,
+    /// How much more than the grip a rolling marble would need: above zero, it slips.
+    excess: Lanes<S>,
+    /// Factor that damping leaves of every velocity.
+    damping: Lanes<S>,
+    length: Lanes<S>,
+}
+
+#[inline(always)]
+fn simulate<S: Simd>(simd: S, rig: &Rig, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]], cancel: &AtomicBool) {
+    // Empty lanes repeat the first rollout and are never read.
+    let job = |register: usize, lane: usize| jobs.get(register * S::F64_LANES + lane).unwrap_or(&jobs[0]);
+    let [reach_x, reach_y] = rig.reach_m();
+    let rims = Rims {
+        reach_x: Lanes::splat(simd, reach_x),
+        reach_y: Lanes::splat(simd, reach_y),
+        restitution: Lanes::splat(simd, rig.board.wall_restitution),
+        friction: Lanes::splat(simd, rig.board.wall_friction),
     };
-    // While every marble rolls without slip, half the physics need not be looked at.
-    let mut rolling = true;
+    let edges_per_m: Vec<f64> =
+        jobs.iter().map(|job| job.parameters.observation_scale / rig.board.edge_x_m).collect();
+    let mut marbles: [Marbles<S>; REGISTERS] =
+        std::array::from_fn(|register| place(simd, &rims, rig, |lane| job(register, lane)));
+    let rows = out[0].len();
     for row in 0..rows {
-        observe(&marbles, lanes, row, out);
+        observe(&marbles, jobs, &edges_per_m, row, out);
         if row + 1 == rows || cancel.load(Ordering::Relaxed) {
             break;
         }
-        let gripping = tilt(constants, lanes, row, &mut push);
-        for _ in 0..lanes[0].job.clock.step(row).substeps {
-            if rolling && gripping {
-                rolling = roll(constants, &mut marbles, &push);
-                if rolling {
-                    continue;
-                }
+        let push: [Push<S>; REGISTERS] =
+            std::array::from_fn(|register| tilt(simd, rig, row, |lane| job(register, lane)));
+        for _ in 0..jobs[0].clock.step(row).substeps {
+            for (marbles, push) in marbles.iter_mut().zip(&push) {
+                *marbles = substep(&rims, marbles, push);
             }
-            rolling = slip(constants, &mut marbles, &push);
         }
     }
 }
 
 #[inline(always)]
-fn place(constants: &Constants, lanes: &[Lane<'_>; GROUP]) -> Marbles {
-    let mut marbles = Marbles {
-        x: ZERO,
-        y: ZERO,
-        vx: ZERO,
-        vy: ZERO,
-        sx: ZERO,
-        sy: ZERO,
-        spin: ZERO,
-        air: ZERO,
+fn place<'a, 'b: 'a, S: Simd>(
+    simd: S,
+    rims: &Rims<S>,
+    rig: &Rig,
+    job: impl Fn(usize) -> &'a Job<'b>,
+) -> Marbles<S> {
+    let metres = |value: fn(&Job<'_>) -> f64| {
+        Lanes::from_fn(simd, |lane| {
+            let job = job(lane);
+            value(job) / (job.parameters.observation_scale / rig.board.edge_x_m)
+        })
     };
-    for (l, lane) in lanes.iter().enumerate() {
-        let [x, y] = lane.job.start.map(|edges| edges / lane.edges_per_m);
-        let [vx, vy] = lane.job.start_velocity.map(|edges| edges / lane.edges_per_m);
-        marbles.x[l] = x.clamp(-constants.reach[0], constants.reach[0]);
-        marbles.y[l] = y.clamp(-constants.reach[1], constants.reach[1]);
-        (marbles.vx[l], marbles.vy[l]) = (vx, vy);
-        (marbles.sx[l], marbles.sy[l]) = (vx, vy);
-    }
-    marbles
-}
-
-#[inline(always)]
-fn observe(marbles: &Marbles, lanes: &[Lane<'_>; GROUP], row: usize, out: &mut [&mut [[f64; 2]]]) {
-    for ((l, lane), out) in lanes.iter().enumerate().zip(out) {
-        out[row] = if row == 0 {
-            lane.job.start
-        } else {
-            [marbles.x[l] * lane.edges_per_m, marbles.y[l] * lane.edges_per_m]
-        };
+    let (vx, vy) = (metres(|job| job.start_velocity[0]), metres(|job| job.start_velocity[1]));
+    Marbles {
+        x: metres(|job| job.start[0]).clamp(rims.reach_x),
+        y: metres(|job| job.start[1]).clamp(rims.reach_y),
+        vx,
+        vy,
+        sx: vx,
+        sy: vy,
+        spin: Lanes::splat(simd, 0.0),
+        air: Lanes::splat(simd, 0.0),
     }
 }
 
-/// What the command of this row does to the marbles; true where rolling marbles will not slip.
 #[inline(always)]
-fn tilt(constants: &Constants, lanes: &[Lane<'_>; GROUP], row: usize, push: &mut Push) -> bool {
-    let mut tilt = [ZERO; 2];
-    let mut friction = ZERO;
-    for (l, lane) in lanes.iter().enumerate() {
-        let Job { parameters, commands, clock, .. } = lane.job;
-        tilt[0][l] = parameters.gear_x * commands[row][0];
-        tilt[1][l] = parameters.gear_y * commands[row][1];
-        friction[l] = parameters.rolling_friction;
-        push.length[l] = clock.step(row).length_s;
+fn observe<S: Simd>(
+    marbles: &[Marbles<S>; REGISTERS],
+    jobs: &[Job<'_>],
+    edges_per_m: &[f64],
+    row: usize,
+    out: &mut [&mut [[f64; 2]]],
+) {
+    let lanes = S::F64_LANES;
+    for (register, marbles) in marbles.iter().enumerate() {
+        let (x, y) = (marbles.x.to_array(), marbles.y.to_array());
+        for i in register * lanes..jobs.len().min((register + 1) * lanes) {
+            let lane = i - register * lanes;
+            let seen = [x[lane] * edges_per_m[i], y[lane] * edges_per_m[i]];
+            out[i][row] = if row == 0 { jobs[i].start } else { seen };
+        }
     }
-    let mut slipping = 0.0;
-    for l in 0..GROUP {
-        let h = push.length[l];
-        let (sin_x, cos_x) = (sin(tilt[0][l]), cos(tilt[0][l]));
-        let (sin_y, cos_y) = (sin(tilt[1][l]), cos(tilt[1][l]));
-        // The board turned about x first, then about y: gravity in its frame.
-        push.x[l] = GRAVITY * sin_y * h;
-        push.y[l] = -GRAVITY * sin_x * cos_y * h;
-        push.normal[l] = GRAVITY * cos_x * cos_y;
-        push.resistance[l] = 5.0 / 7.0 * friction[l] * push.normal[l] * h;
-        push.grip[l] = BOARD_FRICTION * push.normal[l] * h;
-        push.damping[l] = 1.0 / (1.0 + h * constants.damping);
-        let needed = 2.0 / 7.0 * (push.x[l].abs() + push.y[l].abs()) + push.resistance[l];
-        slipping += if needed > push.grip[l] { 1.0 } else { 0.0 };
-    }
-    slipping == 0.0
 }
 
-/// A substep of marbles that all roll; false, with nothing moved, where one of them meets a rim.
+/// What the command of this row does to the marbles of a register.
 #[inline(always)]
-fn roll(constants: &Constants, marbles: &mut Marbles, push: &Push) -> bool {
-    let [reach_x, reach_y] = constants.reach;
-    let (mut x, mut y, mut wx, mut wy) = (ZERO, ZERO, ZERO, ZERO);
-    let mut outside = 0.0;
-    for l in 0..GROUP {
-        let (ux, uy) = rolling_velocity(marbles, push, l);
-        let taken = resisted(ux, uy, push.resistance[l]);
-        wx[l] = ux - taken * ux;
-        wy[l] = uy - taken * uy;
-        x[l] = marbles.x[l] + wx[l] * push.length[l];
-        y[l] = marbles.y[l] + wy[l] * push.length[l];
-        let is_out = (x[l].abs() >= reach_x) | (y[l].abs() >= reach_y);
-        outside += if is_out { 1.0 } else { 0.0 };
+fn tilt<'a, 'b: 'a, S: Simd>(simd: S, rig: &Rig, row: usize, job: impl Fn(usize) -> &'a Job<'b>) -> Push<S> {
+    let lanes = |value: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| value(job(lane)));
+    let tilt_x = lanes(&|job| job.parameters.gear_x * job.commands[row][0]);
+    let tilt_y = lanes(&|job| job.parameters.gear_y * job.commands[row][1]);
+    let friction = lanes(&|job| job.parameters.rolling_friction);
+    let length = lanes(&|job| job.clock.step(row).length_s);
+    let one = Lanes::splat(simd, 1.0);
+    // The board turned about x first, then about y: gravity in its frame.
+    let (sin_x, cos_x) = (tilt_x.sin(), tilt_x.cos());
+    let (sin_y, cos_y) = (tilt_y.sin(), tilt_y.cos());
+    let normal = GRAVITY * (cos_x * cos_y);
+    let push_x = GRAVITY * sin_y * length;
+    let push_y = -(GRAVITY * (sin_x * cos_y) * length);
+    let resistance = 5.0 / 7.0 * (friction * normal * length);
+    let grip = BOARD_FRICTION * (normal * length);
+    let needed = 2.0 / 7.0 * (push_x.abs() + push_y.abs()) + resistance;
+    Push {
+        x: push_x,
+        y: push_y,
+        hop: (2.0 * one).over(normal),
+        resistance,
+        grip,
+        excess: (needed - grip).max(0.0 * grip),
+        damping: one.over(one + rig.marble.damping_per_s * length),
+        length,
     }
-    if outside > 0.0 {
-        return false;
+}
+
+/// Each lane takes the cheap way while its marble rolls, and pays for a slip or an impact only then;
+/// what its neighbours do decides whether the dear way is computed, never whether it counts.
+#[inline(always)]
+fn substep<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> Marbles<S> {
+    let (next, meets_rim) = roll(rims, marbles, push);
+    let slip = (marbles.vx - marbles.sx).abs() + (marbles.vy - marbles.sy).abs();
+    let unsettled = (slip + marbles.air + push.excess).gt(slip.like(0.0)) | meets_rim;
+    if unsettled.any() {
+        Marbles::select(unsettled, &self::slip(rims, marbles, push), &next)
+    } else {
+        next
     }
-    marbles.x = x;
-    marbles.y = y;
-    (marbles.vx, marbles.vy) = (wx, wy);
-    (marbles.sx, marbles.sy) = (wx, wy);
-    for l in 0..GROUP {
-        marbles.spin[l] *= push.damping[l];
+}
+
+/// Lanes whose marble lies at a rim and would roll on into it.
+#[inline(always)]
+fn against<S: Simd>(position: Lanes<S>, velocity: Lanes<S>, reach: Lanes<S>) -> Mask<S> {
+    let zero = reach.like(0.0);
+    position.ge(reach) & velocity.gt(zero) | position.le(-reach) & velocity.lt(zero)
+}
+
+/// A substep of marbles that roll, on the board alone or along a rim; and where one meets a rim.
+#[inline(always)]
+fn roll<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> (Marbles<S>, Mask<S>) {
+    let zero = push.length.like(0.0);
+    let (wx, wy) = rolling_velocity(marbles, push);
+    let (held_x, held_y) = (against(marbles.x, wx, rims.reach_x), against(marbles.y, wy, rims.reach_y));
+    let (wx, wy) = (held_x.select(zero, wx), held_y.select(zero, wy));
+    let taken = resisted(wx, wy, push.resistance);
+    let (mut wx, mut wy) = (wx - taken * wx, wy - taken * wy);
+    let mut spin = marbles.spin * push.damping;
+    if (held_x | held_y).any() {
+        (wy, spin) = turn_on_rim(rims, held_x, push.x, wy, spin);
+        let (along, turned) = turn_on_rim(rims, held_y, push.y, wx, -spin);
+        (wx, spin) = (held_x.select(zero, along), -turned);
+        wy = held_y.select(zero, wy);
     }
-    true
+    let (x, y) = (marbles.x + wx * push.length, marbles.y + wy * push.length);
+    let meets_x = x.abs().ge(rims.reach_x) & !held_x;
+    let meets_y = y.abs().ge(rims.reach_y) & !held_y;
+    (Marbles { x, y, vx: wx, vy: wy, sx: wx, sy: wy, spin, air: marbles.air }, meets_x | meets_y)
+}
+
+/// Friction of a rim on marbles that lean on it: new velocity along it and spin.
+#[inline(always)]
+fn turn_on_rim<S: Simd>(
+    rims: &Rims<S>,
+    held: Mask<S>,
+    pressing: Lanes<S>,
+    velocity: Lanes<S>,
+    spin: Lanes<S>,
+) -> (Lanes<S>, Lanes<S>) {
+    let zero = spin.like(0.0);
+    let spin_there = pressing.gt(zero).select(spin, -spin);
+    // Rolling on the board and the rim at once: 5/7 of the impulse and 5/2 of it bring the surface to rest.
+    let impulse = (14.0 / 45.0 * (velocity + spin_there)).clamp(rims.friction * pressing.abs());
+    let impulse = held.select(impulse, zero);
+    let turned = 2.5 * impulse;
+    (velocity - 5.0 / 7.0 * impulse, spin - pressing.gt(zero).select(turned, -turned))
 }
 
 /// w = (5 v + 2 s)/7 after the push and damping, before any friction.
 #[inline(always)]
-fn rolling_velocity(marbles: &Marbles, push: &Push, l: usize) -> (f64, f64) {
-    let damping = push.damping[l];
-    let wx = (5.0 / 7.0 * (marbles.vx[l] + push.x[l]) + 2.0 / 7.0 * marbles.sx[l]) * damping;
-    let wy = (5.0 / 7.0 * (marbles.vy[l] + push.y[l]) + 2.0 / 7.0 * marbles.sy[l]) * damping;
-    (wx, wy)
+fn rolling_velocity<S: Simd>(marbles: &Marbles<S>, push: &Push<S>) -> (Lanes<S>, Lanes<S>) {
+    let wx = 5.0 / 7.0 * (marbles.vx + push.x) + 2.0 / 7.0 * marbles.sx;
+    let wy = 5.0 / 7.0 * (marbles.vy + push.y) + 2.0 / 7.0 * marbles.sy;
+    (wx * push.damping, wy * push.damping)
 }
 
 /// The part of a rolling velocity that rolling resistance takes in a substep.
 #[inline(always)]
-fn resisted(wx: f64, wy: f64, resistance: f64) -> f64 {
-    least(resistance / ((wx * wx + wy * wy).sqrt() + TINY), 1.0)
+fn resisted<S: Simd>(wx: Lanes<S>, wy: Lanes<S>, resistance: Lanes<S>) -> Lanes<S> {
+    resistance.over(length(wx, wy)).min(wx.like(1.0))
 }
 
-/// A substep of marbles that may slip, hop or meet a rim; true where all of them roll afterwards.
+/// Length of a vector, never quite zero.
 #[inline(always)]
-fn slip(constants: &Constants, marbles: &mut Marbles, push: &Push) -> bool {
-    let mut unsettled = 0.0;
-    let mut touching = [0.0; 2];
-    for l in 0..GROUP {
-        board_contact(constants, marbles, push, l);
-        let h = push.length[l];
-        touching[0] += if (marbles.x[l] + marbles.vx[l] * h).abs() >= constants.reach[0] { 1.0 } else { 0.0 };
-        touching[1] += if (marbles.y[l] + marbles.vy[l] * h).abs() >= constants.reach[1] { 1.0 } else { 0.0 };
+fn length<S: Simd>(x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
+    (x * x + y * y + x.like(TINY)).sqrt()
+}
+
+/// A substep of marbles that may slip, hop or meet a rim.
+#[inline(always)]
+fn slip<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> Marbles<S> {
+    let mut next = board_contact(rims, marbles, push);
+    let (x, y) = (next.x + next.vx * push.length, next.y + next.vy * push.length);
+    if x.abs().ge(rims.reach_x).any() {
+        let Marbles { x, vx: vn, vy: vt, sx: sn, spin, air, .. } = next;
+        let met = meet_rim(rims, rims.reach_x, push, &Rim { x, vn, vt, sn, spin, air });
+        next = Marbles { x: met.x, vx: met.vn, vy: met.vt, sx: met.sn, spin: met.spin, air: met.air, ..next };
     }
-    if touching[0] > 0.0 {
-        let Marbles { x, vx, vy, sx, spin, air, .. } = marbles;
-        meet_rim(constants, constants.reach[0], push, Rim { x, vn: vx, vt: vy, sn: sx, spin, air, turn: 1.0 });
+    if y.abs().ge(rims.reach_y).any() {
+        // Seen along y, spin about the vertical moves the rim's side of the marble the other way.
+        let Marbles { y: x, vy: vn, vx: vt, sy: sn, spin, air, .. } = next;
+        let met = meet_rim(rims, rims.reach_y, push, &Rim { x, vn, vt, sn, spin: -spin, air });
+        next = Marbles { y: met.x, vy: met.vn, vx: met.vt, sy: met.sn, spin: -met.spin, air: met.air, ..next };
     }
-    if touching[1] > 0.0 {
-        let Marbles { y, vx, vy, sy, spin, air, .. } = marbles;
-        meet_rim(constants, constants.reach[1], push, Rim { x: y, vn: vy, vt: vx, sn: sy, spin, air, turn: -1.0 });
+    Marbles {
+        x: (next.x + next.vx * push.length).clamp(rims.reach_x),
+        y: (next.y + next.vy * push.length).clamp(rims.reach_y),
+        ..next
     }
-    for l in 0..GROUP {
-        let h = push.length[l];
-        let (x, y) = (marbles.x[l] + marbles.vx[l] * h, marbles.y[l] + marbles.vy[l] * h);
-        marbles.x[l] = x.clamp(-constants.reach[0], constants.reach[0]);
-        marbles.y[l] = y.clamp(-constants.reach[1], constants.reach[1]);
-        let is_rolling = (marbles.vx[l] == marbles.sx[l]) & (marbles.vy[l] == marbles.sy[l]) & (marbles.air[l] == 0.0);
-        unsettled += if is_rolling { 0.0 } else { 1.0 };
-    }
-    unsettled == 0.0
 }
 
 /// Gravity, friction and rolling resistance of the board.
 #[inline(always)]
-fn board_contact(constants: &Constants, marbles: &mut Marbles, push: &Push, l: usize) {
-    let (h, damping) = (push.length[l], push.damping[l]);
-    let held = if marbles.air[l] > 0.0 { 0.0 } else { 1.0 };
-    marbles.air[l] = most(marbles.air[l] - h, 0.0);
+fn board_contact<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> Marbles<S> {
+    let zero = push.length.like(0.0);
+    let held = marbles.air.le(zero);
+    let (wx, wy) = rolling_velocity(marbles, push);
+    // A rim that holds the marble leaves no rolling against it, neither to resist nor to reach.
+    let (held_x, held_y) = (against(marbles.x, wx, rims.reach_x), against(marbles.y, wy, rims.reach_y));
+    let (wx, wy) = (held_x.select(zero, wx), held_y.select(zero, wy));
+    let taken = held.select(resisted(wx, wy, push.resistance), zero);
+    let (rolled_x, rolled_y) = (wx - taken * wx, wy - taken * wy);
 
-    let (wx, wy) = rolling_velocity(marbles, push, l);
-    // A rim that already holds the marble leaves no rolling against it to resist.
-    let against = |position: f64, velocity: f64, reach: f64| {
-        if (position >= reach) & (velocity > 0.0) | (position <= -reach) & (velocity < 0.0) { 0.0 } else { velocity }
-    };
-    let rx = against(marbles.x[l], wx, constants.reach[0]);
-    let ry = against(marbles.y[l], wy, constants.reach[1]);
-    let taken = resisted(rx, ry, push.resistance[l]) * held;
-    let (rolled_x, rolled_y) = (wx - taken * rx, wy - taken * ry);
-
-    let (vx, vy) = ((marbles.vx[l] + push.x[l]) * damping, (marbles.vy[l] + push.y[l]) * damping);
-    let (sx, sy) = (marbles.sx[l] * damping - 3.5 * taken * rx, marbles.sy[l] * damping - 3.5 * taken * ry);
-    let (ux, uy) = (vx - sx, vy - sy);
-    let slip = (ux * ux + uy * uy).sqrt() + TINY;
-    let grip = push.grip[l] * held;
-    let part = grip / slip;
-    let rolls = (2.0 / 7.0 * slip <= grip) & (held > 0.0);
-    marbles.vx[l] = if rolls { rolled_x } else { vx - part * ux };
-    marbles.vy[l] = if rolls { rolled_y } else { vy - part * uy };
-    marbles.sx[l] = if rolls { rolled_x } else { sx + 2.5 * part * ux };
-    marbles.sy[l] = if rolls { rolled_y } else { sy + 2.5 * part * uy };
-    marbles.spin[l] *= damping;
+    let spin = marbles.spin * push.damping;
+    let (vx, vy) = ((marbles.vx + push.x) * push.damping, (marbles.vy + push.y) * push.damping);
+    let sx = marbles.sx * push.damping - 3.5 * (taken * wx);
+    let sy = marbles.sy * push.damping - 3.5 * (taken * wy);
+    // Against a rim only the spin has to be stopped: j = 2/5 s there, 2/7 of the slip elsewhere.
+    let ux = held_x.select(-(1.4 * sx), vx - sx);
+    let uy = held_y.select(-(1.4 * sy), vy - sy);
+    let limit = 3.5 * push.grip;
+    let rolls = held & (ux * ux + uy * uy).le(limit * limit);
+    let part = held.select(push.grip, zero).over(length(ux, uy));
+    Marbles {
+        vx: rolls.select(rolled_x, vx - part * ux),
+        vy: rolls.select(rolled_y, vy - part * uy),
+        sx: rolls.select(rolled_x, sx + 2.5 * (part * ux)),
+        sy: rolls.select(rolled_y, sy + 2.5 * (part * uy)),
+        spin,
+        air: (marbles.air - push.length).max(zero),
+        ..*marbles
+    }
 }
 
-/// Two opposite rims, seen along the axis they bound.
-struct Rim<'a> {
-    x: &'a mut Lanes,
-    vn: &'a mut Lanes,
-    vt: &'a mut Lanes,
-    sn: &'a mut Lanes,
-    spin: &'a mut Lanes,
-    air: &'a mut Lanes,
-    /// Sense in which spin about the vertical moves the surface at the rim.
-    turn: f64,
+/// Marbles seen along the axis that two opposite rims bound.
+#[derive(Clone, Copy)]
+struct Rim<S: Simd> {
+    x: Lanes<S>,
+    vn: Lanes<S>,
+    vt: Lanes<S>,
+    sn: Lanes<S>,
+    spin: Lanes<S>,
+    air: Lanes<S>,
 }
 
 /// Impact and friction of the marbles that would pass a rim in this substep.
 #[inline(always)]
-fn meet_rim(constants: &Constants, reach: f64, push: &Push, rim: Rim<'_>) {
-    let Rim { x, vn, vt, sn, spin, air, turn } = rim;
-    for l in 0..GROUP {
-        let next = x[l] + vn[l] * push.length[l];
-        let side = if next > 0.0 { 1.0 } else { -1.0 };
-        let hits = (next.abs() >= reach) & (vn[l] * side > 0.0);
-        let impulse = (1.0 + constants.restitution) * vn[l] * side;
-        // Velocity of the marble's surface where it touches the rim.
-        let along = vt[l] + turn * side * spin[l];
-        let up = -side * sn[l];
-        let surface = (along * along + up * up).sqrt() + TINY;
-        let part = least(constants.wall_friction * impulse / surface, 2.0 / 7.0);
-        let part = if hits { part } else { 0.0 };
-        let (j_along, j_up) = (part * along, part * up);
-        vt[l] -= j_along;
-        spin[l] -= 2.5 * turn * side * j_along;
-        sn[l] += 2.5 * side * j_up;
-        air[l] = most(air[l], -2.0 * j_up / push.normal[l]);
-        x[l] = if hits { side * reach } else { x[l] };
-        vn[l] = if hits { -constants.restitution * vn[l] } else { vn[l] };
+fn meet_rim<S: Simd>(rims: &Rims<S>, reach: Lanes<S>, push: &Push<S>, rim: &Rim<S>) -> Rim<S> {
+    let Rim { x, vn, vt, sn, spin, air } = *rim;
+    let (zero, one) = (reach.like(0.0), reach.like(1.0));
+    let side = vn.gt(zero).select(one, -one);
+    let hits = ((x + vn * push.length) * side).ge(reach);
+    let impulse = (one + rims.restitution) * vn.abs();
+    // Velocity of the marble's surface where it touches the rim.
+    let (along, up) = (vt + side * spin, -(side * sn));
+    let part = (rims.friction * impulse).over(length(along, up));
+    let part = hits.select(part.min(reach.like(2.0 / 7.0)), zero);
+    let (j_along, j_up) = (part * along, part * up);
+    // A hop that ends within the substep leaves the board no less hold of the marble.
+    let hop = -(j_up * push.hop);
+    Rim {
+        x: hits.select(side * reach, x),
+        vn: hits.select(-(rims.restitution * vn), vn),
+        vt: vt - j_along,
+        sn: sn + 2.5 * (side * j_up),
+        spin: spin - 2.5 * (side * j_along),
+        air: air.max(hop.gt(push.length).select(hop, zero)),
     }
-}
-
-/// Minimum that compiles to one instruction; operands are never NaN.
-#[inline(always)]
-fn least(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
-/// Maximum that compiles to one instruction; operands are never NaN.
-#[inline(always)]
-fn most(a: f64, b: f64) -> f64 {
-    if a > b { a } else { b }
-}
-
-/// Sine by its Taylor series: exact to 5e-14 up to a right angle and to the last bits on tilts.
-#[inline(always)]
-fn sin(x: f64) -> f64 {
-    let z = x * x;
-    let series = [17.0 * 16.0, 15.0 * 14.0, 13.0 * 12.0, 11.0 * 10.0, 9.0 * 8.0, 7.0 * 6.0, 5.0 * 4.0, 3.0 * 2.0];
-    x * series.iter().fold(1.0, |sum, n| 1.0 - z * (1.0 / n) * sum)
-}
-
-/// Cosine by its Taylor series: see [`sin`].
-#[inline(always)]
-fn cos(x: f64) -> f64 {
-    let z = x * x;
-    let series = [18.0 * 17.0, 16.0 * 15.0, 14.0 * 13.0, 12.0 * 11.0, 10.0 * 9.0, 8.0 * 7.0, 6.0 * 5.0, 4.0 * 3.0, 2.0];
-    series.iter().fold(1.0, |sum, n| 1.0 - z * (1.0 / n) * sum)
 }
