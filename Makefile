@@ -8,7 +8,7 @@ BIN := .venv/bin
 PACKAGES := .venv/.packages
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
-PYTHON_SOURCES := python tests benches
+PYTHON_SOURCES := python tests benches docs
 # Continuous integration builds what Cargo.lock says, and fails where it is out of date.
 LOCKED := $(if $(CI),--locked)
 
@@ -36,7 +36,7 @@ lint: $(EXTENSION) components ## formatting, lints, types, and the extension aga
 	$(BIN)/ruff format --check $(PYTHON_SOURCES)
 	$(BIN)/ruff check $(PYTHON_SOURCES)
 	$(BIN)/mypy
-	$(BIN)/mypy benches
+	$(BIN)/mypy benches docs
 	$(BIN)/python -m mypy.stubtest --mypy-config-file pyproject.toml irt._labsim
 	cargo clippy $(LOCKED) --workspace --all-targets -- -D warnings
 
