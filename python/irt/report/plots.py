@@ -191,7 +191,7 @@ def plot_parameters(path: PathLike, result: FitResult) -> None:
             for estimate in reversed(result.estimates):
                 values = [iteration.parameters[index] for iteration in estimate.history]
                 won = estimate is result.estimates[0]
-                axes.plot(values, color=style.TUNED if won else style.MUTED, clip_on=False, **_weight(won))
+                axes.plot(values, color=style.TUNED if won else style.MUTED, **_weight(won))
             fitted = result.model.parameters[name]
             if fitted.low is not None and fitted.high is not None:
                 axes.axhspan(fitted.low, fitted.high, color=style.TUNED, alpha=0.18, lw=0)

@@ -118,7 +118,7 @@ def write_tuning_report(
     folder = make_folder(folder)
     shown = _contend(rig, rig, results)
     unseen = _contend(rig, heldout, results) if heldout is not None else []
-    page = Page(title, " ".join(lead(shown, unseen, tracker_noise(segments(heldout or rig)))))
+    page = Page(title, lead(shown, unseen, tracker_noise(segments(heldout or rig))))
     _add_fit(page, folder, rig, shown)
     if heldout is not None:
         _add_heldout(page, folder, heldout, unseen)
@@ -131,8 +131,8 @@ def write_tuning_report(
     return path
 
 
-def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) -> list[str]:
-    """Return the answer: what tuning has won, on recordings seen and unseen, and what is left.
+def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) -> str:
+    """Return the answer in two sentences: what tuning has won, and what is left.
 
     Parameters
     ----------
@@ -143,30 +143,21 @@ def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) 
     noise : float
         Standard deviation of the tracker [board edges].
     """
-    before, after = shown[0], shown[1]
-    sentences = [
+    before, after = shown[:2]
+    answer = (
         f"Tuning by {after.name} took the simulated marble from {percent(before.mae)} of the board's edge "
-        f"off to {percent(after.mae)}, on average over the {_count(after)} it was given."
-    ]
-    judged = after
+        f"off to {percent(after.mae)}, on average over the {_count(after)} it was given"
+    )
     if unseen:
-        before, judged = unseen[0], unseen[1]
-        went = "fell" if judged.mae < before.mae else "rose"
-        sentences.append(
-            f"On {_count(judged)} that it was not given, the error {went} from {percent(before.mae)} to "
-            f"{percent(judged.mae)}."
-        )
+        before, after = unseen[:2]
+        change = f"from {percent(before.mae)} to {percent(after.mae)}"
+        answer += f", and {change} over {_count(after)} that it never saw"
     floor = mean_absolute(noise)
-    if judged.mae < 1.5 * floor:
-        sentences.append(
-            f"The tracker's noise alone makes {percent(floor)}: there is little left to explain."
-        )
+    if after.mae < 1.5 * floor:
+        left = "there is little left to explain"
     else:
-        sentences.append(
-            f"The tracker's noise alone makes {percent(floor)}: what is left is physics that the five "
-            "parameters do not have, or parameters that are not yet right."
-        )
-    return sentences
+        left = "what is left is physics that the model lacks, or parameters that are not yet right"
+    return f"{answer}. The tracker's noise alone makes {percent(floor)}: {left}."
 
 
 def compare(first: Contender, second: Contender) -> str:
@@ -300,14 +291,22 @@ def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> N
             for name in PARAMETERS
         ],
     )
-    said = list(dict.fromkeys(sentence for result in results for sentence in result.unidentifiable))
-    if said:
-        page.paragraph("What these recordings cannot pin down:")
-        page.bullets(said)
-    noted = list(dict.fromkeys(note for result in results for note in result.notes))
-    if noted:
-        page.paragraph("To know besides:")
-        page.bullets(noted)
+    for title, told in (
+        ("What these recordings cannot pin down:", [result.unidentifiable for result in results]),
+        ("To know besides:", [result.notes for result in results]),
+    ):
+        if any(told):
+            page.paragraph(title)
+            page.bullets(_attributed(names, told))
+
+
+def _attributed(names: Sequence[str], told: Sequence[Sequence[str]]) -> list[str]:
+    """Return what each method told, with its name where others told something else."""
+    if all(sentences == told[0] for sentences in told):
+        return list(told[0])
+    return [
+        f"{name}: {sentence}" for name, sentences in zip(names, told, strict=True) for sentence in sentences
+    ]
 
 
 def _add_history(page: Page, folder: Path, rig: Rig, results: Sequence[FitResult]) -> None:
@@ -328,7 +327,7 @@ def _add_history(page: Page, folder: Path, rig: Rig, results: Sequence[FitResult
             Picture(
                 history,
                 f"{name}: error over the iterations from {starts} random start{'s' if starts != 1 else ''}; "
-                f"{result.rollouts} simulated runs and {result.seconds:.1f} s in all.",
+                f"{result.rollouts:,} simulated runs and {result.seconds:.1f} s in all.",
             )
         )
         evolutions.append(Picture(evolution, f"{name}: each parameter within the range that was searched."))
