@@ -6,7 +6,7 @@ Positions are in units of the board's long edge, errors in percent of it, as in 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,12 +44,20 @@ class Prediction:
         Where it comes from.
     colour : str
         One of `irt.report.style`.
+    window_rows : (w,) int array
+        Rows in which the prediction begins anew; the line breaks there.
     """
 
     label: str
     marble: Array
     model: Model
     colour: str = style.TUNED
+    window_rows: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+    @property
+    def pieces(self) -> list[NDArray[np.int64]]:
+        """Rows that belong together, each stretch as an array."""
+        return np.split(np.arange(len(self.marble)), self.window_rows)
 
 
 def plot_fit(
@@ -80,7 +88,8 @@ def plot_fit(
         for axis, axes in enumerate(both):
             axes.plot(time, recording.marble[:, axis], ".", color=style.RECORDED, clip_on=False)
             for prediction in predictions:
-                axes.plot(time, prediction.marble[:, axis], color=prediction.colour, zorder=3)
+                for rows in prediction.pieces:
+                    axes.plot(time[rows], prediction.marble[rows, axis], color=prediction.colour, zorder=3)
             for first, last in _lost(recording):
                 axes.axvspan(first, last, color=style.FAINT, lw=0)
             axes.set_ylabel(f"{'xy'[axis]}  [edges]")
@@ -331,7 +340,8 @@ def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
     """Draw one board."""
     _draw_rim(axes, prediction.model)
     axes.plot(*recording.marble.T, ".", color=style.RECORDED)
-    axes.plot(*prediction.marble.T, color=prediction.colour)
+    for rows in prediction.pieces:
+        axes.plot(*prediction.marble[rows].T, color=prediction.colour)
     axes.plot(*recording.marble[0], "o", color=style.INK, ms=6, mfc=style.PAPER, zorder=4)
     # On the side that the marble leaves free.
     up = recording.marble[0, 1] >= np.nanmean(recording.marble[:, 1])

@@ -71,8 +71,12 @@ class Contender:
     def prediction(self, run: int, label: str | None = None) -> Prediction:
         """Return what the model says about one of the recordings."""
         of_run = self.evaluation.runs[run]
-        marble = of_run.windowed_prediction if self.windowed else of_run.free_prediction
-        return Prediction(label or self.name, marble, self.model, self.colour)
+        label = label or self.name
+        if not self.windowed:
+            return Prediction(label, of_run.free_prediction, self.model, self.colour)
+        return Prediction(
+            label, of_run.windowed_prediction, self.model, self.colour, window_rows=of_run.window_rows
+        )
 
     def _mae(self, errors: Evaluation | RunEvaluation) -> float:
         chosen = errors.windowed if self.windowed else errors.free_run

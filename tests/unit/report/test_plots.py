@@ -91,6 +91,15 @@ def test_fit_labels_a_line_that_ends_in_a_gap(tmp_path, recording, predictions, 
     assert len(heights) == 1
 
 
+def test_lines_break_where_a_prediction_begins_anew(tmp_path, recording, predictions, drawn):
+    windows = replace(predictions[1], window_rows=np.array([12, 30]))
+    plots.plot_fit(tmp_path / "fit.svg", recording, [windows])
+    pieces = lines(drawn.figure.axes[0], style.TUNED)
+    assert [(piece[0, 0], piece[-1, 0]) for piece in pieces] == [(0, 11), (12, 29), (30, 39)]
+    plots.plot_paths(tmp_path / "paths.svg", [(recording, windows)])
+    assert [len(piece) for piece in lines(drawn.figure.axes[0], style.TUNED)] == [12, 18, 10]
+
+
 def test_paths_show_rim_and_reach_at_the_models_scale(tmp_path, recording, predictions, drawn):
     plots.plot_paths(tmp_path / "paths.svg", [(recording, prediction) for prediction in predictions])
     for axes, prediction in zip(drawn.figure.axes, predictions, strict=True):
