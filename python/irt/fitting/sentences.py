@@ -1,0 +1,110 @@
+"""Plain sentences about combinations of parameters that recordings cannot pin down."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.rig import PARAMETERS
+
+if TYPE_CHECKING:
+    from irt.fitting.identifiability import Information
+
+Array = NDArray[np.float64]
+
+#: Relative changes, in the order of `PARAMETERS`, that leave a recording as it is.
+SYMMETRIES = {
+    "time": np.array([1.0, 1.0, 1.0, -0.5, 0.0]),
+    "scale": np.array([-1.0, -1.0, -1.0, 0.0, 1.0]),
+}
+#: A direction lies within others if this share of its square does.
+WITHIN = 0.98
+#: A parameter takes part in a combination if its share of the direction is at least this.
+SHARE = 0.15
+
+
+def unidentifiable(information: Information, low: Array, high: Array) -> tuple[str, ...]:
+    """Return one sentence for each combination that is not pinned down.
+
+    Parameters
+    ----------
+    information : Information
+        What the recordings tell.
+    low, high : (5,) arrays
+        Ends of the intervals.
+    """
+    flat = information.directions[information.flat]
+    if len(flat) == information.free.sum():
+        return ("These recordings say next to nothing about any parameter; did the marble move?",)
+    relative = information.values / information.widths
+    found = {
+        name: bool(np.all(information.free[symmetry != 0.0])) and _lies_within(symmetry * relative, flat)
+        for name, symmetry in SYMMETRIES.items()
+    }
+    symmetric = [SYMMETRIES[name] * relative for name, is_flat in found.items() if is_flat]
+    sentences = [_symmetries(information, flat, **found)] if symmetric else []
+    return (*sentences, *(_direction(information, one, low, high) for one in _remainder(flat, symmetric)))
+
+
+def _symmetries(information: Information, flat: Array, *, time: bool, scale: bool) -> str:
+    """Say which symmetries of the motion nothing breaks, and what is known all the same."""
+    changes = "time_scale is divided by its square root" * time, "observation_scale is divided by it" * scale
+    remedies = (
+        "stamps (a column t_s) would fix the time scale" * time,
+        "a run that meets a wall would fix the observation scale" * scale,
+    )
+    exponents = np.array([0.0, 0.0, 0.0, 2.0 * time, 1.0 * scale])
+    factors = "time_scale^2 * " * time + "observation_scale * " * scale
+    known = []
+    for index, name in enumerate(PARAMETERS[:3]):
+        powers = exponents + np.eye(5)[index]
+        if not information.free[index] or information.values[index] == 0.0:
+            continue
+        gradient = np.divide(
+            powers, information.values / information.widths, where=powers != 0.0, out=np.zeros(5)
+        )
+        if np.linalg.norm(flat @ gradient) < 0.05 * np.linalg.norm(gradient):
+            product = float(np.prod(information.values**powers))
+            margin = abs(product) * information.margin(gradient)
+            known.append(f"{factors}{name} = {product:.4g} +- {margin:.2g}")
+    fixed = f"these recordings fix only {_listed(known)}" if known else "these recordings fix none of them"
+    remedy = " and ".join(filter(None, remedies))
+    return (
+        "gear_x, gear_y and rolling_friction can all be multiplied by any factor if "
+        f"{' or '.join(filter(None, changes))}: {fixed}; {remedy}."
+    )
+
+
+def _direction(information: Information, direction: Array, low: Array, high: Array) -> str:
+    """Say what one further direction means."""
+    taking_part = np.flatnonzero(np.abs(direction) >= SHARE)
+    if len(taking_part) == 1:
+        index = taking_part[0]
+        return (
+            f"These recordings do not tell {PARAMETERS[index]}: anything from {low[index]:.3g} to "
+            f"{high[index]:.3g} fits as well."
+        )
+    changes = [f"{PARAMETERS[i]} by {0.1 * direction[i] * information.widths[i]:+.2g}" for i in taking_part]
+    return (
+        f"These recordings do not tell {_listed([PARAMETERS[i] for i in taking_part])} apart: changing "
+        f"{_listed(changes)} together makes no difference that the tracker could see."
+    )
+
+
+def _lies_within(direction: Array, flat: Array) -> bool:
+    return bool(((flat @ direction) ** 2).sum() >= WITHIN * (direction**2).sum() > 0.0)
+
+
+def _remainder(flat: Array, symmetric: list[Array]) -> Array:
+    """Return the flat directions that are left when the symmetries, of shape (5,), are taken out of them."""
+    if not symmetric:
+        return flat
+    axes = np.linalg.qr(np.array(symmetric).T)[0].T
+    _, size, left = np.linalg.svd(flat - flat @ axes.T @ axes)
+    return left[: len(size)][size > 0.5]
+
+
+def _listed(items: list[str]) -> str:
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
