@@ -335,8 +335,7 @@ def _add_history(page: Page, folder: Path, rig: Rig, results: Sequence[FitResult
             )
         )
         evolutions.append(Picture(evolution, f"{name}: each parameter within the range that was searched."))
-    page.pictures(*histories)
-    page.pictures(*evolutions)
+    page.pictures(*histories, *evolutions)
 
 
 def _count(contender: Contender) -> str:
