@@ -19,7 +19,7 @@ import torch
 from torch import Tensor
 
 from irt.errors import IrtError
-from irt.files import PathLike
+from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
 from irt.rig import PARAMETERS
 from irt.tuning.drive import Drive
@@ -63,6 +63,10 @@ class Recipe:
         pair once only. "once" is the paper's.
     schedule : {"cosine", "constant"}
         Whether the learning rate falls to zero along half a cosine, or stays, as in the paper.
+    noise : float
+        Standard deviation of what is added to the targets [board edges], drawn anew every time. A network
+        that never saw noise may take a difference from any few rows, and real ones are not that good. The
+        paper says nothing of noise.
     """
 
     pairs: int = 10_000
@@ -72,6 +76,7 @@ class Recipe:
     learning_rate: float = 3e-4
     dealing: Literal["every epoch", "once"] = "every epoch"
     schedule: Literal["cosine", "constant"] = "cosine"
+    noise: float = 0.005
 
     def __post_init__(self) -> None:
         for name, least in (("pairs", 1), ("epochs", 1), ("seed", 0), ("batch", 1)):
@@ -97,7 +102,8 @@ def pretrain(
     drive : Drive
         What the network is to be for.
     path : path
-        The file to write. Until it is complete, a checkpoint stands beside it (`checkpoint_path`).
+        The file to write; its folder is made. Until it is complete, a checkpoint stands beside it
+        (`checkpoint_path`).
     recipe : Recipe, optional
         How to train.
     resume : bool
@@ -123,6 +129,9 @@ def pretrain(
     """
     recipe = recipe or Recipe()
     checkpoint = checkpoint_path(path)
+    if Path(path).is_dir():
+        raise IrtError(f"{path}: is a folder; name the file to write")
+    make_folder(checkpoint.parent)
     if resume:
         # Known at once, not after the simulations.
         read_tensors(checkpoint)
@@ -186,13 +195,16 @@ class _Training:
 
     def run_epoch(self) -> None:
         """Learn from every pair once, and measure the loss on those held out."""
-        proposed, target = self._deal()
+        # The seed and the epoch make the state of what is random: a checkpoint needs none.
+        state = self.recipe.seed * 1_000_003 + self.epoch
+        proposed, target = self._deal(torch.Generator().manual_seed(state))
+        noise = torch.Generator(self.pairs.inputs.device).manual_seed(state)
         batches = range(0, self.recipe.pairs, self.recipe.batch)
         total = torch.zeros((), device=proposed.device)
         for step, first in enumerate(batches):
             stretch = slice(first, first + self.recipe.batch)
             self._set_rate((self.epoch + step / len(batches)) / self.recipe.epochs)
-            loss = self._loss(proposed[stretch], target[stretch])
+            loss = self._loss(proposed[stretch], target[stretch], noise)
             self.adam.zero_grad()
             torch.autograd.backward(loss)
             self.adam.step()
@@ -235,11 +247,9 @@ class _Training:
             raise IrtError(f"{path}: broken: it lacks {error}; train without --resume") from error
         self.adam.load_state_dict({**self.adam.state_dict(), "state": state})
 
-    def _deal(self) -> tuple[Tensor, Tensor]:
+    def _deal(self, random: torch.Generator) -> tuple[Tensor, Tensor]:
         """Return the simulations to be proposed and those to be targets, by index, in a random order."""
         count = self.recipe.pairs
-        # The seed and the epoch make the state: a checkpoint needs none.
-        random = torch.Generator().manual_seed(self.recipe.seed * 1_000_003 + self.epoch)
         if self.recipe.dealing == "every epoch":
             order = torch.randperm(2 * count, generator=random)
             proposed, target = order[:count], order[count:]
@@ -254,10 +264,14 @@ class _Training:
             rate = self.recipe.learning_rate * 0.5 * (1.0 + math.cos(math.pi * done))
             self.adam.param_groups[0]["lr"] = rate
 
-    def _loss(self, proposed: Tensor, target: Tensor) -> Tensor:
+    def _loss(self, proposed: Tensor, target: Tensor, noise: torch.Generator | None = None) -> Tensor:
         """Mean squared error of the scaled parameter difference (paper, Eq. 2, without regularisation)."""
         pairs = self.pairs
-        estimated = self.network(pairs.inputs[proposed], pairs.inputs[target])
+        observed = pairs.inputs[target]
+        if noise is not None and self.recipe.noise > 0.0:
+            drawn = torch.randn(observed.shape, generator=noise, device=observed.device)
+            observed = observed + self.recipe.noise * drawn
+        estimated = self.network(pairs.inputs[proposed], observed)
         return torch.nn.functional.mse_loss(estimated, pairs.scaled[target] - pairs.scaled[proposed])
 
     @torch.no_grad()

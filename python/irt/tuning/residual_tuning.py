@@ -102,9 +102,9 @@ def irt(
     best = _model(rig, found[0].best.parameters)
     noise = tuner.noise_left(best.values, observed, threads)
     parameters, unidentifiable = estimates(best, needed.segments, noise, engine=engine, threads=threads)
-    spread = _spread(drive, [each.best for each in found])
+    sd = spread([each.best for each in found])
     parameters = {
-        name: _widened(parameters[name], _NORMAL_95 * spread[i], rig.ranges[name])
+        name: widened(parameters[name], _NORMAL_95 * sd[i], rig.ranges[name])
         for i, name in enumerate(PARAMETERS)
     }
     return FitResult(
@@ -135,13 +135,13 @@ def _model(rig: Rig, values: Array) -> Model:
     return Model.from_rig(rig, values)
 
 
-def _spread(drive: Drive, best: Sequence[Iteration]) -> Array:
+def spread(best: Sequence[Iteration]) -> Array:
     """Return the standard deviation, (5,), of where those starts ended that did not fail."""
     ended = np.array([each.parameters for each in best if each.mae <= _FAILED * best[0].mae])
     return ended.std(axis=0, ddof=1) if len(ended) > 1 else np.zeros(len(PARAMETERS))
 
 
-def _widened(parameter: Parameter, more: float, limits: tuple[float, float]) -> Parameter:
+def widened(parameter: Parameter, more: float, limits: tuple[float, float]) -> Parameter:
     """Return a parameter whose interval holds another, independent half width, within the range."""
     if parameter.low is None or parameter.high is None:
         return parameter

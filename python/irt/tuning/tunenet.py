@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,8 @@ from irt.rig import PARAMETERS
 HIDDEN = 256
 #: What the metadata of a network file says under "format".
 FORMAT = "irt-tunenet-1"
+#: The entry of a safetensors header that holds all metadata, as JSON.
+_METADATA = "irt"
 
 
 class TuneNet(nn.Module):
@@ -149,7 +152,8 @@ def write_tensors(path: PathLike, tensors: Mapping[str, Tensor], metadata: Mappi
         If the file cannot be written.
     """
     plain = {name: value.detach().to("cpu").contiguous() for name, value in tensors.items()}
-    write_atomic(path, save(plain, dict(metadata)))
+    # In one entry: several are written in an order that changes from run to run.
+    write_atomic(path, save(plain, {_METADATA: json.dumps(metadata, sort_keys=True)}))
 
 
 def read_tensors(path: PathLike) -> tuple[dict[str, Tensor], dict[str, str]]:
@@ -165,6 +169,7 @@ def read_tensors(path: PathLike) -> tuple[dict[str, Tensor], dict[str, str]]:
     try:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a mapping
-            return tensors, file.metadata() or {}
-    except (SafetensorError, OSError) as error:
+            metadata = json.loads((file.metadata() or {}).get(_METADATA, "{}"))
+    except (SafetensorError, OSError, ValueError) as error:
         raise IrtError(f"{path}: cut short or no safetensors file ({error}); make it anew") from error
+    return tensors, metadata
