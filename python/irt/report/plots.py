@@ -124,11 +124,12 @@ def plot_paths(path: PathLike, panels: Sequence[tuple[Recording, Prediction]]) -
     rows = -(-len(panels) // columns)
     with style.drawing(path, 3.6 * columns + 0.3, 3.2 * rows + 0.3) as figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+        figure.set_layout_engine("constrained", wspace=0.06, hspace=0.04)
         for axes in grid.flat[len(panels) :]:
             axes.set_axis_off()
         for axes, (recording, prediction) in zip(grid.flat, panels, strict=False):
             _draw_path(axes, recording, prediction)
-        half = 1.05 * np.max([_rim(prediction.model) for _, prediction in panels], axis=0)
+        half = 1.015 * np.max([_rim(prediction.model) for _, prediction in panels], axis=0)
         grid[0, 0].set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=_TICKS, yticks=_TICKS)
         for axes in grid[-1]:
             axes.set_xlabel("x  [edges]")
@@ -348,6 +349,7 @@ def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
     place = {"xytext": (0, 7 if up else -7), "va": "bottom" if up else "top"}
     axes.annotate("start", recording.marble[0], textcoords="offset points", ha="center", **place)
     axes.set_title(prediction.label, color=prediction.colour, fontweight="bold")
+    axes.set_title("• recorded", color=style.RECORDED, loc="right")
     axes.set_aspect("equal")
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 from matplotlib.patches import Polygon, Rectangle
+from matplotlib.text import Text
 
 from irt.model import Model
 from irt.recording import Recording
@@ -13,7 +14,7 @@ from irt.residual import Errors, Evaluation, RunEvaluation
 
 
 def texts(figure):
-    return [text.get_text() for text in figure.findobj(lambda artist: hasattr(artist, "get_text"))]
+    return [text.get_text() for text in figure.findobj(Text)]
 
 
 def lost_rows(recording):
@@ -112,6 +113,7 @@ def test_paths_show_rim_and_reach_at_the_models_scale(tmp_path, recording, predi
         assert rim.get_height() - reach.get_height() == pytest.approx(diameter)
         (path,) = lines(axes, prediction.colour)
         np.testing.assert_array_equal(path, prediction.marble)
+        assert {prediction.label, "start", "• recorded"} <= {text.get_text() for text in axes.findobj(Text)}
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
