@@ -394,3 +394,87 @@ fn meet_rim<S: Simd>(rims: &Rims<S>, reach: Lanes<S>, push: &Push<S>, rim: &Rim<
         air: air.max(hop.gt(push.length).select(hop, zero)),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::SUBSTEP_S;
+    use crate::drive::paper_drive;
+    use crate::engine::{Clock, Step};
+    use proptest::prelude::*;
+    use pulp::Scalar;
+
+    /// Energy over mass (m²/s²): of the motion, and of the spin by its moment of inertia.
+    fn energy(marbles: &Marbles<Scalar>) -> f64 {
+        let square = |values: Lanes<Scalar>| values.to_array()[0].powi(2);
+        let spin = square(marbles.sx) + square(marbles.sy) + square(marbles.spin);
+        0.5 * (square(marbles.vx) + square(marbles.vy)) + 0.5 * 0.4 * spin
+    }
+
+    proptest! {
+        #[test]
+        fn energy_never_grows_on_a_level_board(
+            place in prop::array::uniform2(-1.0..1.0),
+            velocity in prop::array::uniform5(-0.5..0.5),
+            restitution in 0.0..1.0, friction in 0.0..1.0, resistance in 0.0..0.002,
+        ) {
+            let lanes = |value: f64| Lanes::splat(Scalar, value);
+            let rig = Rig::default();
+            let [reach_x, reach_y] = rig.reach_m();
+            let rims = Rims {
+                reach_x: lanes(reach_x),
+                reach_y: lanes(reach_y),
+                restitution: lanes(restitution),
+                friction: lanes(friction),
+            };
+            let (g, h) = (GRAVITY, SUBSTEP_S);
+            let push = Push {
+                x: lanes(0.0),
+                y: lanes(0.0),
+                hop: lanes(2.0 / g),
+                resistance: lanes(5.0 / 7.0 * resistance * g * h),
+                grip: lanes(BOARD_FRICTION * g * h),
+                excess: lanes(0.0),
+                damping: lanes(1.0),
+                length: lanes(h),
+            };
+            let [vx, vy, sx, sy, spin] = velocity.map(lanes);
+            let [x, y] = [lanes(place[0] * reach_x), lanes(place[1] * reach_y)];
+            let mut marbles = Marbles { x, y, vx, vy, sx, sy, spin, air: lanes(0.0) };
+            for _ in 0..500 {
+                let before = energy(&marbles);
+                marbles = substep(&rims, &marbles, &push);
+                prop_assert!(energy(&marbles) <= before * (1.0 + 1e-12), "{before} became {}", energy(&marbles));
+            }
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let mut rig = Rig::default();
+        rig.board.wall_restitution = 0.5;
+        let commands = paper_drive(100, 0.1, false);
+        let jobs: Vec<Job<'_>> = (0..29)
+            .map(|i| Job {
+                parameters: [0.003 * f64::from(i), 0.09, 0.0004, 23.0, 1.1].into(),
+                commands: &commands,
+                start: [0.01 * f64::from(i), -0.2],
+                start_velocity: [0.3, 0.0],
+                clock: Clock::Even(Step::rounded(23.0)),
+            })
+            .collect();
+        let run = |dispatch: &dyn Fn(Group<'_, '_, '_>)| {
+            let mut all = vec![[0.0; 2]; jobs.len() * commands.len()];
+            let mut out: Vec<&mut [[f64; 2]]> = all.chunks_mut(commands.len()).collect();
+            let cancel = AtomicBool::new(false);
+            dispatch(Group { rig: &rig, jobs: &jobs, out: &mut out, cancel: &cancel });
+            all
+        };
+        let scalar = run(&|group| group.with_simd(Scalar));
+        assert_eq!(run(&|group| Arch::new().dispatch(group)), scalar);
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = pulp::x86::V3::try_new() {
+            assert_eq!(run(&|group| pulp::Simd::vectorize(avx2, group)), scalar);
+        }
+    }
+}
