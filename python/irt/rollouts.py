@@ -103,7 +103,7 @@ def rollouts(
     board, marble = (rig.board, rig.marble) if rig is not None else (Board(), Marble())
     lasting = None
     if durations is not None:
-        lasting = _per_rollout("durations", durations, "(rows,) or (n, rows)", 2, count, rows)
+        lasting = _per_rollout("durations", durations, "(rows,) or (n, rows)", 2, count, rows=rows)
     return _labsim.rollouts(
         values,
         knobs,
@@ -171,7 +171,7 @@ def _array(what: str, values: npt.ArrayLike, shape: str, axes: int) -> Array:
 
 
 def _per_rollout(
-    what: str, values: npt.ArrayLike, shape: str, axes: int, count: int, rows: int | None = None
+    what: str, values: npt.ArrayLike, shape: str, axes: int, count: int, *, rows: int | None = None
 ) -> Array:
     """Give the first axis length 1 (shared) or ``count`` (one each)."""
     shared = np.ndim(values) == axes - 1  # type: ignore[arg-type]

@@ -1,0 +1,171 @@
+"""The array interface: shapes, units, refusals, threads and Ctrl-C."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from irt.errors import IrtError
+from irt.rig import Board, Marble
+from irt.rollouts import SUBSTEP_S, effects, paper_drive, rollouts
+
+PAPER = np.array([[0.05, 0.06, 0.0004, 20.0, 1.0]])
+
+
+def test_a_tilt_about_y_accelerates_along_x_by_five_sevenths_of_g_sin():
+    gear, knob, rows = 0.05, 0.1, 11
+    seen = rollouts([[gear, 0.02, 0.0, 24.0, 0.9]], np.tile([0.0, knob], (rows, 1)))
+    updates = 24.0 * np.arange(rows)
+    pushed = 5 / 7 * 9.81 * np.sin(0.02 * knob) * SUBSTEP_S**2 * updates * (updates + 1) / 2
+    np.testing.assert_allclose(seen[0, :, 0], 0.9 * pushed / 0.276, rtol=1e-10)
+    assert (seen[0, :, 1] == 0).all()
+
+
+@pytest.mark.parametrize("engine", ["rolling", "rapier"])
+def test_row_zero_is_the_observed_start(engine):
+    start = np.array([[0.1, -0.2], [0.3, 0.05]])
+    parameters = np.repeat(PAPER, 2, axis=0) * [1, 1, 1, 1, 1.2]
+    seen = rollouts(parameters, paper_drive(10), start=start, engine=engine)
+    assert seen.shape == (2, 10, 2)
+    assert (seen[:, 0] == start).all()
+
+
+def test_paper_drive_is_one_period_and_literally_a_fraction_of_it():
+    t = np.arange(100)
+    expected = 0.1 * np.stack([np.sin(2 * np.pi * t / 100), np.cos(2 * np.pi * t / 100)], axis=1)
+    np.testing.assert_allclose(paper_drive(), expected, atol=1e-15)
+    np.testing.assert_allclose(paper_drive(literal=True)[-1, 0], 0.1 * np.sin(99 / (200 * np.pi)))
+
+
+def test_the_time_scale_is_rounded_unless_continuous():
+    parameters = [[0.05, 0.06, 0.0004, scale, 1.0] for scale in (20.4, 20.0)]
+    rounded = rollouts(parameters, paper_drive(30))
+    assert (rounded[0] == rounded[1]).all()
+    continuous = rollouts(parameters, paper_drive(30), time_step="continuous")
+    assert (continuous[1] == rounded[1]).all()
+    np.testing.assert_allclose(continuous[0, -1, 0] / continuous[1, -1, 0], (20.4 / 20) ** 2, rtol=0.01)
+
+
+def test_fixed_substeps_make_the_time_scale_smooth():
+    scales = np.linspace(20.4999, 20.5001, 9)
+    parameters = [[0.05, 0.06, 0.0004, scale, 1.0] for scale in scales]
+    seen = rollouts(parameters, paper_drive(30), time_step="continuous", substeps=[20] * 9)[:, -1, 0]
+    second_difference = np.abs(np.diff(seen, 2)).max()
+    assert second_difference < 1e-3 * np.abs(np.diff(seen)).min()
+
+
+def test_durations_replace_the_time_scale():
+    steps = np.full(30, 20 * SUBSTEP_S)
+    seen = rollouts(PAPER * [1, 1, 1, 0.1, 1], paper_drive(30), durations=steps)
+    np.testing.assert_allclose(seen, rollouts(PAPER, paper_drive(30)), atol=1e-12)
+
+
+def test_start_velocity_is_in_observed_edges_per_second():
+    level = np.zeros((5, 2))
+    seen = rollouts([[0.05, 0.05, 0.0, 24.0, 1.1]], level, start_velocity=[0.2, -0.1])
+    np.testing.assert_allclose(seen[0, -1], [0.2 * 0.4, -0.1 * 0.4], rtol=1e-12)
+
+
+def test_a_rig_brings_its_board_and_marble():
+    rig = SimpleNamespace(board=Board(edge_x_m=0.5, edge_y_m=0.4), marble=Marble(damping_per_s=0.3))
+    here = rollouts(PAPER, paper_drive(60))
+    there = rollouts(PAPER, paper_drive(60), rig=rig)
+    ratio = there[0, 5] / here[0, 5]
+    np.testing.assert_allclose(ratio[0], 0.276 / 0.5, rtol=0.1)
+    assert np.abs(there[0, :, 0]).max() <= 0.5 - 0.00685 / 0.5
+
+
+@given(st.integers(1, 40), st.integers(0, 2**32 - 1))
+def test_bits_do_not_depend_on_threads_or_company(count, seed):
+    rng = np.random.default_rng(seed)
+    parameters = rng.random((count, 5)) * [0.1, 0.1, 0.001, 50, 0.4] + [0, 0, 0, 0, 0.8]
+    drive = paper_drive(20)
+    together = rollouts(parameters, drive, threads=1)
+    assert (rollouts(parameters, drive, threads=3) == together).all()
+    assert (rollouts(parameters[-1:], drive)[0] == together[-1]).all()
+
+
+def test_arrays_may_be_strided():
+    parameters = np.repeat(PAPER, 4, axis=0)
+    drive = paper_drive(40)
+    strided = rollouts(np.asfortranarray(parameters)[::2], drive[::2], start=np.zeros((2, 4))[:, ::2])
+    assert (strided == rollouts(parameters[:2], drive[::2].copy())).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"parameters": PAPER[0]}, r"parameters: expected shape \(n, 5\), got \(5,\)"),
+        ({"parameters": np.ones((2, 4))}, r"expected shape \(n, 5\), got \[2, 4\]"),
+        ({"parameters": PAPER * np.nan}, "gear_x of rollout 0: expected a finite number, got NaN"),
+        ({"parameters": "many"}, "parameters: expected numbers"),
+        ({"commands": np.zeros((10, 3))}, "shape"),
+        ({"commands": np.zeros((0, 2))}, "at least one row"),
+        ({"commands": np.zeros((3, 10, 2))}, "expected one for each of the 1 rollouts, got 3"),
+        ({"commands": np.full((10, 2), np.inf)}, "commands of rollout 0: expected finite numbers"),
+        ({"start": [0.0, np.nan]}, "start of rollout 0: expected finite numbers"),
+        ({"start": [0.0, 0.0, 0.0]}, "start: expected shape"),
+        ({"engine": "bullet"}, r"unknown engine 'bullet' \(possible: rolling, rapier\)"),
+        ({"durations": np.ones(3)}, "durations: expected 10 rows as in commands, got 3"),
+        ({"durations": -np.ones(10)}, "durations of rollout 0: expected 0 to 20 s a row"),
+        ({"time_step": "exact"}, "time_step: expected 'rounded' or 'continuous'"),
+        ({"substeps": [0]}, "substeps: expected 1 whole numbers of at least 1"),
+        ({"threads": 0}, "threads: expected 1 to 1024, got 0"),
+        ({"effects": [{"name": "backlash"}]}, "unknown effect"),
+        ({"seed": 1.5}, "seed: expected a whole number"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused_in_one_line(change, message):
+    arguments = {"parameters": PAPER, "commands": np.zeros((10, 2))} | change
+    with pytest.raises(IrtError, match=message) as refused:
+        rollouts(arguments.pop("parameters"), arguments.pop("commands"), **arguments)
+    assert "\n" not in str(refused.value)
+
+
+def test_the_catalogue_is_empty_as_long_as_the_engine_has_no_effects():
+    assert effects() == []
+
+
+def test_other_threads_run_during_a_batch():
+    beats = []
+    running = threading.Event()
+
+    def beat():
+        while not running.is_set():
+            beats.append(time.perf_counter())
+            time.sleep(0.001)
+
+    other = threading.Thread(target=beat)
+    other.start()
+    started = time.perf_counter()
+    rollouts(np.repeat(PAPER, 20_000, axis=0), paper_drive(), threads=1)
+    ended = time.perf_counter()
+    running.set()
+    other.join()
+    during = [beat for beat in beats if started < beat < ended]
+    assert len(during) > 3
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
+def test_ctrl_c_stops_a_long_batch():
+    code = (
+        "import numpy as np; from irt.rollouts import *; print('ready', flush=True);"
+        "rollouts(np.tile([0.05, 0.05, 0.0, 5000.0, 1.0], (3000, 1)), paper_drive(1000), threads=1)"
+    )
+    child = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert child.stdout is not None
+    assert child.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    child.send_signal(signal.SIGINT)
+    _, errors = child.communicate(timeout=20)
+    assert "KeyboardInterrupt" in errors
