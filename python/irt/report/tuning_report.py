@@ -30,6 +30,7 @@ from irt.rig import PARAMETERS, Rig
 
 _METHODS = {"irt": "IRT", "least-squares": "least squares"}
 _COLOURS = (style.TUNED, style.SECOND, style.THIRD)
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 _UNITS = {"time_scale": "1/240 s"}
 
 
@@ -183,7 +184,7 @@ def percent(error: float) -> str:
     if math.isnan(error):
         return "-"
     value = 100 * error
-    return f"{value:.{max(0, min(3, 1 - _magnitude(value)))}f} %"
+    return f"{value:.{max(0, min(3, 1 - _magnitude(value)))}f}{_NO_BREAK}%"
 
 
 def with_interval(parameter: Parameter) -> str:
