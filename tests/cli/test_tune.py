@@ -1,0 +1,169 @@
+"""`irt tune` as a user runs it."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from irt.cli import tune as verb
+from irt.cli.demo import data
+from irt.model import load_model
+from irt.residual import evaluate
+from irt.rig import PARAMETERS, load_rig
+from irt.rollouts import paper_drive, rollouts
+from irt.tuning import METHODS, cache
+from irt.tuning import pretrain as training
+from irt.tuning.pretrain import Recipe
+
+TRUTH = np.array([[0.06, 0.04, 3e-4, 20.0, 1.1]])
+
+
+@pytest.fixture(autouse=True)
+def cache_folder(tmp_path, monkeypatch):
+    """Keep the user's own cache out of the tests."""
+    monkeypatch.setenv("IRT_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Train for a second only."""
+    recipe = Recipe(pairs=60, epochs=12, batch=20)
+    train = cache.pretrain
+    monkeypatch.setattr(
+        cache, "pretrain", lambda drive, path, **options: train(drive, path, recipe, **options)
+    )
+
+
+@pytest.fixture
+def paper_rig(write_rig):
+    marble = rollouts(TRUTH, paper_drive())[0]
+    noise = 0.001 * np.random.default_rng(0).standard_normal(marble.shape)
+    return write_rig({"run-1": (paper_drive(), marble + noise), "run-2": (paper_drive(), marble - noise)})
+
+
+@pytest.fixture
+def other_rig(write_rig, wave):
+    return write_rig({"run": (wave, rollouts(TRUTH, wave)[0])}, folder="other")
+
+
+@pytest.mark.parametrize("method", verb.METHODS)
+def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
+    out = tmp_path / "results" / "deep"
+    done = irt("tune", paper_rig, "--method", method, "--out", out, "--starts", "3")
+    assert (done.status, done.err) == (0, "")
+    model = load_model(out / "model.toml")
+    rig = load_rig(paper_rig)
+    assert evaluate(model, rig.recordings).free_run.mae < 0.01
+    numbers = json.loads((out / "fit.json").read_text())
+    assert numbers["method"] == method
+    for name in PARAMETERS:
+        told, kept = numbers["parameters"][name], model.parameters[name]
+        assert (told["value"], told["low"], told["high"]) == (kept.value, kept.low, kept.high)
+        assert re.search(rf"^{name} +[0-9.]+  \([0-9.]+ to [0-9.]+\)", done.out, re.MULTILINE)
+    assert numbers["after"]["overall"]["free_run"]["mae"] == evaluate(model, rig.recordings).free_run.mae
+    assert len(numbers["starts"]) == 3
+    for picture in ("fit-untuned", "fit-tuned", f"history-{method}", f"parameters-{method}"):
+        assert (out / f"{picture}.svg").is_file()
+    assert f"wrote {out / 'model.toml'}, {out / 'fit.json'} and {out / 'report.html'}" in done.out
+
+
+def test_errors_are_told_before_and_after(irt, paper_rig, tmp_path):
+    done = irt("tune", paper_rig, "--out", tmp_path / "out")
+    before, after = re.search(r"free run +([0-9.]+) -> ([0-9.]+)", done.out).groups()
+    assert float(after) < 1.0 < float(before)
+
+
+def test_what_cannot_be_known_is_said(irt, paper_rig, tmp_path):
+    done = irt("tune", paper_rig, "--out", tmp_path / "out")
+    sentences = json.loads((tmp_path / "out" / "fit.json").read_text())["unidentifiable"]
+    assert sentences
+    assert all(f"- {sentence}" in done.out for sentence in sentences)
+
+
+def test_under_the_papers_drive_it_works_at_once(irt, paper_rig, tmp_path, cache_folder):
+    done = irt("tune", paper_rig, "--out", tmp_path / "out")
+    assert "training" not in done.out
+    assert "The network is the one shipped for the paper's drive" in done.out
+    assert not cache_folder.exists()
+
+
+def test_another_drive_gets_a_network_once_and_is_told_so(irt, other_rig, tmp_path, cache_folder, quick):
+    first = irt("tune", other_rig, "--out", tmp_path / "a")
+    assert first.out.startswith("There is no network for this rig's drive yet: training one on 10000 ")
+    kept = list(cache_folder.glob("*"))
+    assert [path.suffix for path in kept] == [".safetensors"]
+    assert f"It stays in {kept[0]}." in first.out
+    second = irt("tune", other_rig, "--out", tmp_path / "b")
+    assert not second.out.startswith("There is no network")
+    assert (tmp_path / "a" / "model.toml").read_bytes() == (tmp_path / "b" / "model.toml").read_bytes()
+
+
+def test_a_network_named_is_used(irt, other_rig, tmp_path, cache_folder):
+    network = tmp_path / "net.safetensors"
+    irt("pretrain", "--pairs", "50", "--epochs", "4", "--rig", other_rig, "--out", network)
+    done = irt("tune", other_rig, "--network", network, "--out", tmp_path / "out")
+    assert done.status == 0
+    assert f"The network is {network}: trained on 50 simulated pairs" in done.out
+    assert not cache_folder.exists()
+
+
+def test_a_network_of_another_drive_takes_one_line(irt, paper_rig, other_rig, tmp_path):
+    network = tmp_path / "net.safetensors"
+    irt("pretrain", "--pairs", "50", "--epochs", "4", "--rig", other_rig, "--out", network)
+    done = irt("tune", paper_rig, "--network", network, "--out", tmp_path / "out")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "trained for another drive" in done.err
+
+
+def test_a_network_cut_short_takes_one_line(irt, paper_rig, tmp_path):
+    network = tmp_path / "net.safetensors"
+    network.write_bytes(cache.SHIPPED.read_bytes()[:5000])
+    done = irt("tune", paper_rig, "--network", network, "--out", tmp_path / "out")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert done.err.startswith(f"irt: {network}: cut short")
+
+
+@pytest.mark.parametrize("option", ["--iterations", "--network"])
+def test_options_of_irt_belong_to_irt(irt, paper_rig, option):
+    done = irt("tune", paper_rig, "--method", "least-squares", option, "3")
+    assert done.status == 1
+    assert done.err == f"irt: {option} belongs to --method irt; leave it out\n"
+
+
+def test_results_go_beside_where_it_was_started(irt, paper_rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    irt("tune", paper_rig, "--starts", "1", "--iterations", "3")
+    assert (tmp_path / "irt-tune-rig" / "model.toml").is_file()
+    starts = json.loads((tmp_path / "irt-tune-rig" / "fit.json").read_text())["starts"]
+    assert [len(history) for history in starts] == [4]
+
+
+def test_a_stopped_training_goes_on_with_the_same_command(irt, other_rig, tmp_path, monkeypatch, quick):
+    run_epoch = training._Training.run_epoch
+
+    def interrupted(self):
+        if self.epoch == 6:
+            raise KeyboardInterrupt
+        run_epoch(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(training._Training, "run_epoch", interrupted)
+        done = irt("tune", other_rig, "--out", tmp_path / "out")
+    assert done.status == 130
+    assert "irt: the same command again goes on with the training" in done.err
+    assert irt("tune", other_rig, "--out", tmp_path / "out").status == 0
+
+
+def test_the_same_seed_gives_the_same_model(irt, tmp_path):
+    for name, seed, threads in (("a", "4", "1"), ("b", "4", "2"), ("c", "5", "1")):
+        words = ("--seed", seed, "--threads", threads, "--starts", "2", "--out", tmp_path / name)
+        assert irt("tune", data("labyrinth"), *words).status == 0
+    a, b, c = ((tmp_path / name / "model.toml").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_one_list_of_methods():
+    assert verb.METHODS == METHODS
