@@ -14,7 +14,11 @@ pub(crate) fn rows<const N: usize>(array: &PyReadonlyArray2<'_, f64>) -> PyResul
     if view.ncols() != N {
         return Err(shape_error(&format!("(n, {N})"), view.shape()));
     }
-    Ok(view.rows().into_iter().map(|row| std::array::from_fn(|i| row[i])).collect())
+    Ok(view
+        .rows()
+        .into_iter()
+        .map(|row| std::array::from_fn(|i| row[i]))
+        .collect())
 }
 
 /// The pairs of a `(n, rows, 2)` array, one rollout behind the other.
@@ -23,7 +27,11 @@ pub(crate) fn pairs_of_each(array: &PyReadonlyArray3<'_, f64>) -> PyResult<Vec<[
     if view.shape()[2] != 2 {
         return Err(shape_error("(n, rows, 2)", view.shape()));
     }
-    Ok(view.lanes(numpy::ndarray::Axis(2)).into_iter().map(|pair| [pair[0], pair[1]]).collect())
+    Ok(view
+        .lanes(numpy::ndarray::Axis(2))
+        .into_iter()
+        .map(|pair| [pair[0], pair[1]])
+        .collect())
 }
 
 /// Values that all rollouts share where there are enough for one only.
@@ -38,7 +46,9 @@ pub(crate) fn shared_or_each<T>(values: &[T], length: usize, rollouts: usize) ->
 /// A `(rows, 2)` array of pairs.
 pub(crate) fn matrix<'py>(py: Python<'py>, pairs: &[[f64; 2]]) -> Bound<'py, PyArray2<f64>> {
     let flat = pairs.as_flattened().to_vec();
-    Array2::from_shape_vec((pairs.len(), 2), flat).expect("pairs have two entries").into_pyarray(py)
+    Array2::from_shape_vec((pairs.len(), 2), flat)
+        .expect("pairs have two entries")
+        .into_pyarray(py)
 }
 
 fn shape_error(expected: &str, got: &[usize]) -> PyErr {

@@ -8,7 +8,10 @@ mod python {
 }
 
 /// The exception that tells a user what the engine refused.
-#[expect(clippy::needless_pass_by_value, reason = "the shape that map_err takes")]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the shape that map_err takes"
+)]
 pub(crate) fn to_python(error: Error) -> PyErr {
     python::IrtError::new_err(error.to_string())
 }

@@ -7,7 +7,9 @@ mod interrupt;
 use labsim::board::{Board, Marble, Rig};
 use labsim::{Batch, Engine, Parameters, TimeBase};
 use numpy::ndarray::Array3;
-use numpy::{IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{
+    IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+};
 use pyo3::prelude::*;
 
 /// The labyrinth engine. `irt.rollouts` is the way in; this module only carries arrays.
@@ -21,7 +23,10 @@ mod _labsim {
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))?;
-        module.add("ENGINES", labsim::Engine::ALL.map(|(name, _)| name).to_vec())?;
+        module.add(
+            "ENGINES",
+            labsim::Engine::ALL.map(|(name, _)| name).to_vec(),
+        )?;
         module.add("PARAMETERS", labsim::parameters::NAMES.to_vec())?;
         module.add("SUBSTEP_S", labsim::board::SUBSTEP_S)
     }
@@ -34,8 +39,14 @@ mod _labsim {
 #[pyo3(signature = (
     parameters, commands, start, start_velocity, *, board, marble, engine, continuous, substeps, durations, threads
 ))]
-#[expect(clippy::too_many_arguments, reason = "one flat call; irt.rollouts gives it names and defaults")]
-#[expect(clippy::needless_pass_by_value, reason = "the extracted views of Python's arguments are owned here")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one flat call; irt.rollouts gives it names and defaults"
+)]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
 fn rollouts<'py>(
     py: Python<'py>,
     parameters: PyReadonlyArray2<'py, f64>,
@@ -66,7 +77,10 @@ fn rollouts<'py>(
             damping_per_s,
         },
     };
-    let parameters: Vec<Parameters> = arrays::rows::<5>(&parameters)?.into_iter().map(Parameters::from).collect();
+    let parameters: Vec<Parameters> = arrays::rows::<5>(&parameters)?
+        .into_iter()
+        .map(Parameters::from)
+        .collect();
     let rows = commands.as_array().shape()[1];
     let commands = arrays::pairs_of_each(&commands)?;
     let start = arrays::rows::<2>(&start)?;
@@ -95,7 +109,12 @@ fn rollouts<'py>(
 
 /// Knob angles of the paper's drive (rad), `(steps, 2)`; see `irt.paper_drive`.
 #[pyfunction]
-fn paper_drive(py: Python<'_>, steps: usize, amplitude: f64, literal: bool) -> Bound<'_, PyArray2<f64>> {
+fn paper_drive(
+    py: Python<'_>,
+    steps: usize,
+    amplitude: f64,
+    literal: bool,
+) -> Bound<'_, PyArray2<f64>> {
     let knobs = labsim::paper_drive(steps, amplitude, literal);
     arrays::matrix(py, &knobs)
 }

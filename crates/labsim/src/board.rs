@@ -95,10 +95,28 @@ impl Rig {
         let tiny = f64::MIN_POSITIVE;
         in_range("edge_x_m", board.edge_x_m, tiny, 1e3, "a length above 0 m")?;
         in_range("edge_y_m", board.edge_y_m, tiny, 1e3, "a length above 0 m")?;
-        in_range("wall_restitution", board.wall_restitution, 0.0, 1.0, "a number from 0 to 1")?;
-        in_range("wall_friction", board.wall_friction, 0.0, 1e3, "a number of at least 0")?;
+        in_range(
+            "wall_restitution",
+            board.wall_restitution,
+            0.0,
+            1.0,
+            "a number from 0 to 1",
+        )?;
+        in_range(
+            "wall_friction",
+            board.wall_friction,
+            0.0,
+            1e3,
+            "a number of at least 0",
+        )?;
         in_range("mass_kg", marble.mass_kg, tiny, 1e6, "a mass above 0 kg")?;
-        in_range("damping_per_s", marble.damping_per_s, 0.0, 1e6, "a rate of at least 0 per second")?;
+        in_range(
+            "damping_per_s",
+            marble.damping_per_s,
+            0.0,
+            1e6,
+            "a rate of at least 0 per second",
+        )?;
         let room = board.edge_x_m.min(board.edge_y_m) / 2.0;
         if !(marble.radius_m > 0.0 && marble.radius_m < room) {
             let expected = format!("a radius above 0 and below half the shorter edge ({room} m)");

@@ -1,5 +1,7 @@
 //! The one error of the engine.
 
+use std::fmt::Display;
+
 /// Why a simulation could not be run.
 ///
 /// Every message says what was expected and what came instead.
@@ -31,7 +33,7 @@ pub enum Error {
 }
 
 impl Error {
-    pub(crate) fn invalid(what: impl Into<String>, expected: &str, got: impl ToString) -> Self {
+    pub(crate) fn invalid(what: impl Into<String>, expected: &str, got: impl Display) -> Self {
         Self::Invalid {
             what: what.into(),
             expected: expected.to_owned(),

@@ -31,7 +31,15 @@ pub struct Parameters {
 
 impl From<[f64; 5]> for Parameters {
     /// Values in the order of [`NAMES`].
-    fn from([gear_x, gear_y, rolling_friction, time_scale, observation_scale]: [f64; 5]) -> Self {
+    fn from(
+        [
+            gear_x,
+            gear_y,
+            rolling_friction,
+            time_scale,
+            observation_scale,
+        ]: [f64; 5],
+    ) -> Self {
         Self {
             gear_x,
             gear_y,
@@ -61,14 +69,22 @@ impl Parameters {
             }
         }
         if !(rolling_friction >= 0.0 && rolling_friction.is_finite()) {
-            return Err(Error::invalid("rolling_friction", "a number of at least 0", rolling_friction));
+            return Err(Error::invalid(
+                "rolling_friction",
+                "a number of at least 0",
+                rolling_friction,
+            ));
         }
         if !(0.0..=MOST_SUBSTEPS).contains(&time_scale) {
             let expected = format!("a number from 0 to {MOST_SUBSTEPS}");
             return Err(Error::invalid("time_scale", &expected, time_scale));
         }
         if !(observation_scale > 0.0 && observation_scale.is_finite()) {
-            return Err(Error::invalid("observation_scale", "a number above 0", observation_scale));
+            return Err(Error::invalid(
+                "observation_scale",
+                "a number above 0",
+                observation_scale,
+            ));
         }
         Ok(())
     }

@@ -83,7 +83,12 @@ impl Batch<'_> {
     /// # Errors
     /// [`Error::Invalid`] for values that no physics allows, [`Error::Cancelled`] once `cancel` is
     /// set.
-    pub fn run(&self, engine: Engine, threads: Option<usize>, cancel: &AtomicBool) -> Result<Vec<[f64; 2]>> {
+    pub fn run(
+        &self,
+        engine: Engine,
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<[f64; 2]>> {
         self.check()?;
         let mut observations = vec![[0.0; 2]; self.parameters.len() * self.rows];
         if observations.is_empty() {
@@ -128,7 +133,11 @@ impl Batch<'_> {
     fn check_rollout(&self, rollout: usize) -> Result<()> {
         let parameters = &self.parameters[rollout];
         parameters.check()?;
-        let finite = |what: &str, values: &[[f64; 2]]| match values.as_flattened().iter().find(|v| !v.is_finite()) {
+        let finite = |what: &str, values: &[[f64; 2]]| match values
+            .as_flattened()
+            .iter()
+            .find(|v| !v.is_finite())
+        {
             Some(value) => Err(Error::invalid(what, "finite numbers", value)),
             None => Ok(()),
         };
@@ -136,16 +145,31 @@ impl Batch<'_> {
         finite("start_velocity", self.start_velocity.of(rollout, 1))?;
         let commands = self.commands.of(rollout, self.rows);
         finite("commands", commands)?;
-        for (axis, gear) in [parameters.gear_x, parameters.gear_y].into_iter().enumerate() {
-            let steepest = commands.iter().map(|knobs| (gear * knobs[axis]).abs()).fold(0.0, f64::max);
+        for (axis, gear) in [parameters.gear_x, parameters.gear_y]
+            .into_iter()
+            .enumerate()
+        {
+            let steepest = commands
+                .iter()
+                .map(|knobs| (gear * knobs[axis]).abs())
+                .fold(0.0, f64::max);
             if steepest >= FRAC_PI_2 {
-                return Err(Error::invalid(["gear_x", "gear_y"][axis], "a board that tilts by less than π/2", steepest));
+                return Err(Error::invalid(
+                    ["gear_x", "gear_y"][axis],
+                    "a board that tilts by less than π/2",
+                    steepest,
+                ));
             }
         }
         match self.time {
             TimeBase::Durations(durations) => {
-                let wrong = durations.of(rollout, self.rows).iter().find(|&&s| !(0.0..=20.0).contains(&s));
-                wrong.map_or(Ok(()), |s| Err(Error::invalid("durations", "0 to 20 s a row", s)))
+                let wrong = durations
+                    .of(rollout, self.rows)
+                    .iter()
+                    .find(|&&s| !(0.0..=20.0).contains(&s));
+                wrong.map_or(Ok(()), |s| {
+                    Err(Error::invalid("durations", "0 to 20 s a row", s))
+                })
             }
             TimeBase::Continuous(Some(substeps)) if substeps[rollout] == 0 => {
                 Err(Error::invalid("substeps", "at least 1", 0))
@@ -158,12 +182,17 @@ impl Batch<'_> {
         let time_scale = self.parameters[rollout].time_scale;
         match self.time {
             TimeBase::Rounded => Clock::Even(Step::rounded(time_scale)),
-            TimeBase::Continuous(substeps) => {
-                Clock::Even(Step::continuous(time_scale, substeps.map(|each| each[rollout])))
-            }
-            TimeBase::Durations(durations) => {
-                Clock::Stamped(durations.of(rollout, self.rows).iter().map(|&s| Step::lasting(s)).collect())
-            }
+            TimeBase::Continuous(substeps) => Clock::Even(Step::continuous(
+                time_scale,
+                substeps.map(|each| each[rollout]),
+            )),
+            TimeBase::Durations(durations) => Clock::Stamped(
+                durations
+                    .of(rollout, self.rows)
+                    .iter()
+                    .map(|&s| Step::lasting(s))
+                    .collect(),
+            ),
         }
     }
 
@@ -197,7 +226,8 @@ impl Batch<'_> {
             match groups.last_mut() {
                 Some((group, outs))
                     if group.len() < most
-                        && (engine == Engine::Rapier || group[0].clock.compare(&job.clock, self.rows).is_eq()) =>
+                        && (engine == Engine::Rapier
+                            || group[0].clock.compare(&job.clock, self.rows).is_eq()) =>
                 {
                     group.push(job);
                     outs.push(out);
@@ -213,7 +243,11 @@ type Group<'a> = (Vec<Job<'a>>, Vec<&'a mut [[f64; 2]]>);
 
 fn locate(error: Error, rollout: usize) -> Error {
     match error {
-        Error::Invalid { what, expected, got } => Error::Invalid {
+        Error::Invalid {
+            what,
+            expected,
+            got,
+        } => Error::Invalid {
             what: format!("{what} of rollout {rollout}"),
             expected,
             got,

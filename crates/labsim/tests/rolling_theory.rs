@@ -13,7 +13,12 @@ fn parameters(gear: f64, friction: f64, time_scale: f64) -> Parameters {
 }
 
 /// One rollout on the paper's board, from the centre.
-fn simulate(rig: &Rig, parameters: Parameters, commands: &[[f64; 2]], velocity: [f64; 2]) -> Vec<[f64; 2]> {
+fn simulate(
+    rig: &Rig,
+    parameters: Parameters,
+    commands: &[[f64; 2]],
+    velocity: [f64; 2],
+) -> Vec<[f64; 2]> {
     let batch = Batch {
         rig,
         parameters: &[parameters],
@@ -23,18 +28,28 @@ fn simulate(rig: &Rig, parameters: Parameters, commands: &[[f64; 2]], velocity: 
         start_velocity: PerRollout::Shared(&[velocity]),
         time: TimeBase::Rounded,
     };
-    batch.run(Engine::Rolling, Some(1), &AtomicBool::new(false)).expect("the inputs are physical")
+    batch
+        .run(Engine::Rolling, Some(1), &AtomicBool::new(false))
+        .expect("the inputs are physical")
 }
 
 #[test]
 fn a_tilted_board_accelerates_the_marble_by_five_sevenths_of_g_sin() {
     for tilt in [-0.004, 0.0005, 0.004] {
-        let seen = simulate(&Rig::default(), parameters(1.0, 0.0, 24.0), &[[0.0, tilt]; 11], [0.0; 2]);
+        let seen = simulate(
+            &Rig::default(),
+            parameters(1.0, 0.0, 24.0),
+            &[[0.0, tilt]; 11],
+            [0.0; 2],
+        );
         let acceleration = 5.0 / 7.0 * GRAVITY * f64::sin(tilt);
         for (row, position) in seen.iter().enumerate() {
             let n = 24.0 * row as f64;
             let expected = acceleration * SUBSTEP_S.powi(2) * n * (n + 1.0) / 2.0 / EDGE;
-            assert!((position[0] - expected).abs() < 1e-12, "row {row} of tilt {tilt}: {position:?}");
+            assert!(
+                (position[0] - expected).abs() < 1e-12,
+                "row {row} of tilt {tilt}: {position:?}"
+            );
             assert_eq!(position[1], 0.0);
         }
     }
@@ -42,7 +57,12 @@ fn a_tilted_board_accelerates_the_marble_by_five_sevenths_of_g_sin() {
 
 #[test]
 fn a_knob_about_x_moves_the_marble_along_minus_y() {
-    let seen = simulate(&Rig::default(), parameters(0.05, 0.0, 10.0), &[[0.1, 0.0]; 20], [0.0; 2]);
+    let seen = simulate(
+        &Rig::default(),
+        parameters(0.05, 0.0, 10.0),
+        &[[0.1, 0.0]; 20],
+        [0.0; 2],
+    );
     assert!(seen[19][1] < -0.01, "{:?}", seen[19]);
     assert_eq!(seen[19][0], 0.0);
 }
@@ -51,7 +71,12 @@ fn a_knob_about_x_moves_the_marble_along_minus_y() {
 fn the_marble_starts_to_roll_where_the_tilt_exceeds_the_rolling_friction() {
     let friction: f64 = 0.0007;
     let at = |tilt: f64| {
-        simulate(&Rig::default(), parameters(1.0, friction, 25.0), &[[0.0, tilt]; 100], [0.0; 2])[99][0]
+        simulate(
+            &Rig::default(),
+            parameters(1.0, friction, 25.0),
+            &[[0.0, tilt]; 100],
+            [0.0; 2],
+        )[99][0]
     };
     assert_eq!(at(friction * (1.0 - 1e-6)), 0.0);
     assert!(at(friction * (1.0 + 1e-4)) > 0.0);
@@ -60,9 +85,18 @@ fn the_marble_starts_to_roll_where_the_tilt_exceeds_the_rolling_friction() {
 #[test]
 fn rolling_resistance_stops_a_marble_after_its_run_out() {
     let (friction, speed) = (0.001, 0.02);
-    let seen = simulate(&Rig::default(), parameters(0.0, friction, 24.0), &[[0.0; 2]; 60], [speed / EDGE, 0.0]);
+    let seen = simulate(
+        &Rig::default(),
+        parameters(0.0, friction, 24.0),
+        &[[0.0; 2]; 60],
+        [speed / EDGE, 0.0],
+    );
     let run_out = speed * speed / (2.0 * 5.0 / 7.0 * friction * GRAVITY);
-    assert!((seen[59][0] * EDGE / run_out - 1.0).abs() < 0.01, "{} m, not {run_out} m", seen[59][0] * EDGE);
+    assert!(
+        (seen[59][0] * EDGE / run_out - 1.0).abs() < 0.01,
+        "{} m, not {run_out} m",
+        seen[59][0] * EDGE
+    );
     assert_eq!(seen[58], seen[59]);
 }
 
@@ -70,9 +104,17 @@ fn rolling_resistance_stops_a_marble_after_its_run_out() {
 fn damping_decays_the_speed_exponentially() {
     let mut rig = Rig::default();
     rig.marble.damping_per_s = 0.5;
-    let seen = simulate(&rig, parameters(0.0, 0.0, 24.0), &[[0.0; 2]; 21], [0.1, 0.0]);
+    let seen = simulate(
+        &rig,
+        parameters(0.0, 0.0, 24.0),
+        &[[0.0; 2]; 21],
+        [0.1, 0.0],
+    );
     let decay = (seen[20][0] - seen[19][0]) / (seen[1][0] - seen[0][0]);
-    assert!((decay / f64::exp(-0.5 * 1.9) - 1.0).abs() < 0.002, "{decay}");
+    assert!(
+        (decay / f64::exp(-0.5 * 1.9) - 1.0).abs() < 0.002,
+        "{decay}"
+    );
 }
 
 #[test]
@@ -80,9 +122,17 @@ fn a_rebound_keeps_its_spin_until_the_board_has_taken_it() {
     // Against a smooth rim v becomes -e v and the spin stays; rolling again, w = (5 (-e) + 2) v / 7.
     let mut rig = Rig::default();
     (rig.board.wall_restitution, rig.board.wall_friction) = (0.8, 0.0);
-    let seen = simulate(&rig, parameters(0.0, 0.0, 24.0), &[[0.0; 2]; 60], [0.5, 0.0]);
+    let seen = simulate(
+        &rig,
+        parameters(0.0, 0.0, 24.0),
+        &[[0.0; 2]; 60],
+        [0.5, 0.0],
+    );
     let speed = (seen[59][0] - seen[58][0]) / 0.1;
-    assert!((speed / (0.5 * (2.0 - 5.0 * 0.8) / 7.0) - 1.0).abs() < 1e-9, "{speed}");
+    assert!(
+        (speed / (0.5 * (2.0 - 5.0 * 0.8) / 7.0) - 1.0).abs() < 1e-9,
+        "{speed}"
+    );
 }
 
 #[test]
@@ -90,15 +140,29 @@ fn a_marble_that_leans_on_a_rim_rolls_on_board_and_rim() {
     // Both surfaces turn it: a push sees 1 + 2/5 + 2/5 of the mass.
     let mut commands = vec![[0.0, 0.05]; 40];
     commands.extend([[-0.002, 0.05]; 11]);
-    let seen = simulate(&Rig::default(), parameters(1.0, 0.0, 24.0), &commands, [0.0; 2]);
+    let seen = simulate(
+        &Rig::default(),
+        parameters(1.0, 0.0, 24.0),
+        &commands,
+        [0.0; 2],
+    );
     let (t, acceleration) = (1.0_f64, 5.0 / 9.0 * GRAVITY * 0.002);
     let expected = 0.5 * acceleration * t * t / EDGE;
-    assert!((seen[50][1] / expected - 1.0).abs() < 0.01, "{:?}, not {expected}", seen[50]);
+    assert!(
+        (seen[50][1] / expected - 1.0).abs() < 0.01,
+        "{:?}, not {expected}",
+        seen[50]
+    );
 }
 
 #[test]
 fn a_marble_at_rest_on_a_level_board_stays() {
-    let seen = simulate(&Rig::default(), parameters(0.1, 0.0, 50.0), &[[0.0; 2]; 100], [0.0; 2]);
+    let seen = simulate(
+        &Rig::default(),
+        parameters(0.1, 0.0, 50.0),
+        &[[0.0; 2]; 100],
+        [0.0; 2],
+    );
     assert!(seen.iter().all(|position| *position == [0.0; 2]));
 }
 
@@ -118,7 +182,9 @@ fn stamps_of_even_length_equal_a_time_scale() {
             start_velocity: PerRollout::Shared(&[[0.0; 2]]),
             time,
         };
-        batch.run(Engine::Rolling, None, &AtomicBool::new(false)).expect("the inputs are physical")
+        batch
+            .run(Engine::Rolling, None, &AtomicBool::new(false))
+            .expect("the inputs are physical")
     };
     let stamped = run(TimeBase::Durations(PerRollout::Shared(&durations)));
     let continuous = run(TimeBase::Continuous(None));
@@ -141,7 +207,10 @@ fn a_cancelled_batch_says_so() {
         time: TimeBase::Rounded,
     };
     for engine in [Engine::Rolling, Engine::Rapier] {
-        assert_eq!(batch.run(engine, None, &AtomicBool::new(true)), Err(Error::Cancelled));
+        assert_eq!(
+            batch.run(engine, None, &AtomicBool::new(true)),
+            Err(Error::Cancelled)
+        );
     }
 }
 
@@ -158,11 +227,17 @@ fn what_no_physics_allows_is_refused_with_its_place() {
             start_velocity: PerRollout::Shared(&[[0.0; 2]]),
             time: TimeBase::Rounded,
         };
-        batch.run(Engine::Rolling, None, &AtomicBool::new(false)).expect_err("refused").to_string()
+        batch
+            .run(Engine::Rolling, None, &AtomicBool::new(false))
+            .expect_err("refused")
+            .to_string()
     };
     let wrong = |name: &str, parameters: [f64; 5]| {
         let message = run(parameters.into(), 0.1);
-        assert!(message.starts_with(&format!("{name} of rollout 1: expected")), "{message}");
+        assert!(
+            message.starts_with(&format!("{name} of rollout 1: expected")),
+            "{message}"
+        );
     };
     wrong("gear_x", [f64::NAN, 0.1, 0.0, 20.0, 1.0]);
     wrong("rolling_friction", [0.1, 0.1, -0.1, 20.0, 1.0]);
@@ -177,8 +252,9 @@ fn any_commands() -> impl Strategy<Value = Vec<[f64; 2]>> {
 }
 
 fn any_parameters() -> impl Strategy<Value = Parameters> {
-    (-0.2..0.2, -0.2..0.2, 0.0..0.002, 0.0..50.0, 0.7..1.3)
-        .prop_map(|(gear_x, gear_y, friction, time, scale)| [gear_x, gear_y, friction, time, scale].into())
+    (-0.2..0.2, -0.2..0.2, 0.0..0.002, 0.0..50.0, 0.7..1.3).prop_map(
+        |(gear_x, gear_y, friction, time, scale)| [gear_x, gear_y, friction, time, scale].into(),
+    )
 }
 
 fn any_rig() -> impl Strategy<Value = Rig> {

@@ -3,6 +3,11 @@
 //! Each operation is one IEEE operation a lane, in the order written and never fused, so a lane has
 //! the same bits on every instruction set and whatever its neighbours hold.
 
+#![expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+
 use std::ops::{Add, BitAnd, BitOr, Mul, Neg, Not, Sub};
 
 use pulp::Simd;
@@ -41,7 +46,8 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub(crate) fn to_array(self) -> [f64; 8] {
         let mut all = [0.0; 8];
-        self.simd.partial_store_f64s(&mut all[..S::F64_LANES], self.values);
+        self.simd
+            .partial_store_f64s(&mut all[..S::F64_LANES], self.values);
         all
     }
 
@@ -58,7 +64,10 @@ impl<S: Simd> Lanes<S> {
 
     #[inline(always)]
     fn mask(self, values: S::m64s) -> Mask<S> {
-        Mask { simd: self.simd, values }
+        Mask {
+            simd: self.simd,
+            values,
+        }
     }
 
     #[inline(always)]
@@ -110,21 +119,42 @@ impl<S: Simd> Lanes<S> {
     /// Sine by its Taylor series: exact to 5e-14 up to a right angle, to the last bits on tilts.
     #[inline(always)]
     pub(crate) fn sin(self) -> Self {
-        let products = [17.0 * 16.0, 15.0 * 14.0, 13.0 * 12.0, 11.0 * 10.0, 9.0 * 8.0, 7.0 * 6.0, 5.0 * 4.0, 3.0 * 2.0];
+        let products = [
+            17.0 * 16.0,
+            15.0 * 14.0,
+            13.0 * 12.0,
+            11.0 * 10.0,
+            9.0 * 8.0,
+            7.0 * 6.0,
+            5.0 * 4.0,
+            3.0 * 2.0,
+        ];
         self * self.series(&products)
     }
 
     /// Cosine by its Taylor series: see [`Lanes::sin`].
     #[inline(always)]
     pub(crate) fn cos(self) -> Self {
-        self.series(&[18.0 * 17.0, 16.0 * 15.0, 14.0 * 13.0, 12.0 * 11.0, 10.0 * 9.0, 8.0 * 7.0, 6.0 * 5.0, 4.0 * 3.0, 2.0])
+        self.series(&[
+            18.0 * 17.0,
+            16.0 * 15.0,
+            14.0 * 13.0,
+            12.0 * 11.0,
+            10.0 * 9.0,
+            8.0 * 7.0,
+            6.0 * 5.0,
+            4.0 * 3.0,
+            2.0,
+        ])
     }
 
     /// 1 - x²/a (1 - x²/b (...)), the innermost divisor first.
     #[inline(always)]
     fn series(self, divisors: &[f64]) -> Self {
         let (one, square) = (self.like(1.0), self * self);
-        divisors.iter().fold(one, |sum, divisor| one - (1.0 / divisor) * (square * sum))
+        divisors
+            .iter()
+            .fold(one, |sum, divisor| one - (1.0 / divisor) * (square * sum))
     }
 
     /// The nearest value from -bound to bound.
@@ -137,7 +167,10 @@ impl<S: Simd> Lanes<S> {
 impl<S: Simd> Mask<S> {
     #[inline(always)]
     pub(crate) fn select(self, if_true: Lanes<S>, if_false: Lanes<S>) -> Lanes<S> {
-        if_true.with(self.simd.select_f64s(self.values, if_true.values, if_false.values))
+        if_true.with(
+            self.simd
+                .select_f64s(self.values, if_true.values, if_false.values),
+        )
     }
 
     #[inline(always)]

@@ -30,11 +30,13 @@ impl FromStr for Engine {
 
     fn from_str(name: &str) -> Result<Self, Error> {
         let found = Self::ALL.iter().find(|(known, _)| *known == name);
-        found.map(|&(_, engine)| engine).ok_or_else(|| Error::Unknown {
-            kind: "engine",
-            name: name.to_owned(),
-            possible: Self::ALL.map(|(known, _)| known).join(", "),
-        })
+        found
+            .map(|&(_, engine)| engine)
+            .ok_or_else(|| Error::Unknown {
+                kind: "engine",
+                name: name.to_owned(),
+                possible: Self::ALL.map(|(known, _)| known).join(", "),
+            })
     }
 }
 
@@ -95,7 +97,10 @@ impl Clock {
     pub(crate) fn total_substeps(&self, rows: usize) -> u64 {
         match self {
             Self::Even(step) => u64::from(step.substeps) * (rows as u64 - 1),
-            Self::Stamped(steps) => steps[..rows - 1].iter().map(|step| u64::from(step.substeps)).sum(),
+            Self::Stamped(steps) => steps[..rows - 1]
+                .iter()
+                .map(|step| u64::from(step.substeps))
+                .sum(),
         }
     }
 
@@ -105,7 +110,10 @@ impl Clock {
         totals.then_with(|| match (self, other) {
             (Self::Stamped(a), Self::Stamped(b)) => {
                 let substeps = |step: &Step| step.substeps;
-                a[..rows - 1].iter().map(substeps).cmp(b[..rows - 1].iter().map(substeps))
+                a[..rows - 1]
+                    .iter()
+                    .map(substeps)
+                    .cmp(b[..rows - 1].iter().map(substeps))
             }
             _ => Ordering::Equal,
         })
