@@ -5,6 +5,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+__all__ = ["ENGINES", "PARAMETERS", "SUBSTEP_S", "__version__", "paper_drive", "rollouts"]
+
 __version__: Final[str]
 ENGINES: Final[list[str]]
 PARAMETERS: Final[list[str]]
