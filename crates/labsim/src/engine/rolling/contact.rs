@@ -287,15 +287,18 @@ fn board_contact<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) 
     );
     let sx = marbles.sx * push.damping - 3.5 * (taken * wx);
     let sy = marbles.sy * push.damping - 3.5 * (taken * wy);
-    // Against a rim only the spin has to be stopped: j = 2/5 s there, 2/7 of the slip elsewhere.
+    // Against a rim only the spin has to be stopped: j = 2/5 s there, 2/7 of the slip elsewhere. It
+    // presses the marble to the rim, whose friction then acts with that force too.
     let ux = held_x.select(-(1.4 * sx), vx - sx);
     let uy = held_y.select(-(1.4 * sy), vy - sy);
     let limit = 3.5 * push.grip;
     let rolls = held & (ux * ux + uy * uy).le(limit * limit);
     let part = held.select(push.grip, zero).over(length(ux, uy));
+    let pressing_x = held_x.select(vx + 0.4 * sx, rolled_x);
+    let pressing_y = held_y.select(vy + 0.4 * sy, rolled_y);
     Marbles {
-        vx: rolls.select(rolled_x, vx - part * ux),
-        vy: rolls.select(rolled_y, vy - part * uy),
+        vx: rolls.select(pressing_x, vx - part * ux),
+        vy: rolls.select(pressing_y, vy - part * uy),
         sx: rolls.select(rolled_x, sx + 2.5 * (part * ux)),
         sy: rolls.select(rolled_y, sy + 2.5 * (part * uy)),
         spin,
@@ -329,7 +332,9 @@ fn meet_rim<S: Simd>(rims: &Rims<S>, reach: Lanes<S>, push: &Push<S>, rim: &Rim<
     let (zero, one) = (reach.like(0.0), reach.like(1.0));
     let side = vn.gt(zero).select(one, -one);
     let hits = ((x + vn * push.length) * side).ge(reach);
-    let impulse = (one + rims.restitution) * vn.abs();
+    // What leans on the rim already is pressed to it and does not bounce.
+    let restitution = (x * side).ge(reach).select(zero, rims.restitution);
+    let impulse = (one + restitution) * vn.abs();
     // Velocity of the marble's surface where it touches the rim.
     let (along, up) = (vt + side * spin, -(side * sn));
     let part = (rims.friction * impulse).over(length(along, up));
@@ -339,7 +344,7 @@ fn meet_rim<S: Simd>(rims: &Rims<S>, reach: Lanes<S>, push: &Push<S>, rim: &Rim<
     let hop = -(j_up * push.hop);
     Rim {
         x: hits.select(side * reach, x),
-        vn: hits.select(-(rims.restitution * vn), vn),
+        vn: hits.select(-(restitution * vn), vn),
         vt: vt - j_along,
         sn: sn + 2.5 * (side * j_up),
         spin: spin - 2.5 * (side * j_along),
