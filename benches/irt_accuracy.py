@@ -31,7 +31,7 @@ from irt.tuning.tunenet import NetworkFile, TuneNet, load_network
 Array = NDArray[np.float64]
 
 ITERATIONS = (0, 1, 2, 5, 10, 20)
-PAPERS_WAY = Recipe(dealing="once", schedule="constant", noise=0.0)
+PAPERS_WAY = Recipe(dealing="once", schedule="constant", noise=(0.0, 0.0))
 
 
 class Trials:

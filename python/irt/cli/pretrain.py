@@ -61,11 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Train the network, write it with its loss curve, and say what came out."""
     from irt.cli.progress import progress_bar
-    from irt.files import make_folder
     from irt.report.plots import plot_loss
     from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain
 
-    make_folder(args.out.parent)
     began = time.perf_counter()
     try:
         with progress_bar() as progress:

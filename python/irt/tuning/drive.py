@@ -18,8 +18,9 @@ from irt.rollouts import Engine, paper_drive, rollouts
 
 Array = NDArray[np.float64]
 
-#: Inputs that a joint network takes at most for one observation; the paper's takes 200.
-MOST_INPUTS = 400
+#: Inputs to aim at for one joint observation; the paper's network takes 200. But of each run at least so many
+#: along time, because a line may be taken out of them.
+INPUTS, INPUTS_PER_RUN = 400, 3
 #: How far the start of a recording may lie off the centre to count as the paper's drive [board edges].
 CENTRED = 0.02
 #: Damping of the marble up to which the paper's network serves [1/s]; PyBullet applies 0.04 by default.
@@ -95,7 +96,8 @@ class Drive:
     def of_segments(cls, rig: Rig, segments: Sequence[Segment], engine: Engine = "rolling") -> Drive:
         """Return the joint drive of all segments of a rig: one network sees them at once."""
         runs = tuple(Run(s.knobs, s.durations, s.start, s.start_velocity) for s in segments)
-        rows = sum(len(run.knobs) for run in runs)
+        rows = [len(run.knobs) for run in runs]
+        thinned = min(-(-2 * sum(rows) // INPUTS), int(np.median(rows)) // INPUTS_PER_RUN)
         return cls(
             runs,
             rig.board,
@@ -104,7 +106,7 @@ class Drive:
             rig.start,
             engine,
             stamped_time_scale(rig),
-            rows_per_input=-(-2 * rows // MOST_INPUTS),
+            rows_per_input=max(1, thinned),
         )
 
     @cached_property

@@ -63,10 +63,11 @@ class Recipe:
         pair once only. "once" is the paper's.
     schedule : {"cosine", "constant"}
         Whether the learning rate falls to zero along half a cosine, or stays, as in the paper.
-    noise : float
-        Standard deviation of what is added to the targets [board edges], drawn anew every time. A network
+    noise : (float, float)
+        Least and largest standard deviation of what is added to each target [board edges]: a good tracker's
+        scatter, and what five parameters leave of a real rig. Log-uniform, drawn anew every time. A network
         that never saw noise may take a difference from any few rows, and real ones are not that good. The
-        paper says nothing of noise.
+        paper says nothing of noise; (0, 0) is none.
     """
 
     pairs: int = 10_000
@@ -76,7 +77,7 @@ class Recipe:
     learning_rate: float = 3e-4
     dealing: Literal["every epoch", "once"] = "every epoch"
     schedule: Literal["cosine", "constant"] = "cosine"
-    noise: float = 0.005
+    noise: tuple[float, float] = (0.0005, 0.05)
 
     def __post_init__(self) -> None:
         for name, least in (("pairs", 1), ("epochs", 1), ("seed", 0), ("batch", 1)):
@@ -268,9 +269,11 @@ class _Training:
         """Mean squared error of the scaled parameter difference (paper, Eq. 2, without regularisation)."""
         pairs = self.pairs
         observed = pairs.inputs[target]
-        if noise is not None and self.recipe.noise > 0.0:
+        least, largest = self.recipe.noise
+        if noise is not None and least > 0.0:
+            level = torch.rand((len(observed), 1), generator=noise, device=observed.device)
             drawn = torch.randn(observed.shape, generator=noise, device=observed.device)
-            observed = observed + self.recipe.noise * drawn
+            observed = observed + least * (largest / least) ** level * drawn
         estimated = self.network(pairs.inputs[proposed], observed)
         return torch.nn.functional.mse_loss(estimated, pairs.scaled[target] - pairs.scaled[proposed])
 

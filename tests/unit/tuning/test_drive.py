@@ -158,4 +158,11 @@ def test_the_literal_drive_has_a_network_of_its_own(write_rig):
 def test_long_recordings_are_thinned(write_rig):
     knobs = np.tile(paper_drive(), (20, 1))
     drive = need(load_rig(write_rig({"run": seen(knobs=knobs)}))).network_drive
-    assert 0.5 * drive_module.MOST_INPUTS < drive.input_count <= drive_module.MOST_INPUTS
+    assert drive.rows_per_input == 10
+    assert drive.input_count == drive_module.INPUTS
+
+
+def test_thinning_leaves_enough_of_short_runs(write_rig):
+    knobs, marble = seen(6, paper_drive()[:6])
+    drive = need(load_rig(write_rig({f"run-{i}": (knobs, marble) for i in range(100)}))).network_drive
+    assert drive.rows_per_input == 2

@@ -41,7 +41,7 @@ def test_the_same_seed_gives_the_same_bytes(small_drive, recipe, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"dealing": "once", "schedule": "constant", "noise": 0.0}], ids=["ours", "paper's"]
+    "changes", [{}, {"dealing": "once", "schedule": "constant", "noise": (0.0, 0.0)}], ids=["ours", "paper's"]
 )
 def test_a_resumed_training_ends_with_the_same_bytes(small_drive, recipe, tmp_path, changes):
     whole, resumed = tmp_path / "whole.safetensors", tmp_path / "resumed.safetensors"
