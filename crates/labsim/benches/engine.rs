@@ -1,2 +1,83 @@
-//! placeholder
-fn main() {}
+//! Substeps a second of both engines on the paper's drive, with parameters drawn over its ranges.
+
+use std::hint::black_box;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use criterion::{Criterion, SamplingMode, Throughput, criterion_group, criterion_main};
+use labsim::{Batch, Engine, Parameters, PerRollout, Rig, TimeBase, paper_drive};
+
+const ROWS: usize = 100;
+
+/// Parameters that fill the paper's ranges evenly (additive recurrence, Roberts 2018).
+fn spread(count: usize) -> Vec<Parameters> {
+    let root = 1.236_505_703_391_49_f64; // the positive root of x⁶ = x + 1
+    let step: [f64; 5] = std::array::from_fn(|axis| root.powf(-(axis as f64 + 1.0)));
+    (1..=count)
+        .map(|i| {
+            let [a, b, c, d, e] = step.map(|step| (0.5 + step * i as f64).fract());
+            [0.1 * a, 0.1 * b, 0.001 * c, 50.0 * d, 0.8 + 0.4 * e].into()
+        })
+        .collect()
+}
+
+fn paper_rollouts(criterion: &mut Criterion) {
+    let commands = paper_drive(ROWS, 0.1, false);
+    let rig = Rig::default();
+    // Enough work for a sample to outlast the noise of a shared machine.
+    let sizes = [
+        (Engine::Rolling, 20_000),
+        (Engine::Rolling, 64),
+        (Engine::Rolling, 1),
+    ]
+    .into_iter()
+    .chain([
+        (Engine::Rapier, 1024),
+        (Engine::Rapier, 64),
+        (Engine::Rapier, 1),
+    ]);
+    for (engine, count) in sizes {
+        let name = Engine::ALL
+            .iter()
+            .find(|(_, other)| *other == engine)
+            .map_or("", |(name, _)| name);
+        let parameters = spread(count);
+        let substeps: u64 = parameters
+            .iter()
+            .map(|p| p.time_scale.round() as u64 * (ROWS as u64 - 1))
+            .sum();
+        let batch = Batch {
+            rig: &rig,
+            parameters: &parameters,
+            rows: ROWS,
+            commands: PerRollout::Shared(&commands),
+            start: PerRollout::Shared(&[[0.0; 2]]),
+            start_velocity: PerRollout::Shared(&[[0.0; 2]]),
+            time: TimeBase::Rounded,
+        };
+        let mut group = criterion.benchmark_group(name);
+        group
+            .throughput(Throughput::Elements(substeps))
+            .sampling_mode(SamplingMode::Flat);
+        group
+            .sample_size(10)
+            .warm_up_time(Duration::from_secs(1))
+            .measurement_time(Duration::from_secs(4));
+        for threads in if count == 1 { vec![1] } else { vec![1, 2] } {
+            let plural = |n: usize| if n == 1 { "" } else { "s" };
+            let id = format!(
+                "{count} rollout{}, {threads} thread{}",
+                plural(count),
+                plural(threads)
+            );
+            group.bench_function(id, |bencher| {
+                bencher
+                    .iter(|| black_box(batch.run(engine, Some(threads), &AtomicBool::new(false))));
+            });
+        }
+        group.finish();
+    }
+}
+
+criterion_group!(benches, paper_rollouts);
+criterion_main!(benches);

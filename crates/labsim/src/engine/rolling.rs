@@ -22,7 +22,7 @@ use crate::board::{BOARD_FRICTION, GRAVITY, Rig};
 /// The most rollouts to a group.
 pub(crate) const GROUP: usize = 32;
 
-/// Registers whose marbles take turns, so that one's divisions hide behind the other's.
+/// The most registers whose marbles take turns, so that one's divisions hide behind another's.
 const REGISTERS: usize = 4;
 
 /// Simulates up to [`GROUP`] rollouts whose timesteps have equal numbers of substeps.
@@ -49,13 +49,17 @@ impl WithSimd for Group<'_, '_, '_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let lanes = REGISTERS * S::F64_LANES;
         for (jobs, out) in self.jobs.chunks(lanes).zip(self.out.chunks_mut(lanes)) {
-            simulate(simd, self.rig, jobs, out, self.cancel);
+            match jobs.len().div_ceil(S::F64_LANES) {
+                1 => simulate::<S, 1>(simd, self.rig, jobs, out, self.cancel),
+                2 => simulate::<S, 2>(simd, self.rig, jobs, out, self.cancel),
+                _ => simulate::<S, REGISTERS>(simd, self.rig, jobs, out, self.cancel),
+            }
         }
     }
 }
 
 #[inline(always)]
-fn simulate<S: Simd>(
+fn simulate<S: Simd, const N: usize>(
     simd: S,
     rig: &Rig,
     jobs: &[Job<'_>],
@@ -76,7 +80,7 @@ fn simulate<S: Simd>(
         .iter()
         .map(|job| job.parameters.observation_scale / rig.board.edge_x_m)
         .collect();
-    let mut marbles: [Marbles<S>; REGISTERS] =
+    let mut marbles: [Marbles<S>; N] =
         std::array::from_fn(|register| place(simd, &rims, rig, |lane| job(register, lane)));
     let rows = out[0].len();
     for row in 0..rows {
@@ -84,7 +88,7 @@ fn simulate<S: Simd>(
         if row + 1 == rows || cancel.load(Ordering::Relaxed) {
             break;
         }
-        let push: [Push<S>; REGISTERS] =
+        let push: [Push<S>; N] =
             std::array::from_fn(|register| tilt(simd, rig, row, |lane| job(register, lane)));
         for _ in 0..jobs[0].clock.step(row).substeps {
             for (marbles, push) in marbles.iter_mut().zip(&push) {
@@ -125,7 +129,7 @@ fn place<'a, 'b: 'a, S: Simd>(
 
 #[inline(always)]
 fn observe<S: Simd>(
-    marbles: &[Marbles<S>; REGISTERS],
+    marbles: &[Marbles<S>],
     jobs: &[Job<'_>],
     edges_per_m: &[f64],
     row: usize,
