@@ -27,7 +27,7 @@ demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (
 
 .PHONY: test
 test: $(EXTENSION) ## every test, Rust and Python
-	cargo test $(LOCKED) --workspace
+	cargo test $(LOCKED) --workspace --release
 	$(BIN)/python -m pytest -n 2
 
 .PHONY: lint
