@@ -6,7 +6,9 @@ import hashlib
 import json
 import os
 import sys
+from contextlib import suppress
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 from irt.errors import IrtError
@@ -99,25 +101,23 @@ def obtain(
         return _load_for(path, needed.network_drive)
     path = needed.path
     if path.exists():
-        try:
+        if path == SHIPPED:
             return _load_for(path, needed.network_drive)
-        except IrtError:
-            if path == SHIPPED:
-                raise
+        with suppress(IrtError):
+            return _load_for(path, needed.network_drive)
     try:
         make_folder(path.parent)
     except IrtError as error:
         raise IrtError(f"{error}; or set IRT_CACHE to a folder for trained networks") from error
-    command = "irt tune"
-    checkpoint = checkpoint_path(path)
-    if checkpoint.exists():
-        try:
-            return pretrain(
-                needed.network_drive, path, resume=True, command=command, threads=threads, progress=progress
-            )
-        except IrtError:
-            checkpoint.unlink(missing_ok=True)
-    return pretrain(needed.network_drive, path, command=command, threads=threads, progress=progress)
+    train = partial(
+        pretrain, needed.network_drive, path, command="irt tune", threads=threads, progress=progress
+    )
+    if (checkpoint := checkpoint_path(path)).exists():
+        # One of another release, or broken, is no loss: it is only a cache.
+        with suppress(IrtError):
+            return train(resume=True)
+        checkpoint.unlink(missing_ok=True)
+    return train()
 
 
 def cache_folder() -> Path:
