@@ -48,7 +48,8 @@ fmt: $(PACKAGES) components ## format the sources
 
 .PHONY: bench
 bench: $(PACKAGES) ## time the engine and write the table in README.md
-	cargo bench $(LOCKED) --package labsim
+	rm -rf target/criterion
+	cargo bench $(LOCKED) --package labsim --bench engine
 	$(BIN)/python benches/write_table.py
 
 .PHONY: pictures

@@ -9,6 +9,7 @@ import datetime
 import json
 import os
 import platform
+import re
 import shutil
 import subprocess
 import sys
@@ -61,7 +62,12 @@ def read_timings(criterion: Path) -> list[Timing]:
                 substeps=(benchmark["throughput"] or {}).get("Elements"),
             )
         )
-    return sorted(timings, key=lambda timing: timing.name)
+    return sorted(timings, key=lambda timing: natural_order(timing.name))
+
+
+def natural_order(name: str) -> list[tuple[str, int]]:
+    """Return a sort key under which the numbers in names count as numbers: 64 before 1024."""
+    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", name)]
 
 
 def machine() -> str:

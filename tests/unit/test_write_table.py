@@ -27,6 +27,7 @@ def test_rows_are_sorted_and_in_readable_units(tmp_path: Path) -> None:
     add_result(criterion, "rolling/1 thread", 50_000.0, 500.0, {"Elements": 2500})
     add_result(criterion, "rapier/2 threads", 1.25e9, 1.25e7, {"Elements": 5_000_000})
     add_result(criterion, "rolling/2 threads", 999_600.0, 0.0, {"Elements": 1_234_000})
+    add_result(criterion, "rolling/10 threads", 2e9, 0.0, None)
     add_result(criterion, "drive", 999.0, 0.0, None)
     (tmp_path / "page.md").write_text(PAGE)
 
@@ -38,6 +39,7 @@ def test_rows_are_sorted_and_in_readable_units(tmp_path: Path) -> None:
         "| rapier/2 threads | 1.25 s | ± 1.0 % | 4 M |",
         "| rolling/1 thread | 50 µs | ± 1.0 % | 50 M |",
         "| rolling/2 threads | 1000 µs | ± 0.0 % | 1230 M |",
+        "| rolling/10 threads | 2 s | ± 0.0 % |  |",
     ]
 
 
