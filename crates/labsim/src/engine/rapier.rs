@@ -11,15 +11,25 @@
 //! the substep is known before it, and a marble whose push is below the resistance rests exactly.
 //!
 //! A marble's bits do not depend on its company. Marbles share no contact, the solver computes its
-//! SIMD lanes alike, and the only order that matters, that of the contacts of one marble, follows
-//! the order of the bodies of board and walls: hence a body for each of them, inserted before the
-//! marbles. (Colliders without a body would be ordered by when the broad phase found the pair.)
+//! SIMD lanes alike, and what remains is the order in which it solves the contacts of one marble:
+//! ascending by colour. A contact takes the highest colour that its marble has free when it begins,
+//! of those that begin together the body with the lower index first. (Colliders without a body
+//! would follow the order in which the broad phase found them, and colours that 125 contacts or
+//! more share would be solved first: both are matters of company.)
+//!
+//! The order matters for another reason. One pass over the contacts is exact for the last of them.
+//! With the board last, its friction presses a marble that still spins into the wall, which then
+//! throws it back; with the walls last, an impact keeps spin, restitution and hop as theory has
+//! them. So marbles first touch board and walls together, in a corner, with the walls' bodies
+//! first: the two highest colours are the walls' from then on.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use pulp::Scalar;
 use rapier3d_f64::prelude::*;
 
 use super::Job;
+use super::lanes::Lanes;
 use crate::board::{BOARD_FRICTION, GRAVITY, Rig, SUBSTEP_S};
 
 /// The most marbles to a world: enough to share its overhead, few enough to stay in the cache.
@@ -53,8 +63,12 @@ pub(crate) fn run(rig: &Rig, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]], canc
     let mut world = world(rig);
     let mut marbles: Vec<Marble<'_>> = jobs
         .iter()
-        .map(|job| Marble::place(rig, job, &mut world))
+        .map(|job| Marble::new(rig, job, &mut world))
         .collect();
+    give_walls_the_last_word(&mut world);
+    for marble in &marbles {
+        marble.place(rig, &mut world.bodies);
+    }
     loop {
         let mut moving = false;
         for (marble, out) in marbles.iter_mut().zip(out.iter_mut()) {
@@ -76,13 +90,8 @@ fn world(rig: &Rig) -> PhysicsWorld {
     };
     world.physics_pipeline.counters.disable();
 
-    let board = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
-    world.insert(
-        RigidBodyBuilder::fixed(),
-        surface(board, BOARD_FRICTION, 0.0),
-    );
     let [x, y] = [rig.board.edge_x_m / 2.0, rig.board.edge_y_m / 2.0];
-    // Thick, high and overlapping at the corners: there is no other side to get to.
+    // Thick, overlapping at the corners and higher than any marble climbs by its spin.
     let far = far_m(rig);
     for (inner, along) in [
         (x, Vector::X),
@@ -91,11 +100,23 @@ fn world(rig: &Rig) -> PhysicsWorld {
         (-y, Vector::Y),
     ] {
         let centre = along * (inner + far.copysign(inner));
-        let wall = ColliderBuilder::cuboid(far, far, far);
+        let wall = ColliderBuilder::cuboid(far, far, 1000.0 * far);
         let wall = surface(wall, rig.board.wall_friction, rig.board.wall_restitution);
         world.insert(RigidBodyBuilder::fixed().translation(centre), wall);
     }
+    let board = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
+    world.insert(
+        RigidBodyBuilder::fixed(),
+        surface(board, BOARD_FRICTION, 0.0),
+    );
     world
+}
+
+/// Lets the marbles' contacts begin, all of them in a corner, without moving anything.
+fn give_walls_the_last_word(world: &mut PhysicsWorld) {
+    world.integration_parameters.dt = 0.0;
+    world.step();
+    world.integration_parameters.dt = SUBSTEP_S;
 }
 
 /// How rapier steps this world.
@@ -111,12 +132,12 @@ fn parameters(rig: &Rig) -> IntegrationParameters {
         length_unit,
         normalized_prediction_distance: FORESIGHT * rig.marble.radius_m / length_unit,
         normalized_max_linear_velocity: f64::MAX,
-        // One pass that includes friction solves one contact exactly, and the position then follows
-        // from a velocity that friction has already seen; a stabilising pass would come after it.
-        // The second pass is for marbles at the rim, where board and wall act on one another.
+        // One pass that includes friction, then the positions. A stabilising pass would change the
+        // velocities after them; impulses from the last substep would outlive their cause.
         num_solver_iterations: 1,
-        num_internal_pgs_iterations: 2,
+        num_internal_pgs_iterations: 1,
         num_internal_stabilization_iterations: 0,
+        warmstart_coefficient: 0.0,
         max_ccd_substeps: 0,
         contact_clustering: false,
         // A recycled contact keeps its points while the marble rolls on.
@@ -147,6 +168,12 @@ fn meeting(memberships: Group, filter: Group) -> InteractionGroups {
     InteractionGroups::new(memberships, filter, InteractionTestMode::And)
 }
 
+/// Sine and cosine with the same bits on every machine, which the system's are not.
+fn sin_cos(x: f64) -> (f64, f64) {
+    let x = Lanes::splat(Scalar::new(), x);
+    (x.sin().to_array()[0], x.cos().to_array()[0])
+}
+
 /// A marble on its way through its rollout.
 struct Marble<'a> {
     job: &'a Job<'a>,
@@ -159,33 +186,25 @@ struct Marble<'a> {
     substeps: u64,
     /// Length of the marble's substeps over that of the world's.
     ///
-    /// Where it is not 1 the marble lives in a time of its own: velocities are multiplied by it,
-    /// accelerations by its square, damping rates by it once more. Positions, friction cones,
-    /// restitution and the stiffness of contacts a substep are the same in both times, so this is
-    /// exactly a simulation with substeps of that length, rounding apart.
+    /// Where it is not 1 the marble lives in a time of its own: velocities and damping rates are
+    /// multiplied by it, accelerations by its square. Positions, friction cones, restitution and
+    /// what a contact corrects in a substep are the same in both times, and no impulse is kept from
+    /// one substep to the next: but for rounding, this is the simulation with substeps of that
+    /// length.
     pace: f64,
     /// Push of gravity in the board's frame in the marble's time (m/s²).
     gravity: Vector,
 }
 
 impl<'a> Marble<'a> {
-    /// Puts a marble at its start, inside the rims, rolling without slip.
-    fn place(rig: &Rig, job: &'a Job<'a>, world: &mut PhysicsWorld) -> Self {
-        let edges_per_m = job.parameters.observation_scale / rig.board.edge_x_m;
+    /// A marble in the corner of the board.
+    fn new(rig: &Rig, job: &'a Job<'a>, world: &mut PhysicsWorld) -> Self {
         let radius = rig.marble.radius_m;
-        let [reach_x, reach_y] = rig.reach_m();
-        let [x, y] = job.start.map(|edges| edges / edges_per_m);
-        let [vx, vy] = job.start_velocity.map(|edges| edges / edges_per_m);
+        let [x, y] = rig.reach_m();
         let body = RigidBodyBuilder::dynamic()
-            .translation(Vector::new(
-                x.clamp(-reach_x, reach_x),
-                y.clamp(-reach_y, reach_y),
-                radius,
-            ))
-            .linvel(Vector::new(vx, vy, 0.0))
-            .angvel(Vector::new(-vy, vx, 0.0) / radius)
+            .translation(Vector::new(x, y, radius))
             .can_sleep(false)
-            // Rapier's limit of an eighth of a turn a substep is 1.3 m/s for this marble.
+            // Rapier's limit of an eighth of a turn a substep is 1.3 m/s for the paper's marble.
             .allow_fast_rotation(true);
         let ball = ColliderBuilder::ball(radius).mass(rig.marble.mass_kg);
         let ball = material(ball, 1.0, 1.0).collision_groups(meeting(MARBLES, FIXED));
@@ -193,12 +212,32 @@ impl<'a> Marble<'a> {
         Self {
             job,
             body,
-            edges_per_m,
+            edges_per_m: job.parameters.observation_scale / rig.board.edge_x_m,
             row: 0,
             substeps: 0,
             pace: 1.0,
             gravity: Vector::ZERO,
         }
+    }
+
+    /// Puts the marble at its start, inside the rims, rolling without slip.
+    fn place(&self, rig: &Rig, bodies: &mut RigidBodySet) {
+        let radius = rig.marble.radius_m;
+        let [reach_x, reach_y] = rig.reach_m();
+        let [x, y] = self.job.start.map(|edges| edges / self.edges_per_m);
+        let [vx, vy] = self
+            .job
+            .start_velocity
+            .map(|edges| edges / self.edges_per_m);
+        let start = Vector::new(
+            x.clamp(-reach_x, reach_x),
+            y.clamp(-reach_y, reach_y),
+            radius,
+        );
+        let marble = &mut bodies[self.body];
+        marble.set_translation(start, false);
+        marble.set_linvel(Vector::new(vx, vy, 0.0), false);
+        marble.set_angvel(Vector::new(-vy, vx, 0.0) / radius, false);
     }
 
     /// Brings the marble to its next substep, over the rows that end here; false after the last.
@@ -243,8 +282,8 @@ impl<'a> Marble<'a> {
         self.keep_pace(pace / parts, rig, marble);
 
         let [knob_x, knob_y] = self.job.commands[self.row];
-        let (sin_x, cos_x) = (self.job.parameters.gear_x * knob_x).sin_cos();
-        let (sin_y, cos_y) = (self.job.parameters.gear_y * knob_y).sin_cos();
+        let (sin_x, cos_x) = sin_cos(self.job.parameters.gear_x * knob_x);
+        let (sin_y, cos_y) = sin_cos(self.job.parameters.gear_y * knob_y);
         // The board turned about x first, then about y.
         let down = Vector::new(sin_y, -sin_x * cos_y, -cos_x * cos_y);
         self.gravity = down * (GRAVITY * self.pace * self.pace);
@@ -298,7 +337,7 @@ impl<'a> Marble<'a> {
             (5.0 * v.y - 2.0 * radius * spin.x) / 7.0,
             reach_y,
         );
-        let speed = x.hypot(y);
+        let speed = (x * x + y * y).sqrt();
         let resistance =
             5.0 / 7.0 * self.job.parameters.rolling_friction * -self.gravity.z * SUBSTEP_S;
         if speed > 0.0 {
