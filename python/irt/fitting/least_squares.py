@@ -93,7 +93,7 @@ def least_squares(
 
 
 def stamped_time_scale(rig: Rig) -> float | None:
-    """Return the time scale that the stamps of a rig's recordings tell: 240 times the median seconds of a row.
+    """Return the time scale that the stamps of a rig tell: 240 times the median seconds of a row.
 
     Raises
     ------
@@ -127,6 +127,6 @@ def _notes(
             yield f"{name} = {value:.4g} lies outside its range of {low:g} to {high:g}."
     if noise > MISFIT * tracker_noise:
         yield (
-            f"The predictions miss by {noise:.2g} of an edge, {noise / tracker_noise:.0f} times the tracker's "
-            f"scatter of {tracker_noise:.2g}: five parameters do not explain these recordings."
+            f"The predictions miss by {noise:.2g} of an edge, {noise / tracker_noise:.0f} times the "
+            f"tracker's scatter of {tracker_noise:.2g}: five parameters do not explain these recordings."
         )

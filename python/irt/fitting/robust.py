@@ -22,29 +22,29 @@ TAIL = 4.0
 
 
 def loss(residual: Array, scale: Array) -> Array:
-    """Student-t negative log-likelihood (up to a constant), elementwise: quadratic near zero, log far out."""
+    """Return the Student-t negative log-likelihood up to a constant: quadratic near zero, log far out."""
     return 0.5 * (TAIL + 1) * np.log1p((residual / scale) ** 2 / TAIL)
 
 
 def weight(residual: Array, scale: Array) -> Array:
-    """Weight with which a residual enters the normal equations: derivative of `loss` over the residual."""
+    """Return the weights in the normal equations: the derivative of `loss` over the residual."""
     return (TAIL + 1) / (TAIL * scale**2 + residual**2)
 
 
 def influence(residual: Array, scale: float) -> tuple[Array, Array]:
-    """Return psi, how much each residual pulls [its own unit], and its slope; both as least squares near zero."""
+    """Return psi, how much residuals pull, and its slope; near zero both are those of least squares."""
     ratio = (residual / scale) ** 2 / TAIL
     return residual / (1.0 + ratio), (1.0 - ratio) / (1.0 + ratio) ** 2
 
 
 def scale(residual: Array, known: NDArray[np.bool_]) -> Array:
-    """Robust standard deviation of (k, ...) residuals where known, for each of the k; shape (k,)."""
+    """Return the robust standard deviation (k,) of residuals (k, ...), where known."""
     flat = np.abs(residual.reshape(len(residual), -1)[:, known.ravel()])
     return np.maximum(MAD_TO_SD * np.median(flat, axis=1), FINEST)
 
 
 def tracker_noise(segments: Sequence[Segment]) -> float:
-    """Standard deviation of the tracker [board edges], from the recordings alone.
+    """Estimate the standard deviation of the tracker [board edges] from the recordings alone.
 
     The motion is smooth from row to row, so that of fourth differences mostly noise is left: its standard
     deviation is sqrt(70) times the tracker's.

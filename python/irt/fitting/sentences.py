@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from irt.rig import PARAMETERS
 
 if TYPE_CHECKING:
-    from irt.fitting.identifiability import Information
+    from irt.fitting.information import Information
 
 Array = NDArray[np.float64]
 

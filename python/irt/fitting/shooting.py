@@ -115,7 +115,7 @@ def cut(segments: Sequence[Segment], rows: int, *, at_rest: bool) -> Windows:
 
 
 def _guess(observed: Array, first: int, *, resting: bool) -> Array:
-    """Position and rate at row `first`, from the nearest rows seen; medians, so that one outlier is harmless."""
+    """Position and rate at row `first`, from medians over the nearest rows seen: one outlier is harmless."""
     seen = np.flatnonzero(np.isfinite(observed).all(axis=1))
     near = seen[np.argsort(np.abs(seen - first), kind="stable")[: 3 if resting else GUESS_ROWS]]
     time, place = (near - first).astype(float), observed[near]
@@ -182,35 +182,55 @@ class Shooting:
         self._room = (np.array(edges) / 2.0 - radius) / rig.board.edge_x_m
         self._row_s = None if windows.durations is None else np.median(windows.durations, axis=1)
 
-    def residuals(self, z: Array, states: Array) -> Array:
-        """Return (k, w, N) residuals at z (k, 5) and start states (k, w, 4)."""
-        return self._residuals(z[:, None], states[:, None], z)[:, 0]
+    def residuals(self, z: Array, states: Array, more_steps: int = 0) -> Array:
+        """Return (k, w, N) residuals at z (k, 5) and start states (k, w, 4).
+
+        `more_steps` shorter physics steps a row, or with a minus sign fewer longer ones, show what the
+        residuals owe to the steps alone.
+        """
+        substeps = np.maximum(self._substeps(z) + more_steps, 1)
+        return self._residuals(z[:, None], states[:, None], substeps[:, None])[:, 0]
 
     def linearise(self, z: Array, states: Array) -> Linearisation:
-        """Return residuals and Jacobians at z (k, 5) and start states (k, w, 4), by differences to both sides.
+        """Return residuals and Jacobians at z (k, 5) and start states (k, w, 4), by finite differences.
 
         The number of physics steps is the centre's for every column: one that rounded to another number would
-        jump.
+        jump. But then a change of the time scale also changes how long a step is, and what impacts do depends
+        on that a little; so this column is taken a second time, with one step more or less of equal length.
         """
         k, components, axes = len(z), self.windows.state_columns, self.coordinates.axes
-        columns = 5 + components
+        columns = 6 + components
         z, states = self.coordinates.clip(z), self._within(z[:, None], states[:, None])[:, 0]
-        steps = np.concatenate([np.full(5, STEP), np.full(components, STATE_STEP)])
+        centre = self._substeps(z)
+        steps, substeps = np.empty((k, 2, columns)), np.repeat(centre[:, None], 1 + 2 * columns, axis=1)
         zs = np.repeat(z[:, None], 1 + 2 * columns, axis=1)
         ss = np.repeat(states[:, None], 1 + 2 * columns, axis=1)
-        for side, sign in enumerate((1.0, -1.0)):
+        for side, sign in enumerate((1, -1)):
             at = 1 + side * columns
-            zs[:, at : at + 5] += sign * STEP * axes
+            other = np.maximum(centre + sign, 1)
+            substeps[:, at + 5] = other
+            steps[:, side, :5], steps[:, side, 5] = sign * STEP, np.log(other / centre)
+            steps[:, side, 6:] = sign * STATE_STEP
+            zs[:, at : at + 6] += steps[:, side, :6, None] * np.vstack([axes, axes[TIME]])
             for component in range(components):
-                ss[:, at + 5 + component, :, component] += sign * STATE_STEP
-        r = self._residuals(zs, ss, z)
+                ss[:, at + 6 + component, :, component] += sign * STATE_STEP
+        r = self._residuals(zs, ss, substeps)
         # Outside the bounds, beyond the walls and where a marble at rest would move there is no slope.
         inside = np.all(np.abs(self.coordinates.clip(zs) - zs) < 1e-12, axis=2)[..., None]
-        inside = inside & np.all(self._within(zs, ss) == ss, axis=3)
-        change = np.where(inside[:, 1:, :, None], r[:, 1:] - r[:, :1], np.nan).reshape(k, 2, columns, *r.shape[2:])
-        change /= steps[:, None, None]
-        slope = np.moveaxis(_agreed(change[:, 0], -change[:, 1]), 1, -1)
-        return Linearisation(r[:, 0], slope[..., :5] @ np.linalg.inv(axes).T, slope[..., 5:])
+        inside = (inside & np.all(self._within(zs, ss) == ss, axis=3))[:, 1:].reshape(k, 2, columns, -1)
+        inside &= (steps != 0.0)[..., None]
+        change = (r[:, 1:] - r[:, :1]).reshape(k, 2, columns, *r.shape[2:])
+        slopes = np.full(change.shape, np.nan)
+        np.divide(change, steps[..., None, None], out=slopes, where=inside[..., None])
+        slope = _agreed(slopes[:, 0], slopes[:, 1])
+        slope[:, TIME] = _gentler(slope[:, TIME], slope[:, 5])
+        slope = np.moveaxis(slope, 1, -1)
+        return Linearisation(r[:, 0], slope[..., :5] @ np.linalg.inv(axes).T, slope[..., 6:])
+
+    def _substeps(self, z: Array) -> NDArray[np.int64]:
+        """Physics steps (k,) of a row at z (k, 5)."""
+        time_scale = self.coordinates.to_p(z)[:, TIME]
+        return np.maximum(1, np.rint(time_scale / self._coarseness)).astype(np.int64)
 
     def _within(self, z: Array, states: Array) -> Array:
         """Start states (k, c, w, 4) between the walls, and at rest where the recording says so."""
@@ -221,12 +241,10 @@ class Shooting:
         inside[..., 2:] *= ~self.windows.at_rest[:, None]
         return inside
 
-    def _residuals(self, z: Array, states: Array, centre: Array) -> Array:
-        """Residuals (k, c, w, N) at z (k, c, 5), states (k, c, w, 4); physics steps as at the centre (k, 5)."""
+    def _residuals(self, z: Array, states: Array, substeps: NDArray[np.int64]) -> Array:
+        """Residuals (k, c, w, N) at z (k, c, 5), start states (k, c, w, 4) and physics steps a row (k, c)."""
         k, c, w = z.shape[0], z.shape[1], len(self.windows.knobs)
         n, p, states = k * c * w, self.coordinates.to_p(z), self._within(z, states)
-        time_scale = self.coordinates.to_p(centre)[:, TIME]
-        substeps = np.maximum(1, np.rint(time_scale / self._coarseness)).astype(np.int64)
         row_s = p[:, :, None, TIME] * SUBSTEP_S if self._row_s is None else self._row_s[None, None]
 
         def each(of_windows: Array) -> Array:
@@ -242,7 +260,7 @@ class Shooting:
             start_velocity=(states[..., 2:] / row_s[..., None]).reshape(n, 2),
             durations=None if durations is None else each(durations),
             time_step="continuous",
-            substeps=np.repeat(substeps, c * w) if durations is None else None,
+            substeps=np.repeat(substeps.ravel(), w) if durations is None else None,
             threads=self._threads,
         )
         self.rollouts += n
@@ -251,12 +269,15 @@ class Shooting:
 
 
 def _agreed(ahead: Array, behind: Array) -> Array:
-    """Return the mean of two one-sided slopes; the gentler one where they disagree, the only one where one is NaN.
+    """Return the mean of two one-sided slopes, or the gentler one where they disagree; NaN means none.
 
-    They disagree where a stop or an impact lies on one side: such an event moves by whole physics steps, a jump
-    that a finite difference takes for a cliff.
+    They disagree where a stop or an impact lies on one side: such an event moves by whole physics steps, a
+    jump that a finite difference takes for a cliff.
     """
     ahead, behind = np.where(np.isnan(ahead), behind, ahead), np.where(np.isnan(behind), ahead, behind)
-    gentler = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
     agree = np.abs(ahead - behind) <= AGREEMENT * (np.abs(ahead) + np.abs(behind)) + AGREEMENT_FLOOR
-    return np.nan_to_num(np.where(agree, 0.5 * (ahead + behind), gentler))
+    return np.nan_to_num(np.where(agree, 0.5 * (ahead + behind), _gentler(ahead, behind)))
+
+
+def _gentler(one: Array, other: Array) -> Array:
+    return np.where(np.abs(one) < np.abs(other), one, other)
