@@ -174,7 +174,7 @@ def _per_rollout(
     what: str, values: npt.ArrayLike, shape: str, axes: int, count: int, *, rows: int | None = None
 ) -> Array:
     """Give the first axis length 1 (shared) or ``count`` (one each)."""
-    shared = np.ndim(values) == axes - 1  # type: ignore[arg-type]
+    shared = np.ndim(values) == axes - 1
     array = _array(what, [values] if shared else values, shape, axes)  # type: ignore[arg-type]
     if len(array) not in (1, count):
         raise IrtError(f"{what}: expected one for each of the {count} rollouts, got {len(array)}")
