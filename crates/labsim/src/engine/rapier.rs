@@ -22,6 +22,10 @@
 //! throws it back; with the walls last, an impact keeps spin, restitution and hop as theory has
 //! them. So marbles first touch board and walls together, in a corner, with the walls' bodies
 //! first: the two highest colours are the walls' from then on.
+//!
+//! Rapier spreads an impact over the substep that brings the marble to the wall and the next, and
+//! lets it bounce between the two, before friction has felt the whole of it. A marble that will
+//! meet a wall within a substep is therefore put there at once, where that substep would end.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -39,13 +43,13 @@ pub(crate) const GROUP: usize = 64;
 /// of friction: rapier's 30 to 60 Hz cost 1 % of the acceleration, this costs 0.005 %.
 const CONTACT_HZ: f64 = 480.0;
 
-/// The distance at which a contact is foreseen, in radii: 0.5 m/s times a substep for the paper's
-/// marble. A foreseen wall stops the marble at its surface; one that is found from inside throws
-/// it back.
+/// The distance at which a contact is foreseen, in radii: what a marble of the paper's size falls
+/// in a substep at 0.5 m/s. A foreseen board stops it at its surface; one that is found from inside
+/// throws it back.
 const FORESIGHT: f64 = 0.3;
 
-/// Substeps longer than this many of the world's are split: from rest, a marble could pass a wall
-/// within one of them unforeseen.
+/// Substeps longer than this many of the world's are split, since a marble sinks into the board by
+/// the square of their length.
 const LONGEST: f64 = 2.0;
 
 /// Substeps shorter than this part of the world's do not move the marble.
@@ -53,6 +57,10 @@ const SHORTEST: f64 = 1e-9;
 
 /// How near to board or wall a marble touches it, in radii; contacts settle to within 1e-3.
 const TOUCH: f64 = 1e-3;
+
+/// The gap at which an impact begins, in radii: the smallest that is surely one, since contacts
+/// without a gap are soft.
+const HAIR: f64 = 1e-6;
 
 const FIXED: Group = Group::GROUP_1;
 const MARBLES: Group = Group::GROUP_2;
@@ -92,7 +100,7 @@ fn world(rig: &Rig) -> PhysicsWorld {
 
     let [x, y] = [rig.board.edge_x_m / 2.0, rig.board.edge_y_m / 2.0];
     // Thick, overlapping at the corners and higher than any marble climbs by its spin.
-    let far = far_m(rig);
+    let far = 10.0 * (x + y);
     for (inner, along) in [
         (x, Vector::X),
         (-x, Vector::X),
@@ -101,7 +109,10 @@ fn world(rig: &Rig) -> PhysicsWorld {
     ] {
         let centre = along * (inner + far.copysign(inner));
         let wall = ColliderBuilder::cuboid(far, far, 1000.0 * far);
-        let wall = surface(wall, rig.board.wall_friction, rig.board.wall_restitution);
+        // Rapier bounds friction by the impulse that stops the marble; what throws it back comes
+        // after. Coulomb's bound is for both.
+        let friction = rig.board.wall_friction * (1.0 + rig.board.wall_restitution);
+        let wall = surface(wall, friction, rig.board.wall_restitution);
         world.insert(RigidBodyBuilder::fixed().translation(centre), wall);
     }
     let board = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
@@ -144,11 +155,6 @@ fn parameters(rig: &Rig) -> IntegrationParameters {
         contact_recycling: false,
         ..IntegrationParameters::default()
     }
-}
-
-/// Farther than any marble travels in a substep (m).
-fn far_m(rig: &Rig) -> f64 {
-    10.0 * (rig.board.edge_x_m + rig.board.edge_y_m)
 }
 
 /// A collider of the board or rim: its own coefficients count, since the marble's are 1.
@@ -257,7 +263,7 @@ impl<'a> Marble<'a> {
         }
         self.substeps -= 1;
         let marble = &mut bodies[self.body];
-        self.foresee(rig, marble);
+        self.meet_walls(rig, marble);
         self.resist(rig, marble);
         true
     }
@@ -302,11 +308,23 @@ impl<'a> Marble<'a> {
         marble.set_angular_damping(rig.marble.damping_per_s * pace);
     }
 
-    /// Lets rapier look as far ahead as a marble too fast for [`FORESIGHT`] goes in a substep.
-    fn foresee(&self, rig: &Rig, marble: &mut RigidBody) {
-        let way = (marble.linvel() + self.gravity * SUBSTEP_S).length() * SUBSTEP_S;
-        let is_fast = way > 0.5 * FORESIGHT * rig.marble.radius_m;
-        marble.set_soft_ccd_prediction(if is_fast { far_m(rig) } else { 0.0 });
+    /// Puts a marble that will meet a wall in this substep there.
+    fn meet_walls(&self, rig: &Rig, marble: &mut RigidBody) {
+        let radius = rig.marble.radius_m;
+        let mut position = marble.translation().to_array();
+        let velocity = (marble.linvel() + self.gravity * SUBSTEP_S).to_array();
+        let mut meets = false;
+        for (axis, reach) in rig.reach_m().into_iter().enumerate() {
+            let side = position[axis].signum();
+            let gap = reach - position[axis] * side;
+            if gap > TOUCH * radius && gap < velocity[axis] * side * SUBSTEP_S {
+                position[axis] = side * (reach - HAIR * radius);
+                meets = true;
+            }
+        }
+        if meets {
+            marble.set_translation(Vector::from_array(position), false);
+        }
     }
 
     /// Rolling resistance of a substep, as a change of spin.
