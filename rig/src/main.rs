@@ -3,6 +3,8 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    eprintln!("rig: the ROS 2 node is not built yet; record with your own tools and give irt the CSV files");
+    eprintln!(
+        "rig: the ROS 2 node is not built yet; record with your own tools and give irt the CSV files"
+    );
     ExitCode::FAILURE
 }
