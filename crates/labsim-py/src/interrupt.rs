@@ -13,6 +13,10 @@ use crate::errors;
 const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Runs `work` without the GIL; on Ctrl-C sets its flag, waits for it and raises `KeyboardInterrupt`.
+#[expect(
+    clippy::redundant_closure_for_method_calls,
+    reason = "`Python::check_signals` is of one lifetime, `attach` asks for any"
+)]
 pub(crate) fn interruptible<T: Send>(
     py: Python<'_>,
     work: impl FnOnce(&AtomicBool) -> labsim::Result<T> + Send,
