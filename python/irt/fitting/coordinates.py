@@ -32,6 +32,8 @@ REACH = 3.0
 LEEWAY = 0.1
 #: A logarithm needs a smallest value: this share of the largest that is allowed.
 SMALLEST = 1e-4
+#: Below this share of their largest value, changes of parameters are no longer counted in proportion.
+SMALL = 0.02
 #: Below this a timestep rounds to no physics step at all, and the marble never moves.
 SHORTEST_TIME_SCALE = 0.5
 

@@ -13,7 +13,7 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.fitting.coordinates import SMALLEST
+from irt.fitting.coordinates import SMALL, SMALLEST
 from irt.fitting.information import Information
 from irt.fitting.sentences import unidentifiable
 from irt.model import Model, Parameter
@@ -22,9 +22,6 @@ from irt.rig import PARAMETERS
 from irt.rollouts import Engine
 
 Array = NDArray[np.float64]
-
-#: Below this share of their largest value parameters are no longer counted in proportion.
-SMALL = 0.02
 
 
 def estimates(

@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 #: Rows of the windows, stage after stage, and iterations spent on each; whole segments come last.
 HORIZONS = ((10, 7), (40, 6))
 WHOLE_ITERATIONS, FAMILY_ITERATIONS, SETTLE_ITERATIONS = 12, 10, 5
-#: Batches drawn around the best one.
+#: How often the best one's family and surroundings are searched, and batches drawn of the surroundings.
+ROUNDS = 2
 NEARBY_ROUNDS = 6
 #: Physics steps on the way to whole segments are this many times longer than the engine's.
 COARSENESS = 5
@@ -99,9 +100,10 @@ class Search:
         """Refine the best start points of a draw; return where they led, the best first."""
         candidates = self._descend(self._screen(starts, seed))
         best, rng = candidates[0], np.random.default_rng(seed)
-        for members in (starts, (starts + 1) // 2):
+        for round_ in range(ROUNDS):
             if self._time_is_free:
-                best = self._ranked([best, *self._family(best, members)])[0]
+                members = self._family(best, max(starts // 2**round_, 1))
+                best = self._ranked([best, *members])[0]
             best = self._settled(best, rng)
         return [self._rounded(best) if self._time_is_free else best, *candidates[1:]]
 
@@ -241,17 +243,16 @@ class Search:
     ) -> tuple[Array, Array, Array, Array]:
         """Refine z (k, 5) and states (k, w, 4); return them, the residuals, and the path (t, k, 5)."""
         shooting = self._shooting(windows, coarseness)
-        total = sum(count for _, count in self._horizons)
-        total += WHOLE_ITERATIONS + FAMILY_ITERATIONS * self._time_is_free + SETTLE_ITERATIONS
+        total = sum(count for _, count in self._horizons) + WHOLE_ITERATIONS
+        total += ROUNDS * (FAMILY_ITERATIONS * self._time_is_free + SETTLE_ITERATIONS)
 
-        def on_iteration(iteration: int) -> None:
+        def report(iteration: int) -> None:
             if self._progress is not None:
                 text = f"least squares, {windows.knobs.shape[1]} rows at a time"
                 self._progress(self._done + iteration, total, text)
 
-        solution = minimise(
-            shooting, z, states, noise=self.noise, iterations=iterations, on_iteration=on_iteration
-        )
+        solution = minimise(shooting, z, states, noise=self.noise, iterations=iterations, on_iteration=report)
+        report(iterations)
         self._done += iterations
         self.rollouts += shooting.rollouts
         return solution.z, solution.states, solution.residual, solution.path

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.fitting.coordinates import SMALL
 from irt.rig import PARAMETERS
 
 if TYPE_CHECKING:
@@ -19,8 +20,8 @@ SYMMETRIES = {
     "time": np.array([1.0, 1.0, 1.0, -0.5, 0.0]),
     "scale": np.array([-1.0, -1.0, -1.0, 0.0, 1.0]),
 }
-#: A direction lies within others if this share of its square does.
-WITHIN = 0.98
+#: A direction lies within others if this share of its square does, outside if less of its length.
+WITHIN, OUTSIDE = 0.98, 0.1
 #: A parameter takes part in a combination if its share of the direction is at least this.
 SHARE = 0.15
 
@@ -35,17 +36,23 @@ def unidentifiable(information: Information, low: Array, high: Array) -> tuple[s
     low, high : (5,) arrays
         Ends of the intervals.
     """
-    flat = information.directions[information.flat]
-    if len(flat) == information.free.sum():
+    if information.flat.sum() == information.free.sum():
         return ("These recordings say next to nothing about any parameter; did the marble move?",)
-    relative = information.values / information.widths
+    # From here on in relative changes, in which the symmetries look alike for every rig.
+    size = np.maximum(np.abs(information.values), SMALL * np.abs(information.ranges).max(axis=1))
+    flat = information.directions[information.flat] * information.widths / size
+    flat = np.linalg.qr(flat.T)[0].T
+    relative = information.values / size
     found = {
         name: bool(np.all(information.free[symmetry != 0.0])) and _lies_within(symmetry * relative, flat)
         for name, symmetry in SYMMETRIES.items()
     }
     symmetric = [SYMMETRIES[name] * relative for name, is_flat in found.items() if is_flat]
     sentences = [_symmetries(information, flat, **found)] if symmetric else []
-    return (*sentences, *(_direction(information, one, low, high) for one in _remainder(flat, symmetric)))
+    for direction in _remainder(flat, symmetric):
+        change = direction * size / information.widths
+        sentences.append(_direction(information, change / np.linalg.norm(change), low, high))
+    return tuple(sentences)
 
 
 def _symmetries(information: Information, flat: Array, *, time: bool, scale: bool) -> str:
@@ -60,20 +67,17 @@ def _symmetries(information: Information, flat: Array, *, time: bool, scale: boo
     known = []
     for index, name in enumerate(PARAMETERS[:3]):
         powers = exponents + np.eye(5)[index]
-        if not information.free[index] or information.values[index] == 0.0:
-            continue
-        gradient = np.divide(
-            powers, information.values / information.widths, where=powers != 0.0, out=np.zeros(5)
-        )
-        if np.linalg.norm(flat @ gradient) < 0.05 * np.linalg.norm(gradient):
+        value = information.values[index]
+        if value != 0.0 and np.linalg.norm(flat @ powers) < OUTSIDE * np.linalg.norm(powers):
             product = float(np.prod(information.values**powers))
+            gradient = np.zeros(5)
+            np.divide(powers * information.widths, information.values, where=powers != 0.0, out=gradient)
             margin = abs(product) * information.margin(gradient)
             known.append(f"{factors}{name} = {product:.4g} +- {margin:.2g}")
     fixed = f"these recordings fix only {_listed(known)}" if known else "these recordings fix none of them"
-    remedy = " and ".join(filter(None, remedies))
     return (
         "gear_x, gear_y and rolling_friction can all be multiplied by any factor if "
-        f"{' or '.join(filter(None, changes))}: {fixed}; {remedy}."
+        f"{' or '.join(filter(None, changes))}: {fixed}; {' and '.join(filter(None, remedies))}."
     )
 
 
@@ -102,8 +106,8 @@ def _remainder(flat: Array, symmetric: list[Array]) -> Array:
     if not symmetric:
         return flat
     axes = np.linalg.qr(np.array(symmetric).T)[0].T
-    _, size, left = np.linalg.svd(flat - flat @ axes.T @ axes)
-    return left[: len(size)][size > 0.5]
+    _, length, left = np.linalg.svd(flat - flat @ axes.T @ axes)
+    return left[: len(length)][length > 0.5]
 
 
 def _listed(items: list[str]) -> str:
