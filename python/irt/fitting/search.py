@@ -171,6 +171,8 @@ class Search:
         counts = np.arange(np.ceil(bottom), np.floor(top) + 1.0)
         z = along_time(np.repeat(candidate.z[None], len(counts), axis=0), counts)
         z = z[np.all(np.abs(self.coordinates.clip(z) - z) < 1e-9, axis=1)]
+        if not len(z):
+            return []
         inside = np.all(self.coordinates.excess(z)[0] == 0.0, axis=1)
         z = z[inside] if inside.any() else z
         states = np.repeat(candidate.states[None], len(z), axis=0)
