@@ -97,7 +97,8 @@ class Information:
             )
             states = found.states[0]
         per_z = (coordinates.derivative(z) / widths[:, None])[np.ix_(free, free)]
-        linear = _Linear(shooting, z, states, shooting.linearise(z[None], states[None]), noise, free, per_z)
+        line = shooting.linearise(z[None], states[None], careful=True)
+        linear = _Linear(shooting, z, states, line, noise, free, per_z)
         solved = linear.solved(linear.known)
         solved = linear.solved(linear.known * linear.trust(solved))
         directions = np.zeros((len(solved.half_width), 5))

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 #: board edges per row). Large against the jumps of a stop that moves by one physics step, small against
 #: the curvature of the motion.
 STEP, STATE_STEP = 1e-3, 1e-4
+#: The share of these steps with which a careful look is taken.
+FINE = 0.03
 #: Two slopes agree within this share of their sizes, or this much [edges per unit].
 AGREEMENT, AGREEMENT_FLOOR = 0.1, 0.01
 #: Rows from which the first guess of a window's start state is made.
@@ -191,8 +193,21 @@ class Shooting:
         substeps = np.maximum(self._substeps(z) + more_steps, 1)
         return self._residuals(z[:, None], states[:, None], substeps[:, None])[:, 0]
 
-    def linearise(self, z: Array, states: Array) -> Linearisation:
+    def linearise(self, z: Array, states: Array, *, careful: bool = False) -> Linearisation:
         """Return residuals and Jacobians at z (k, 5) and start states (k, w, 4), by finite differences.
+
+        `careful` looks twice, with steps of two sizes, and believes the gentler slope: where an impact shortly
+        before or after decides where the marble goes, a step of one size sees a cliff.
+        """
+        residual, slope = self._slopes(z, states, 1.0)
+        if careful:
+            slope = _gentler(slope, self._slopes(z, states, FINE)[1])
+        slope = np.moveaxis(slope, 1, -1)
+        to_z = np.linalg.inv(self.coordinates.axes).T
+        return Linearisation(residual, slope[..., :5] @ to_z, slope[..., 5:])
+
+    def _slopes(self, z: Array, states: Array, fineness: float) -> tuple[Array, Array]:
+        """Residuals (k, w, N), and slopes (k, 5 + s, w, N) along the axes and components of start states.
 
         The number of physics steps is the centre's for every column: one that rounded to another number would
         jump. But then a change of the time scale also changes how long a step is, and what impacts do depends
@@ -209,11 +224,11 @@ class Shooting:
             at = 1 + side * columns
             other = np.maximum(centre + sign, 1)
             substeps[:, at + 5] = other
-            steps[:, side, :5], steps[:, side, 5] = sign * STEP, np.log(other / centre)
-            steps[:, side, 6:] = sign * STATE_STEP
+            steps[:, side, :5], steps[:, side, 5] = sign * fineness * STEP, np.log(other / centre)
+            steps[:, side, 6:] = sign * fineness * STATE_STEP
             zs[:, at : at + 6] += steps[:, side, :6, None] * np.vstack([axes, axes[TIME]])
             for component in range(components):
-                ss[:, at + 6 + component, :, component] += sign * STATE_STEP
+                ss[:, at + 6 + component, :, component] += sign * fineness * STATE_STEP
         r = self._residuals(zs, ss, substeps)
         # Outside the bounds, beyond the walls and where a marble at rest would move there is no slope.
         inside = np.all(np.abs(self.coordinates.clip(zs) - zs) < 1e-12, axis=2)[..., None]
@@ -224,8 +239,7 @@ class Shooting:
         np.divide(change, steps[..., None, None], out=slopes, where=inside[..., None])
         slope = _agreed(slopes[:, 0], slopes[:, 1])
         slope[:, TIME] = _gentler(slope[:, TIME], slope[:, 5])
-        slope = np.moveaxis(slope, 1, -1)
-        return Linearisation(r[:, 0], slope[..., :5] @ np.linalg.inv(axes).T, slope[..., 6:])
+        return r[:, 0], np.delete(slope, 5, axis=1)
 
     def _substeps(self, z: Array) -> NDArray[np.int64]:
         """Physics steps (k,) of a row at z (k, 5)."""
