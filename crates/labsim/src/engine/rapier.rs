@@ -12,16 +12,17 @@
 //!
 //! A marble's bits do not depend on its company. Marbles share no contact, the solver computes its
 //! SIMD lanes alike, and what remains is the order in which it solves the contacts of one marble:
-//! ascending by colour. A contact takes the highest colour that its marble has free when it begins,
-//! of those that begin together the body with the lower index first. (Colliders without a body
+//! ascending by colour. A contact takes the highest colour that its marble has free when it begins;
+//! of those that begin together, the one whose bodies have the lowest indices comes first. Hence a
+//! body for each wall, inserted before the marbles, and none for the board. (Walls without bodies
 //! would follow the order in which the broad phase found them, and colours that 125 contacts or
 //! more share would be solved first: both are matters of company.)
 //!
 //! The order matters for another reason. One pass over the contacts is exact for the last of them.
 //! With the board last, its friction presses a marble that still spins into the wall, which then
 //! throws it back; with the walls last, an impact keeps spin, restitution and hop as theory has
-//! them. So marbles first touch board and walls together, in a corner, with the walls' bodies
-//! first: the two highest colours are the walls' from then on.
+//! them. So marbles first touch board and walls together, in a corner: the two highest colours are
+//! the walls' from then on.
 //!
 //! Rapier spreads an impact over the substep that brings the marble to the wall and the next, and
 //! lets it bounce between the two, before friction has felt the whole of it. A marble that will
@@ -43,9 +44,8 @@ pub(crate) const GROUP: usize = 64;
 /// of friction: rapier's 30 to 60 Hz cost 1 % of the acceleration, this costs 0.005 %.
 const CONTACT_HZ: f64 = 480.0;
 
-/// The distance at which a contact is foreseen, in radii: what a marble of the paper's size falls
-/// in a substep at 0.5 m/s. A foreseen board stops it at its surface; one that is found from inside
-/// throws it back.
+/// The distance at which contacts begin, in radii. Hops that stay below it keep the order of
+/// contacts as it is; friction moves a marble a hundredth of it in a substep.
 const FORESIGHT: f64 = 0.3;
 
 /// Substeps longer than this many of the world's are split, since a marble sinks into the board by
@@ -116,10 +116,7 @@ fn world(rig: &Rig) -> PhysicsWorld {
         world.insert(RigidBodyBuilder::fixed().translation(centre), wall);
     }
     let board = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
-    world.insert(
-        RigidBodyBuilder::fixed(),
-        surface(board, BOARD_FRICTION, 0.0),
-    );
+    world.insert_collider(surface(board, BOARD_FRICTION, 0.0), None);
     world
 }
 
@@ -210,6 +207,8 @@ impl<'a> Marble<'a> {
         let body = RigidBodyBuilder::dynamic()
             .translation(Vector::new(x, y, radius))
             .can_sleep(false)
+            // A sphere feels none.
+            .gyroscopic_forces_enabled(false)
             // Rapier's limit of an eighth of a turn a substep is 1.3 m/s for the paper's marble.
             .allow_fast_rotation(true);
         let ball = ColliderBuilder::ball(radius).mass(rig.marble.mass_kg);
@@ -263,7 +262,7 @@ impl<'a> Marble<'a> {
         }
         self.substeps -= 1;
         let marble = &mut bodies[self.body];
-        self.meet_walls(rig, marble);
+        self.meet(rig, marble);
         self.resist(rig, marble);
         true
     }
@@ -308,20 +307,23 @@ impl<'a> Marble<'a> {
         marble.set_angular_damping(rig.marble.damping_per_s * pace);
     }
 
-    /// Puts a marble that will meet a wall in this substep there.
-    fn meet_walls(&self, rig: &Rig, marble: &mut RigidBody) {
+    /// Puts a marble that will meet a wall or the board in this substep there.
+    fn meet(&self, rig: &Rig, marble: &mut RigidBody) {
         let radius = rig.marble.radius_m;
         let mut position = marble.translation().to_array();
-        let velocity = (marble.linvel() + self.gravity * SUBSTEP_S).to_array();
+        let way = ((marble.linvel() + self.gravity * SUBSTEP_S) * SUBSTEP_S).to_array();
         let mut meets = false;
-        for (axis, reach) in rig.reach_m().into_iter().enumerate() {
-            let side = position[axis].signum();
+        let mut meet = |axis: usize, side: f64, reach: f64| {
             let gap = reach - position[axis] * side;
-            if gap > TOUCH * radius && gap < velocity[axis] * side * SUBSTEP_S {
+            if gap > TOUCH * radius && gap < way[axis] * side {
                 position[axis] = side * (reach - HAIR * radius);
                 meets = true;
             }
-        }
+        };
+        let [reach_x, reach_y] = rig.reach_m();
+        meet(0, way[0].signum(), reach_x);
+        meet(1, way[1].signum(), reach_y);
+        meet(2, -1.0, -radius);
         if meets {
             marble.set_translation(Vector::from_array(position), false);
         }
