@@ -182,7 +182,9 @@ class _Linear:
         with np.errstate(divide="ignore", invalid="ignore"):
             deviation = np.nan_to_num(np.sqrt(variance) / singular, nan=np.inf)
             offset = -(left.T @ pull.ravel()) / mean_slope / singular
-        half_width = float(stdtrit(dof, 0.5 + CONFIDENCE / 2.0)) * deviation
+        # Without degrees of freedom to spare nothing is known: the width may pass what a float holds.
+        with np.errstate(over="ignore"):
+            half_width = float(stdtrit(dof, 0.5 + CONFIDENCE / 2.0)) * deviation
         return _Solved(right, deviation, half_width, offset, follow)
 
     def trust(self, solved: _Solved) -> Array:
