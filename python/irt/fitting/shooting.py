@@ -196,8 +196,8 @@ class Shooting:
     def linearise(self, z: Array, states: Array, *, careful: bool = False) -> Linearisation:
         """Return residuals and Jacobians at z (k, 5) and start states (k, w, 4), by finite differences.
 
-        `careful` looks twice, with steps of two sizes, and believes the gentler slope: where an impact shortly
-        before or after decides where the marble goes, a step of one size sees a cliff.
+        `careful` looks twice, with steps of two sizes, and believes the gentler slope: where an impact
+        shortly before or after decides where the marble goes, a step of one size sees a cliff.
         """
         residual, slope = self._slopes(z, states, 1.0)
         if careful:
