@@ -94,7 +94,8 @@ impl Batch<'_> {
         if observations.is_empty() {
             return Ok(observations);
         }
-        let groups = self.groups(engine, &mut observations);
+        let workers = threads.unwrap_or_else(rayon::current_num_threads);
+        let groups = self.groups(engine, workers, &mut observations);
         let work = || {
             groups.into_par_iter().for_each(|(jobs, mut out)| {
                 if !cancel.load(Ordering::Relaxed) {
@@ -200,7 +201,12 @@ impl Batch<'_> {
     ///
     /// Neighbours take about equally long in a rapier world; in lanes they share every count of
     /// substeps. The order decides only who keeps whom company, never a result.
-    fn groups<'a>(&'a self, engine: Engine, observations: &'a mut [[f64; 2]]) -> Vec<Group<'a>> {
+    fn groups<'a>(
+        &'a self,
+        engine: Engine,
+        workers: usize,
+        observations: &'a mut [[f64; 2]],
+    ) -> Vec<Group<'a>> {
         let mut jobs: Vec<(Job<'a>, &'a mut [[f64; 2]])> = observations
             .chunks_exact_mut(self.rows)
             .enumerate()
@@ -218,7 +224,8 @@ impl Batch<'_> {
         // The longest first, so that no thread is left with a long group at the end.
         jobs.sort_by(|(a, _), (b, _)| b.clock.compare(&a.clock, self.rows));
         let most = match engine {
-            Engine::Rapier => rapier::GROUP,
+            // A small batch makes smaller worlds, two for each thread: the long and the short ones.
+            Engine::Rapier => rapier::GROUP.min(jobs.len().div_ceil(2 * workers.max(1))),
             Engine::Rolling => rolling::GROUP,
         };
         let mut groups: Vec<Group<'a>> = Vec::new();
