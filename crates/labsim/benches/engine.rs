@@ -51,9 +51,7 @@ fn paper_rollouts(criterion: &mut Criterion) {
             parameters: &parameters,
             rows: ROWS,
             commands: PerRollout::Shared(&commands),
-            start: PerRollout::Shared(&[[0.0; 2]]),
-            start_velocity: PerRollout::Shared(&[[0.0; 2]]),
-            time: TimeBase::Rounded,
+            ..Batch::new(&rig, &[], &[])
         };
         let mut group = criterion.benchmark_group(name);
         group

@@ -9,13 +9,17 @@
 
 pub mod board;
 pub mod drive;
+pub mod effects;
 pub mod engine;
 pub mod error;
+mod lanes;
+mod motion;
 pub mod parameters;
 pub mod rollout;
 
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;
+pub use effects::{About, Chosen, effects};
 pub use engine::Engine;
 pub use error::{Error, Result};
 pub use parameters::Parameters;

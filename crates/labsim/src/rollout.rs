@@ -9,7 +9,8 @@ use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::board::Rig;
-use crate::engine::{Clock, Engine, Job, Step, rapier, rolling};
+use crate::effects::{Chosen, in_order};
+use crate::engine::{Clock, Engine, Job, Setup, Step, rapier, rolling};
 use crate::error::{Error, Result};
 use crate::parameters::Parameters;
 
@@ -20,13 +21,26 @@ pub enum PerRollout<'a, T> {
     Shared(&'a [T]),
     /// One each, concatenated.
     Each(&'a [T]),
+    /// One each, wherever it lies; several rollouts may have the same.
+    Of(&'a [&'a [T]]),
 }
 
 impl<'a, T> PerRollout<'a, T> {
-    fn of(&self, rollout: usize, length: usize) -> &'a [T] {
+    /// The entries of a rollout; `length` is how many each has if they are concatenated.
+    pub(crate) fn of(&self, rollout: usize, length: usize) -> &'a [T] {
         match *self {
             Self::Shared(all) => all,
             Self::Each(all) => &all[rollout * length..(rollout + 1) * length],
+            Self::Of(all) => all[rollout],
+        }
+    }
+
+    /// How many entries a rollout has; of those that lie apart, the fewest.
+    fn length(&self, rollouts: usize) -> usize {
+        match *self {
+            Self::Shared(all) => all.len(),
+            Self::Each(all) => all.len() / rollouts.max(1),
+            Self::Of(all) => all.iter().map(|one| one.len()).min().unwrap_or(0),
         }
     }
 
@@ -34,6 +48,11 @@ impl<'a, T> PerRollout<'a, T> {
         let (expected, got) = match *self {
             Self::Shared(all) => (length, all.len()),
             Self::Each(all) => (rollouts * length, all.len()),
+            Self::Of(all) if all.len() != rollouts => (rollouts, all.len()),
+            Self::Of(all) => match all.iter().find(|one| one.len() != length) {
+                Some(wrong) => (length, wrong.len()),
+                None => return Ok(()),
+            },
         };
         if expected == got {
             Ok(())
@@ -55,26 +74,54 @@ pub enum TimeBase<'a> {
     Durations(PerRollout<'a, f64>),
 }
 
-/// Rollouts that share a rig and an engine.
+/// Rollouts that share a rig and a set of effects.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
     /// Board and marble.
     pub rig: &'a Rig,
     /// One set of parameters a rollout.
     pub parameters: &'a [Parameters],
-    /// Rows of each rollout, the start included.
+    /// What the five parameters leave out; the order of naming does not matter.
+    pub effects: &'a [Chosen<'a>],
+    /// Rows observed of each rollout, the start included.
     pub rows: usize,
-    /// Knob angles (rad), `rows` pairs; command i holds from row i to row i + 1.
+    /// Knob angles (rad), a pair a row; command i holds from row i to row i + 1. All sequences have
+    /// the same length, unless they lie apart.
     pub commands: PerRollout<'a, [f64; 2]>,
-    /// Observed position at row 0 (board edges), one pair.
+    /// Knob angles before row 0 (rad), one pair.
+    pub knobs_before: PerRollout<'a, [f64; 2]>,
+    /// The row of the commands in which the marble is let go and first observed, one number. Until
+    /// then the knobs alone move.
+    pub first: PerRollout<'a, usize>,
+    /// Observed position at that row (board edges), one pair.
     pub start: PerRollout<'a, [f64; 2]>,
-    /// Observed velocity at row 0 (board edges per second), one pair.
+    /// Observed velocity at that row (board edges per second), one pair.
     pub start_velocity: PerRollout<'a, [f64; 2]>,
     /// How long a command holds.
     pub time: TimeBase<'a>,
+    /// Of what effects draw, one number.
+    pub seeds: PerRollout<'a, u64>,
 }
 
-impl Batch<'_> {
+impl<'a> Batch<'a> {
+    /// Rollouts of the five parameters alone: from row 0 and at rest in the board's centre, whose
+    /// knobs were level, one for each of `parameters` under the same commands.
+    pub fn new(rig: &'a Rig, parameters: &'a [Parameters], commands: &'a [[f64; 2]]) -> Self {
+        Self {
+            rig,
+            parameters,
+            effects: &[],
+            rows: commands.len(),
+            commands: PerRollout::Shared(commands),
+            knobs_before: PerRollout::Shared(&[[0.0; 2]]),
+            first: PerRollout::Shared(&[0]),
+            start: PerRollout::Shared(&[[0.0; 2]]),
+            start_velocity: PerRollout::Shared(&[[0.0; 2]]),
+            time: TimeBase::Rounded,
+            seeds: PerRollout::Shared(&[0]),
+        }
+    }
+
     /// Simulates every rollout; returns the observations (board edges), `rows` pairs a rollout.
     ///
     /// A rollout's result has the same bits whatever shares its batch and however many `threads`
@@ -95,16 +142,26 @@ impl Batch<'_> {
             return Ok(observations);
         }
         let workers = threads.unwrap_or_else(rayon::current_num_threads);
-        let groups = self.groups(engine, workers, &mut observations);
-        let work = || {
-            groups.into_par_iter().for_each(|(jobs, mut out)| {
-                if !cancel.load(Ordering::Relaxed) {
-                    match engine {
-                        Engine::Rapier => rapier::run(self.rig, &jobs, &mut out, cancel),
-                        Engine::Rolling => rolling::run(self.rig, &jobs, &mut out, cancel),
+        let effects = in_order(self.effects);
+        let setup = Setup {
+            rig: self.rig,
+            effects: &effects,
+            rows: self.rows,
+            cancel,
+        };
+        let mut work = || {
+            let block = BLOCK * self.rows;
+            for (number, observations) in observations.chunks_mut(block).enumerate() {
+                let groups = self.groups(engine, workers, number * BLOCK, observations);
+                groups.into_par_iter().for_each(|(jobs, mut out)| {
+                    if !cancel.load(Ordering::Relaxed) {
+                        match engine {
+                            Engine::Rapier => rapier::run(&setup, &jobs, &mut out),
+                            Engine::Rolling => rolling::run(&setup, &jobs, &mut out),
+                        }
                     }
-                }
-            });
+                });
+            }
         };
         match threads {
             None => work(),
@@ -117,16 +174,28 @@ impl Batch<'_> {
     }
 
     fn check(&self) -> Result<()> {
-        let (rollouts, rows) = (self.parameters.len(), self.rows);
+        let rollouts = self.parameters.len();
         self.rig.check()?;
-        self.commands.check("commands", rollouts, rows)?;
+        let issued = self.issued();
+        if !matches!(self.commands, PerRollout::Of(_)) {
+            self.commands.check("commands", rollouts, issued)?;
+        }
+        self.knobs_before.check("knobs_before", rollouts, 1)?;
+        self.first.check("first", rollouts, 1)?;
+        self.seeds.check("seeds", rollouts, 1)?;
         self.start.check("start", rollouts, 1)?;
         self.start_velocity.check("start_velocity", rollouts, 1)?;
         if let TimeBase::Durations(durations) = &self.time {
-            durations.check("durations", rollouts, rows)?;
+            if !matches!(durations, PerRollout::Of(_)) {
+                durations.check("durations", rollouts, issued)?;
+            }
         }
         if let TimeBase::Continuous(Some(substeps)) = self.time {
             PerRollout::Each(substeps).check("substeps", rollouts, 1)?;
+        }
+        for one in self.effects {
+            let count = one.effect.parameters.len();
+            one.values.check(one.effect.name, rollouts, count)?;
         }
         (0..rollouts).try_for_each(|i| self.check_rollout(i).map_err(|error| locate(error, i)))
     }
@@ -144,7 +213,9 @@ impl Batch<'_> {
         };
         finite("start", self.start.of(rollout, 1))?;
         finite("start_velocity", self.start_velocity.of(rollout, 1))?;
-        let commands = self.commands.of(rollout, self.rows);
+        let commands = self.commands.of(rollout, self.issued());
+        self.check_length("commands", rollout, commands.len())?;
+        finite("knobs_before", self.knobs_before.of(rollout, 1))?;
         finite("commands", commands)?;
         for (axis, gear) in [parameters.gear_x, parameters.gear_y]
             .into_iter()
@@ -162,12 +233,15 @@ impl Batch<'_> {
                 ));
             }
         }
+        for one in self.effects {
+            let count = one.effect.parameters.len();
+            one.effect.check(one.values.of(rollout, count))?;
+        }
         match self.time {
             TimeBase::Durations(durations) => {
-                let wrong = durations
-                    .of(rollout, self.rows)
-                    .iter()
-                    .find(|&&s| !(0.0..=20.0).contains(&s));
+                let durations = durations.of(rollout, self.issued());
+                self.check_length("durations", rollout, durations.len())?;
+                let wrong = durations.iter().find(|&&s| !(0.0..=20.0).contains(&s));
                 wrong.map_or(Ok(()), |s| {
                     Err(Error::invalid("durations", "0 to 20 s a row", s))
                 })
@@ -177,6 +251,24 @@ impl Batch<'_> {
             }
             _ => Ok(()),
         }
+    }
+
+    /// How many commands a rollout has, unless they lie apart.
+    fn issued(&self) -> usize {
+        self.commands.length(self.parameters.len())
+    }
+
+    /// Refuses sequences that end before the last observed row.
+    fn check_length(&self, what: &str, rollout: usize, rows: usize) -> Result<()> {
+        let needed = self.first.of(rollout, 1)[0] + self.rows;
+        if rows < needed {
+            return Err(Error::invalid(
+                what,
+                &format!("at least {needed} rows"),
+                rows,
+            ));
+        }
+        Ok(())
     }
 
     fn clock(&self, rollout: usize) -> Clock {
@@ -189,7 +281,7 @@ impl Batch<'_> {
             )),
             TimeBase::Durations(durations) => Clock::Stamped(
                 durations
-                    .of(rollout, self.rows)
+                    .of(rollout, self.issued())
                     .iter()
                     .map(|&s| Step::lasting(s))
                     .collect(),
@@ -201,40 +293,31 @@ impl Batch<'_> {
     ///
     /// Neighbours take about equally long in a rapier world; in lanes they share every count of
     /// substeps. The order decides only who keeps whom company, never a result.
-    fn groups<'a>(
-        &'a self,
+    fn groups<'b>(
+        &'b self,
         engine: Engine,
         workers: usize,
-        observations: &'a mut [[f64; 2]],
-    ) -> Vec<Group<'a>> {
-        let mut jobs: Vec<(Job<'a>, &'a mut [[f64; 2]])> = observations
+        begin: usize,
+        observations: &'b mut [[f64; 2]],
+    ) -> Vec<Group<'b>> {
+        let mut jobs: Vec<(Job<'b>, &'b mut [[f64; 2]])> = observations
             .chunks_exact_mut(self.rows)
             .enumerate()
-            .map(|(rollout, out)| {
-                let job = Job {
-                    parameters: self.parameters[rollout],
-                    commands: self.commands.of(rollout, self.rows),
-                    start: self.start.of(rollout, 1)[0],
-                    start_velocity: self.start_velocity.of(rollout, 1)[0],
-                    clock: self.clock(rollout),
-                };
-                (job, out)
-            })
+            .map(|(i, out)| (self.job(begin + i), out))
             .collect();
         // The longest first, so that no thread is left with a long group at the end.
-        jobs.sort_by(|(a, _), (b, _)| b.clock.compare(&a.clock, self.rows));
+        jobs.sort_by(|(a, _), (b, _)| self.company(b, a));
         let most = match engine {
             // A small batch makes smaller worlds, two for each thread: the long and the short ones.
             Engine::Rapier => rapier::GROUP.min(jobs.len().div_ceil(2 * workers.max(1))),
             Engine::Rolling => rolling::GROUP,
         };
-        let mut groups: Vec<Group<'a>> = Vec::new();
+        let mut groups: Vec<Group<'b>> = Vec::new();
         for (job, out) in jobs {
             match groups.last_mut() {
                 Some((group, outs))
                     if group.len() < most
-                        && (engine == Engine::Rapier
-                            || group[0].clock.compare(&job.clock, self.rows).is_eq()) =>
+                        && (engine == Engine::Rapier || self.company(&group[0], &job).is_eq()) =>
                 {
                     group.push(job);
                     outs.push(out);
@@ -244,7 +327,31 @@ impl Batch<'_> {
         }
         groups
     }
+
+    fn job(&self, rollout: usize) -> Job<'_> {
+        Job {
+            rollout,
+            parameters: self.parameters[rollout],
+            commands: self.commands.of(rollout, self.issued()),
+            knobs_before: self.knobs_before.of(rollout, 1)[0],
+            first: self.first.of(rollout, 1)[0],
+            start: self.start.of(rollout, 1)[0],
+            start_velocity: self.start_velocity.of(rollout, 1)[0],
+            clock: self.clock(rollout),
+            seed: self.seeds.of(rollout, 1)[0],
+        }
+    }
+
+    /// Orders rollouts by the duration of their work; equal ones can share registers.
+    fn company(&self, a: &Job<'_>, b: &Job<'_>) -> std::cmp::Ordering {
+        let rows = |job: &Job<'_>| job.first + self.rows;
+        let firsts = a.first.cmp(&b.first);
+        firsts.then_with(|| a.clock.compare(&b.clock, rows(a)))
+    }
 }
+
+/// How many rollouts are under way at once, so that memory does not grow with a batch.
+const BLOCK: usize = 1 << 16;
 
 type Group<'a> = (Vec<Job<'a>>, Vec<&'a mut [[f64; 2]]>);
 

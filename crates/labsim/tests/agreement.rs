@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::sync::atomic::AtomicBool;
 
-use labsim::{Batch, Engine, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{Batch, Engine, Parameters, PerRollout, Rig};
 
 const ROLLOUTS: usize = 200;
 const ROWS: usize = 100;
@@ -68,8 +68,7 @@ fn differences(rig: &Rig, amplitude: f64, seed: u64) -> Vec<(f64, bool)> {
         rows: ROWS,
         commands: PerRollout::Each(&commands),
         start: PerRollout::Each(&start),
-        start_velocity: PerRollout::Shared(&[[0.0; 2]]),
-        time: TimeBase::Rounded,
+        ..Batch::new(rig, &[], &[])
     };
     let run = |engine| {
         batch

@@ -77,6 +77,7 @@ impl Drawn {
             start: PerRollout::Each(&pick(&self.start)),
             start_velocity: PerRollout::Each(&pick(&self.velocity)),
             time,
+            ..Batch::new(&self.rig, &[], &[])
         };
         run(&batch, Some(threads))
             .chunks(ROWS)
@@ -173,9 +174,8 @@ fn updates_of_any_length_follow_the_clock() {
             parameters: &[[1.0, 1.0, rolling_friction, time_scale, 1.0].into()],
             rows: 9,
             commands: PerRollout::Shared(&[[0.0, tilt]; 9]),
-            start: PerRollout::Shared(&[[0.0; 2]]),
-            start_velocity: PerRollout::Shared(&[[0.0; 2]]),
             time,
+            ..Batch::new(&rig, &[], &[])
         };
         let path = run(&batch, None);
         path.iter().map(|row| row[0] * rig.board.edge_x_m).collect()
@@ -251,7 +251,7 @@ fn extremes_stay_finite_and_on_the_board() {
             commands: PerRollout::Each(&tilts),
             start: PerRollout::Each(&starts),
             start_velocity: PerRollout::Each(&velocities),
-            time: TimeBase::Rounded,
+            ..Batch::new(&rig, &[], &[])
         };
         let bounds = rig
             .reach_m()

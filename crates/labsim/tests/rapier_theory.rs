@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use labsim::board::{BOARD_FRICTION, GRAVITY, SUBSTEP_S};
-use labsim::{Batch, Engine, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{Batch, Engine, Parameters, PerRollout, Rig};
 
 /// One marble under a command that does not change, observed after each update, in metres.
 struct Run {
@@ -49,7 +49,7 @@ impl Run {
             commands: PerRollout::Shared(&vec![self.tilt; self.rows]),
             start: PerRollout::Shared(&[self.start_m.map(|m| m / edge)]),
             start_velocity: PerRollout::Shared(&[self.velocity_m_per_s.map(|m| m / edge)]),
-            time: TimeBase::Rounded,
+            ..Batch::new(&self.rig, &[], &[])
         };
         let observed = run(&batch, None);
         observed

@@ -24,9 +24,8 @@ fn simulate(
         parameters: &[parameters],
         rows: commands.len(),
         commands: PerRollout::Shared(commands),
-        start: PerRollout::Shared(&[[0.0; 2]]),
         start_velocity: PerRollout::Shared(&[velocity]),
-        time: TimeBase::Rounded,
+        ..Batch::new(rig, &[], &[])
     };
     batch
         .run(Engine::Rolling, Some(1), &AtomicBool::new(false))
@@ -179,8 +178,8 @@ fn stamps_of_even_length_equal_a_time_scale() {
             rows: 60,
             commands: PerRollout::Shared(&drive),
             start: PerRollout::Shared(&[[0.1, -0.2]]),
-            start_velocity: PerRollout::Shared(&[[0.0; 2]]),
             time,
+            ..Batch::new(&rig, &[], &[])
         };
         batch
             .run(Engine::Rolling, None, &AtomicBool::new(false))
@@ -202,9 +201,7 @@ fn a_cancelled_batch_says_so() {
         parameters: &parameters,
         rows: 2,
         commands: PerRollout::Shared(&[[0.0; 2]; 2]),
-        start: PerRollout::Shared(&[[0.0; 2]]),
-        start_velocity: PerRollout::Shared(&[[0.0; 2]]),
-        time: TimeBase::Rounded,
+        ..Batch::new(&rig, &[], &[])
     };
     for engine in [Engine::Rolling, Engine::Rapier] {
         assert_eq!(
@@ -223,9 +220,7 @@ fn what_no_physics_allows_is_refused_with_its_place() {
             parameters: &[self::parameters(0.05, 0.0, 20.0), parameters],
             rows: 2,
             commands: PerRollout::Shared(&[[knob, 0.0]; 2]),
-            start: PerRollout::Shared(&[[0.0; 2]]),
-            start_velocity: PerRollout::Shared(&[[0.0; 2]]),
-            time: TimeBase::Rounded,
+            ..Batch::new(&rig, &[], &[])
         };
         batch
             .run(Engine::Rolling, None, &AtomicBool::new(false))
@@ -309,7 +304,7 @@ proptest! {
                 commands: PerRollout::Shared(&commands),
                 start: PerRollout::Shared(&[[0.01, 0.02]]),
                 start_velocity: PerRollout::Shared(&[[0.1, 0.0]]),
-                time: TimeBase::Rounded,
+                ..Batch::new(&rig, &[], &[])
             };
             batch.run(Engine::Rolling, Some(threads), &AtomicBool::new(false)).expect("the inputs are physical")
         };

@@ -1,13 +1,17 @@
 //! Two engines that answer one question: where is the marble seen at each row?
 
-mod lanes;
+mod actuation;
+mod agenda;
+mod camera;
 pub(crate) mod rapier;
 pub(crate) mod rolling;
 
 use std::cmp::Ordering;
 use std::str::FromStr;
+use std::sync::atomic::{self, AtomicBool};
 
-use crate::board::SUBSTEP_S;
+use crate::board::{Rig, SUBSTEP_S};
+use crate::effects::{Acts, Chosen};
 use crate::error::Error;
 use crate::parameters::Parameters;
 
@@ -120,15 +124,45 @@ impl Clock {
     }
 }
 
+/// What all rollouts of a batch share.
+#[derive(Clone, Copy)]
+pub(crate) struct Setup<'a> {
+    pub(crate) rig: &'a Rig,
+    /// In the order in which they act.
+    pub(crate) effects: &'a [Chosen<'a>],
+    /// How many rows are observed.
+    pub(crate) rows: usize,
+    pub(crate) cancel: &'a AtomicBool,
+}
+
+impl Setup<'_> {
+    /// Whether an effect acts in one of these places.
+    fn any(&self, places: impl Fn(Acts) -> bool) -> bool {
+        self.effects.iter().any(|one| places(one.effect.acts))
+    }
+
+    fn is_cancelled(&self) -> bool {
+        self.cancel.load(atomic::Ordering::Relaxed)
+    }
+}
+
 /// One marble to simulate.
 #[derive(Debug, Clone)]
 pub(crate) struct Job<'a> {
+    /// Its number in the batch.
+    pub(crate) rollout: usize,
     pub(crate) parameters: Parameters,
     /// Knob angles (rad), one pair a row; command i holds from row i to row i + 1.
     pub(crate) commands: &'a [[f64; 2]],
-    /// Observed position at row 0 (board edges).
+    /// Knob angles before row 0 (rad).
+    pub(crate) knobs_before: [f64; 2],
+    /// The row in which the marble is let go and first observed.
+    pub(crate) first: usize,
+    /// Observed position at that row (board edges).
     pub(crate) start: [f64; 2],
-    /// Observed velocity at row 0 (board edges per second); the marble rolls without slip.
+    /// Observed velocity at that row (board edges per second); the marble rolls without slip.
     pub(crate) start_velocity: [f64; 2],
     pub(crate) clock: Clock,
+    /// Of what effects draw.
+    pub(crate) seed: u64,
 }

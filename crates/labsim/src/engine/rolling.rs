@@ -10,14 +10,15 @@
 
 mod contact;
 
-use std::sync::atomic::{AtomicBool, Ordering};
-
 use pulp::{Arch, Simd, WithSimd};
 
-use self::contact::{Marbles, Push, Rims, substep};
-use super::Job;
-use super::lanes::Lanes;
-use crate::board::{BOARD_FRICTION, GRAVITY, Rig};
+use self::contact::substep;
+use super::actuation::Actuation;
+use super::camera::{Camera, between};
+use super::{Job, Setup};
+use crate::effects::{Acts, Any, acting};
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Push, Rims};
 
 /// The most rollouts to a group.
 pub(crate) const GROUP: usize = 32;
@@ -25,21 +26,16 @@ pub(crate) const GROUP: usize = 32;
 /// The most registers whose marbles take turns, so that one's divisions hide behind another's.
 const REGISTERS: usize = 4;
 
-/// Simulates up to [`GROUP`] rollouts whose timesteps have equal numbers of substeps.
-pub(crate) fn run(rig: &Rig, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]], cancel: &AtomicBool) {
-    Arch::new().dispatch(Group {
-        rig,
-        jobs,
-        out,
-        cancel,
-    });
+/// Simulates up to [`GROUP`] rollouts whose timesteps have equal numbers of substeps and whose marbles
+/// are let go at the same row.
+pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]]) {
+    Arch::new().dispatch(Group { setup, jobs, out });
 }
 
 struct Group<'a, 'b, 'c> {
-    rig: &'a Rig,
+    setup: &'a Setup<'a>,
     jobs: &'a [Job<'b>],
     out: &'a mut [&'c mut [[f64; 2]]],
-    cancel: &'a AtomicBool,
 }
 
 impl WithSimd for Group<'_, '_, '_> {
@@ -50,9 +46,9 @@ impl WithSimd for Group<'_, '_, '_> {
         let lanes = REGISTERS * S::F64_LANES;
         for (jobs, out) in self.jobs.chunks(lanes).zip(self.out.chunks_mut(lanes)) {
             match jobs.len().div_ceil(S::F64_LANES) {
-                1 => simulate::<S, 1>(simd, self.rig, jobs, out, self.cancel),
-                2 => simulate::<S, 2>(simd, self.rig, jobs, out, self.cancel),
-                _ => simulate::<S, REGISTERS>(simd, self.rig, jobs, out, self.cancel),
+                1 => simulate::<S, 1>(simd, self.setup, jobs, out),
+                2 => simulate::<S, 2>(simd, self.setup, jobs, out),
+                _ => simulate::<S, REGISTERS>(simd, self.setup, jobs, out),
             }
         }
     }
@@ -61,129 +57,225 @@ impl WithSimd for Group<'_, '_, '_> {
 #[inline(always)]
 fn simulate<S: Simd, const N: usize>(
     simd: S,
-    rig: &Rig,
+    setup: &Setup<'_>,
     jobs: &[Job<'_>],
     out: &mut [&mut [[f64; 2]]],
-    cancel: &AtomicBool,
 ) {
-    // Empty lanes repeat the first rollout and are never read.
-    let job =
-        |register: usize, lane: usize| jobs.get(register * S::F64_LANES + lane).unwrap_or(&jobs[0]);
-    let [reach_x, reach_y] = rig.reach_m();
-    let rims = Rims {
-        reach_x: Lanes::splat(simd, reach_x),
-        reach_y: Lanes::splat(simd, reach_y),
-        restitution: Lanes::splat(simd, rig.board.wall_restitution),
-        friction: Lanes::splat(simd, rig.board.wall_friction),
-    };
-    let edges_per_m: Vec<f64> = jobs
-        .iter()
-        .map(|job| job.parameters.observation_scale / rig.board.edge_x_m)
-        .collect();
+    let mut registers: [Register<'_, '_, S>; N] = std::array::from_fn(|register| {
+        let begin = register * S::F64_LANES;
+        let end = jobs.len().min(begin + S::F64_LANES);
+        Register::new(simd, setup, jobs.get(begin..end).unwrap_or(&[]), &jobs[0])
+    });
+    let (first, step) = (jobs[0].first, |row: usize| jobs[0].clock.step(row).substeps);
+    for row in 0..first {
+        for register in &mut registers {
+            register.wait(row, step(row));
+        }
+    }
+    let plain = registers.iter().all(Register::is_plain);
     let mut marbles: [Marbles<S>; N] =
-        std::array::from_fn(|register| place(simd, &rims, rig, |lane| job(register, lane)));
-    let rows = out[0].len();
-    for row in 0..rows {
-        observe(&marbles, jobs, &edges_per_m, row, out);
-        if row + 1 == rows || cancel.load(Ordering::Relaxed) {
+        std::array::from_fn(|register| registers[register].release());
+    for row in first..first + setup.rows {
+        for ((register, marbles), out) in registers
+            .iter()
+            .zip(&marbles)
+            .zip(out.chunks_mut(S::F64_LANES))
+        {
+            register.observe(row, marbles, out);
+        }
+        if row + 1 == first + setup.rows || setup.is_cancelled() {
             break;
         }
-        let push: [Push<S>; N] =
-            std::array::from_fn(|register| tilt(simd, rig, row, |lane| job(register, lane)));
-        for _ in 0..jobs[0].clock.step(row).substeps {
-            for (marbles, push) in marbles.iter_mut().zip(&push) {
-                *marbles = substep(&rims, marbles, push);
+        for register in &mut registers {
+            register.begin_row(row);
+        }
+        if plain {
+            let pushes: [Push<S>; N] = std::array::from_fn(|i| registers[i].actuation.push);
+            for _ in 0..step(row) {
+                for ((register, marbles), push) in registers.iter().zip(&mut marbles).zip(&pushes) {
+                    *marbles = substep(&register.rims, marbles, push);
+                }
+            }
+        } else {
+            for i in 0..step(row) {
+                let mut out = out.chunks_mut(S::F64_LANES);
+                for (register, marbles) in registers.iter_mut().zip(&mut marbles) {
+                    register.substep(row, i, marbles, out.next().unwrap_or_default());
+                }
             }
         }
     }
 }
 
-#[inline(always)]
-fn place<'a, 'b: 'a, S: Simd>(
-    simd: S,
-    rims: &Rims<S>,
-    rig: &Rig,
-    job: impl Fn(usize) -> &'a Job<'b>,
-) -> Marbles<S> {
-    let metres = |value: fn(&Job<'_>) -> f64| {
-        Lanes::from_fn(simd, |lane| {
-            let job = job(lane);
-            value(job) / (job.parameters.observation_scale / rig.board.edge_x_m)
-        })
-    };
-    let (vx, vy) = (
-        metres(|job| job.start_velocity[0]),
-        metres(|job| job.start_velocity[1]),
-    );
-    Marbles {
-        x: metres(|job| job.start[0]).clamp(rims.reach_x),
-        y: metres(|job| job.start[1]).clamp(rims.reach_y),
-        vx,
-        vy,
-        sx: vx,
-        sy: vy,
-        spin: Lanes::splat(simd, 0.0),
-        air: Lanes::splat(simd, 0.0),
-    }
+/// The rollouts of a register.
+struct Register<'a, 'b, S: Simd> {
+    jobs: &'a [Job<'b>],
+    /// What empty lanes repeat, and nobody reads.
+    filler: &'a Job<'b>,
+    rims: Rims<S>,
+    actuation: Actuation<S>,
+    camera: Camera<S>,
+    forces: Vec<Any<S>>,
 }
 
-#[inline(always)]
-fn observe<S: Simd>(
-    marbles: &[Marbles<S>],
-    jobs: &[Job<'_>],
-    edges_per_m: &[f64],
-    row: usize,
-    out: &mut [&mut [[f64; 2]]],
-) {
-    let lanes = S::F64_LANES;
-    for (register, marbles) in marbles.iter().enumerate() {
-        let (x, y) = (marbles.x.to_array(), marbles.y.to_array());
-        for i in register * lanes..jobs.len().min((register + 1) * lanes) {
-            let lane = i - register * lanes;
-            let seen = [x[lane] * edges_per_m[i], y[lane] * edges_per_m[i]];
-            out[i][row] = if row == 0 { jobs[i].start } else { seen };
+impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
+    fn new(simd: S, setup: &Setup<'_>, jobs: &'a [Job<'b>], filler: &'a Job<'b>) -> Self {
+        let job = |lane: usize| jobs.get(lane).unwrap_or(filler);
+        let effects = |places: fn(Acts) -> bool| {
+            acting(simd, setup.rig, setup.effects, places, |lane| {
+                job(lane).rollout
+            })
+        };
+        let mut rims = Rims::new(simd, setup.rig);
+        for effect in effects(|acts| acts == Acts::OnRims) {
+            effect.rims(&mut rims);
+        }
+        let actuation = Actuation::new(simd, setup, job);
+        Self {
+            jobs,
+            filler,
+            rims,
+            camera: Camera::new(simd, setup, &actuation, job),
+            actuation,
+            forces: effects(|acts| acts == Acts::OnMarble),
         }
     }
-}
 
-/// What the command of this row does to the marbles of a register.
-#[inline(always)]
-fn tilt<'a, 'b: 'a, S: Simd>(
-    simd: S,
-    rig: &Rig,
-    row: usize,
-    job: impl Fn(usize) -> &'a Job<'b>,
-) -> Push<S> {
-    let lanes = |value: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| value(job(lane)));
-    let tilt_x = lanes(&|job| job.parameters.gear_x * job.commands[row][0]);
-    let tilt_y = lanes(&|job| job.parameters.gear_y * job.commands[row][1]);
-    let friction = lanes(&|job| job.parameters.rolling_friction);
-    let length = lanes(&|job| job.clock.step(row).length_s);
-    let one = Lanes::splat(simd, 1.0);
-    // The board turned about x first, then about y: gravity in its frame.
-    let (sin_x, cos_x) = (tilt_x.sin(), tilt_x.cos());
-    let (sin_y, cos_y) = (tilt_y.sin(), tilt_y.cos());
-    let normal = GRAVITY * (cos_x * cos_y);
-    let push_x = GRAVITY * sin_y * length;
-    let push_y = -(GRAVITY * (sin_x * cos_y) * length);
-    let resistance = 5.0 / 7.0 * (friction * normal * length);
-    let grip = BOARD_FRICTION * (normal * length);
-    let needed = 2.0 / 7.0 * (push_x.abs() + push_y.abs()) + resistance;
-    Push {
-        x: push_x,
-        y: push_y,
-        hop: (2.0 * one).over(normal),
-        resistance,
-        grip,
-        excess: (needed - grip).max(0.0 * grip),
-        damping: one.over(one + rig.marble.damping_per_s * length),
-        length,
+    /// Whether nothing but the marbles changes within a row.
+    fn is_plain(&self) -> bool {
+        !self.actuation.moves() && self.forces.is_empty() && self.camera.agenda.is_none()
+    }
+
+    #[inline(always)]
+    fn begin_row(&mut self, row: usize) {
+        let (jobs, filler) = (self.jobs, self.filler);
+        let job = |lane: usize| jobs.get(lane).unwrap_or(filler);
+        self.actuation.begin_row(row, job);
+        if let Some(agenda) = &mut self.camera.agenda {
+            agenda.begin_row(row);
+        }
+    }
+
+    /// Plays the commands of a row before the marbles are let go.
+    #[inline(always)]
+    fn wait(&mut self, row: usize, substeps: u32) {
+        self.begin_row(row);
+        if self.actuation.moves() {
+            for substep in 0..substeps {
+                self.actuation.substep(row, substep);
+            }
+        }
+    }
+
+    /// Lets the marbles go.
+    fn release(&self) -> Marbles<S> {
+        let lanes = |value: fn(&Job<'_>) -> f64| {
+            let value = |lane: usize| value(self.jobs.get(lane).unwrap_or(self.filler));
+            Lanes::from_fn(self.rims.reach_x.simd(), value)
+        };
+        let start = [lanes(|job| job.start[0]), lanes(|job| job.start[1])];
+        let velocity = [
+            lanes(|job| job.start_velocity[0]),
+            lanes(|job| job.start_velocity[1]),
+        ];
+        let ([x, y], [vx, vy]) = self.camera.place(start, velocity, &self.actuation.tilt);
+        let zero = vx.like(0.0);
+        Marbles {
+            x: x.clamp(self.rims.reach_x),
+            y: y.clamp(self.rims.reach_y),
+            vx,
+            vy,
+            sx: vx,
+            sy: vy,
+            spin: zero,
+            air: zero,
+        }
+    }
+
+    /// Writes down what the camera sees as a row begins.
+    #[inline(always)]
+    fn observe(&self, row: usize, marbles: &Marbles<S>, out: &mut [&mut [[f64; 2]]]) {
+        if row > self.filler.first && self.camera.agenda.is_some() {
+            return;
+        }
+        let seen = self
+            .camera
+            .see([marbles.x, marbles.y], &self.actuation.tilt);
+        let [x, y] = seen.map(Lanes::to_array);
+        for (lane, (job, out)) in self.jobs.iter().zip(out).enumerate() {
+            out[row - job.first] = if row == job.first {
+                job.start
+            } else {
+                [x[lane], y[lane]]
+            };
+        }
+    }
+
+    #[inline(always)]
+    fn substep(
+        &mut self,
+        row: usize,
+        index: u32,
+        marbles: &mut Marbles<S>,
+        out: &mut [&mut [[f64; 2]]],
+    ) {
+        if self.actuation.moves() {
+            self.actuation.substep(row, index);
+        }
+        let mut push = self.actuation.push;
+        if !self.forces.is_empty() {
+            for effect in &mut self.forces {
+                effect.act(marbles, &mut push);
+            }
+            push.settle();
+        }
+        let before = *marbles;
+        *marbles = substep(&self.rims, &before, &push);
+        let end = f64::from(index) + 1.0;
+        if self
+            .camera
+            .agenda
+            .as_ref()
+            .is_some_and(|agenda| agenda.is_due(end))
+        {
+            self.expose(row, f64::from(index), [&before, marbles], out);
+        }
+    }
+
+    /// Takes the pictures that are due in a substep.
+    #[cold]
+    fn expose(
+        &mut self,
+        row: usize,
+        begin: f64,
+        [before, after]: [&Marbles<S>; 2],
+        out: &mut [&mut [[f64; 2]]],
+    ) {
+        for (lane, out) in out.iter_mut().enumerate() {
+            while let Some(picture) = self.camera.due(lane, row, begin + 1.0) {
+                let at = picture.at - begin;
+                let length = self.actuation.push.length;
+                let place = [
+                    (before.x, after.x, before.vx),
+                    (before.y, after.y, before.vy),
+                ]
+                .map(|(from, to, velocity)| between(from, to, velocity * length, at));
+                let seen = self.camera.see(place, &self.actuation.tilt);
+                out[picture.what] = seen.map(|values| values.to_array()[lane]);
+            }
+        }
+        if let Some(agenda) = &mut self.camera.agenda {
+            agenda.begin_row(row);
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use super::*;
+    use crate::board::Rig;
     use crate::drive::paper_drive;
     use crate::engine::{Clock, Step};
     use pulp::Scalar;
@@ -195,6 +287,10 @@ mod tests {
         let commands = paper_drive(100, 0.1, false);
         let jobs: Vec<Job<'_>> = (0..29)
             .map(|i| Job {
+                rollout: i as usize,
+                knobs_before: [0.0; 2],
+                first: 0,
+                seed: 0,
                 parameters: [0.003 * f64::from(i), 0.09, 0.0004, 23.0, 1.1].into(),
                 commands: &commands,
                 start: [0.01 * f64::from(i), -0.2],
@@ -205,12 +301,15 @@ mod tests {
         let run = |dispatch: &dyn Fn(Group<'_, '_, '_>)| {
             let mut all = vec![[0.0; 2]; jobs.len() * commands.len()];
             let mut out: Vec<&mut [[f64; 2]]> = all.chunks_mut(commands.len()).collect();
-            let cancel = AtomicBool::new(false);
             dispatch(Group {
-                rig: &rig,
+                setup: &Setup {
+                    rig: &rig,
+                    effects: &[],
+                    rows: commands.len(),
+                    cancel: &AtomicBool::new(false),
+                },
                 jobs: &jobs,
                 out: &mut out,
-                cancel: &cancel,
             });
             all
         };

@@ -21,68 +21,11 @@
 
 use pulp::Simd;
 
-use crate::engine::lanes::{Lanes, Mask};
+use crate::lanes::{Lanes, Mask};
+use crate::motion::{Marbles, Push, Rims};
 
 /// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
 const TINY: f64 = 1e-280;
-
-/// The rig in the units of the kernel.
-#[derive(Clone, Copy)]
-pub(super) struct Rims<S: Simd> {
-    pub(super) reach_x: Lanes<S>,
-    pub(super) reach_y: Lanes<S>,
-    pub(super) restitution: Lanes<S>,
-    pub(super) friction: Lanes<S>,
-}
-
-/// Where the marbles of a register are and how they move (m, m/s).
-#[derive(Clone, Copy)]
-pub(super) struct Marbles<S: Simd> {
-    pub(super) x: Lanes<S>,
-    pub(super) y: Lanes<S>,
-    pub(super) vx: Lanes<S>,
-    pub(super) vy: Lanes<S>,
-    pub(super) sx: Lanes<S>,
-    pub(super) sy: Lanes<S>,
-    /// Radius × angular velocity about the vertical.
-    pub(super) spin: Lanes<S>,
-    /// Time until a hop ends (s).
-    pub(super) air: Lanes<S>,
-}
-
-impl<S: Simd> Marbles<S> {
-    #[inline(always)]
-    fn select(mask: Mask<S>, if_true: &Self, if_false: &Self) -> Self {
-        Self {
-            x: mask.select(if_true.x, if_false.x),
-            y: mask.select(if_true.y, if_false.y),
-            vx: mask.select(if_true.vx, if_false.vx),
-            vy: mask.select(if_true.vy, if_false.vy),
-            sx: mask.select(if_true.sx, if_false.sx),
-            sy: mask.select(if_true.sy, if_false.sy),
-            spin: mask.select(if_true.spin, if_false.spin),
-            air: mask.select(if_true.air, if_false.air),
-        }
-    }
-}
-
-/// What acts during a substep, times its length (m/s), and the length (s).
-#[derive(Clone, Copy)]
-pub(super) struct Push<S: Simd> {
-    pub(super) x: Lanes<S>,
-    pub(super) y: Lanes<S>,
-    /// Time in the air for each m/s upwards (s²/m).
-    pub(super) hop: Lanes<S>,
-    /// Most that rolling resistance takes from the rolling velocity.
-    pub(super) resistance: Lanes<S>,
-    /// Most that friction with the board changes the velocity.
-    pub(super) grip: Lanes<S>,
-    /// How much more than the grip a rolling marble would need: above zero, it slips.
-    pub(super) excess: Lanes<S>,
-    /// Factor that damping leaves of every velocity.
-    pub(super) damping: Lanes<S>,
-    pub(super) length: Lanes<S>,
-}
 
 /// Each lane takes the cheap way while its marble rolls, and pays for a slip or an impact only then;
 /// what its neighbours do decides whether the dear way is computed, never whether it counts.
@@ -341,7 +284,7 @@ fn meet_rim<S: Simd>(rims: &Rims<S>, reach: Lanes<S>, push: &Push<S>, rim: &Rim<
     let part = hits.select(part.min(reach.like(2.0 / 7.0)), zero);
     let (j_along, j_up) = (part * along, part * up);
     // A hop that ends within the substep leaves the board no less hold of the marble.
-    let hop = -(j_up * push.hop);
+    let hop = (-2.0 * j_up).over(push.normal);
     Rim {
         x: hits.select(side * reach, x),
         vn: hits.select(-(restitution * vn), vn),
@@ -386,7 +329,7 @@ mod tests {
             let push = Push {
                 x: lanes(0.0),
                 y: lanes(0.0),
-                hop: lanes(2.0 / g),
+                normal: lanes(g),
                 resistance: lanes(5.0 / 7.0 * resistance * g * h),
                 grip: lanes(BOARD_FRICTION * g * h),
                 excess: lanes(0.0),

@@ -157,6 +157,42 @@ impl<S: Simd> Lanes<S> {
             .fold(one, |sum, divisor| one - (1.0 / divisor) * (square * sum))
     }
 
+    /// Exponential of a number that is not above zero, to 1e-13 of its value; below -40 it is zero.
+    #[inline(always)]
+    pub(crate) fn exp_decay(self) -> Self {
+        let far = self.lt(self.like(-40.0));
+        // The Taylor series of a 256th part, squared eight times.
+        let (one, part) = (self.like(1.0), 1.0 / 256.0 * self.max(self.like(-40.0)));
+        let mut power = (1..=11)
+            .rev()
+            .fold(one, |sum, n| one + (1.0 / f64::from(n)) * (part * sum));
+        for _ in 0..8 {
+            power = power * power;
+        }
+        far.select(self.like(0.0), power)
+    }
+
+    /// The nearest whole number, the even one of two; for numbers below 2⁵¹.
+    #[inline(always)]
+    pub(crate) fn round(self) -> Self {
+        let magic = self.like(6_755_399_441_055_744.0); // 1.5 × 2⁵²: no room is left for a fraction
+        (self + magic) - magic
+    }
+
+    /// Copy of the lanes with one of them changed.
+    #[inline(always)]
+    pub(crate) fn replace(self, lane: usize, value: f64) -> Self {
+        let mut all = self.to_array();
+        all[lane] = value;
+        Self::from_fn(self.simd, |lane| all[lane])
+    }
+
+    /// The instruction set.
+    #[inline(always)]
+    pub(crate) fn simd(self) -> S {
+        self.simd
+    }
+
     /// The nearest value from -bound to bound.
     #[inline(always)]
     pub(crate) fn clamp(self, bound: Self) -> Self {

@@ -1,0 +1,122 @@
+//! What the catalogue says of an effect.
+
+use std::fmt;
+
+use crate::error::{Error, Result};
+
+/// Where in the way from command to picture an effect sits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Stage {
+    /// Between the command and the knob.
+    Actuation,
+    /// When things happen.
+    Timing,
+    /// Between the knob and the board, and the shape of the board.
+    Board,
+    /// Where the marble touches board and rim.
+    Contact,
+    /// The air around it.
+    Air,
+    /// Forces at a distance.
+    Field,
+    /// Between the marble and what the tracker reports.
+    Sensing,
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Actuation => "actuation",
+            Self::Timing => "timing",
+            Self::Board => "board",
+            Self::Contact => "contact",
+            Self::Air => "air",
+            Self::Field => "field",
+            Self::Sensing => "sensing",
+        })
+    }
+}
+
+/// The place in the simulation where an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Acts {
+    /// When commands arrive.
+    OnArrival,
+    /// How long a row lasts.
+    OnClock,
+    /// The knob's angles; within a row too if it moves while the command holds still.
+    OnKnob { moves: bool },
+    /// The board's angles.
+    OnTilt,
+    /// What acts on the marble in each substep.
+    OnMarble,
+    /// The rim.
+    OnRims,
+    /// Where the camera sees the marble.
+    OnPicture,
+    /// When the picture was taken.
+    OnExposure,
+}
+
+/// A parameter of an effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// Its name; it carries the unit where that could be doubted.
+    pub name: &'static str,
+    /// SI, empty for a plain number.
+    pub unit: &'static str,
+    /// The plausible values: where a search looks.
+    pub range: (f64, f64),
+    /// The value without effect.
+    pub neutral: f64,
+    /// The values that physics allows.
+    pub allowed: (f64, f64),
+    /// What it is, in a few words.
+    pub means: &'static str,
+}
+
+/// What the catalogue says of an effect.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct About {
+    /// Its name in every file and report.
+    pub name: &'static str,
+    /// Where it sits.
+    pub stage: Stage,
+    pub(crate) acts: Acts,
+    /// The physics, in one line.
+    pub equation: &'static str,
+    /// Its parameters, in the order in which arrays hold them.
+    pub parameters: &'static [Parameter],
+    /// What it does.
+    pub does: &'static str,
+    /// When it matters.
+    pub matters: &'static str,
+    /// What it looks like in data.
+    pub looks: &'static str,
+    /// Where to read more.
+    pub references: &'static [&'static str],
+}
+
+impl About {
+    /// The values without effect.
+    pub fn neutral(&self) -> Vec<f64> {
+        self.parameters.iter().map(|one| one.neutral).collect()
+    }
+
+    /// Refuses values that no physics allows.
+    pub(crate) fn check(&self, values: &[f64]) -> Result<()> {
+        for (parameter, &value) in self.parameters.iter().zip(values) {
+            let (low, high) = parameter.allowed;
+            if !(low..=high).contains(&value) {
+                let what = format!("{} of {}", parameter.name, self.name);
+                let expected = match (low.is_finite(), high.is_finite()) {
+                    (true, true) => format!("a number from {low} to {high}"),
+                    (true, false) => format!("a number of at least {low}"),
+                    _ => "a finite number".to_owned(),
+                };
+                return Err(Error::invalid(what, &expected, value));
+            }
+        }
+        Ok(())
+    }
+}

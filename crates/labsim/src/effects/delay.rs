@@ -1,0 +1,44 @@
+//! The board answers late.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+
+pub(super) const ABOUT: About = About {
+    name: "delay",
+    stage: Stage::Actuation,
+    acts: Acts::OnArrival,
+    equation: "knob(t) = command(t - delay)",
+    parameters: &[Parameter {
+        name: "delay_s",
+        unit: "s",
+        range: (0.0, 0.6),
+        neutral: 0.0,
+        allowed: (0.0, 60.0),
+        means: "time from a command to the knob's answer",
+    }],
+    does: "The board answers every command the same time late: networks, controllers and drives pass commands on in turn.",
+    matters: "Whenever the command changes within the delay; a slow sinusoid hides it as a shift of phase.",
+    looks: "A pure shift in time of everything that the commands cause. Steps or several frequencies tell it from a lag, \
+            bounces and coasting from a camera that lags.",
+    references: &[
+        "Allevato, Short, Pryor, Thomaz: Iterative residual tuning for system identification and sim-to-real robot learning, 2020",
+        "Åström, Murray: Feedback Systems, 2nd ed., sect. 10.2 (time delays)",
+    ],
+};
+
+pub(crate) struct Delay<S: Simd> {
+    delay: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for Delay<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { delay: values[0] }
+    }
+
+    fn late(&self, _: Lanes<S>) -> Lanes<S> {
+        self.delay
+    }
+}

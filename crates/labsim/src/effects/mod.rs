@@ -1,0 +1,203 @@
+//! The catalogue of physical effects that a rollout may have beyond its five parameters.
+//!
+//! One file holds one effect: its words and numbers in `ABOUT`, its physics in an implementation of
+//! [`Effect`] for the marbles of a SIMD register. Both engines run that same code. The list at the end of
+//! [`catalogue!`](self) is in the order in which effects act, from the command to the picture, so a
+//! rollout does not depend on the order in which they are named.
+//!
+//! An effect whose parameters are neutral leaves every bit of a rollout as it is.
+
+#![expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+
+mod about;
+
+use pulp::Simd;
+
+pub(crate) use self::about::Acts;
+pub use self::about::{About, Parameter, Stage};
+use crate::board::Rig;
+use crate::error::{Error, Result};
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Pair, Push, Rims};
+use crate::rollout::PerRollout;
+
+/// An effect and the values of its parameters.
+#[derive(Debug, Clone, Copy)]
+pub struct Chosen<'a> {
+    /// Which one.
+    pub effect: &'static About,
+    /// In the order of [`About::parameters`].
+    pub values: PerRollout<'a, f64>,
+}
+
+/// What an effect does to the marbles of a register, each with its own values of the parameters.
+///
+/// An effect acts in one place, which its `ABOUT` names, and implements the method of that place.
+pub(crate) trait Effect<S: Simd>: Sized {
+    /// `values` are in the order of [`About::parameters`].
+    fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self;
+
+    /// [`Acts::OnArrival`]: seconds by which a command comes late; `draw` is standard normal, another
+    /// for each command and rollout.
+    #[inline(always)]
+    fn late(&self, draw: Lanes<S>) -> Lanes<S> {
+        draw.like(0.0)
+    }
+
+    /// [`Acts::OnClock`]: factor of a row's duration, `part` of the recording's rows after the first.
+    #[inline(always)]
+    fn pace(&self, part: Lanes<S>) -> Lanes<S> {
+        part.like(1.0)
+    }
+
+    /// [`Acts::OnKnob`]: the knob's angles (rad) on average over the next `length` seconds; zero
+    /// seconds ask where it settles, if the angles have long been what they are.
+    #[inline(always)]
+    fn turn(&mut self, _knob: &mut Pair<S>, _length: Lanes<S>) {}
+
+    /// [`Acts::OnTilt`]: the board's angles (rad).
+    #[inline(always)]
+    fn tilt(&self, _tilt: &mut Pair<S>) {}
+
+    /// [`Acts::OnMarble`]: what acts on the marbles in the next substep.
+    #[inline(always)]
+    fn act(&mut self, _marbles: &Marbles<S>, _push: &mut Push<S>) {}
+
+    /// [`Acts::OnRims`].
+    #[inline(always)]
+    fn rims(&self, _rims: &mut Rims<S>) {}
+
+    /// [`Acts::OnPicture`]: where the camera sees a marble (board edges) while the board is tilted.
+    #[inline(always)]
+    fn see(&self, _seen: &mut Pair<S>, _tilt: &Pair<S>) {}
+
+    /// [`Acts::OnExposure`]: seconds by which a picture is older than its row.
+    #[inline(always)]
+    fn age(&self) -> Option<Lanes<S>> {
+        None
+    }
+}
+
+macro_rules! catalogue {
+    ($($module:ident: $Type:ident),* $(,)?) => {
+        $(mod $module;)*
+
+        static CATALOGUE: &[&About] = &[$(&$module::ABOUT),*];
+
+        /// Any effect of the catalogue.
+        pub(crate) enum Any<S: Simd> {
+            $($Type($module::$Type<S>)),*
+        }
+
+        impl<S: Simd> Any<S> {
+            fn new(simd: S, rig: &Rig, about: &About, values: &[Lanes<S>]) -> Self {
+                $(if about.name == $module::ABOUT.name {
+                    return Self::$Type($module::$Type::new(simd, rig, values));
+                })*
+                unreachable!("{} is of the catalogue", about.name)
+            }
+
+            pub(crate) fn late(&self, draw: Lanes<S>) -> Lanes<S> {
+                match self { $(Self::$Type(effect) => effect.late(draw)),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn pace(&self, part: Lanes<S>) -> Lanes<S> {
+                match self { $(Self::$Type(effect) => effect.pace(part)),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn turn(&mut self, knob: &mut Pair<S>, length: Lanes<S>) {
+                match self { $(Self::$Type(effect) => effect.turn(knob, length)),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn tilt(&self, tilt: &mut Pair<S>) {
+                match self { $(Self::$Type(effect) => effect.tilt(tilt)),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
+                match self { $(Self::$Type(effect) => effect.act(marbles, push)),* }
+            }
+
+            pub(crate) fn rims(&self, rims: &mut Rims<S>) {
+                match self { $(Self::$Type(effect) => effect.rims(rims)),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn see(&self, seen: &mut Pair<S>, tilt: &Pair<S>) {
+                match self { $(Self::$Type(effect) => effect.see(seen, tilt)),* }
+            }
+
+            pub(crate) fn age(&self) -> Option<Lanes<S>> {
+                match self { $(Self::$Type(effect) => effect.age()),* }
+            }
+        }
+    };
+}
+
+catalogue! {
+    delay: Delay,
+    lag: Lag,
+    tilt_bias: TiltBias,
+    bump: Bump,
+    parallax: Parallax,
+}
+
+/// Every effect that the engine knows, in the order in which they act.
+pub fn effects() -> &'static [&'static About] {
+    CATALOGUE
+}
+
+/// The effect of a name.
+///
+/// # Errors
+/// [`Error::Unknown`] lists the names that exist.
+pub fn effect(name: &str) -> Result<&'static About> {
+    let found = CATALOGUE.iter().find(|about| about.name == name);
+    found.copied().ok_or_else(|| Error::Unknown {
+        kind: "effect",
+        name: name.to_owned(),
+        possible: CATALOGUE
+            .iter()
+            .map(|about| about.name)
+            .collect::<Vec<_>>()
+            .join(", "),
+    })
+}
+
+/// Effects sorted by when they act.
+pub(crate) fn in_order<'a>(chosen: &[Chosen<'a>]) -> Vec<Chosen<'a>> {
+    let place = |one: &Chosen<'_>| {
+        CATALOGUE
+            .iter()
+            .position(|about| about.name == one.effect.name)
+    };
+    let mut sorted = chosen.to_vec();
+    sorted.sort_by_key(place);
+    sorted
+}
+
+/// The effects of one place, for the marbles of a register; `rollout` is asked for a lane's.
+pub(crate) fn acting<S: Simd>(
+    simd: S,
+    rig: &Rig,
+    chosen: &[Chosen<'_>],
+    places: impl Fn(Acts) -> bool,
+    rollout: impl Fn(usize) -> usize,
+) -> Vec<Any<S>> {
+    let of_place = chosen.iter().filter(|one| places(one.effect.acts));
+    of_place
+        .map(|one| {
+            let count = one.effect.parameters.len();
+            let values: Vec<Lanes<S>> = (0..count)
+                .map(|i| Lanes::from_fn(simd, |lane| one.values.of(rollout(lane), count)[i]))
+                .collect();
+            Any::new(simd, rig, one.effect, &values)
+        })
+        .collect()
+}

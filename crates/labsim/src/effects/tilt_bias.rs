@@ -1,0 +1,53 @@
+//! The table is not level.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+const fn parameter(name: &'static str, means: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "rad",
+        range: (-0.01, 0.01),
+        neutral: 0.0,
+        allowed: (-0.5, 0.5),
+        means,
+    }
+}
+
+pub(super) const ABOUT: About = About {
+    name: "tilt_bias",
+    stage: Stage::Board,
+    acts: Acts::OnTilt,
+    equation: "tilt = gear × knob + bias",
+    parameters: &[
+        parameter("bias_x_rad", "tilt about x while the knobs are level"),
+        parameter("bias_y_rad", "tilt about y while the knobs are level"),
+    ],
+    does: "The board leans while its knobs are level: the table is not level, or the knobs' zero is not the board's.",
+    matters: "As soon as the bias is comparable to the resistance to rolling; a milliradian is enough.",
+    looks: "A constant push in one direction, the same when the command is mirrored. The marble may creep at rest.",
+    references: &["Ljung: System Identification, 2nd ed., sect. 14.1 (offsets)"],
+};
+
+pub(crate) struct TiltBias<S: Simd> {
+    bias: Pair<S>,
+}
+
+impl<S: Simd> Effect<S> for TiltBias<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self {
+            bias: [values[0], values[1]],
+        }
+    }
+
+    #[inline(always)]
+    fn tilt(&self, tilt: &mut Pair<S>) {
+        for (tilt, &bias) in tilt.iter_mut().zip(&self.bias) {
+            *tilt = *tilt + bias;
+        }
+    }
+}

@@ -1,0 +1,308 @@
+//! From commands to what pushes the marbles of a register: knobs, board, gravity.
+
+#![expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+
+use std::f64::consts::FRAC_PI_2;
+
+use pulp::Simd;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::agenda::{Agenda, Moment, Timeline};
+use super::{Job, Setup};
+use crate::board::{BOARD_FRICTION, GRAVITY};
+use crate::effects::{Acts, Any, acting};
+use crate::lanes::Lanes;
+use crate::motion::{Pair, Push};
+
+/// The knobs, the board and its tilt, for the rollouts of a register.
+pub(super) struct Actuation<S: Simd> {
+    gear: Pair<S>,
+    rolling_friction: Lanes<S>,
+    damping_per_s: f64,
+    clock: Vec<Any<S>>,
+    knobs: Vec<Any<S>>,
+    tilts: Vec<Any<S>>,
+    arrivals: Option<Arrivals<S>>,
+    /// Whether knobs move while their commands hold still.
+    moves: bool,
+    /// The commands as they have arrived (rad).
+    command: Pair<S>,
+    length: Lanes<S>,
+    /// The board's angles (rad).
+    pub(super) tilt: Pair<S>,
+    /// What gravity, friction and damping do in a substep.
+    pub(super) push: Push<S>,
+}
+
+impl<S: Simd> Actuation<S> {
+    /// Knobs that have long been at the angles before row 0; `job` is asked for a lane's rollout.
+    pub(super) fn new<'a, 'b: 'a>(
+        simd: S,
+        setup: &Setup<'_>,
+        job: impl Fn(usize) -> &'a Job<'b>,
+    ) -> Self {
+        let lanes = |value: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| value(job(lane)));
+        let effects = |places: fn(Acts) -> bool| {
+            acting(simd, setup.rig, setup.effects, places, |lane| {
+                job(lane).rollout
+            })
+        };
+        let zero = Lanes::splat(simd, 0.0);
+        let before = [
+            lanes(&|job| job.knobs_before[0]),
+            lanes(&|job| job.knobs_before[1]),
+        ];
+        let mut actuation = Self {
+            gear: [
+                lanes(&|job| job.parameters.gear_x),
+                lanes(&|job| job.parameters.gear_y),
+            ],
+            rolling_friction: lanes(&|job| job.parameters.rolling_friction),
+            damping_per_s: setup.rig.marble.damping_per_s,
+            clock: effects(|acts| acts == Acts::OnClock),
+            knobs: effects(|acts| matches!(acts, Acts::OnKnob { .. })),
+            tilts: effects(|acts| acts == Acts::OnTilt),
+            arrivals: None,
+            moves: setup.any(|acts| acts == Acts::OnKnob { moves: true }),
+            command: before,
+            length: zero,
+            tilt: [zero; 2],
+            push: still(zero),
+        };
+        let late = effects(|acts| acts == Acts::OnArrival);
+        if !late.is_empty() {
+            let timeline = actuation.timeline(&job);
+            actuation.arrivals = Some(Arrivals::new(simd, &timeline, &late, before, &job));
+        }
+        actuation.turn(before);
+        actuation
+    }
+
+    /// Whether the board moves within a row.
+    pub(super) fn moves(&self) -> bool {
+        self.moves || self.arrivals.is_some()
+    }
+
+    /// Seconds that each of a row's substeps lasts.
+    #[inline(always)]
+    pub(super) fn length<'a, 'b: 'a>(
+        &self,
+        row: usize,
+        job: impl Fn(usize) -> &'a Job<'b>,
+    ) -> Lanes<S> {
+        let simd = self.length.simd();
+        let mut length = Lanes::from_fn(simd, |lane| job(lane).clock.step(row).length_s);
+        if !self.clock.is_empty() {
+            let part = Lanes::from_fn(simd, |lane| {
+                row as f64 / (job(lane).commands.len().max(2) - 1) as f64
+            });
+            for effect in &self.clock {
+                length = length * effect.pace(part);
+            }
+        }
+        length
+    }
+
+    /// When the rows of the register's rollouts begin.
+    pub(super) fn timeline<'a, 'b: 'a>(&self, job: impl Fn(usize) -> &'a Job<'b>) -> Timeline {
+        Timeline::new((0..job(0).commands.len()).map(|row| {
+            let length = self.length(row, &job);
+            (job(0).clock.step(row).substeps, length.to_array())
+        }))
+    }
+
+    /// Issues the command of a row.
+    #[inline(always)]
+    pub(super) fn begin_row<'a, 'b: 'a>(&mut self, row: usize, job: impl Fn(usize) -> &'a Job<'b>) {
+        let simd = self.length.simd();
+        self.length = self.length(row, &job);
+        if let Some(arrivals) = &mut self.arrivals {
+            arrivals.agenda.begin_row(row);
+        } else {
+            self.command =
+                [0, 1].map(|axis| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]));
+        }
+        if !self.moves() {
+            self.turn(self.command);
+        }
+    }
+
+    /// Moves the board, if it moves within rows, to where it is in this substep.
+    #[inline(always)]
+    pub(super) fn substep(&mut self, row: usize, substep: u32) {
+        let arrived = match &mut self.arrivals {
+            Some(arrivals) => arrivals.substep(row, substep),
+            None => None,
+        };
+        if let Some(command) = arrived {
+            self.command = command;
+        }
+        if self.moves || arrived.is_some() || substep == 0 {
+            self.turn(self.command);
+        }
+    }
+
+    /// Turns the knobs to a command, for the length of a substep, and tilts the board.
+    #[inline(always)]
+    fn turn(&mut self, mut knob: Pair<S>) {
+        for effect in &mut self.knobs {
+            effect.turn(&mut knob, self.length);
+        }
+        let mut tilt = [self.gear[0] * knob[0], self.gear[1] * knob[1]];
+        for effect in &self.tilts {
+            effect.tilt(&mut tilt);
+        }
+        // A board that effects would turn over stands on edge.
+        self.tilt = tilt.map(|angle| angle.clamp(angle.like(FRAC_PI_2)));
+        self.push = self.gravity(self.tilt);
+    }
+
+    /// Gravity in the frame of a board that turned about x first, then about y.
+    #[inline(always)]
+    fn gravity(&self, [tilt_x, tilt_y]: Pair<S>) -> Push<S> {
+        let length = self.length;
+        let one = length.like(1.0);
+        let (sin_x, cos_x) = (tilt_x.sin(), tilt_x.cos());
+        let (sin_y, cos_y) = (tilt_y.sin(), tilt_y.cos());
+        let normal = GRAVITY * (cos_x * cos_y);
+        let mut push = Push {
+            x: GRAVITY * sin_y * length,
+            y: -(GRAVITY * (sin_x * cos_y) * length),
+            normal,
+            resistance: 5.0 / 7.0 * (self.rolling_friction * normal * length),
+            grip: BOARD_FRICTION * (normal * length),
+            excess: one,
+            damping: one.over(one + self.damping_per_s * length),
+            length,
+        };
+        push.settle();
+        push
+    }
+}
+
+/// Nothing acts.
+fn still<S: Simd>(zero: Lanes<S>) -> Push<S> {
+    Push {
+        x: zero,
+        y: zero,
+        normal: zero,
+        resistance: zero,
+        grip: zero,
+        excess: zero,
+        damping: zero,
+        length: zero,
+    }
+}
+
+/// Commands that come late.
+struct Arrivals<S: Simd> {
+    agenda: Agenda<S>,
+    /// The commands of each lane's rollout, in the order in which they come.
+    commands: Vec<Vec<[f64; 2]>>,
+    /// The last ones that came (rad).
+    command: Pair<S>,
+    /// Whether the last substep saw more than one command.
+    was_mixed: bool,
+}
+
+impl<S: Simd> Arrivals<S> {
+    fn new<'a, 'b: 'a>(
+        simd: S,
+        timeline: &Timeline,
+        late: &[Any<S>],
+        before: Pair<S>,
+        job: impl Fn(usize) -> &'a Job<'b>,
+    ) -> Self {
+        let of_lane =
+            |lane: usize| arrivals(timeline, lane, &lateness(simd, late, lane, job(lane)));
+        Self {
+            agenda: Agenda::new(simd, (0..S::F64_LANES).map(of_lane).collect()),
+            commands: (0..S::F64_LANES)
+                .map(|lane| job(lane).commands.to_vec())
+                .collect(),
+            command: before,
+            was_mixed: false,
+        }
+    }
+
+    /// The command on average over a substep, where it is another than in the substep before.
+    #[inline(always)]
+    fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
+        if self.agenda.is_due(f64::from(substep) + 1.0) {
+            return Some(self.arrive(row, substep));
+        }
+        std::mem::take(&mut self.was_mixed).then_some(self.command)
+    }
+
+    /// Lets the commands of a substep come; returns the average over the substep.
+    #[cold]
+    fn arrive(&mut self, row: usize, substep: u32) -> Pair<S> {
+        let (begin, end) = (f64::from(substep), f64::from(substep) + 1.0);
+        let mut last = self.command.map(Lanes::to_array);
+        let mut average = last;
+        for lane in 0..self.agenda.lanes() {
+            let mut until = begin;
+            let mut sum = [0.0; 2];
+            while let Some(moment) = self.agenda.take(lane, row, end) {
+                let at = moment.at.max(until);
+                let command = self.commands[lane][moment.what];
+                for axis in 0..2 {
+                    sum[axis] += (at - until) * last[axis][lane];
+                    last[axis][lane] = command[axis];
+                }
+                until = at;
+            }
+            let mixed = until > begin;
+            for axis in 0..2 {
+                average[axis][lane] = if mixed {
+                    sum[axis] + (end - until) * last[axis][lane]
+                } else {
+                    last[axis][lane]
+                };
+            }
+            self.was_mixed |= mixed;
+        }
+        self.agenda.begin_row(row);
+        let simd = self.command[0].simd();
+        self.command = last.map(|values| Lanes::from_fn(simd, |lane| values[lane]));
+        average.map(|values| Lanes::from_fn(simd, |lane| values[lane]))
+    }
+}
+
+/// Seconds by which each command of a lane's rollout comes late.
+fn lateness<S: Simd>(simd: S, late: &[Any<S>], lane: usize, job: &Job<'_>) -> Vec<f64> {
+    let mut random = ChaCha8Rng::seed_from_u64(job.seed);
+    let mut draw = || StandardNormal.sample(&mut random);
+    (0..job.commands.len())
+        .map(|_| {
+            let draw = Lanes::splat(simd, draw());
+            let late = late.iter().map(|effect| effect.late(draw).to_array()[lane]);
+            late.sum::<f64>().max(0.0)
+        })
+        .collect()
+}
+
+/// When the commands of a lane's rollout come; one that a later command has overtaken does not.
+fn arrivals(timeline: &Timeline, lane: usize, late: &[f64]) -> Vec<Moment> {
+    let mut soonest = f64::INFINITY;
+    let mut moments = Vec::new();
+    for (what, &late) in late.iter().enumerate().rev() {
+        let time = timeline.begins(what, lane) + late;
+        if time < soonest {
+            soonest = time;
+            let (row, at) = if late > 0.0 {
+                timeline.locate(lane, time, 0)
+            } else {
+                (what, 0.0)
+            };
+            moments.push(Moment { row, at, what });
+        }
+    }
+    moments.reverse();
+    moments
+}

@@ -1,0 +1,115 @@
+//! What happens to single rollouts of a register at moments within their rows.
+
+#![expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+
+use pulp::Simd;
+
+use crate::lanes::Lanes;
+
+/// A moment of a rollout.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Moment {
+    /// The row in which it falls.
+    pub(super) row: usize,
+    /// Substeps after the row's beginning.
+    pub(super) at: f64,
+    /// What happens then.
+    pub(super) what: usize,
+}
+
+/// The moments of each lane's rollout, in order.
+pub(super) struct Agenda<S: Simd> {
+    moments: Vec<Vec<Moment>>,
+    taken: Vec<usize>,
+    /// When the next ones of this row come (substeps after its beginning), infinite where none does.
+    next: Lanes<S>,
+}
+
+impl<S: Simd> Agenda<S> {
+    pub(super) fn new(simd: S, moments: Vec<Vec<Moment>>) -> Self {
+        Self {
+            taken: vec![0; moments.len()],
+            moments,
+            next: Lanes::splat(simd, f64::INFINITY),
+        }
+    }
+
+    /// Turns to the moments of a row.
+    pub(super) fn begin_row(&mut self, row: usize) {
+        let (moments, taken) = (&self.moments, &self.taken);
+        self.next = Lanes::from_fn(self.next.simd(), |lane| {
+            match moments.get(lane).and_then(|all| all.get(taken[lane])) {
+                Some(moment) if moment.row <= row => moment.at,
+                _ => f64::INFINITY,
+            }
+        });
+    }
+
+    /// Whether in any lane something happens before so many substeps have passed, or just then.
+    #[inline(always)]
+    pub(super) fn is_due(&self, substeps: f64) -> bool {
+        self.next.le(self.next.like(substeps)).any()
+    }
+
+    /// Takes a lane's next moment, if it comes before so many substeps of the row have passed, or just then.
+    pub(super) fn take(&mut self, lane: usize, row: usize, substeps: f64) -> Option<Moment> {
+        let moment = *self.moments.get(lane)?.get(self.taken[lane])?;
+        if moment.row > row || moment.row == row && moment.at > substeps {
+            return None;
+        }
+        self.taken[lane] += 1;
+        Some(moment)
+    }
+
+    /// How many lanes have moments.
+    pub(super) fn lanes(&self) -> usize {
+        self.moments.len()
+    }
+}
+
+/// When the rows of the rollouts of a register begin.
+pub(super) struct Timeline {
+    /// Of each row, the end of the last one behind them: a time for each lane (s).
+    begins: Vec<[f64; 8]>,
+    /// Of each row: the number of substeps, and how long they are in each lane (s).
+    steps: Vec<(u32, [f64; 8])>,
+}
+
+impl Timeline {
+    pub(super) fn new(steps: impl Iterator<Item = (u32, [f64; 8])>) -> Self {
+        let steps: Vec<(u32, [f64; 8])> = steps.collect();
+        let mut begins = vec![[0.0; 8]];
+        for (row, (substeps, length)) in steps.iter().enumerate() {
+            let ends = |lane: usize| begins[row][lane] + f64::from(*substeps) * length[lane];
+            begins.push(std::array::from_fn(ends));
+        }
+        Self { begins, steps }
+    }
+
+    /// When a row of a lane's rollout begins (s).
+    pub(super) fn begins(&self, row: usize, lane: usize) -> f64 {
+        self.begins[row][lane]
+    }
+
+    /// How many substeps a row has.
+    pub(super) fn substeps(&self, row: usize) -> f64 {
+        f64::from(self.steps[row].0)
+    }
+
+    /// The row of a lane's rollout in which a time falls, and how many substeps after the row's
+    /// beginning; before `first` it is as if that row had begun earlier.
+    pub(super) fn locate(&self, lane: usize, time: f64, first: usize) -> (usize, f64) {
+        let after = self.begins.partition_point(|begins| begins[lane] <= time);
+        let row = (after.max(first + 1) - 1).min(self.steps.len() - 1);
+        let length = self.steps[row].1[lane];
+        let at = if length > 0.0 {
+            (time - self.begins[row][lane]) / length
+        } else {
+            0.0
+        };
+        (row, at.min(self.substeps(row)))
+    }
+}

@@ -1,0 +1,189 @@
+//! From where the marbles are to where the camera sees them, and back.
+
+use pulp::Simd;
+
+use super::actuation::Actuation;
+use super::agenda::{Agenda, Moment, Timeline};
+use super::{Job, Setup};
+use crate::effects::{Acts, Any, acting};
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+/// Rounds of Newton's method in which a place is found from its picture: more than enough.
+const ROUNDS: usize = 8;
+
+/// A picture is met within this distance (board edges), and a velocity within this part.
+const MET: f64 = 1e-13;
+const MET_VELOCITY: f64 = 1e-8;
+
+/// Step of the camera's slopes (m).
+const STEP: f64 = 1e-6;
+
+/// The camera that sees the rollouts of a register.
+pub(super) struct Camera<S: Simd> {
+    edges_per_m: Lanes<S>,
+    effects: Vec<Any<S>>,
+    age: Lanes<S>,
+    /// When pictures are taken, unless it is when rows begin.
+    pub(super) agenda: Option<Agenda<S>>,
+}
+
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+impl<S: Simd> Camera<S> {
+    pub(super) fn new<'a, 'b: 'a>(
+        simd: S,
+        setup: &Setup<'_>,
+        actuation: &Actuation<S>,
+        job: impl Fn(usize) -> &'a Job<'b>,
+    ) -> Self {
+        let effects = |places: fn(Acts) -> bool| {
+            acting(simd, setup.rig, setup.effects, places, |lane| {
+                job(lane).rollout
+            })
+        };
+        let ages = effects(|acts| acts == Acts::OnExposure);
+        let zero = Lanes::splat(simd, 0.0);
+        let age = ages
+            .iter()
+            .filter_map(Any::age)
+            .fold(zero, |sum, age| sum + age);
+        let agenda = (!ages.is_empty()).then(|| {
+            let timeline = actuation.timeline(&job);
+            let of_lane = |lane: usize| {
+                exposures(
+                    &timeline,
+                    lane,
+                    age.to_array()[lane],
+                    job(lane).first,
+                    setup.rows,
+                )
+            };
+            Agenda::new(simd, (0..S::F64_LANES).map(of_lane).collect())
+        });
+        Self {
+            edges_per_m: Lanes::from_fn(simd, |lane| {
+                job(lane).parameters.observation_scale / setup.rig.board.edge_x_m
+            }),
+            effects: effects(|acts| acts == Acts::OnPicture),
+            age,
+            agenda,
+        }
+    }
+
+    /// Where marbles at these places (m) are seen (board edges) while the board is tilted.
+    #[inline(always)]
+    pub(super) fn see(&self, place: Pair<S>, tilt: &Pair<S>) -> Pair<S> {
+        let mut seen = [place[0] * self.edges_per_m, place[1] * self.edges_per_m];
+        for effect in &self.effects {
+            effect.see(&mut seen, tilt);
+        }
+        seen
+    }
+
+    /// Takes a lane's next picture, if it is taken before so many substeps of the row have passed.
+    pub(super) fn due(&mut self, lane: usize, row: usize, substeps: f64) -> Option<Moment> {
+        self.agenda.as_mut()?.take(lane, row, substeps)
+    }
+
+    /// Places (m) and velocities (m/s) at row 0 of marbles that are then seen at `start`, moving by
+    /// `velocity`: where they are, if the picture is not older than its row.
+    pub(super) fn place(
+        &self,
+        start: Pair<S>,
+        velocity: Pair<S>,
+        tilt: &Pair<S>,
+    ) -> (Pair<S>, Pair<S>) {
+        let mut place = start.map(|seen| seen.over(self.edges_per_m));
+        let mut moves = velocity.map(|seen| seen.over(self.edges_per_m));
+        if !self.effects.is_empty() {
+            for _ in 0..ROUNDS {
+                place = self.nearer(place, start, tilt);
+            }
+            moves = self.velocity(place, moves, velocity, tilt);
+        }
+        for (place, &moves) in place.iter_mut().zip(&moves) {
+            *place = *place + moves * self.age;
+        }
+        (place, moves)
+    }
+
+    /// A round of Newton's method, where the picture is not met.
+    fn nearer(&self, place: Pair<S>, start: Pair<S>, tilt: &Pair<S>) -> Pair<S> {
+        let seen = self.see(place, tilt);
+        let miss = [start[0] - seen[0], start[1] - seen[1]];
+        let step = solve(self.slopes(place, tilt), miss);
+        let missed = (miss[0].abs() + miss[1].abs()).gt(miss[0].like(MET));
+        [0, 1].map(|axis| missed.select(place[axis] + step[axis], place[axis]))
+    }
+
+    /// Velocity (m/s) of marbles seen to move by `velocity`; `guess` where the picture is plain.
+    fn velocity(
+        &self,
+        place: Pair<S>,
+        guess: Pair<S>,
+        velocity: Pair<S>,
+        tilt: &Pair<S>,
+    ) -> Pair<S> {
+        let solved = solve(self.slopes(place, tilt), velocity);
+        [0, 1].map(|axis| {
+            let apart = (solved[axis] - guess[axis]).abs();
+            let plain = apart.le(MET_VELOCITY * (guess[0].abs() + guess[1].abs()));
+            plain.select(guess[axis], solved[axis])
+        })
+    }
+
+    /// Derivatives of what is seen (edges/m): along x, along y.
+    fn slopes(&self, [x, y]: Pair<S>, tilt: &Pair<S>) -> [Pair<S>; 2] {
+        let step = x.like(STEP);
+        let along = |ahead: Pair<S>, behind: Pair<S>| {
+            let (ahead, behind) = (self.see(ahead, tilt), self.see(behind, tilt));
+            [0, 1].map(|axis| 0.5 / STEP * (ahead[axis] - behind[axis]))
+        };
+        [
+            along([x + step, y], [x - step, y]),
+            along([x, y + step], [x, y - step]),
+        ]
+    }
+}
+
+/// Solves a + b: columns `[ax, ay]` and `[bx, by]` of a matrix, and a right-hand side.
+fn solve<S: Simd>([[ax, ay], [bx, by]]: [Pair<S>; 2], [x, y]: Pair<S>) -> Pair<S> {
+    let determinant = ax * by - bx * ay;
+    [
+        (x * by - bx * y).over(determinant),
+        (ax * y - x * ay).over(determinant),
+    ]
+}
+
+/// When the pictures of a lane's rollout are taken: of the rows after the first, in which the marble is let go.
+fn exposures(timeline: &Timeline, lane: usize, age: f64, first: usize, rows: usize) -> Vec<Moment> {
+    let moment = |what: usize| {
+        let row = first + what;
+        let (row, at) = if age > 0.0 {
+            timeline.locate(lane, timeline.begins(row, lane) - age, first)
+        } else {
+            (row - 1, timeline.substeps(row - 1))
+        };
+        Moment { row, at, what }
+    };
+    (1..rows).map(moment).collect()
+}
+
+/// Where something is at a moment of a substep; before it, by its velocity (per substep).
+pub(super) fn between<S: Simd>(
+    from: Lanes<S>,
+    to: Lanes<S>,
+    velocity: Lanes<S>,
+    at: f64,
+) -> Lanes<S> {
+    if at >= 1.0 {
+        to
+    } else if at < 0.0 {
+        from + at * velocity
+    } else {
+        from + at * (to - from)
+    }
+}

@@ -1,0 +1,327 @@
+//! One marble of a world on its way through its rollout.
+
+use pulp::Scalar;
+use rapier3d_f64::prelude::*;
+
+use super::{FIXED, HAIR, LONGEST, MARBLES, SHORTEST, TOUCH, material, meeting};
+use crate::board::{Rig, SUBSTEP_S};
+use crate::effects::{Acts, Any, acting};
+use crate::engine::actuation::Actuation;
+use crate::engine::camera::{Camera, between};
+use crate::engine::{Job, Setup};
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Push};
+
+type One = Lanes<Scalar>;
+
+pub(super) struct Marble<'a> {
+    job: &'a Job<'a>,
+    rig: &'a Rig,
+    /// The row after the last observed one.
+    end: usize,
+    body: RigidBodyHandle,
+    actuation: Actuation<Scalar>,
+    camera: Camera<Scalar>,
+    forces: Vec<Any<Scalar>>,
+    /// The next row to begin.
+    row: usize,
+    /// Substeps of the present row that are done, and how many it has; each is done in equal parts.
+    done: u64,
+    substeps: u64,
+    parts: u64,
+    /// Length of the marble's substeps over that of the world's.
+    ///
+    /// Where it is not 1 the marble lives in a time of its own: velocities and damping rates are
+    /// multiplied by it, accelerations by its square. Positions, friction cones, restitution and
+    /// what a contact corrects in a substep are the same in both times, and no impulse is kept from
+    /// one substep to the next: but for rounding, this is the simulation with substeps of that
+    /// length.
+    pace: f64,
+    /// What pushes the marble, in its own time (m/s²).
+    pull: Vector,
+    /// Most that rolling resistance takes from the rolling velocity in a part, in its own time (m/s).
+    resistance: f64,
+    /// Where and how the marble moved before the last part.
+    before: Option<Marbles<Scalar>>,
+}
+
+impl<'a> Marble<'a> {
+    /// A marble in the corner of the board.
+    pub(super) fn new(setup: &Setup<'a>, job: &'a Job<'a>, world: &mut PhysicsWorld) -> Self {
+        let rig = setup.rig;
+        let radius = rig.marble.radius_m;
+        let [x, y] = rig.reach_m();
+        let body = RigidBodyBuilder::dynamic()
+            .translation(Vector::new(x, y, radius))
+            .can_sleep(false)
+            // A sphere feels none.
+            .gyroscopic_forces_enabled(false)
+            // Rapier's limit of an eighth of a turn a substep is 1.3 m/s for the paper's marble.
+            .allow_fast_rotation(true);
+        let ball = ColliderBuilder::ball(radius).mass(rig.marble.mass_kg);
+        let ball = material(ball, 1.0, 1.0).collision_groups(meeting(MARBLES, FIXED));
+        let (body, _) = world.insert(body, ball);
+        let simd = Scalar::new();
+        let actuation = Actuation::new(simd, setup, |_| job);
+        Self {
+            job,
+            rig,
+            end: job.first + setup.rows,
+            body,
+            camera: Camera::new(simd, setup, &actuation, |_| job),
+            actuation,
+            forces: acting(
+                simd,
+                rig,
+                setup.effects,
+                |acts| acts == Acts::OnMarble,
+                |_| job.rollout,
+            ),
+            row: job.first,
+            done: 0,
+            substeps: 0,
+            parts: 1,
+            pace: 1.0,
+            pull: Vector::ZERO,
+            resistance: 0.0,
+            before: None,
+        }
+    }
+
+    /// Puts the marble at its start, inside the rims, rolling without slip, once the knobs are there.
+    pub(super) fn release(&mut self, bodies: &mut RigidBodySet) {
+        for row in 0..self.job.first {
+            self.begin_row(row);
+            for substep in 0..self.job.clock.step(row).substeps {
+                self.turn(row, substep);
+            }
+        }
+        let one = |values: [f64; 2]| values.map(|value| Lanes::splat(Scalar::new(), value));
+        let (place, velocity) = self.camera.place(
+            one(self.job.start),
+            one(self.job.start_velocity),
+            &self.actuation.tilt,
+        );
+        let radius = self.rig.marble.radius_m;
+        let ([x, y], [vx, vy]) = (place.map(number), velocity.map(number));
+        let [reach_x, reach_y] = self.rig.reach_m();
+        let start = Vector::new(
+            x.clamp(-reach_x, reach_x),
+            y.clamp(-reach_y, reach_y),
+            radius,
+        );
+        let marble = &mut bodies[self.body];
+        marble.set_translation(start, false);
+        marble.set_linvel(Vector::new(vx, vy, 0.0), false);
+        marble.set_angvel(Vector::new(-vy, vx, 0.0) / radius, false);
+    }
+
+    /// Brings the marble to its next substep, over the rows that end here; false after the last.
+    pub(super) fn prepare(&mut self, bodies: &mut RigidBodySet, out: &mut [[f64; 2]]) -> bool {
+        let marble = &mut bodies[self.body];
+        self.expose(marble, out);
+        while self.done == self.substeps {
+            if self.row == self.end {
+                return false;
+            }
+            self.observe(marble, out);
+            if self.row + 1 == self.end {
+                marble.set_enabled(false);
+            } else {
+                self.begin_row(self.row);
+                self.keep_pace(marble);
+            }
+            self.row += 1;
+        }
+        self.act(marble);
+        self.done += 1;
+        self.meet(marble);
+        self.resist(marble);
+        true
+    }
+
+    /// Issues a row's command.
+    fn begin_row(&mut self, row: usize) {
+        let job = self.job;
+        self.actuation.begin_row(row, |_| job);
+        if let Some(agenda) = &mut self.camera.agenda {
+            agenda.begin_row(row);
+        }
+    }
+
+    fn turn(&mut self, row: usize, substep: u32) {
+        if self.actuation.moves() {
+            self.actuation.substep(row, substep);
+        }
+    }
+
+    fn observe(&self, marble: &RigidBody, out: &mut [[f64; 2]]) {
+        let row = self.row - self.job.first;
+        if row == 0 {
+            out[row] = self.job.start;
+        } else if self.camera.agenda.is_none() {
+            let place = marble.translation();
+            let place = [place.x, place.y].map(|value| Lanes::splat(Scalar::new(), value));
+            out[row] = self.camera.see(place, &self.actuation.tilt).map(number);
+        }
+    }
+
+    /// Takes the pictures that were due in the last part.
+    fn expose(&mut self, marble: &RigidBody, out: &mut [[f64; 2]]) {
+        let Some(before) = self.before.take() else {
+            return;
+        };
+        let parts = self.parts as f64;
+        let [begin, end] = [self.done - 1, self.done].map(|done| done as f64 / parts);
+        let after = self.motion(marble);
+        while let Some(picture) = self.camera.due(0, self.row - 1, end) {
+            let at = (picture.at - begin) * parts;
+            let length = 1.0 / parts * self.actuation.push.length;
+            let place = [
+                between(before.x, after.x, before.vx * length, at),
+                between(before.y, after.y, before.vy * length, at),
+            ];
+            out[picture.what] = self.camera.see(place, &self.actuation.tilt).map(number);
+        }
+    }
+
+    /// Sets the marble's time for a row.
+    fn keep_pace(&mut self, marble: &mut RigidBody) {
+        (self.done, self.substeps) = (0, 0);
+        let job = self.job;
+        let pace = number(self.actuation.length(self.row, |_| job)) / SUBSTEP_S;
+        if pace < SHORTEST {
+            return;
+        }
+        let parts = (pace / LONGEST).ceil();
+        self.parts = parts as u64;
+        self.substeps = u64::from(job.clock.step(self.row).substeps) * self.parts;
+        let change = pace / parts / self.pace;
+        if change != 1.0 {
+            marble.set_linvel(marble.linvel() * change, false);
+            marble.set_angvel(marble.angvel() * change, false);
+        }
+        self.pace = pace / parts;
+    }
+
+    /// Lets board, gravity and whatever else there is act on the marble in its next part.
+    fn act(&mut self, marble: &mut RigidBody) {
+        let row = self.row - 1;
+        if self.done.is_multiple_of(self.parts) {
+            self.turn(row, (self.done / self.parts) as u32);
+        }
+        if self.camera.agenda.is_some() {
+            self.before = Some(self.motion(marble));
+        }
+        if self.done > 0 && self.forces.is_empty() && !self.actuation.moves() {
+            return;
+        }
+        let mut push = self.actuation.push;
+        if !self.forces.is_empty() {
+            let motion = self.motion(marble);
+            for effect in &mut self.forces {
+                effect.act(&motion, &mut push);
+            }
+        }
+        self.push(&push, marble);
+    }
+
+    /// Turns what acts in a substep into rapier's forces, in the marble's time.
+    fn push(&mut self, push: &Push<Scalar>, marble: &mut RigidBody) {
+        let [x, y, normal, length] = [push.x, push.y, push.normal, push.length].map(number);
+        let pace = self.pace;
+        self.pull = Vector::new(x / length, y / length, -normal) * (pace * pace);
+        marble.reset_forces(false);
+        marble.add_force(self.pull * self.rig.marble.mass_kg, false);
+        let parts = self.parts as f64;
+        self.resistance = number(push.resistance) / parts * pace;
+        let rate = (1.0 / number(push.damping) - 1.0) / (parts * SUBSTEP_S);
+        marble.set_linear_damping(rate);
+        marble.set_angular_damping(rate);
+    }
+
+    /// Where the marble is and how it moves, in everybody's time.
+    fn motion(&self, marble: &RigidBody) -> Marbles<Scalar> {
+        let radius = self.rig.marble.radius_m;
+        let one = |value: f64| Lanes::splat(Scalar::new(), value);
+        let (place, v, spin) = (
+            marble.translation(),
+            marble.linvel() / self.pace,
+            marble.angvel() * (radius / self.pace),
+        );
+        Marbles {
+            x: one(place.x),
+            y: one(place.y),
+            vx: one(v.x),
+            vy: one(v.y),
+            sx: one(spin.y),
+            sy: one(-spin.x),
+            spin: one(spin.z),
+            air: one(0.0),
+        }
+    }
+
+    /// Puts a marble that will meet a wall or the board in this substep there.
+    fn meet(&self, marble: &mut RigidBody) {
+        let radius = self.rig.marble.radius_m;
+        let mut position = marble.translation().to_array();
+        let way = ((marble.linvel() + self.pull * SUBSTEP_S) * SUBSTEP_S).to_array();
+        let mut meets = false;
+        let mut meet = |axis: usize, side: f64, reach: f64| {
+            let gap = reach - position[axis] * side;
+            if gap > TOUCH * radius && gap < way[axis] * side {
+                position[axis] = side * (reach - HAIR * radius);
+                meets = true;
+            }
+        };
+        let [reach_x, reach_y] = self.rig.reach_m();
+        meet(0, way[0].signum(), reach_x);
+        meet(1, way[1].signum(), reach_y);
+        meet(2, -1.0, -radius);
+        if meets {
+            marble.set_translation(Vector::from_array(position), false);
+        }
+    }
+
+    /// Rolling resistance of a substep, as a change of spin.
+    ///
+    /// A torque impulse L changes the velocity of a rolling sphere by L / (7/5 m R) and, before
+    /// friction has shared it out, the spin alone by L / (2/5 m R²).
+    fn resist(&self, marble: &mut RigidBody) {
+        let radius = self.rig.marble.radius_m;
+        let near = TOUCH * radius;
+        let position = marble.translation();
+        if position.z > radius + near {
+            return;
+        }
+        let (v, spin) = (marble.linvel() + self.pull * SUBSTEP_S, marble.angvel());
+        // A wall that holds the marble leaves no rolling towards it to resist.
+        let free = |position: f64, velocity: f64, reach: f64| {
+            let held = position.abs() >= reach - near && velocity * position > 0.0;
+            if held { 0.0 } else { velocity }
+        };
+        let [reach_x, reach_y] = self.rig.reach_m();
+        let x = free(
+            position.x,
+            (5.0 * v.x + 2.0 * radius * spin.y) / 7.0,
+            reach_x,
+        );
+        let y = free(
+            position.y,
+            (5.0 * v.y - 2.0 * radius * spin.x) / 7.0,
+            reach_y,
+        );
+        let speed = (x * x + y * y).sqrt();
+        if speed > 0.0 {
+            let taken = self.resistance.min(speed) / speed;
+            marble.set_angvel(
+                spin + Vector::new(y, -x, 0.0) * (3.5 * taken / radius),
+                false,
+            );
+        }
+    }
+}
+
+fn number(one: One) -> f64 {
+    one.to_array()[0]
+}

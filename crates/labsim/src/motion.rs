@@ -1,0 +1,112 @@
+//! What a marble's motion is made of, many marbles to a register: what engines and effects share.
+
+use pulp::Simd;
+
+use crate::board::Rig;
+use crate::lanes::{Lanes, Mask};
+
+/// Along x and along y, or about them.
+pub(crate) type Pair<S> = [Lanes<S>; 2];
+
+/// The rim, in metres.
+#[derive(Clone, Copy)]
+pub(crate) struct Rims<S: Simd> {
+    /// How far from the board's centre a marble's centre can get.
+    pub(crate) reach_x: Lanes<S>,
+    pub(crate) reach_y: Lanes<S>,
+    /// Of the normal velocity.
+    pub(crate) restitution: Lanes<S>,
+    /// Coulomb's coefficient.
+    pub(crate) friction: Lanes<S>,
+}
+
+impl<S: Simd> Rims<S> {
+    #[inline]
+    pub(crate) fn new(simd: S, rig: &Rig) -> Self {
+        let [reach_x, reach_y] = rig.reach_m();
+        Self {
+            reach_x: Lanes::splat(simd, reach_x),
+            reach_y: Lanes::splat(simd, reach_y),
+            restitution: Lanes::splat(simd, rig.board.wall_restitution),
+            friction: Lanes::splat(simd, rig.board.wall_friction),
+        }
+    }
+}
+
+/// Where the marbles of a register are and how they move (m, m/s).
+#[derive(Clone, Copy)]
+pub(crate) struct Marbles<S: Simd> {
+    pub(crate) x: Lanes<S>,
+    pub(crate) y: Lanes<S>,
+    pub(crate) vx: Lanes<S>,
+    pub(crate) vy: Lanes<S>,
+    /// Velocity at which the present spin would be a pure roll.
+    pub(crate) sx: Lanes<S>,
+    pub(crate) sy: Lanes<S>,
+    /// Radius × angular velocity about the vertical.
+    pub(crate) spin: Lanes<S>,
+    /// Time until a hop ends (s).
+    pub(crate) air: Lanes<S>,
+}
+
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+impl<S: Simd> Marbles<S> {
+    #[inline(always)]
+    pub(crate) fn select(mask: Mask<S>, if_true: &Self, if_false: &Self) -> Self {
+        Self {
+            x: mask.select(if_true.x, if_false.x),
+            y: mask.select(if_true.y, if_false.y),
+            vx: mask.select(if_true.vx, if_false.vx),
+            vy: mask.select(if_true.vy, if_false.vy),
+            sx: mask.select(if_true.sx, if_false.sx),
+            sy: mask.select(if_true.sy, if_false.sy),
+            spin: mask.select(if_true.spin, if_false.spin),
+            air: mask.select(if_true.air, if_false.air),
+        }
+    }
+
+    /// The rolling velocity w = (5 v + 2 s)/7, which no contact force changes.
+    #[inline(always)]
+    pub(crate) fn rolling(&self) -> Pair<S> {
+        [
+            5.0 / 7.0 * self.vx + 2.0 / 7.0 * self.sx,
+            5.0 / 7.0 * self.vy + 2.0 / 7.0 * self.sy,
+        ]
+    }
+}
+
+/// What acts on a marble during a substep.
+#[derive(Clone, Copy)]
+pub(crate) struct Push<S: Simd> {
+    /// Impulse over mass of the forces through the marble's centre (m/s).
+    pub(crate) x: Lanes<S>,
+    pub(crate) y: Lanes<S>,
+    /// Push of gravity towards the board (m/s²).
+    pub(crate) normal: Lanes<S>,
+    /// Most that rolling resistance takes from the rolling velocity (m/s).
+    pub(crate) resistance: Lanes<S>,
+    /// Most that friction with the board changes the velocity (m/s).
+    pub(crate) grip: Lanes<S>,
+    /// How much more than the grip a rolling marble would need (m/s): above zero, it slips.
+    pub(crate) excess: Lanes<S>,
+    /// Factor that damping leaves of every velocity.
+    pub(crate) damping: Lanes<S>,
+    /// Length of the substep (s).
+    pub(crate) length: Lanes<S>,
+}
+
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+impl<S: Simd> Push<S> {
+    /// Works out `excess` anew, once everything that pushes and resists is there.
+    #[inline(always)]
+    pub(crate) fn settle(&mut self) {
+        let needed = 2.0 / 7.0 * (self.x.abs() + self.y.abs()) + self.resistance;
+        self.excess = (needed - self.grip).max(0.0 * self.grip);
+    }
+}

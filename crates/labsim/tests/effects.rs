@@ -1,0 +1,231 @@
+//! What every effect of the catalogue keeps to, whatever its physics.
+
+use std::sync::atomic::AtomicBool;
+
+use labsim::{About, Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase, effects};
+use proptest::prelude::*;
+
+const ROWS: usize = 60;
+const ENGINES: [Engine; 2] = [Engine::Rolling, Engine::Rapier];
+
+/// Knob angles with jumps, rests and reversals (rad).
+fn commands() -> Vec<[f64; 2]> {
+    (0..ROWS)
+        .map(|i| {
+            let t = i as f64;
+            let hold = if i % 20 < 5 { 0.0 } else { 1.0 };
+            [
+                0.12 * (0.21 * t).sin() * hold,
+                0.1 * (0.13 * t).cos() - 0.04 * hold,
+            ]
+        })
+        .collect()
+}
+
+fn parameters() -> [Parameters; 3] {
+    [
+        [0.05, 0.08, 3e-4, 12.0, 1.0].into(),
+        [0.08, 0.03, 7e-4, 12.0, 0.9].into(),
+        [0.02, 0.02, 0.0, 17.0, 1.1].into(),
+    ]
+}
+
+fn run(
+    engine: Engine,
+    effects: &[Chosen<'_>],
+    threads: usize,
+    change: impl Fn(&mut Batch<'_>),
+) -> Vec<[f64; 2]> {
+    let (rig, parameters, commands) = (Rig::default(), parameters(), commands());
+    let mut batch = Batch {
+        effects,
+        start: PerRollout::Shared(&[[0.1, -0.05]]),
+        start_velocity: PerRollout::Shared(&[[0.2, 0.1]]),
+        ..Batch::new(&rig, &parameters, &commands)
+    };
+    change(&mut batch);
+    batch
+        .run(engine, Some(threads), &AtomicBool::new(false))
+        .expect("the inputs are physical")
+}
+
+fn chosen<'a>(effect: &'static About, values: &'a [f64]) -> Chosen<'a> {
+    Chosen {
+        effect,
+        values: PerRollout::Shared(values),
+    }
+}
+
+/// Values at a place of the box of plausible ones, 0 to 1 along each side.
+fn within(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
+    let at = |(i, one): (usize, &labsim::effects::Parameter)| {
+        one.range.0 + place(i) * (one.range.1 - one.range.0)
+    };
+    effect.parameters.iter().enumerate().map(at).collect()
+}
+
+#[test]
+fn at_neutral_values_a_rollout_keeps_every_bit() {
+    let none: fn(&mut Batch<'_>) = |_| ();
+    let stamped: fn(&mut Batch<'_>) = |batch| {
+        batch.time = TimeBase::Durations(PerRollout::Shared(&[0.061; ROWS]));
+        batch.first = PerRollout::Shared(&[7]);
+        batch.rows = 20;
+    };
+    for change in [none, stamped] {
+        for engine in ENGINES {
+            let base = run(engine, &[], 1, change);
+            for effect in effects() {
+                let same = run(engine, &[chosen(effect, &effect.neutral())], 1, change);
+                assert_eq!(same, base, "{} in {engine:?}", effect.name);
+            }
+            let neutral: Vec<Vec<f64>> = effects().iter().map(|effect| effect.neutral()).collect();
+            let all: Vec<Chosen<'_>> = effects()
+                .iter()
+                .zip(&neutral)
+                .map(|(effect, values)| chosen(effect, values))
+                .collect();
+            assert_eq!(
+                run(engine, &all, 1, change),
+                base,
+                "all together in {engine:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn every_effect_shows() {
+    for engine in ENGINES {
+        let base = run(engine, &[], 1, |_| ());
+        for effect in effects() {
+            let values = within(effect, |_| 0.9);
+            let changed = run(engine, &[chosen(effect, &values)], 1, |_| ());
+            assert_ne!(changed, base, "{} in {engine:?}", effect.name);
+        }
+    }
+}
+
+#[test]
+fn company_and_threads_do_not_matter() {
+    let values: Vec<Vec<f64>> = effects()
+        .iter()
+        .map(|effect| within(effect, |_| 0.6))
+        .collect();
+    let all: Vec<Chosen<'_>> = effects()
+        .iter()
+        .zip(&values)
+        .map(|(effect, values)| chosen(effect, values))
+        .collect();
+    for engine in ENGINES {
+        let together = run(engine, &all, 1, |_| ());
+        assert_eq!(
+            run(engine, &all, 2, |_| ()),
+            together,
+            "{engine:?} with two threads"
+        );
+        let backwards: Vec<Chosen<'_>> = all.iter().rev().copied().collect();
+        assert_eq!(
+            run(engine, &backwards, 1, |_| ()),
+            together,
+            "{engine:?}, named backwards"
+        );
+        for (i, alone) in parameters().iter().enumerate() {
+            let (rig, commands) = (Rig::default(), commands());
+            let batch = Batch {
+                effects: &all,
+                start: PerRollout::Shared(&[[0.1, -0.05]]),
+                start_velocity: PerRollout::Shared(&[[0.2, 0.1]]),
+                ..Batch::new(&rig, std::slice::from_ref(alone), &commands)
+            };
+            let path = batch
+                .run(engine, Some(1), &AtomicBool::new(false))
+                .expect("the inputs are physical");
+            assert_eq!(
+                path,
+                together[i * ROWS..(i + 1) * ROWS],
+                "rollout {i} alone in {engine:?}"
+            );
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn rollouts_stay_finite_over_the_whole_box(places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool) {
+        for (number, effect) in effects().iter().enumerate() {
+            let values = within(effect, |i| {
+                let place = places[(number + i) % places.len()];
+                if corner { place.round() } else { place }
+            });
+            for engine in ENGINES {
+                let path = run(engine, &[chosen(effect, &values)], 1, |_| ());
+                prop_assert!(path.as_flattened().iter().all(|seen| seen.is_finite()), "{} at {values:?} in {engine:?}", effect.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn engines_agree_while_no_rim_is_met() {
+    for effect in effects() {
+        for place in [0.2, 0.8] {
+            let values = within(effect, |_| place);
+            let gentle: [Parameters; 1] = [[0.02, 0.02, 3e-4, 12.0, 1.0].into()];
+            let (rig, commands) = (Rig::default(), commands());
+            let paths = ENGINES.map(|engine| {
+                let effects = [chosen(effect, &values)];
+                let mut batch = Batch::new(&rig, &gentle, &commands);
+                batch.effects = &effects;
+                batch.start = PerRollout::Shared(&[[0.1, -0.05]]);
+                batch
+                    .run(engine, None, &AtomicBool::new(false))
+                    .expect("the inputs are physical")
+            });
+            let room = rig.reach_m().map(|reach| 0.8 * reach / rig.board.edge_x_m);
+            let apart = paths[0]
+                .iter()
+                .zip(&paths[1])
+                .take_while(|(rolling, _)| {
+                    rolling
+                        .iter()
+                        .zip(room)
+                        .all(|(seen, room)| seen.abs() < room)
+                })
+                .flat_map(|(a, b)| [(a[0] - b[0]).abs(), (a[1] - b[1]).abs()])
+                .fold(0.0, f64::max);
+            assert!(apart < 1e-3, "{} at {values:?}: {apart}", effect.name);
+        }
+    }
+}
+
+#[test]
+fn the_catalogue_is_in_order() {
+    for effect in effects() {
+        assert!(
+            !effect.parameters.is_empty() && !effect.references.is_empty(),
+            "{}",
+            effect.name
+        );
+        for parameter in effect.parameters {
+            let (low, high) = parameter.range;
+            let (least, most) = parameter.allowed;
+            assert!(
+                low < high && least <= low && high <= most,
+                "{}",
+                parameter.name
+            );
+            assert!(
+                (least..=most).contains(&parameter.neutral),
+                "{}",
+                parameter.name
+            );
+        }
+        let twins = effects()
+            .iter()
+            .filter(|other| other.name == effect.name)
+            .count();
+        assert_eq!(twins, 1, "{}", effect.name);
+    }
+}
