@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from irt.model import Model
 from irt.recording import Recording
 from irt.rig import Rig
 from irt.rollouts import SUBSTEP_S
-from irt.start_state import estimate_start_states, simulate
+from irt.start_state import Inputs, estimate_start_states, simulate
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,10 @@ class Segment:
         Position at the first row [board edges].
     start_velocity : (2,) array
         Velocity at the first row [board edges per second of simulated time].
+    earlier_knobs : (first_row, 2) array
+        Commands of the recording's rows before the segment [rad], which effects may remember.
+    earlier_durations : (first_row,) array or None
+        How long those held [s].
     """
 
     recording: str
@@ -55,6 +59,8 @@ class Segment:
     observed: Array
     start: Array
     start_velocity: Array
+    earlier_knobs: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    earlier_durations: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -199,7 +205,8 @@ def predict(model: Model, stretches: Sequence[Segment]) -> list[Array]:
     predicted: dict[int, Array] = {}
     for indices in _batches(stretches):
         batch = [stretches[i] for i in indices]
-        predicted.update(zip(indices, simulate(model, *_stacked(batch), _states(batch)), strict=True))
+        paths = simulate(model, _inputs(batch, model), _states(batch))
+        predicted.update(zip(indices, paths, strict=True))
     return [predicted[i] for i in range(len(stretches))]
 
 
@@ -321,14 +328,9 @@ def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
 
 def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
     """Return the (w, 4) start states that the first rows of segments of one length tell."""
-    knobs, durations = _stacked(batch)
-    return estimate_start_states(
-        model,
-        knobs[:, :rows],
-        None if durations is None else durations[:, :rows],
-        np.array([segment.observed[:rows] for segment in batch]),
-        _states(batch),
-    )
+    inputs = replace(_inputs(batch, model), rows=rows)
+    observed = np.array([segment.observed[:rows] for segment in batch])
+    return estimate_start_states(model, inputs, observed, _states(batch))
 
 
 def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
@@ -339,10 +341,21 @@ def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
     return list(batches.values())
 
 
-def _stacked(batch: Sequence[Segment]) -> tuple[Array, Array | None]:
-    """Return the commands of segments of one batch, (w, n, 2), and how long they hold, (w, n)."""
-    durations = [segment.durations for segment in batch if segment.durations is not None]
-    return np.array([segment.knobs for segment in batch]), np.array(durations) if durations else None
+def _inputs(batch: Sequence[Segment], model: Model) -> Inputs:
+    """Return the commands of segments of one length, with those before them if the model remembers any."""
+    earlier = [segment.earlier_knobs if model.effects else segment.earlier_knobs[:0] for segment in batch]
+    first = np.array([len(knobs) for knobs in earlier])
+    rows = len(batch[0].knobs)
+    knobs = np.zeros((len(batch), int(first.max()) + rows, 2))
+    durations = None if batch[0].durations is None else np.zeros(knobs.shape[:2])
+    for i, segment in enumerate(batch):
+        end = first[i] + rows
+        knobs[i, :end] = np.concatenate([earlier[i], segment.knobs])
+        if durations is not None and segment.durations is not None:
+            durations[i, first[i] : end] = segment.durations
+            if segment.earlier_durations is not None:
+                durations[i, : first[i]] = segment.earlier_durations[: first[i]]
+    return Inputs(knobs, durations, first, rows)
 
 
 def _states(batch: Sequence[Segment]) -> Array:
@@ -359,6 +372,8 @@ def _segment(recording: Recording, stretch: slice, state: Array) -> Segment:
         observed=recording.marble[stretch],
         start=state[:2],
         start_velocity=state[2:],
+        earlier_knobs=recording.knobs[: stretch.start],
+        earlier_durations=None if durations is None else durations[: stretch.start],
     )
 
 

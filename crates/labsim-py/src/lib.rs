@@ -1,6 +1,7 @@
 //! The Python extension module `irt._labsim`: arrays in, arrays out; no physics.
 
 mod arrays;
+mod catalogue;
 mod errors;
 mod interrupt;
 
@@ -15,6 +16,8 @@ use pyo3::prelude::*;
 /// The labyrinth engine. `irt.rollouts` is the way in; this module only carries arrays.
 #[pymodule]
 mod _labsim {
+    #[pymodule_export]
+    use super::catalogue::catalogue;
     #[pymodule_export]
     use super::{paper_drive, rollouts};
 
@@ -37,7 +40,8 @@ mod _labsim {
 /// Arrays whose first axis has length 1 are shared by all rollouts.
 #[pyfunction]
 #[pyo3(signature = (
-    parameters, commands, start, start_velocity, *, board, marble, engine, continuous, substeps, durations, threads
+    parameters, commands, start, start_velocity, *, rows, first, knobs_before, effects, seeds, board, marble,
+    engine, continuous, substeps, durations, threads
 ))]
 #[expect(
     clippy::too_many_arguments,
@@ -53,6 +57,11 @@ fn rollouts<'py>(
     commands: PyReadonlyArray3<'py, f64>,
     start: PyReadonlyArray2<'py, f64>,
     start_velocity: PyReadonlyArray2<'py, f64>,
+    rows: usize,
+    first: PyReadonlyArray1<'py, usize>,
+    knobs_before: PyReadonlyArray2<'py, f64>,
+    effects: Vec<(String, PyReadonlyArray2<'py, f64>)>,
+    seeds: PyReadonlyArray1<'py, u64>,
     board: [f64; 4],
     marble: [f64; 3],
     engine: &str,
@@ -81,25 +90,32 @@ fn rollouts<'py>(
         .into_iter()
         .map(Parameters::from)
         .collect();
-    let rows = commands.as_array().shape()[1];
+    let issued = commands.as_array().shape()[1];
+    let effects = catalogue::Values::new(&effects)?;
     let commands = arrays::pairs_of_each(&commands)?;
     let start = arrays::rows::<2>(&start)?;
     let start_velocity = arrays::rows::<2>(&start_velocity)?;
+    let knobs_before = arrays::rows::<2>(&knobs_before)?;
+    let (first, seeds) = (first.as_array().to_vec(), seeds.as_array().to_vec());
     let substeps = substeps.map(|each| each.as_array().to_vec());
     let durations = durations.map(|each| each.as_array().iter().copied().collect::<Vec<f64>>());
     let count = parameters.len();
     let batch = Batch {
         rig: &rig,
         parameters: &parameters,
+        effects: &effects.chosen(count),
         rows,
-        commands: arrays::shared_or_each(&commands, rows, count),
+        commands: arrays::shared_or_each(&commands, issued, count),
+        knobs_before: arrays::shared_or_each(&knobs_before, 1, count),
+        first: arrays::shared_or_each(&first, 1, count),
         start: arrays::shared_or_each(&start, 1, count),
         start_velocity: arrays::shared_or_each(&start_velocity, 1, count),
         time: match &durations {
-            Some(durations) => TimeBase::Durations(arrays::shared_or_each(durations, rows, count)),
+            Some(durations) => TimeBase::Durations(arrays::shared_or_each(durations, issued, count)),
             None if continuous => TimeBase::Continuous(substeps.as_deref()),
             None => TimeBase::Rounded,
         },
+        seeds: arrays::shared_or_each(&seeds, 1, count),
     };
     let observations = interrupt::interruptible(py, |cancel| batch.run(engine, threads, cancel))?;
     let flat = observations.into_flattened();
