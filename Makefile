@@ -53,8 +53,9 @@ bench: $(PACKAGES) ## time the engine and write the table in README.md
 	$(BIN)/python benches/write_table.py
 
 .PHONY: pictures
-pictures: $(EXTENSION) ## draw the pictures of README.md
+pictures: $(EXTENSION) ## draw the pictures of README.md, write docs/effects.md
 	$(BIN)/python docs/pictures.py
+	$(BIN)/python docs/effects.py
 
 .PHONY: wheel
 wheel: $(PACKAGES) ## build the wheel into dist/
