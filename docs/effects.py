@@ -20,16 +20,16 @@ PAGE = DOCS / "effects.md"
 PICTURES = DOCS / "effects"
 
 #: A marble that keeps off the rim, and one that does not (the order of `irt.rollouts`).
-GENTLE = (0.05, 0.06, 3e-4, 20.0, 1.0)
+GENTLE = (0.03, 0.035, 3e-4, 20.0, 1.0)
 LIVELY = (0.09, 0.1, 3e-4, 20.0, 1.0)
 #: How far from neutral towards the end of its range an effect is drawn: the least that shows, in board edges.
-PARTS, SHOWS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0), 0.04
+PARTS, SHOWS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0), 0.06
 OPENING = """\
 # Physical effects
 
 What a marble on a board may do beyond the five parameters. Written by `make pictures` from the engine's
-catalogue, in the order in which effects act, from the command to the picture; `irt.effects()` tells the same to
-a program. Ranges are where a search looks, and neutral values leave every bit of a rollout as it is. The
+catalogue, in the order in which effects act, from the command to the picture; `irt.effects()` tells the same
+to a program. Ranges are where a search looks, and neutral values leave every bit of a rollout as it is. The
 pictures show the paper's drive, for 100 rows of 20 physics updates: grey without the effect, blue with it, at
 the values below them.
 
