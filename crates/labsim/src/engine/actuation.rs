@@ -33,6 +33,8 @@ pub(super) struct Actuation<S: Simd> {
     /// The commands as they have arrived (rad).
     command: Pair<S>,
     length: Lanes<S>,
+    /// Factor that damping leaves of velocities in a substep of this row.
+    damping: Lanes<S>,
     /// The board's angles (rad).
     pub(super) tilt: Pair<S>,
     /// What gravity, friction and damping do in a substep.
@@ -71,6 +73,7 @@ impl<S: Simd> Actuation<S> {
             moves: setup.any(|acts| acts == Acts::OnKnob { moves: true }),
             command: before,
             length: zero,
+            damping: zero,
             tilt: [zero; 2],
             push: still(zero),
         };
@@ -121,6 +124,8 @@ impl<S: Simd> Actuation<S> {
     pub(super) fn begin_row<'a, 'b: 'a>(&mut self, row: usize, job: impl Fn(usize) -> &'a Job<'b>) {
         let simd = self.length.simd();
         self.length = self.length(row, &job);
+        let one = self.length.like(1.0);
+        self.damping = one.over(one + self.damping_per_s * self.length);
         if let Some(arrivals) = &mut self.arrivals {
             arrivals.agenda.begin_row(row);
         } else {
@@ -166,9 +171,7 @@ impl<S: Simd> Actuation<S> {
     #[inline(always)]
     fn gravity(&self, [tilt_x, tilt_y]: Pair<S>) -> Push<S> {
         let length = self.length;
-        let one = length.like(1.0);
-        let (sin_x, cos_x) = (tilt_x.sin(), tilt_x.cos());
-        let (sin_y, cos_y) = (tilt_y.sin(), tilt_y.cos());
+        let ((sin_x, cos_x), (sin_y, cos_y)) = (tilt_x.sin_cos(), tilt_y.sin_cos());
         let normal = GRAVITY * (cos_x * cos_y);
         let mut push = Push {
             x: GRAVITY * sin_y * length,
@@ -176,8 +179,8 @@ impl<S: Simd> Actuation<S> {
             normal,
             resistance: 5.0 / 7.0 * (self.rolling_friction * normal * length),
             grip: BOARD_FRICTION * (normal * length),
-            excess: one,
-            damping: one.over(one + self.damping_per_s * length),
+            excess: length,
+            damping: self.damping,
             length,
         };
         push.settle();
