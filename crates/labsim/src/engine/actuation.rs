@@ -237,13 +237,14 @@ impl<S: Simd> Arrivals<S> {
     #[inline(always)]
     fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
         if self.agenda.is_due(f64::from(substep) + 1.0) {
-            return Some(self.arrive(row, substep));
+            let simd = self.command[0].simd();
+            return Some(simd.vectorize(|| self.arrive(row, substep)));
         }
         std::mem::take(&mut self.was_mixed).then_some(self.command)
     }
 
     /// Lets the commands of a substep come; returns the average over the substep.
-    #[cold]
+    #[inline(always)]
     fn arrive(&mut self, row: usize, substep: u32) -> Pair<S> {
         let (begin, end) = (f64::from(substep), f64::from(substep) + 1.0);
         let mut last = self.command.map(Lanes::to_array);
