@@ -8,6 +8,7 @@ Wants the packages of ``benches/requirements.txt``; what is missing is left out 
 import argparse
 import importlib.metadata
 import json
+import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
@@ -46,6 +47,7 @@ def versions() -> dict[str, str]:
 
 def measure(rounds: int, starts: int, largest: int) -> dict[str, Any]:
     """Measure everything; return the samples themselves, as JSON takes them."""
+    busy = os.getloadavg()[0]
     absent: dict[str, dict[str, str]] = {"engines": {}, "fits": {}}
     # First, while this process is small: a child's peak memory counts from what its parent holds.
     grown = growth.measure(largest, progress)
@@ -55,6 +57,7 @@ def measure(rounds: int, starts: int, largest: int) -> dict[str, Any]:
     races = [fits.race(drive, racers, starts, progress) for drive in fit_task.DRIVES]
     return {
         "machine": machine(),
+        "busy": busy,
         "versions": versions(),
         "absent": absent,
         "paper": {"rollouts": PAPER_ROLLOUTS, "substeps": substeps(spread(PAPER_ROLLOUTS))},

@@ -24,17 +24,17 @@ ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(?P<begin><!-- bench:(?P<name>\w+) -->).*?(?P<end><!-- /bench -->)", re.DOTALL)
 
 
-def tables(criterion: Path, peers: Path) -> dict[str, str]:
-    """Return the text of each block that was measured, by the block's name."""
+PEERS = {"peers": peers_table, "growth": growth_table, "fit": fit_table}
+CRITERION = {"engine": engine_table, "effects": effects_table}
+
+
+def tables(names: set[str], criterion: Path, peers: Path) -> dict[str, str]:
+    """Return the text of each of the named blocks that was measured."""
     timings, where = read_timings(criterion), machine()
-    found = {"engine": engine_table(timings, where), "effects": effects_table(timings, where)}
-    if peers.exists():
+    found = {name: table(timings, where) for name, table in CRITERION.items() if name in names}
+    if names & PEERS.keys() and peers.exists():
         results = json.loads(peers.read_text(encoding="utf-8"))
-        found |= {
-            "peers": peers_table(results),
-            "growth": growth_table(results),
-            "fit": fit_table(results),
-        }
+        found |= {name: table(results) for name, table in PEERS.items() if name in names}
     return {name: text for name, text in found.items() if text is not None}
 
 
@@ -64,8 +64,8 @@ def main() -> int:
     if not names:
         print(f"{arguments.page} has no <!-- bench:NAME --> ... <!-- /bench --> to fill", file=sys.stderr)
         return 1
-    texts = tables(arguments.criterion, arguments.peers)
-    if not names & texts.keys():
+    texts = tables(names, arguments.criterion, arguments.peers)
+    if not texts:
         print(f"nothing measured for {arguments.page}: run 'cargo bench' first", file=sys.stderr)
         return 1
     arguments.page.write_text(fill(page, texts), encoding="utf-8")

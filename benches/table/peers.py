@@ -14,6 +14,8 @@ Results = dict[str, Any]
 
 #: What speeds are told in multiples of.
 BASELINES = {"PyBullet": 2, "rapier": 2}
+#: Load average below which nothing else of note runs.
+IDLE = 0.5
 WORKERS = {"PyBullet": ("process", "processes")}
 
 
@@ -50,7 +52,7 @@ def growth_table(results: Results) -> str | None:
         for time in [Measured.of(one["seconds"])]
     ]
     table = markdown(["rollouts", "time", "spread", "peak memory of the process"], rows)
-    return f"{table}\n\n{_slope(sizes)} Measured on {results['machine']}."
+    return f"{table}\n\n{_slope(sizes)} Measured on {_where(results)}."
 
 
 def fit_table(results: Results) -> str | None:
@@ -99,7 +101,7 @@ def _peers_note(results: Results) -> str:
     return (
         f"\\* Extrapolated by substeps. {rounds} rounds, all engines in turn; ratios are of the same round. "
         "The marble takes the same way: mean distance from the rolling engine's, off the rim, in millionths "
-        f"of an edge: {apart}.{_absent(results['absent'], 'engines')} Measured on {results['machine']}."
+        f"of an edge: {apart}.{_absent(results['absent'], 'engines')} Measured on {_where(results)}."
     )
 
 
@@ -144,7 +146,15 @@ def _fit_note(results: Results) -> str:
         "its end, intervals and all; the others stop on arrival. scipy and pycma run over labsim's rollouts, "
         "each Jacobian or population one batch; mujoco.sysid over MuJoCo's."
         f"{_absent(results['absent'], 'fits')} "
-        f"Measured on {results['machine']}."
+        f"Measured on {_where(results)}."
+    )
+
+
+def _where(results: Results) -> str:
+    """Return the machine, and what else it did, where that may have cost."""
+    busy = results["busy"]
+    return f"{results['machine']}" + (
+        f", busy with other work: load {busy:.1f} before" if busy > IDLE else ""
     )
 
 

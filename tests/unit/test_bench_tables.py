@@ -38,6 +38,7 @@ def engine(name, threads, seconds, *, rollouts=100, substeps=1_000_000, path_mea
 def results(**parts):
     return {
         "machine": "a machine",
+        "busy": 0.1,
         "versions": {"PyBullet": "3.2.7", "pycma": "4.5.0"},
         "absent": {"engines": {}, "fits": {}},
         "paper": PAPER,
@@ -150,6 +151,13 @@ def test_failed_runs_count_for_the_time_with_restarts_alone():
     cma, other = rows(fit_table(results(fits=[race])))
     assert cma == ["pycma 4.5.0", "2 of 3", "600 ms ± 24.7 %", "1 s ± 0.0 %", "30", "4.5 s"]
     assert other == ["other", "0 of 1", "never", "never", "none", "none"]
+
+
+def test_a_busy_machine_is_said():
+    sizes = [{"rollouts": 1000, "seconds": [1.0], "peak_mib": [90.0]}]
+    assert growth_table(results(growth=sizes)).endswith("Measured on a machine.")
+    busy = growth_table(results(growth=sizes, busy=1.52))
+    assert busy.endswith("Measured on a machine, busy with other work: load 1.5 before.")
 
 
 def test_nothing_measured_makes_no_table():
