@@ -8,13 +8,12 @@ Wants the packages of ``benches/requirements.txt``; what is missing is left out 
 import argparse
 import importlib.metadata
 import json
-import os
 import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from machine import machine
+from machine import busy_cores, machine
 from peers import fit_task, fits, growth, throughput
 from peers.workload import PAPER_ROLLOUTS, spread, substeps
 
@@ -47,7 +46,7 @@ def versions() -> dict[str, str]:
 
 def measure(rounds: int, starts: int, largest: int) -> dict[str, Any]:
     """Measure everything; return the samples themselves, as JSON takes them."""
-    busy = os.getloadavg()[0]
+    busy = busy_cores()
     absent: dict[str, dict[str, str]] = {"engines": {}, "fits": {}}
     # First, while this process is small: a child's peak memory counts from what its parent holds.
     grown = growth.measure(largest, progress)
@@ -57,7 +56,7 @@ def measure(rounds: int, starts: int, largest: int) -> dict[str, Any]:
     races = [fits.race(drive, racers, starts, progress) for drive in fit_task.DRIVES]
     return {
         "machine": machine(),
-        "busy": busy,
+        "busy": max(busy, busy_cores()),
         "versions": versions(),
         "absent": absent,
         "paper": {"rollouts": PAPER_ROLLOUTS, "substeps": substeps(spread(PAPER_ROLLOUTS))},

@@ -14,8 +14,8 @@ Results = dict[str, Any]
 
 #: What speeds are told in multiples of.
 BASELINES = {"PyBullet": 2, "rapier": 2}
-#: Load average below which nothing else of note runs.
-IDLE = 0.5
+#: Busy cores below which nothing else of note runs.
+IDLE = 0.2
 WORKERS = {"PyBullet": ("process", "processes")}
 
 
@@ -153,9 +153,8 @@ def _fit_note(results: Results) -> str:
 def _where(results: Results) -> str:
     """Return the machine, and what else it did, where that may have cost."""
     busy = results["busy"]
-    return f"{results['machine']}" + (
-        f", busy with other work: load {busy:.1f} before" if busy > IDLE else ""
-    )
+    others = f", {busy:.1f} of them busy with other work" if busy > IDLE else ""
+    return f"{results['machine']}{others}"
 
 
 def _absent(absent: dict[str, dict[str, str]], what: str) -> str:

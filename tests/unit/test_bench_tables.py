@@ -157,7 +157,7 @@ def test_a_busy_machine_is_said():
     sizes = [{"rollouts": 1000, "seconds": [1.0], "peak_mib": [90.0]}]
     assert growth_table(results(growth=sizes)).endswith("Measured on a machine.")
     busy = growth_table(results(growth=sizes, busy=1.52))
-    assert busy.endswith("Measured on a machine, busy with other work: load 1.5 before.")
+    assert busy.endswith("Measured on a machine, 1.5 of them busy with other work.")
 
 
 def test_nothing_measured_makes_no_table():
