@@ -33,6 +33,7 @@ def rollouts(
     *,
     rows: int,
     first: npt.NDArray[np.uintp],
+    issued: npt.NDArray[np.uintp],
     knobs_before: npt.NDArray[np.float64],
     effects: Sequence[tuple[str, npt.NDArray[np.float64]]],
     seeds: npt.NDArray[np.uint64],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -46,10 +46,10 @@ class Segment:
         Position at the first row [board edges].
     start_velocity : (2,) array
         Velocity at the first row [board edges per second of simulated time].
-    earlier_knobs : (first_row, 2) array
-        Commands of the recording's rows before the segment [rad], which effects may remember.
-    earlier_durations : (first_row,) array or None
-        How long those held [s].
+    run_knobs : (m, 2) array or None
+        Commands of the whole recording [rad], which effects may remember; by default there is no more of it.
+    run_durations : (m,) array or None
+        How long those hold [s].
     """
 
     recording: str
@@ -59,8 +59,8 @@ class Segment:
     observed: Array
     start: Array
     start_velocity: Array
-    earlier_knobs: Array = field(default_factory=lambda: np.zeros((0, 2)))
-    earlier_durations: Array | None = None
+    run_knobs: Array | None = None
+    run_durations: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -342,20 +342,23 @@ def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
 
 
 def _inputs(batch: Sequence[Segment], model: Model) -> Inputs:
-    """Return the commands of segments of one length, with those before them if the model remembers any."""
-    earlier = [segment.earlier_knobs if model.effects else segment.earlier_knobs[:0] for segment in batch]
-    first = np.array([len(knobs) for knobs in earlier])
-    rows = len(batch[0].knobs)
-    knobs = np.zeros((len(batch), int(first.max()) + rows, 2))
+    """Return the commands of segments of one length, of their whole recordings if the model has a memory."""
+    whole = bool(model.effects)
+    runs = [
+        (segment.run_knobs, segment.run_durations, segment.first_row)
+        if whole and segment.run_knobs is not None
+        else (segment.knobs, segment.durations, 0)
+        for segment in batch
+    ]
+    issued = np.array([len(knobs) for knobs, _, _ in runs])
+    knobs = np.zeros((len(batch), int(issued.max()), 2))
     durations = None if batch[0].durations is None else np.zeros(knobs.shape[:2])
-    for i, segment in enumerate(batch):
-        end = first[i] + rows
-        knobs[i, :end] = np.concatenate([earlier[i], segment.knobs])
-        if durations is not None and segment.durations is not None:
-            durations[i, first[i] : end] = segment.durations
-            if segment.earlier_durations is not None:
-                durations[i, : first[i]] = segment.earlier_durations[: first[i]]
-    return Inputs(knobs, durations, first, rows)
+    for i, (run_knobs, run_durations, _) in enumerate(runs):
+        knobs[i, : issued[i]] = run_knobs
+        if durations is not None and run_durations is not None:
+            durations[i, : issued[i]] = run_durations
+    first = np.array([first for _, _, first in runs])
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs))
 
 
 def _states(batch: Sequence[Segment]) -> Array:
@@ -372,8 +375,8 @@ def _segment(recording: Recording, stretch: slice, state: Array) -> Segment:
         observed=recording.marble[stretch],
         start=state[:2],
         start_velocity=state[2:],
-        earlier_knobs=recording.knobs[: stretch.start],
-        earlier_durations=None if durations is None else durations[: stretch.start],
+        run_knobs=recording.knobs,
+        run_durations=durations,
     )
 
 

@@ -44,6 +44,7 @@ def rollouts(
     threads: int | None = None,
     rows: int | None = None,
     first: npt.ArrayLike = 0,
+    issued: npt.ArrayLike | None = None,
     knobs_before: npt.ArrayLike | None = None,
     start_velocity: npt.ArrayLike | None = None,
     durations: npt.ArrayLike | None = None,
@@ -81,6 +82,8 @@ def rollouts(
     first : int or (n,), optional
         The row of the commands in which the marble is let go and first observed. Until then the knobs alone
         move, so that what depends on earlier commands is right.
+    issued : (n,), optional
+        How many of the commands are each rollout's own, where the rest fills shorter ones up; default all.
     knobs_before : (2,) or (n, 2), optional
         Knob angles before row 0 [rad]; default level.
     start_velocity : (2,) or (n, 2), optional
@@ -126,6 +129,7 @@ def rollouts(
         _pairs("start_velocity", start_velocity, count),
         rows=_whole("rows", rows, 1),
         first=firsts,
+        issued=_lengths(issued, count, steps),
         knobs_before=_pairs("knobs_before", knobs_before, count),
         effects=parameter_values(effects or (), count),
         seeds=_seeds(seed, count),
@@ -216,6 +220,17 @@ def _first_rows(first: npt.ArrayLike, count: int, steps: int) -> npt.NDArray[np.
         raise IrtError(f"first: expected rows from 0 to {steps - 1}, got {array.min()} to {array.max()}")
     found: npt.NDArray[np.uintp] = array.astype(np.uintp)
     return found
+
+
+def _lengths(issued: npt.ArrayLike | None, count: int, steps: int) -> npt.NDArray[np.uintp]:
+    """Return how many commands each rollout has (n,)."""
+    array = np.full(count, steps) if issued is None else np.asarray(issued)
+    if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer):
+        raise IrtError(f"issued: expected {count} whole numbers, got {issued!r}")
+    if array.size and not 1 <= array.min() <= array.max() <= steps:
+        raise IrtError(f"issued: expected 1 to {steps} commands, got {array.min()} to {array.max()}")
+    lengths: npt.NDArray[np.uintp] = array.astype(np.uintp)
+    return lengths
 
 
 def _seeds(seed: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:

@@ -25,30 +25,37 @@ class Inputs:
     Attributes
     ----------
     knobs : (w, m, 2) array
-        Commanded knob angles [rad], those before the window included.
+        Commanded knob angles [rad]: those of the window, or of the whole recording that it is of.
     durations : (w, m) array or None
         How long each command holds [s]; without it the model's time scale tells.
     first : (w,) array
         The row of its commands in which a window begins; those before it are its history.
+    issued : (w,) array
+        How many commands there are; the rest fills shorter ones up.
     rows : int
-        n, the rows of each window; commands behind them do not matter.
+        n, the rows of each window.
     """
 
     knobs: Array
     durations: Array | None
     first: NDArray[np.int64]
+    issued: NDArray[np.int64]
     rows: int
 
     @classmethod
     def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
         """Return the inputs of windows without history, (w, n, 2) knob angles [rad] and (w, n) seconds."""
-        return cls(knobs, durations, np.zeros(len(knobs), dtype=np.int64), knobs.shape[1])
+        windows, rows = knobs.shape[:2]
+        return cls(knobs, durations, np.zeros(windows, dtype=np.int64), np.full(windows, rows), rows)
 
     def repeated(self, times: int) -> Inputs:
         """Return each window so many times."""
-        durations = None if self.durations is None else np.repeat(self.durations, times, axis=0)
         return Inputs(
-            np.repeat(self.knobs, times, axis=0), durations, np.repeat(self.first, times), self.rows
+            knobs=np.repeat(self.knobs, times, axis=0),
+            durations=None if self.durations is None else np.repeat(self.durations, times, axis=0),
+            first=np.repeat(self.first, times),
+            issued=np.repeat(self.issued, times),
+            rows=self.rows,
         )
 
 
@@ -80,6 +87,7 @@ def simulate(model: Model, inputs: Inputs, states: Array) -> Array:
         durations=inputs.durations,
         time_step=model.time_step,
         first=inputs.first,
+        issued=inputs.issued,
         rows=inputs.rows,
         # Who starts in motion has held the knobs somewhere: the first command is the best guess.
         knobs_before=inputs.knobs[:, 0] if moving else None,

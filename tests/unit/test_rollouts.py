@@ -139,6 +139,8 @@ def test_arrays_may_be_strided():
         ({"first": 10}, "first: expected rows from 0 to 9, got 10 to 10"),
         ({"first": 0.5}, "first: expected a row"),
         ({"first": 4, "rows": 7}, "commands of rollout 0: expected at least 11 rows, got 10"),
+        ({"issued": [11]}, "issued: expected 1 to 10 commands, got 11 to 11"),
+        ({"issued": 10}, "issued: expected 1 whole numbers"),
         ({"rows": 0}, "rows: expected a whole number of at least 1"),
         ({"seed": -1}, "seed: expected a whole number of at least 0"),
         ({"seed": [0.5]}, "seed: expected a whole number, or one for each"),
@@ -176,6 +178,14 @@ def test_windows_of_one_batch_may_begin_anywhere():
     together = rollouts(np.repeat(PAPER, 3, axis=0), drive, effects=lag, first=[0, 7, 20], rows=15)
     for seen, first in zip(together, (0, 7, 20), strict=True):
         assert (rollouts(PAPER, drive, effects=lag, first=first, rows=15)[0] == seen).all()
+
+
+def test_what_fills_shorter_commands_up_does_not_count():
+    drive, drift = paper_drive(40), [{"name": "clock_drift", "drift": 0.2}]
+    padded = np.stack([drive, np.where(np.arange(40)[:, None] < 25, drive, 0.1)])
+    together = rollouts(np.repeat(PAPER, 2, axis=0), padded, effects=drift, issued=[40, 25], rows=20)
+    assert (together[0] == rollouts(PAPER, drive, effects=drift, rows=20)[0]).all()
+    assert (together[1] == rollouts(PAPER, drive[:25], effects=drift, rows=20)[0]).all()
 
 
 def test_the_catalogue_tells_of_each_effect_what_a_report_needs():

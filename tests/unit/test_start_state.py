@@ -68,11 +68,12 @@ def test_simulate_passes_effects_on(knobs, states) -> None:
 def test_effects_remember_what_was_commanded_before_a_window(knobs, states) -> None:
     slow = dataclasses.replace(model(), effects=(Effect("lag", {"time_constant_s": 0.3}),))
     long = np.concatenate([knobs, knobs[::-1]], axis=1)
-    inputs = Inputs(long, None, np.arange(6) % 3 + 2, ROWS)
+    inputs = Inputs(long, None, np.arange(6) % 3 + 2, np.full(6, 2 * ROWS), ROWS)
     seen = simulate(slow, inputs, states)
     for i, first in enumerate(inputs.first):
         # What comes after a window does not matter to it, what was before does.
-        cut = Inputs(long[i : i + 1, : first + ROWS], None, inputs.first[i : i + 1], ROWS)
+        rows = np.array([first + ROWS])
+        cut = Inputs(long[i : i + 1, : first + ROWS], None, inputs.first[i : i + 1], rows, ROWS)
         np.testing.assert_array_equal(simulate(slow, cut, states[i : i + 1])[0], seen[i])
         forgetful = Inputs.of_whole(long[i : i + 1, first : first + ROWS])
         assert np.abs(simulate(slow, forgetful, states[i : i + 1])[0] - seen[i]).max() > 1e-5

@@ -9,7 +9,16 @@ use crate::arrays;
 use crate::errors;
 
 /// Name, unit, plausible low and high, neutral, allowed low and high, meaning.
-type Parameter = (&'static str, &'static str, f64, f64, f64, f64, f64, &'static str);
+type Parameter = (
+    &'static str,
+    &'static str,
+    f64,
+    f64,
+    f64,
+    f64,
+    f64,
+    &'static str,
+);
 
 /// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references.
 type About = (
@@ -31,7 +40,16 @@ pub(crate) fn catalogue() -> Vec<About> {
         .map(|about| {
             let parameters = about.parameters.iter().map(|one| {
                 let ((low, high), (least, most)) = (one.range, one.allowed);
-                (one.name, one.unit, low, high, one.neutral, least, most, one.means)
+                (
+                    one.name,
+                    one.unit,
+                    low,
+                    high,
+                    one.neutral,
+                    least,
+                    most,
+                    one.means,
+                )
             });
             (
                 about.name,

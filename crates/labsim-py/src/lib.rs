@@ -6,7 +6,7 @@ mod errors;
 mod interrupt;
 
 use labsim::board::{Board, Marble, Rig};
-use labsim::{Batch, Engine, Parameters, TimeBase};
+use labsim::{Batch, Engine, Parameters, PerRollout, TimeBase};
 use numpy::ndarray::Array3;
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
@@ -40,7 +40,7 @@ mod _labsim {
 /// Arrays whose first axis has length 1 are shared by all rollouts.
 #[pyfunction]
 #[pyo3(signature = (
-    parameters, commands, start, start_velocity, *, rows, first, knobs_before, effects, seeds, board, marble,
+    parameters, commands, start, start_velocity, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
     engine, continuous, substeps, durations, threads
 ))]
 #[expect(
@@ -59,6 +59,7 @@ fn rollouts<'py>(
     start_velocity: PyReadonlyArray2<'py, f64>,
     rows: usize,
     first: PyReadonlyArray1<'py, usize>,
+    issued: PyReadonlyArray1<'py, usize>,
     knobs_before: PyReadonlyArray2<'py, f64>,
     effects: Vec<(String, PyReadonlyArray2<'py, f64>)>,
     seeds: PyReadonlyArray1<'py, u64>,
@@ -90,7 +91,7 @@ fn rollouts<'py>(
         .into_iter()
         .map(Parameters::from)
         .collect();
-    let issued = commands.as_array().shape()[1];
+    let issued = arrays::lengths(&issued, &commands)?;
     let effects = catalogue::Values::new(&effects)?;
     let commands = arrays::pairs_of_each(&commands)?;
     let start = arrays::rows::<2>(&start)?;
@@ -99,19 +100,22 @@ fn rollouts<'py>(
     let (first, seeds) = (first.as_array().to_vec(), seeds.as_array().to_vec());
     let substeps = substeps.map(|each| each.as_array().to_vec());
     let durations = durations.map(|each| each.as_array().iter().copied().collect::<Vec<f64>>());
+    let durations = durations
+        .as_ref()
+        .map(|each| arrays::beginnings(each, &issued));
     let count = parameters.len();
     let batch = Batch {
         rig: &rig,
         parameters: &parameters,
         effects: &effects.chosen(count),
         rows,
-        commands: arrays::shared_or_each(&commands, issued, count),
+        commands: PerRollout::Of(&arrays::beginnings(&commands, &issued)),
         knobs_before: arrays::shared_or_each(&knobs_before, 1, count),
         first: arrays::shared_or_each(&first, 1, count),
         start: arrays::shared_or_each(&start, 1, count),
         start_velocity: arrays::shared_or_each(&start_velocity, 1, count),
-        time: match &durations {
-            Some(durations) => TimeBase::Durations(arrays::shared_or_each(durations, issued, count)),
+        time: match durations.as_deref() {
+            Some(durations) => TimeBase::Durations(PerRollout::Of(durations)),
             None if continuous => TimeBase::Continuous(substeps.as_deref()),
             None => TimeBase::Rounded,
         },
