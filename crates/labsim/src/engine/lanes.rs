@@ -12,6 +12,9 @@ use std::ops::{Add, BitAnd, BitOr, Mul, Neg, Not, Sub};
 
 use pulp::Simd;
 
+/// Lanes of the widest register.
+const WIDEST: usize = 8;
+
 /// One `f64` a lane.
 #[derive(Clone, Copy)]
 pub(crate) struct Lanes<S: Simd> {
@@ -35,19 +38,20 @@ impl<S: Simd> Lanes<S> {
 
     /// One value for each lane; `of` is asked for the lane's number.
     #[inline(always)]
-    pub(crate) fn from_fn(simd: S, of: impl FnMut(usize) -> f64) -> Self {
-        // The widest register holds eight.
-        let all: [f64; 8] = std::array::from_fn(of);
-        let values = simd.partial_load_f64s(&all[..S::F64_LANES]);
+    pub(crate) fn from_fn(simd: S, mut of: impl FnMut(usize) -> f64) -> Self {
+        let mut all = [0.0; WIDEST];
+        for (lane, value) in all[..S::F64_LANES].iter_mut().enumerate() {
+            *value = of(lane);
+        }
+        let values = S::as_simd_f64s(&all[..S::F64_LANES]).0[0];
         Self { simd, values }
     }
 
     /// The lanes' values; what stands behind the last lane is zero.
     #[inline(always)]
-    pub(crate) fn to_array(self) -> [f64; 8] {
-        let mut all = [0.0; 8];
-        self.simd
-            .partial_store_f64s(&mut all[..S::F64_LANES], self.values);
+    pub(crate) fn to_array(self) -> [f64; WIDEST] {
+        let mut all = [0.0; WIDEST];
+        S::as_mut_simd_f64s(&mut all[..S::F64_LANES]).0[0] = self.values;
         all
     }
 
@@ -94,6 +98,11 @@ impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub(crate) fn le(self, other: Self) -> Mask<S> {
         self.mask(self.simd.less_than_or_equal_f64s(self.values, other.values))
+    }
+
+    #[inline(always)]
+    pub(crate) fn ne(self, other: Self) -> Mask<S> {
+        !self.mask(self.simd.equal_f64s(self.values, other.values))
     }
 
     #[inline(always)]

@@ -9,6 +9,7 @@
 )]
 
 mod contact;
+mod impact;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -168,14 +169,12 @@ fn tilt<'a, 'b: 'a, S: Simd>(
     let push_y = -(GRAVITY * (sin_x * cos_y) * length);
     let resistance = 5.0 / 7.0 * (friction * normal * length);
     let grip = BOARD_FRICTION * (normal * length);
-    let needed = 2.0 / 7.0 * (push_x.abs() + push_y.abs()) + resistance;
     Push {
         x: push_x,
         y: push_y,
-        hop: (2.0 * one).over(normal),
+        normal,
         resistance,
         grip,
-        excess: (needed - grip).max(0.0 * grip),
         damping: one.over(one + rig.marble.damping_per_s * length),
         length,
     }
