@@ -1,5 +1,7 @@
 //! A batch of rollouts over the threads: the only parallel code of the engine.
 
+mod company;
+
 use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -198,51 +200,44 @@ impl Batch<'_> {
     }
 
     /// Rollouts that an engine simulates together, with the places for their results.
-    ///
-    /// Neighbours take about equally long in a rapier world; in lanes they share every count of
-    /// substeps. The order decides only who keeps whom company, never a result.
     fn groups<'a>(
         &'a self,
         engine: Engine,
         workers: usize,
         observations: &'a mut [[f64; 2]],
     ) -> Vec<Group<'a>> {
-        let mut jobs: Vec<(Job<'a>, &'a mut [[f64; 2]])> = observations
+        let mut places: Vec<_> = observations
             .chunks_exact_mut(self.rows)
             .enumerate()
-            .map(|(rollout, out)| {
-                let job = Job {
-                    parameters: self.parameters[rollout],
-                    commands: self.commands.of(rollout, self.rows),
-                    start: self.start.of(rollout, 1)[0],
-                    start_velocity: self.start_velocity.of(rollout, 1)[0],
-                    clock: self.clock(rollout),
-                };
-                (job, out)
-            })
+            .map(|(rollout, out)| Some((self.job(rollout), out)))
             .collect();
-        // The longest first, so that no thread is left with a long group at the end.
-        jobs.sort_by(|(a, _), (b, _)| b.clock.compare(&a.clock, self.rows));
+        let order = company::order(
+            places.iter().flatten().map(|(job, _)| job),
+            &self.rig.board,
+            self.rows,
+        );
+        // A small batch makes smaller groups, two for each thread: the long and the short ones.
+        let share = places.len().div_ceil(2 * workers.max(1));
         let most = match engine {
-            // A small batch makes smaller worlds, two for each thread: the long and the short ones.
-            Engine::Rapier => rapier::GROUP.min(jobs.len().div_ceil(2 * workers.max(1))),
-            Engine::Rolling => rolling::GROUP,
+            Engine::Rapier => share.min(rapier::GROUP),
+            Engine::Rolling => share
+                .next_multiple_of(company::REGISTER)
+                .min(rolling::GROUP),
         };
-        let mut groups: Vec<Group<'a>> = Vec::new();
-        for (job, out) in jobs {
-            match groups.last_mut() {
-                Some((group, outs))
-                    if group.len() < most
-                        && (engine == Engine::Rapier
-                            || group[0].clock.compare(&job.clock, self.rows).is_eq()) =>
-                {
-                    group.push(job);
-                    outs.push(out);
-                }
-                _ => groups.push((vec![job], vec![out])),
-            }
+        order
+            .chunks(most)
+            .map(|group| group.iter().filter_map(|&i| places[i].take()).unzip())
+            .collect()
+    }
+
+    fn job(&self, rollout: usize) -> Job<'_> {
+        Job {
+            parameters: self.parameters[rollout],
+            commands: self.commands.of(rollout, self.rows),
+            start: self.start.of(rollout, 1)[0],
+            start_velocity: self.start_velocity.of(rollout, 1)[0],
+            clock: self.clock(rollout),
         }
-        groups
     }
 }
 

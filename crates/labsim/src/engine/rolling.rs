@@ -1,7 +1,7 @@
 //! A rolling sphere on a tilting plane with rim walls: the fast engine.
 //!
-//! All lanes of a group take the same number of substeps; each has its own parameters, commands,
-//! start and substep length. The physics of a substep is in [`contact`].
+//! Each lane has its own parameters, commands, start, and number and length of substeps; in a row
+//! that is longer for some, the others wait. The physics of a substep is in [`contact`].
 
 #![expect(
     clippy::inline_always,
@@ -26,7 +26,7 @@ pub(crate) const GROUP: usize = 32;
 /// The most registers whose marbles take turns, so that one's divisions hide behind another's.
 const REGISTERS: usize = 4;
 
-/// Simulates up to [`GROUP`] rollouts whose timesteps have equal numbers of substeps.
+/// Simulates up to [`GROUP`] rollouts, fastest where neighbours take equally many substeps.
 pub(crate) fn run(rig: &Rig, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]], cancel: &AtomicBool) {
     Arch::new().dispatch(Group {
         rig,
@@ -91,11 +91,54 @@ fn simulate<S: Simd, const N: usize>(
         }
         let push: [Push<S>; N] =
             std::array::from_fn(|register| tilt(simd, rig, row, |lane| job(register, lane)));
-        for _ in 0..jobs[0].clock.step(row).substeps {
-            for (marbles, push) in marbles.iter_mut().zip(&push) {
-                *marbles = substep(&rims, marbles, push);
+        let substeps: [Substeps<S>; N] =
+            std::array::from_fn(|register| Substeps::of(simd, register, jobs, row));
+        let most = substeps.iter().map(|substeps| substeps.most).max();
+        for done in 0..most.unwrap_or(0) {
+            for (marbles, (push, substeps)) in marbles.iter_mut().zip(push.iter().zip(&substeps)) {
+                if done < substeps.most {
+                    let next = substep(&rims, marbles, push);
+                    *marbles = substeps.take(done, next, marbles);
+                }
             }
         }
+    }
+}
+
+/// How many substeps each lane of a register takes in a row; empty lanes take none.
+struct Substeps<S: Simd> {
+    lanes: Lanes<S>,
+    fewest: u32,
+    most: u32,
+}
+
+impl<S: Simd> Substeps<S> {
+    #[inline(always)]
+    fn of(simd: S, register: usize, jobs: &[Job<'_>], row: usize) -> Self {
+        let (mut fewest, mut most) = (u32::MAX, 0);
+        let lanes = Lanes::from_fn(simd, |lane| {
+            let job = jobs.get(register * S::F64_LANES + lane);
+            job.map_or(0.0, |job| {
+                let substeps = job.clock.step(row).substeps;
+                (fewest, most) = (fewest.min(substeps), most.max(substeps));
+                f64::from(substeps)
+            })
+        });
+        Self {
+            lanes,
+            fewest,
+            most,
+        }
+    }
+
+    /// Lets the lanes whose row is not over after that many substeps have their next.
+    #[inline(always)]
+    fn take(&self, done: u32, next: Marbles<S>, marbles: &Marbles<S>) -> Marbles<S> {
+        if done < self.fewest {
+            return next;
+        }
+        let goes_on = self.lanes.gt(self.lanes.like(f64::from(done)));
+        Marbles::select(goes_on, &next, marbles)
     }
 }
 
@@ -198,7 +241,7 @@ mod tests {
                 commands: &commands,
                 start: [0.01 * f64::from(i), -0.2],
                 start_velocity: [0.3, 0.0],
-                clock: Clock::Even(Step::rounded(23.0)),
+                clock: Clock::Even(Step::rounded(f64::from(17 + i % 7))),
             })
             .collect();
         let run = |dispatch: &dyn Fn(Group<'_, '_, '_>)| {

@@ -51,7 +51,7 @@ pub(super) struct Marbles<S: Simd> {
 
 impl<S: Simd> Marbles<S> {
     #[inline(always)]
-    fn select(mask: Mask<S>, if_true: &Self, if_false: &Self) -> Self {
+    pub(super) fn select(mask: Mask<S>, if_true: &Self, if_false: &Self) -> Self {
         Self {
             x: mask.select(if_true.x, if_false.x),
             y: mask.select(if_true.y, if_false.y),
