@@ -130,10 +130,20 @@ impl Batch<'_> {
         if let TimeBase::Continuous(Some(substeps)) = self.time {
             PerRollout::Each(substeps).check("substeps", rollouts, 1)?;
         }
-        (0..rollouts).try_for_each(|i| self.check_rollout(i).map_err(|error| locate(error, i)))
+        // Looked at once where all rollouts share them.
+        let shared = match self.commands {
+            PerRollout::Shared(commands) => Some(largest(commands)),
+            PerRollout::Each(_) => None,
+        };
+        (0..rollouts).try_for_each(|i| {
+            let knobs = shared.unwrap_or_else(|| largest(self.commands.of(i, rows)));
+            self.check_rollout(i, knobs)
+                .map_err(|error| locate(error, i))
+        })
     }
 
-    fn check_rollout(&self, rollout: usize) -> Result<()> {
+    /// Looks at one rollout, whose knobs turn by up to `knobs` (rad).
+    fn check_rollout(&self, rollout: usize, knobs: [f64; 2]) -> Result<()> {
         let parameters = &self.parameters[rollout];
         parameters.check()?;
         let finite = |what: &str, values: &[[f64; 2]]| match values
@@ -146,16 +156,14 @@ impl Batch<'_> {
         };
         finite("start", self.start.of(rollout, 1))?;
         finite("start_velocity", self.start_velocity.of(rollout, 1))?;
-        let commands = self.commands.of(rollout, self.rows);
-        finite("commands", commands)?;
+        if knobs.contains(&f64::INFINITY) {
+            finite("commands", self.commands.of(rollout, self.rows))?;
+        }
         for (axis, gear) in [parameters.gear_x, parameters.gear_y]
             .into_iter()
             .enumerate()
         {
-            let steepest = commands
-                .iter()
-                .map(|knobs| (gear * knobs[axis]).abs())
-                .fold(0.0, f64::max);
+            let steepest = (gear * knobs[axis]).abs();
             if steepest >= FRAC_PI_2 {
                 return Err(Error::invalid(
                     ["gear_x", "gear_y"][axis],
@@ -242,6 +250,19 @@ impl Batch<'_> {
 }
 
 type Group<'a> = (Vec<Job<'a>>, Vec<&'a mut [[f64; 2]]>);
+
+/// The largest angle of each knob (rad); infinite where one is not a finite number.
+fn largest(commands: &[[f64; 2]]) -> [f64; 2] {
+    commands.iter().fold([0.0, 0.0], |largest, knobs| {
+        std::array::from_fn(|axis| {
+            if knobs[axis].is_finite() {
+                knobs[axis].abs().max(largest[axis])
+            } else {
+                f64::INFINITY
+            }
+        })
+    })
+}
 
 fn locate(error: Error, rollout: usize) -> Error {
     match error {
