@@ -13,7 +13,7 @@ mod impact;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Scalar, Simd, WithSimd};
 
 use self::contact::{Marbles, Push, Rims, substep};
 use super::Job;
@@ -28,12 +28,17 @@ const REGISTERS: usize = 4;
 
 /// Simulates up to [`GROUP`] rollouts, fastest where neighbours take equally many substeps.
 pub(crate) fn run(rig: &Rig, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]], cancel: &AtomicBool) {
-    Arch::new().dispatch(Group {
+    let group = Group {
         rig,
         jobs,
         out,
         cancel,
-    });
+    };
+    match jobs.len() {
+        // Nothing stands beside it, and wide registers take longer to divide.
+        1 => group.with_simd(Scalar),
+        _ => Arch::new().dispatch(group),
+    }
 }
 
 struct Group<'a, 'b, 'c> {
@@ -228,7 +233,6 @@ mod tests {
     use super::*;
     use crate::drive::paper_drive;
     use crate::engine::{Clock, Step};
-    use pulp::Scalar;
 
     #[test]
     fn every_instruction_set_gives_the_same_bits() {
