@@ -69,7 +69,7 @@ impl<S: Simd> Effect<S> for Lag<S> {
             self.knob = Some(*knob);
             return;
         };
-        if length.differs(self.step.length).any() {
+        if length.ne(self.step.length).any() {
             self.step = Step::new(self.time, length);
         }
         for (knob, turned) in knob.iter_mut().zip(turned) {

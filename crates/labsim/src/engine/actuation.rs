@@ -179,18 +179,15 @@ impl<S: Simd> Actuation<S> {
         let length = self.length;
         let ((sin_x, cos_x), (sin_y, cos_y)) = (tilt_x.sin_cos(), tilt_y.sin_cos());
         let normal = GRAVITY * (cos_x * cos_y);
-        let mut push = Push {
+        Push {
             x: GRAVITY * sin_y * length,
             y: -(GRAVITY * (sin_x * cos_y) * length),
             normal,
             resistance: 5.0 / 7.0 * (self.rolling_friction * normal * length),
             grip: BOARD_FRICTION * (normal * length),
-            excess: length,
             damping: self.damping,
             length,
-        };
-        push.settle();
-        push
+        }
     }
 }
 
@@ -202,7 +199,6 @@ fn still<S: Simd>(zero: Lanes<S>) -> Push<S> {
         normal: zero,
         resistance: zero,
         grip: zero,
-        excess: zero,
         damping: zero,
         length: zero,
     }
