@@ -173,16 +173,16 @@ impl<S: Simd> Lanes<S> {
             .fold(one, |sum, divisor| one - (1.0 / divisor) * (square * sum))
     }
 
-    /// Exponential of a number that is not above zero, to 1e-13 of its value; below -40 it is zero.
+    /// Exponential of a number that is not above zero, to 1e-10 of its value; below -25 it is zero.
     #[inline(always)]
     pub(crate) fn exp_decay(self) -> Self {
-        let far = self.lt(self.like(-40.0));
-        // The Taylor series of a 256th part, squared eight times.
-        let (one, part) = (self.like(1.0), 1.0 / 256.0 * self.max(self.like(-40.0)));
-        let mut power = (1..=11)
+        let far = self.lt(self.like(-25.0));
+        // The Taylor series of a 512th part, squared nine times.
+        let (one, part) = (self.like(1.0), 1.0 / 512.0 * self);
+        let mut power = (1..=6)
             .rev()
             .fold(one, |sum, n| one + (1.0 / f64::from(n)) * (part * sum));
-        for _ in 0..8 {
+        for _ in 0..9 {
             power = power * power;
         }
         far.select(self.like(0.0), power)

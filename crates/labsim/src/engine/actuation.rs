@@ -245,34 +245,27 @@ impl<S: Simd> Arrivals<S> {
     /// Lets the commands of a substep come; returns the average over the substep.
     #[inline(always)]
     fn arrive(&mut self, row: usize, substep: u32) -> Pair<S> {
-        let (begin, end) = (f64::from(substep), f64::from(substep) + 1.0);
-        let mut last = self.command.map(Lanes::to_array);
-        let mut average = last;
-        for lane in 0..self.agenda.lanes() {
-            let mut until = begin;
-            let mut sum = [0.0; 2];
-            while let Some(moment) = self.agenda.take(lane, row, end) {
-                let at = moment.at.max(until);
-                let command = self.commands[lane][moment.what];
-                for axis in 0..2 {
-                    sum[axis] += (at - until) * last[axis][lane];
-                    last[axis][lane] = command[axis];
-                }
-                until = at;
-            }
-            let mixed = until > begin;
+        let begin = f64::from(substep);
+        let mut command = self.command.map(Lanes::to_array);
+        let mut average = command;
+        let (commands, mut mixed) = (&self.commands, false);
+        self.agenda.take(row, begin + 1.0, |lane, moment| {
+            // The command that came replaces the last one for the rest of the substep.
+            let rest = (begin + 1.0 - moment.at).min(1.0);
+            mixed |= rest < 1.0;
             for axis in 0..2 {
-                average[axis][lane] = if mixed {
-                    sum[axis] + (end - until) * last[axis][lane]
+                let came = commands[lane][moment.what][axis];
+                average[axis][lane] = if rest < 1.0 {
+                    average[axis][lane] + rest * (came - command[axis][lane])
                 } else {
-                    last[axis][lane]
+                    came
                 };
+                command[axis][lane] = came;
             }
-            self.was_mixed |= mixed;
-        }
-        self.agenda.begin_row(row);
+        });
+        self.was_mixed = mixed;
         let simd = self.command[0].simd();
-        self.command = last.map(|values| Lanes::from_fn(simd, |lane| values[lane]));
+        self.command = command.map(|values| Lanes::from_fn(simd, |lane| values[lane]));
         average.map(|values| Lanes::from_fn(simd, |lane| values[lane]))
     }
 }

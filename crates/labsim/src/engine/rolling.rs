@@ -15,7 +15,7 @@ use pulp::{Arch, Scalar, Simd, WithSimd};
 
 use self::contact::substep;
 use super::actuation::Actuation;
-use super::camera::{Camera, between};
+use super::camera::Camera;
 use super::{Job, Setup};
 use crate::effects::{Acts, Any, acting};
 use crate::lanes::Lanes;
@@ -110,6 +110,9 @@ fn simulate<S: Simd, const N: usize>(
             for i in 0..step(row) {
                 let mut out = out.chunks_mut(S::F64_LANES);
                 for (register, marbles) in registers.iter_mut().zip(&mut marbles) {
+                    if register.jobs.is_empty() {
+                        break;
+                    }
                     register.substep(row, i, marbles, out.next().unwrap_or_default());
                 }
             }
@@ -264,50 +267,27 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
             self.actuation.substep(row, index);
         }
         let mut push = self.actuation.push;
-        if !self.forces.is_empty() {
-            for effect in &mut self.forces {
-                effect.act(marbles, &mut push);
-            }
+        for effect in &mut self.forces {
+            effect.act(marbles, &mut push);
+        }
+        let end = f64::from(index) + 1.0;
+        if !self.camera.is_due(end) {
+            *marbles = substep(&self.rims, marbles, &push);
+            return;
         }
         let before = *marbles;
         *marbles = substep(&self.rims, &before, &push);
-        let end = f64::from(index) + 1.0;
-        if self
-            .camera
-            .agenda
-            .as_ref()
-            .is_some_and(|agenda| agenda.is_due(end))
-        {
-            let simd = self.rims.reach_x.simd();
-            simd.vectorize(|| self.expose(row, f64::from(index), [&before, marbles], out));
-        }
-    }
-
-    /// Takes the pictures that are due in a substep.
-    #[inline(always)]
-    fn expose(
-        &mut self,
-        row: usize,
-        begin: f64,
-        [before, after]: [&Marbles<S>; 2],
-        out: &mut [&mut [[f64; 2]]],
-    ) {
-        for (lane, out) in out.iter_mut().enumerate() {
-            while let Some(picture) = self.camera.due(lane, row, begin + 1.0) {
-                let at = picture.at - begin;
-                let length = self.actuation.push.length;
-                let place = [
-                    (before.x, after.x, before.vx),
-                    (before.y, after.y, before.vy),
-                ]
-                .map(|(from, to, velocity)| between(from, to, velocity * length, at));
-                let seen = self.camera.see(place, &self.actuation.tilt);
-                out[picture.what] = seen.map(|values| values.to_array()[lane]);
-            }
-        }
-        if let Some(agenda) = &mut self.camera.agenda {
-            agenda.begin_row(row);
-        }
+        let simd = self.rims.reach_x.simd();
+        simd.vectorize(|| {
+            let (stretch, motion) = ([end - 1.0, end], [&before, &*marbles]);
+            let write = |lane: usize, row: usize, seen: [f64; 2]| {
+                if let Some(out) = out.get_mut(lane) {
+                    out[row] = seen;
+                }
+            };
+            self.camera
+                .expose(row, stretch, motion, &self.actuation, write);
+        });
     }
 }
 
