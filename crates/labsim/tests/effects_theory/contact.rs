@@ -198,6 +198,29 @@ proptest! {
 }
 
 #[test]
+fn no_rim_becomes_perfect_or_less_than_dead() {
+    for (engine, _) in ENGINES {
+        for (own, increase, expected) in [(0.5, 0.9, 0.95), (0.97, 0.9, 0.97), (0.3, -0.9, 0.0)] {
+            let mut trial = Trial {
+                velocity: [0.4, 0.1],
+                ..Trial::level(12)
+            };
+            trial.rig.board.wall_restitution = own;
+            let found = trial
+                .clone()
+                .with("wall_restitution", &[increase])
+                .run(engine);
+            trial.rig.board.wall_restitution = expected;
+            assert_eq!(
+                found,
+                trial.run(engine),
+                "{own} and {increase} in {engine:?}"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_rebound_is_as_lively_as_the_effect_says() {
     // Against a smooth rim v becomes -e v and the spin stays; rolling again, w = (2 - 5 e) v / 7.
     for (engine, _) in ENGINES {
