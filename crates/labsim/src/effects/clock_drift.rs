@@ -1,4 +1,4 @@
-//! Rows get longer or shorter in the course of a recording.
+//! The camera's clock runs away from that of the commands.
 
 use pulp::Simd;
 
@@ -10,20 +10,21 @@ pub(super) const ABOUT: About = About {
     name: "clock_drift",
     stage: Stage::Timing,
     acts: Acts::OnClock,
-    equation: "row length = nominal length × (1 + drift × part of the recording that has passed)",
+    equation: "row length = command length × (1 + drift (part of the recording that has passed - 1/2))",
     parameters: &[Parameter {
         name: "drift",
         unit: "",
         range: (-0.2, 0.2),
         neutral: 0.0,
         allowed: (-0.99, 10.0),
-        means: "part by which the last row lasts longer than the first",
+        means: "part by which the last row lasts longer than the first, over the mean",
     }],
-    does: "Each row lasts a little longer, or shorter, than the one before: a loop that slows down as its log grows, a clock that \
-           warms up.",
-    matters: "In long recordings without stamps; what adds up is half the drift of the whole duration.",
-    looks: "An error of phase that begins at nothing and grows with the square of time, in bounces and coasting as in the answer \
-            to commands.",
+    does: "Commands are issued by one clock and pictures taken by another, which slows down or speeds up in the course of \
+           a recording: a clock that warms up, a loop that grows with its log. On average the two agree.",
+    matters: "In recordings without stamps; the pictures of the middle are off by an eighth of the drift of the whole \
+              duration, those of the ends by nothing.",
+    looks: "An error of phase that grows towards the middle of a recording and vanishes again, in bounces and coasting as in \
+            the answer to commands.",
     references: &[
         "Mills: Computer Network Time Synchronization, CRC Press, 2006",
         "Allan: Time and frequency (time-domain) characterization, estimation, and prediction of precision clocks and \

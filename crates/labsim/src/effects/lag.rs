@@ -26,60 +26,62 @@ pub(super) const ABOUT: About = About {
     references: &["Åström, Murray: Feedback Systems, 2nd ed., sect. 6.3 (step response)"],
 };
 
-/// Shares of a time constant below this leave the knob where it is: their exponential is all rounding.
+/// Part of a time constant below which an exponential is all rounding.
 const SHORT: f64 = 1e-9;
 
 pub(crate) struct Lag<S: Simd> {
     time: Lanes<S>,
     knob: Option<Pair<S>>,
-    /// Length of a substep (s), what it leaves of the way to the command, and what is left on average.
+    step: Step<S>,
+}
+
+/// What a substep of this length leaves of the way to the command: at its end, and on average.
+struct Step<S: Simd> {
     length: Lanes<S>,
-    left: Lanes<S>,
+    at_end: Lanes<S>,
     on_average: Lanes<S>,
+}
+
+impl<S: Simd> Step<S> {
+    #[inline(always)]
+    fn new(time: Lanes<S>, length: Lanes<S>) -> Self {
+        let (zero, one) = (time.like(0.0), time.like(1.0));
+        let follows = time.gt(zero);
+        let share = length.over(follows.select(time, one));
+        let left = (-share).exp_decay();
+        // A substep of no length leaves the knob where it is.
+        let lasts = share.gt(SHORT * one);
+        let on_average = lasts.select((one - left).over(lasts.select(share, one)), one);
+        Self {
+            length,
+            at_end: follows.select(left, zero),
+            on_average: follows.select(on_average, zero),
+        }
+    }
 }
 
 impl<S: Simd> Effect<S> for Lag<S> {
     fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
-        let time = values[0];
         Self {
-            time,
+            time: values[0],
             knob: None,
-            length: time.like(0.0),
-            left: time.like(1.0),
-            on_average: time.like(1.0),
+            step: Step::new(values[0], values[0].like(0.0)),
         }
     }
 
     #[inline(always)]
     fn turn(&mut self, knob: &mut Pair<S>, length: Lanes<S>) {
-        let Some(mut turned) = self.knob else {
+        let Some(turned) = &mut self.knob else {
             self.knob = Some(*knob);
             return;
         };
-        if (length.lt(self.length) | length.gt(self.length)).any() {
-            self.measure(length);
+        if length.differs(self.step.length).any() {
+            self.step = Step::new(self.time, length);
         }
-        let follows = self.time.gt(self.time.like(0.0));
-        for (knob, turned) in knob.iter_mut().zip(&mut turned) {
+        for (knob, turned) in knob.iter_mut().zip(turned) {
             let way = *turned - *knob;
-            *turned = follows.select(*knob + way * self.left, *knob);
-            *knob = follows.select(*knob + way * self.on_average, *knob);
+            *turned = *knob + self.step.at_end * way;
+            *knob = *knob + self.step.on_average * way;
         }
-        self.knob = Some(turned);
-    }
-}
-
-impl<S: Simd> Lag<S> {
-    /// Substeps are alike for a row and longer: their exponential is worth keeping.
-    fn measure(&mut self, length: Lanes<S>) {
-        let one = length.like(1.0);
-        let follows = self.time.gt(self.time.like(0.0));
-        let share = length.over(follows.select(self.time, one));
-        let lasts = share.gt(share.like(SHORT));
-        let left = (-share).exp_decay();
-        let on_average = (one - left).over(lasts.select(share, one));
-        self.length = length;
-        self.left = lasts.select(left, one);
-        self.on_average = lasts.select(on_average, one);
     }
 }

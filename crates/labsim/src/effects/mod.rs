@@ -47,7 +47,8 @@ pub(crate) trait Effect<S: Simd>: Sized {
         draw.like(0.0)
     }
 
-    /// [`Acts::OnClock`]: factor of a row's duration, `part` of the recording's rows after the first.
+    /// [`Acts::OnClock`]: factor of a row's duration, the middle of which is `part` of the recording after
+    /// its middle; commands keep to the clock that the factor is of.
     #[inline(always)]
     fn pace(&self, part: Lanes<S>) -> Lanes<S> {
         part.like(1.0)

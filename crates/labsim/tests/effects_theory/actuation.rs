@@ -3,7 +3,7 @@
 use labsim::Engine;
 use proptest::prelude::*;
 
-use crate::{ENGINES, ROW, SUBSTEP, Trial, angles, assert_close};
+use crate::{EDGE, ENGINES, ROW, SUBSTEP, Trial, angles, assert_close};
 
 /// The marble that shows the angles does not move; in rapier its soft contacts let it creep.
 fn shows(engine: Engine) -> f64 {
@@ -165,5 +165,27 @@ fn a_board_that_is_not_level_leans_from_the_start() {
         let x = trial.run(engine)[10][0];
         let expected = 5.0 / 7.0 * 9.81 * f64::sin(0.003) * SUBSTEP.powi(2) * 240.0 * 241.0 / 2.0;
         assert_close(x, expected, 1e-5, "a marble on a lean board");
+    }
+}
+
+#[test]
+fn in_a_row_of_no_time_a_creeping_knob_stays() {
+    for (engine, _) in ENGINES {
+        for effect in [("lag", 0.3), ("slew_limit", 0.2)] {
+            let mut durations = vec![ROW; 8];
+            durations[4] = 0.0;
+            let trial = Trial {
+                friction: 0.3,
+                durations: Some(durations),
+                ..Trial::of(vec![[0.2, 0.0]; 8])
+            };
+            let path = trial
+                .with("parallax", &[EDGE])
+                .with(effect.0, &[effect.1])
+                .run(engine);
+            // From the average over the last substep to its end at most.
+            let within = 0.2 * SUBSTEP / 0.3;
+            assert_close(path[5][1] / EDGE, path[4][1] / EDGE, within, effect.0);
+        }
     }
 }

@@ -9,7 +9,7 @@ mod timing;
 use std::sync::atomic::AtomicBool;
 
 use labsim::effects::effect;
-use labsim::{Batch, Chosen, Engine, Parameters, PerRollout, Rig};
+use labsim::{Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase};
 
 const EDGE: f64 = 0.276;
 const SUBSTEP: f64 = 1.0 / 240.0;
@@ -28,6 +28,8 @@ struct Trial {
     rig: Rig,
     friction: f64,
     commands: Vec<[f64; 2]>,
+    /// How long rows last (s), where that is not `ROW`.
+    durations: Option<Vec<f64>>,
     start: [f64; 2],
     velocity: [f64; 2],
     effects: Vec<(&'static str, Vec<f64>)>,
@@ -41,6 +43,7 @@ impl Trial {
             rig: Rig::default(),
             friction: 0.0,
             commands,
+            durations: None,
             start: [0.0; 2],
             velocity: [0.0; 2],
             effects: Vec::new(),
@@ -74,6 +77,9 @@ impl Trial {
             start: PerRollout::Shared(&[self.start.map(|x| x / EDGE)]),
             start_velocity: PerRollout::Shared(&[self.velocity.map(|v| v / EDGE)]),
             seeds: PerRollout::Shared(&[self.seed]),
+            time: self.durations.as_deref().map_or(TimeBase::Rounded, |each| {
+                TimeBase::Durations(PerRollout::Shared(each))
+            }),
             ..Batch::new(&self.rig, std::slice::from_ref(&parameters), &self.commands)
         };
         let seen = batch

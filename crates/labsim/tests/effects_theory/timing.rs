@@ -68,13 +68,13 @@ proptest! {
     }
 
     #[test]
-    fn a_drifting_clock_stretches_each_row_more(drift in -0.2..0.2_f64) {
+    fn a_drifting_clock_stretches_each_row_more_and_agrees_at_the_end(drift in -0.2..0.2_f64) {
         for (engine, within) in ENGINES {
             let trial = Trial { velocity: [0.05, -0.03], ..Trial::level(21) };
             let path = trial.with("clock_drift", &[drift]).run(engine);
             for (row, place) in path.iter().enumerate() {
                 let k = row as f64;
-                let time = ROW * (k + drift * k * (k - 1.0) / 2.0 / 20.0);
+                let time = ROW * (k + drift * k * (k - 20.0) / 2.0 / 20.0);
                 assert_close(place[0], 0.05 * time, within, &format!("x at row {row} in {engine:?}"));
                 assert_close(place[1], -0.03 * time, within, &format!("y at row {row} in {engine:?}"));
             }
