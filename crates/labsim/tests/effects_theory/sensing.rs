@@ -46,13 +46,8 @@ fn assert_seen(
                 trial.with(name, values)
             });
         let path = trial.run(engine);
-        for axis in 0..2 {
-            assert_eq!(
-                path[0][axis],
-                trial.start[axis] / EDGE * EDGE,
-                "row 0 is the start"
-            );
-        }
+        let told = trial.start.map(|x| x / EDGE * EDGE);
+        assert_eq!(path[0], told, "row 0 is the start");
         for (row, (seen, place)) in path.iter().zip(&plain).enumerate() {
             let expected = map(place.map(|x| x / EDGE));
             for axis in 0..2 {
