@@ -43,7 +43,7 @@ fn cost_of_effects(criterion: &mut Criterion) {
                 .iter(|| black_box(batch.run(Engine::Rolling, Some(1), &AtomicBool::new(false))));
         });
     };
-    measure("none", &[]);
+    measure("base", &[]);
     for effect in effects() {
         let values = values(effect);
         let values = PerRollout::Each(&values);

@@ -188,10 +188,10 @@ impl<'a> Batch<'a> {
         self.seeds.check("seeds", rollouts, 1)?;
         self.start.check("start", rollouts, 1)?;
         self.start_velocity.check("start_velocity", rollouts, 1)?;
-        if let TimeBase::Durations(durations) = &self.time {
-            if !matches!(durations, PerRollout::Of(_)) {
-                durations.check("durations", rollouts, issued)?;
-            }
+        if let TimeBase::Durations(durations) = &self.time
+            && !matches!(durations, PerRollout::Of(_))
+        {
+            durations.check("durations", rollouts, issued)?;
         }
         if let TimeBase::Continuous(Some(substeps)) = self.time {
             PerRollout::Each(substeps).check("substeps", rollouts, 1)?;

@@ -18,11 +18,14 @@ const fn place(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
+/// How far below the board, or above, the point lies (m).
+const DEPTH_M: f64 = 0.03;
+
 pub(super) const ABOUT: About = About {
     name: "point_field",
     stage: Stage::Field,
     acts: Acts::OnMarble,
-    equation: "acceleration = k d/(|d|² + R²)^(3/2), d from the marble to the point, R the marble's radius",
+    equation: "acceleration = k d/(|d|² + (30 mm)²)^(3/2), d along the board from the marble to the point",
     parameters: &[
         place("x_m", "where the point is, along x"),
         place("y_m", "where the point is, along y"),
@@ -36,7 +39,7 @@ pub(super) const ABOUT: About = About {
         },
     ],
     does: "A magnet, a charge or an air jet on or beside the board pulls the marble to it or pushes it away, with the inverse \
-           square of the distance and the softer the nearer it is than a radius: it lies that much below or above.",
+           square of the distance; it is taken to lie three centimetres below or above the board.",
     matters: "Within some centimetres of the point; a marble that rests easily is moved from farther away.",
     looks: "Pulls that all point to one place and do not depend on the marble's speed or the command. The point may lie outside \
             the rim, where a bump of the board cannot.",
@@ -50,24 +53,21 @@ pub(crate) struct PointField<S: Simd> {
     x: Lanes<S>,
     y: Lanes<S>,
     strength: Lanes<S>,
-    /// R²
-    softness: f64,
 }
 
 impl<S: Simd> Effect<S> for PointField<S> {
-    fn new(_: S, rig: &Rig, values: &[Lanes<S>]) -> Self {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
         Self {
             x: values[0],
             y: values[1],
             strength: values[2],
-            softness: rig.marble.radius_m * rig.marble.radius_m,
         }
     }
 
     #[inline(always)]
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let (dx, dy) = (self.x - marbles.x, self.y - marbles.y);
-        let square = dx * dx + dy * dy + dx.like(self.softness);
+        let square = dx * dx + dy * dy + dx.like(DEPTH_M * DEPTH_M);
         let pull = (self.strength * push.length).over(square * square.sqrt());
         push.x = push.x + pull * dx;
         push.y = push.y + pull * dy;

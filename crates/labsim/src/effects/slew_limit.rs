@@ -33,35 +33,47 @@ pub(super) const ABOUT: About = About {
 pub(crate) struct SlewLimit<S: Simd> {
     rate: Lanes<S>,
     knob: Option<Pair<S>>,
+    length: Lanes<S>,
+    /// The most that the knob turns in a substep of that length (rad), and one over it.
+    most: Lanes<S>,
+    inverse: Lanes<S>,
 }
 
 impl<S: Simd> Effect<S> for SlewLimit<S> {
-    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+    fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        let zero = Lanes::splat(simd, 0.0);
         Self {
             rate: values[0],
             knob: None,
+            length: zero,
+            most: zero,
+            inverse: zero,
         }
     }
 
     #[inline(always)]
     fn turn(&mut self, knob: &mut Pair<S>, length: Lanes<S>) {
-        let Some(mut turned) = self.knob else {
+        let Some(turned) = &mut self.knob else {
             self.knob = Some(*knob);
             return;
         };
-        let (zero, one) = (length.like(0.0), length.like(1.0));
-        let limited = self.rate.lt(length.like(f64::INFINITY));
-        let most = limited.select(self.rate, zero) * length;
-        let per_way = one.over(most.max(length.like(1e-290)));
-        for (knob, turned) in knob.iter_mut().zip(&mut turned) {
-            let way = *knob - *turned;
-            let moved = way.clamp(most);
-            // The part of the substep in which the knob turns; for the rest of it, it has arrived.
-            let turning = (way.abs() * per_way).min(one);
-            let on_average = *turned + moved * (one - 0.5 * turning);
-            *turned = limited.select(*turned + moved, *knob);
-            *knob = limited.select(on_average, *knob);
+        let one = length.like(1.0);
+        if length.ne(self.length).any() {
+            // A knob without limit turns by more than there is.
+            self.length = length;
+            self.most = (self.rate * length.max(1e-300 * one)).min(1e3 * one);
+            self.inverse = one.over(self.most.max(1e-300 * one));
         }
-        self.knob = Some(turned);
+        for (knob, turned) in knob.iter_mut().zip(turned) {
+            let way = *knob - *turned;
+            // The part of the substep in which the knob turns; for the rest of it, it has arrived.
+            let turning = way.abs() * self.inverse;
+            let arrives = turning.le(one);
+            let moved = arrives.select(way, way.clamp(self.most));
+            let unlimited = self.rate.ge(length.like(f64::INFINITY));
+            let on_average = arrives.select(*knob - 0.5 * turning * way, *turned + 0.5 * moved);
+            *turned = arrives.select(*knob, *turned + moved);
+            *knob = unlimited.select(*knob, on_average);
+        }
     }
 }

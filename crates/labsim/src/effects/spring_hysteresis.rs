@@ -1,4 +1,4 @@
-//! The cord gives before it takes the board along.
+//! The cord's spring stores force and gives it back late.
 
 use pulp::Simd;
 
@@ -11,15 +11,15 @@ pub(super) const ABOUT: About = About {
     name: "spring_hysteresis",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: false },
-    equation: "θ = command - strength × z, dz/dcommand = 1 - sgn(dcommand) z/width",
+    equation: "θ = command + strength × z, dz = dcommand - (|dcommand| z + dcommand |z|)/(2 width)",
     parameters: &[
         Parameter {
             name: "strength",
             unit: "",
-            range: (0.0, 0.3),
+            range: (-0.5, 1.5),
             neutral: 0.0,
-            allowed: (0.0, 1.0),
-            means: "part of a small turn that the spring swallows",
+            allowed: (-1.0, 100.0),
+            means: "what the spring adds to a small turn, as a part of it; negative where it swallows some",
         },
         Parameter {
             name: "width_rad",
@@ -27,14 +27,16 @@ pub(super) const ABOUT: About = About {
             range: (0.005, 0.2),
             neutral: 0.05,
             allowed: (1e-6, 10.0),
-            means: "turn of the knob over which the spring lets go: 63 % of the way to its limit",
+            means: "stretch at which the spring gives way",
         },
     ],
-    does: "The cord and its spring stretch before the pulley slides in them, and keep some of that stretch when the knob turns \
-           back: the Bouc-Wen law of hysteresis, which knows angles but no time. At the start the cord is relaxed.",
-    matters: "When the knob reverses often; what is missing tends to strength times width, so it is small amplitudes that suffer.",
-    looks: "Tilt over command is a loop with rounded corners, and small swings make small loops inside the large one. Backlash \
-            has sharp corners, lag a loop that widens with frequency.",
+    does: "The cord and its spring are stretched with each turn, and pull the board farther than the knob alone would until they \
+           give way at their width; on the way back they have to be let off first: the Bouc-Wen law of hysteresis, which knows \
+           angles but no time. Each change of the command is one step of it, and at the start the spring is relaxed.",
+    matters: "When the knob reverses or jumps; what is added tends to strength times width on slow turns and is the whole stretch \
+              on a jump.",
+    looks: "Tilt over command is a loop that leads the command, and small swings make small loops inside the large one. Backlash \
+            lags instead and has sharp corners, lag makes a loop that widens with frequency.",
     references: &[
         "Wen: Method for random vibration of hysteretic systems, J. Engineering Mechanics Division ASCE 102(2), 1976",
         "Ismail, Ikhouane, Rodellar: The hysteresis Bouc-Wen model, a survey, Archives of Computational Methods in Engineering 16, 2009",
@@ -59,15 +61,17 @@ impl<S: Simd> Effect<S> for SpringHysteresis<S> {
 
     #[inline(always)]
     fn turn(&mut self, knob: &mut Pair<S>, _: Lanes<S>) {
-        let zero = self.width.like(0.0);
+        let (zero, one) = (self.width.like(0.0), self.width.like(1.0));
         let command = *knob;
         let (before, mut held) = self.before.unwrap_or((command, [zero; 2]));
         for axis in 0..2 {
             let way = command[axis] - before[axis];
-            let limit = way.gt(zero).select(self.width, -self.width);
-            let kept = (-(way.abs().over(self.width))).exp_decay();
-            held[axis] = held[axis] + (limit - held[axis]) * (self.width.like(1.0) - kept);
-            knob[axis] = command[axis] - self.strength * held[axis];
+            let stretches = (way * held[axis]).gt(zero);
+            // One step takes no more than there is, so that a long one ends where it leads.
+            let gives = (way.abs().over(self.width)).min(one);
+            let left = stretches.select(one - gives, one);
+            held[axis] = held[axis] * left + way;
+            knob[axis] = command[axis] + self.strength * held[axis];
         }
         self.before = Some((command, held));
     }

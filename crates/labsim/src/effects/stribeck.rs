@@ -11,7 +11,7 @@ pub(super) const ABOUT: About = About {
     name: "stribeck",
     stage: Stage::Contact,
     acts: Acts::OnMarble,
-    equation: "resistance = rolling_friction g (1 + strength exp(-(|v|/v_s)²))",
+    equation: "resistance = rolling_friction g (1 + strength exp(-|v|/v_s))",
     parameters: &[
         Parameter {
             name: "strength",
@@ -31,9 +31,11 @@ pub(super) const ABOUT: About = About {
         },
     ],
     does: "Rolling resists more when slow than when fast: the marble sinks into the surface, or sticks to it, as long as it has time to.",
-    matters: "Near rest, in starts and on the last centimetres of a run-out; above twice the speed v_s nothing is left of it.",
+    matters: "Near rest, in starts and on the last centimetres of a run-out; at three times the speed v_s a twentieth is left of it.",
     looks: "A marble that coasts brakes harder and harder and stops short. Starts need more tilt than rolling on does.",
     references: &[
+        "Tustin: The effects of backlash and of speed-dependent friction on the stability of closed-cycle control systems, \
+         J. IEE 94(2A), 1947",
         "Armstrong-Hélouvry, Dupont, Canudas de Wit: A survey of models, analysis tools and compensation methods for the control \
          of machines with friction, Automatica 30(7), 1994",
         "Olsson, Åström, Canudas de Wit, Gäfvert, Lischinsky: Friction models and friction compensation, European J. Control 4(3), 1998",
@@ -42,7 +44,7 @@ pub(super) const ABOUT: About = About {
 
 pub(crate) struct Stribeck<S: Simd> {
     strength: Lanes<S>,
-    /// 1/(speed²)
+    /// 1/speed
     fall: Lanes<S>,
 }
 
@@ -51,14 +53,14 @@ impl<S: Simd> Effect<S> for Stribeck<S> {
         let [strength, speed] = [values[0], values[1]];
         Self {
             strength,
-            fall: speed.like(1.0).over(speed * speed),
+            fall: speed.like(1.0).over(speed),
         }
     }
 
     #[inline(always)]
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let [wx, wy] = marbles.rolling();
-        let left = (-((wx * wx + wy * wy) * self.fall)).exp_decay();
+        let left = (-((wx * wx + wy * wy).sqrt() * self.fall)).exp_decay();
         push.resistance = push.resistance * (left.like(1.0) + self.strength * left);
     }
 }

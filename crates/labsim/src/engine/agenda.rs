@@ -66,11 +66,11 @@ impl<S: Simd> Agenda<S> {
         mut happen: impl FnMut(usize, Moment),
     ) {
         let mut next = self.next.to_array();
-        for lane in 0..self.moments.len() {
-            while next[lane] <= substeps {
+        for (lane, next) in next[..self.moments.len()].iter_mut().enumerate() {
+            while *next <= substeps {
                 happen(lane, self.moments[lane][self.taken[lane]]);
                 self.taken[lane] += 1;
-                next[lane] = self.when(lane, row);
+                *next = self.when(lane, row);
             }
         }
         self.next = Lanes::from_fn(self.next.simd(), |lane| next[lane]);

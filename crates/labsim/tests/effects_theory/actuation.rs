@@ -106,19 +106,26 @@ proptest! {
     }
 
     #[test]
-    fn a_spring_holds_back_strength_times_width_at_most(
-        top in 0.02..0.15_f64, strength in 0.0..0.3_f64, width in 0.005..0.2_f64, steps in 1_u32..8,
+    fn a_spring_adds_what_it_is_stretched_by(
+        top in 0.01..0.05_f64, strength in -0.5..1.5_f64, width in 0.02..0.2_f64,
     ) {
+        // In small steps: stretched, let off, and stretched the other way by what is left of the turn.
+        let steps = 50;
         let stretched = width * (1.0 - f64::exp(-top / width));
-        let returned = -width + (stretched + width) * f64::exp(-top / width);
+        let returned = -width * (1.0 - f64::exp(-(top - stretched) / width));
         let knob = [sweep(0.0, top, steps), sweep(top, 0.0, steps)].concat();
         for (found, (engine, _)) in about_x(&[("spring_hysteresis", &[strength, width])], &knob).iter().zip(ENGINES) {
-            let within = shows(engine);
+            let within = shows(engine) + 0.03 * strength.abs() * top;
             let n = steps as usize;
-            assert_close(found[n - 1], top - strength * stretched, within, "on the way out");
-            assert_close(found[2 * n - 1], -strength * returned, within, "on the way back");
-            prop_assert!((found[n - 1] - top).abs() <= strength * width + within);
+            assert_close(found[n - 1], top + strength * stretched, within, "on the way out");
+            assert_close(found[2 * n - 1], strength * returned, within, "on the way back");
+            prop_assert!((found[n - 1] - top).abs() <= strength.abs() * width + within);
         }
+    }
+
+    #[test]
+    fn a_spring_stretches_by_the_whole_of_a_jump(jump in -0.06..0.06_f64, strength in -0.5..1.5_f64, width in 0.005..0.2_f64) {
+        assert_angles(&[("spring_hysteresis", &[strength, width])], &[0.0, jump, jump], &[0.0, (1.0 + strength) * jump, (1.0 + strength) * jump]);
     }
 
     #[test]

@@ -211,7 +211,7 @@ impl<'a> Marble<'a> {
         if self.done > 0 && self.forces.is_empty() && !self.actuation.moves() {
             return;
         }
-        let mut push = self.actuation.push;
+        let mut push = self.part_of(self.actuation.push);
         if !self.forces.is_empty() {
             let motion = self.motion(marble);
             for effect in &mut self.forces {
@@ -221,16 +221,35 @@ impl<'a> Marble<'a> {
         self.push(&push, marble);
     }
 
-    /// Turns what acts in a substep into rapier's forces, in the marble's time.
+    /// What acts in a part of a substep.
+    fn part_of(&self, push: Push<Scalar>) -> Push<Scalar> {
+        if self.parts == 1 {
+            return push;
+        }
+        let part = 1.0 / self.parts as f64;
+        let rate = self.rig.marble.damping_per_s;
+        let length = part * push.length;
+        let one = length.like(1.0);
+        Push {
+            x: part * push.x,
+            y: part * push.y,
+            normal: push.normal,
+            resistance: part * push.resistance,
+            grip: part * push.grip,
+            damping: one.over(one + rate * length),
+            length,
+        }
+    }
+
+    /// Turns what acts in a part of a substep into rapier's forces, in the marble's time.
     fn push(&mut self, push: &Push<Scalar>, marble: &mut RigidBody) {
         let [x, y, normal, length] = [push.x, push.y, push.normal, push.length].map(number);
         let pace = self.pace;
         self.pull = Vector::new(x / length, y / length, -normal) * (pace * pace);
         marble.reset_forces(false);
         marble.add_force(self.pull * self.rig.marble.mass_kg, false);
-        let parts = self.parts as f64;
-        self.resistance = number(push.resistance) / parts * pace;
-        let rate = (1.0 / number(push.damping) - 1.0) / (parts * SUBSTEP_S);
+        self.resistance = number(push.resistance) * pace;
+        let rate = (1.0 / number(push.damping) - 1.0) / SUBSTEP_S;
         marble.set_linear_damping(rate);
         marble.set_angular_damping(rate);
     }
