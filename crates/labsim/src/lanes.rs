@@ -155,7 +155,7 @@ impl<S: Simd> Lanes<S> {
     /// the tilts of a labyrinth.
     #[inline(always)]
     pub(crate) fn sin_cos(self) -> (Self, Self) {
-        let (sin, cos) = (self * self.series(&SIN[4..]), self.series(&COS[4..]));
+        let (sin, cos) = (self * self.series(&SIN[4..]), self.series(&COS[5..]));
         let steep = self.abs().gt(self.like(SMALL_ANGLE));
         if steep.any() {
             let (long_sin, long_cos) = (self * self.series(&SIN), self.series(&COS));

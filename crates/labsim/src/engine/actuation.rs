@@ -32,6 +32,8 @@ pub(super) struct Actuation<S: Simd> {
     moves: bool,
     /// The commands as they have arrived (rad).
     command: Pair<S>,
+    /// Where the knobs were in the last substep (rad).
+    turned: Pair<S>,
     length: Lanes<S>,
     /// Factor that damping leaves of velocities in a substep of this row.
     damping: Lanes<S>,
@@ -72,6 +74,7 @@ impl<S: Simd> Actuation<S> {
             arrivals: None,
             moves: setup.any(|acts| acts == Acts::OnKnob { moves: true }),
             command: before,
+            turned: before,
             length: zero,
             damping: zero,
             tilt: [zero; 2],
@@ -87,7 +90,8 @@ impl<S: Simd> Actuation<S> {
                 .collect();
             actuation.arrivals = Some(Arrivals::new(simd, moments, before, &job));
         }
-        actuation.turn(before);
+        let knob = actuation.answer(before);
+        actuation.tilt(knob);
         actuation
     }
 
@@ -139,7 +143,8 @@ impl<S: Simd> Actuation<S> {
                 [0, 1].map(|axis| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]));
         }
         if !self.moves() {
-            self.turn(self.command);
+            let knob = self.answer(self.command);
+            self.tilt(knob);
         }
     }
 
@@ -147,23 +152,35 @@ impl<S: Simd> Actuation<S> {
     #[inline(always)]
     pub(super) fn substep(&mut self, row: usize, substep: u32) {
         let arrived = match &mut self.arrivals {
-            Some(arrivals) => arrivals.substep(row, substep),
+            Some(arrivals) => arrivals.substep(self.length.simd(), row, substep),
             None => None,
         };
         if let Some(command) = arrived {
             self.command = command;
         }
         if self.moves || arrived.is_some() || substep == 0 {
-            self.turn(self.command);
+            let turned = self.turned;
+            let knob = self.answer(self.command);
+            let moved = knob[0].ne(turned[0]) | knob[1].ne(turned[1]);
+            if moved.any() || substep == 0 {
+                self.tilt(knob);
+            }
         }
     }
 
-    /// Turns the knobs to a command, for the length of a substep, and tilts the board.
+    /// Where the knobs are under a command, on average over a substep.
     #[inline(always)]
-    fn turn(&mut self, mut knob: Pair<S>) {
+    fn answer(&mut self, mut knob: Pair<S>) -> Pair<S> {
         for effect in &mut self.knobs {
             effect.turn(&mut knob, self.length);
         }
+        self.turned = knob;
+        knob
+    }
+
+    /// Tilts the board by its knobs.
+    #[inline(always)]
+    fn tilt(&mut self, knob: Pair<S>) {
         let mut tilt = [self.gear[0] * knob[0], self.gear[1] * knob[1]];
         for effect in &self.tilts {
             effect.tilt(&mut tilt);
@@ -209,8 +226,8 @@ struct Arrivals<S: Simd> {
     agenda: Agenda<S>,
     /// The commands of each lane's rollout, in the order in which they come.
     commands: Vec<Vec<[f64; 2]>>,
-    /// The last ones that came (rad).
-    command: Pair<S>,
+    /// The last ones that came (rad): about x in each lane, about y in each lane.
+    command: [[f64; 8]; 2],
     /// Whether the last substep saw more than one command.
     was_mixed: bool,
 }
@@ -227,32 +244,32 @@ impl<S: Simd> Arrivals<S> {
             commands: (0..S::F64_LANES)
                 .map(|lane| job(lane).commands.to_vec())
                 .collect(),
-            command: before,
+            command: before.map(Lanes::to_array),
             was_mixed: false,
         }
     }
 
     /// The command on average over a substep, where it is another than in the substep before.
     #[inline(always)]
-    fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
+    fn substep(&mut self, simd: S, row: usize, substep: u32) -> Option<Pair<S>> {
         if self.agenda.is_due(f64::from(substep) + 1.0) {
-            let simd = self.command[0].simd();
-            return Some(simd.vectorize(|| self.arrive(row, substep)));
+            return Some(simd.vectorize(|| lanes(simd, &self.arrive(row, substep))));
         }
-        std::mem::take(&mut self.was_mixed).then_some(self.command)
+        std::mem::take(&mut self.was_mixed).then(|| lanes(simd, &self.command))
     }
 
     /// Lets the commands of a substep come; returns the average over the substep.
     #[inline(always)]
-    fn arrive(&mut self, row: usize, substep: u32) -> Pair<S> {
+    fn arrive(&mut self, row: usize, substep: u32) -> [[f64; 8]; 2] {
         let begin = f64::from(substep);
-        let mut command = self.command.map(Lanes::to_array);
-        let mut average = command;
-        let (commands, mut mixed) = (&self.commands, false);
+        let mut average = self.command;
+        let (commands, command, was_mixed) =
+            (&self.commands, &mut self.command, &mut self.was_mixed);
+        *was_mixed = false;
         self.agenda.take(row, begin + 1.0, |lane, moment| {
             // The command that came replaces the last one for the rest of the substep.
             let rest = (begin + 1.0 - moment.at).min(1.0);
-            mixed |= rest < 1.0;
+            *was_mixed |= rest < 1.0;
             for axis in 0..2 {
                 let came = commands[lane][moment.what][axis];
                 average[axis][lane] = if rest < 1.0 {
@@ -263,11 +280,16 @@ impl<S: Simd> Arrivals<S> {
                 command[axis][lane] = came;
             }
         });
-        self.was_mixed = mixed;
-        let simd = self.command[0].simd();
-        self.command = command.map(|values| Lanes::from_fn(simd, |lane| values[lane]));
-        average.map(|values| Lanes::from_fn(simd, |lane| values[lane]))
+        average
     }
+}
+
+/// Numbers about x and about y in each lane.
+#[inline(always)]
+fn lanes<S: Simd>(simd: S, values: &[[f64; 8]; 2]) -> Pair<S> {
+    values
+        .each_ref()
+        .map(|values| Lanes::from_fn(simd, |lane| values[lane]))
 }
 
 /// Seconds by which each command of a lane's rollout comes late.
