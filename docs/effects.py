@@ -19,9 +19,10 @@ DOCS = Path(__file__).resolve().parent
 PAGE = DOCS / "effects.md"
 PICTURES = DOCS / "effects"
 
-#: A marble that keeps off the rim, and one that does not (the order of `irt.rollouts`).
+#: A marble that keeps off the rim, one that does not, one that nearly sticks (the order of `irt.rollouts`).
 GENTLE = (0.03, 0.035, 3e-4, 20.0, 1.0)
 LIVELY = (0.09, 0.1, 3e-4, 20.0, 1.0)
+STICKY = (0.02, 0.02, 8e-4, 20.0, 1.0)
 #: How far from neutral towards the end of its range an effect is drawn: the least that shows, in board edges.
 PARTS, SHOWS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0), 0.06
 OPENING = """\
@@ -45,7 +46,7 @@ def example(effect: EffectInfo) -> tuple[dict[str, float], Array, Array]:
     """Return values at which an effect shows, and the paths (100, 2) without and with it [board edges]."""
     values: dict[str, float] = {}
     base = changed = np.zeros((100, 2))
-    for parameters in (GENTLE, LIVELY):
+    for parameters in (GENTLE, LIVELY, STICKY):
         base = rollouts([parameters], paper_drive())[0]
         for part in PARTS:
             values = {one.name: _value(one, part) for one in effect.parameters}
