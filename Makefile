@@ -50,7 +50,7 @@ fmt: $(PACKAGES) components ## format the sources
 .PHONY: bench
 bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in README.md
 	rm -rf target/criterion target/peers.json
-	cargo bench $(LOCKED) --package labsim --bench engine
+	cargo bench $(LOCKED) --package labsim --bench engine --bench effects
 	$(BIN)/python benches/compare.py
 	$(BIN)/python benches/write_table.py
 

@@ -298,34 +298,37 @@ mod tests {
     use super::*;
     use crate::board::Rig;
     use crate::drive::paper_drive;
+    use crate::effects::{About, Chosen, effects};
     use crate::engine::{Clock, Step};
+    use crate::rollout::PerRollout;
 
-    #[test]
-    fn every_instruction_set_gives_the_same_bits() {
+    /// What 29 marbles do on every instruction set that is here; `substeps` is asked for a marble's.
+    fn on_every_set(effects: &[Chosen<'_>], substeps: fn(i32) -> u32) -> Vec<Vec<[f64; 2]>> {
         let mut rig = Rig::default();
         rig.board.wall_restitution = 0.5;
         let commands = paper_drive(100, 0.1, false);
         let jobs: Vec<Job<'_>> = (0..29)
             .map(|i| Job {
-                rollout: i as usize,
+                rollout: 0,
                 knobs_before: [0.0; 2],
-                first: 0,
-                seed: 0,
+                first: 10,
+                seed: i as u64,
                 parameters: [0.003 * f64::from(i), 0.09, 0.0004, 23.0, 1.1].into(),
                 commands: &commands,
                 start: [0.01 * f64::from(i), -0.2],
                 start_velocity: [0.3, 0.0],
-                clock: Clock::Even(Step::rounded(f64::from(17 + i % 7))),
+                clock: Clock::Even(Step::rounded(f64::from(substeps(i)))),
             })
             .collect();
+        let rows = commands.len() - 10;
         let run = |dispatch: &dyn Fn(Group<'_, '_, '_>)| {
-            let mut all = vec![[0.0; 2]; jobs.len() * commands.len()];
-            let mut out: Vec<&mut [[f64; 2]]> = all.chunks_mut(commands.len()).collect();
+            let mut all = vec![[0.0; 2]; jobs.len() * rows];
+            let mut out: Vec<&mut [[f64; 2]]> = all.chunks_mut(rows).collect();
             dispatch(Group {
                 setup: &Setup {
                     rig: &rig,
-                    effects: &[],
-                    rows: commands.len(),
+                    effects,
+                    rows,
                     cancel: &AtomicBool::new(false),
                 },
                 jobs: &jobs,
@@ -333,11 +336,42 @@ mod tests {
             });
             all
         };
-        let scalar = run(&|group| group.with_simd(Scalar));
-        assert_eq!(run(&|group| Arch::new().dispatch(group)), scalar);
+        let mut found = vec![
+            run(&|group| group.with_simd(Scalar)),
+            run(&|group| Arch::new().dispatch(group)),
+        ];
         #[cfg(target_arch = "x86_64")]
         if let Some(avx2) = pulp::x86::V3::try_new() {
-            assert_eq!(run(&|group| pulp::Simd::vectorize(avx2, group)), scalar);
+            found.push(run(&|group| pulp::Simd::vectorize(avx2, group)));
+        }
+        found
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let found = on_every_set(&[], |i| 17 + i as u32 % 7);
+        assert!(found.windows(2).all(|pair| pair[0] == pair[1]));
+    }
+
+    #[test]
+    fn every_instruction_set_gives_effects_the_same_bits() {
+        let middle = |about: &About| -> Vec<f64> {
+            let ranges = about.parameters.iter().map(|one| one.range);
+            ranges.map(|(low, high)| low + 0.4 * (high - low)).collect()
+        };
+        let values: Vec<Vec<f64>> = effects().iter().map(|about| middle(about)).collect();
+        let chosen: Vec<Chosen<'_>> = effects()
+            .iter()
+            .zip(&values)
+            .map(|(effect, values)| Chosen {
+                effect,
+                values: PerRollout::Shared(values),
+            })
+            .collect();
+        for one in chosen.chunks(1).chain([&chosen[..]]) {
+            let found = on_every_set(one, |_| 19);
+            let same = found.windows(2).all(|pair| pair[0] == pair[1]);
+            assert!(same, "{}", one[0].effect.name);
         }
     }
 }
