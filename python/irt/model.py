@@ -269,10 +269,14 @@ def _read_parameters(section: TomlTable) -> tuple[dict[str, Parameter], dict[str
 def _read_effect(table: TomlTable) -> Effect:
     name = table.word("name")
     with located(table.where):
-        known = [parameter.name for parameter in catalogue.effect(name).parameters]
+        known = {parameter.name: parameter for parameter in catalogue.effect(name).parameters}
     table.only(f"parameter of {name}", ("name", *known))
-    with located(table.where):
-        return Effect(name, {key: table.number(key) for key in table.content if key != "name"})
+    values = {key: table.number(key) for key in table.content if key != "name"}
+    for key, value in values.items():
+        least, most = known[key].least, known[key].most
+        if not least <= value <= most:
+            raise table.error(key, f"expected a number from {least:g} to {most:g}, found {value:g}")
+    return Effect(name, values)
 
 
 def _lines(model: Model) -> Iterator[str]:

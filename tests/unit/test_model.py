@@ -134,6 +134,10 @@ BAD = {
         GOOD + "[[effects]]\nname = 'delay'\ndelay_s = 'x'\n",
         'delay_s: expected a number, found "x"',
     ),
+    "effect's value": (
+        GOOD + "[[effects]]\nname = 'delay'\ndelay_s = -1\n",
+        r"\[\[effects\]\] 1, delay_s: expected a number from 0 to 60, found -1",
+    ),
     "effects": (
         GOOD.replace("format = 1", "format = 1\neffects = 3"),
         r"effects: expected sections \[\[effects\]\]",
@@ -200,7 +204,6 @@ def within(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 BOUNDS = [(-100, 100), (-100, 100), (0, 100), (0, 5000), (0.01, 100)]
-FINITE = st.floats(allow_nan=False, allow_infinity=False)
 ENDS = st.floats(allow_nan=False)  # of an interval that the recordings may leave open
 
 
@@ -222,7 +225,9 @@ def models(draw: st.DrawFn) -> Model:
         ranges={name: ends for name, (_, ends) in zip(PARAMETERS, drawn, strict=True)},
         parameters={name: value for name, (value, _) in zip(PARAMETERS, drawn, strict=True)},
         effects=tuple(
-            Effect(info.name, {parameter.name: draw(FINITE) for parameter in info.parameters})
+            Effect(
+                info.name, {one.name: draw(within(one.least, min(one.most, 1e9))) for one in info.parameters}
+            )
             for info in infos
         ),
         time_step=draw(st.sampled_from(["rounded", "continuous"])),
