@@ -1,0 +1,388 @@
+//! The coordinates that a fit moves in: in logarithms the symmetries of the motion are straight lines.
+//!
+//! Two families of changes leave a recording of the five parameters as it is, the first without
+//! damping, the second until a wall is met:
+//!
+//! - `gear_x`, `gear_y` and `rolling_friction` times L, `time_scale` divided by √L;
+//! - `observation_scale` times r, `gear_x`, `gear_y` and `rolling_friction` divided by r.
+//!
+//! With logarithms of the gears and the two scales, and the friction relative to the gears, both are
+//! straight lines along which the friction's coordinate stands still: a fit that cannot tell their
+//! members apart slides along a straight valley, and steps of equal size are equal relative changes.
+//! Effects' parameters have logarithms where they are scales, and otherwise count in their ranges.
+
+use std::f64::consts::FRAC_PI_2;
+
+use super::problem::{Problem, Sought};
+use crate::effects::Parameter;
+use crate::error::{Error, Result};
+use crate::parameters::{MOST_SUBSTEPS, NAMES};
+
+pub(super) const GEAR_X: usize = 0;
+pub(super) const GEAR_Y: usize = 1;
+pub(super) const FRICTION: usize = 2;
+pub(super) const TIME: usize = 3;
+pub(super) const SCALE: usize = 4;
+
+/// How far beyond the ranges a fit may look, for a truth that lies a little outside.
+const REACH: f64 = 3.0;
+/// Relative distance beyond a range that counts like a residual of one standard deviation.
+const LEEWAY: f64 = 0.1;
+/// A logarithm needs a smallest value: this share of the largest that is allowed.
+const SMALLEST: f64 = 1e-4;
+/// Below this a timestep rounds to no physics update at all, and the marble never moves.
+const SHORTEST_TIME_SCALE: f64 = 0.5;
+/// The share of a right angle by which a fit may tilt the board at most.
+const STEEPEST: f64 = 0.99;
+
+/// What a coordinate does to its parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Shape {
+    /// The logarithm of its magnitude.
+    Logarithm,
+    /// Relative to the gears.
+    Friction,
+    /// In units of this.
+    Linear(f64),
+}
+
+/// A free parameter; all values are magnitudes where it has a sign.
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    /// Its place among all values.
+    slot: usize,
+    shape: Shape,
+    sign: f64,
+    /// The range.
+    low: f64,
+    high: f64,
+    /// What it may take at most.
+    lower: f64,
+    upper: f64,
+}
+
+/// The map between values (the five parameters and then the effects', in their own units) and the
+/// coordinates z of the free ones.
+#[derive(Debug, Clone)]
+pub(super) struct Coordinates {
+    axes: Vec<Axis>,
+    held: Vec<f64>,
+    /// Friction over root-mean-square gear at which its coordinate is 1.
+    friction_unit: f64,
+}
+
+impl Coordinates {
+    /// The coordinates of a problem; `senses` says which side of zero is searched for each gear.
+    pub(super) fn new(problem: &Problem<'_>, senses: [f64; 2]) -> Result<Self> {
+        let mut held = Vec::new();
+        let mut axes = Vec::new();
+        for (slot, sought) in problem.sought().enumerate() {
+            held.push(match sought {
+                Sought::Held(value) => value,
+                Sought::Free { range: (low, _), .. } => low,
+            });
+            let Sought::Free { range, .. } = sought else {
+                continue;
+            };
+            let axis = match problem.effect_parameter(slot) {
+                None => base_axis(problem, slot, range, senses),
+                Some((effect, parameter)) => effect_axis(effect, parameter, slot, range)?,
+            };
+            if axis.lower < axis.upper {
+                axes.push(axis);
+            } else {
+                held[slot] = axis.sign * axis.lower;
+            }
+        }
+        let mut coordinates = Self {
+            axes,
+            held,
+            friction_unit: 1.0,
+        };
+        let largest = |slot: usize| match coordinates.find(slot) {
+            Some(i) => coordinates.axes[i].upper,
+            None => coordinates.held[slot].abs(),
+        };
+        let gear = rms(largest(GEAR_X), largest(GEAR_Y)).max(f64::MIN_POSITIVE);
+        coordinates.friction_unit = largest(FRICTION).max(SMALLEST * gear) / gear;
+        Ok(coordinates)
+    }
+
+    /// How many parameters are free.
+    pub(super) fn len(&self) -> usize {
+        self.axes.len()
+    }
+
+    /// The coordinate of a parameter, if it is free.
+    pub(super) fn find(&self, slot: usize) -> Option<usize> {
+        self.axes.iter().position(|axis| axis.slot == slot)
+    }
+
+    /// The places of the free parameters among all values.
+    pub(super) fn slots(&self) -> Vec<usize> {
+        self.axes.iter().map(|axis| axis.slot).collect()
+    }
+
+    /// Coordinates of values, moved to the nearest that a fit may take.
+    pub(super) fn to_z(&self, values: &[f64]) -> Vec<f64> {
+        let clipped = |slot: usize| match self.find(slot) {
+            Some(i) => self.axes[i].clip(values[slot] * self.axes[i].sign),
+            None => self.held[slot].abs(),
+        };
+        let gear = rms(clipped(GEAR_X), clipped(GEAR_Y));
+        let coordinate = |axis: &Axis| match axis.shape {
+            Shape::Logarithm => clipped(axis.slot).ln(),
+            Shape::Friction => clipped(axis.slot) / (self.friction_unit * gear.max(f64::MIN_POSITIVE)),
+            Shape::Linear(unit) => clipped(axis.slot) / unit,
+        };
+        self.axes.iter().map(coordinate).collect()
+    }
+
+    /// All values at coordinates; none that a fit may not take.
+    pub(super) fn to_values(&self, z: &[f64]) -> Vec<f64> {
+        let mut values = self.held.clone();
+        for (axis, magnitude) in self.axes.iter().zip(self.magnitudes(z)) {
+            values[axis.slot] = axis.sign * axis.clip(magnitude);
+        }
+        values
+    }
+
+    /// Moves coordinates to the nearest allowed ones.
+    pub(super) fn clip(&self, z: &[f64]) -> Vec<f64> {
+        let bounds = self.bounds(z);
+        z.iter()
+            .zip(bounds)
+            .map(|(z, (low, high))| z.clamp(low, high))
+            .collect()
+    }
+
+    /// Lowest and highest coordinates; the friction's depend on the gears at z.
+    pub(super) fn bounds(&self, z: &[f64]) -> Vec<(f64, f64)> {
+        let plain = |axis: &Axis| match axis.shape {
+            Shape::Logarithm => (axis.lower.ln(), axis.upper.ln()),
+            Shape::Linear(unit) => (axis.lower / unit, axis.upper / unit),
+            Shape::Friction => (f64::NEG_INFINITY, f64::INFINITY),
+        };
+        let mut bounds: Vec<(f64, f64)> = self.axes.iter().map(plain).collect();
+        if let Some(i) = self.find(FRICTION) {
+            let clipped: Vec<f64> = z
+                .iter()
+                .zip(&bounds)
+                .map(|(z, (low, high))| z.clamp(*low, *high))
+                .collect();
+            let unit = self.friction_unit * self.gear(&clipped).max(f64::MIN_POSITIVE);
+            bounds[i] = (self.axes[i].lower / unit, self.axes[i].upper / unit);
+        }
+        bounds
+    }
+
+    /// How far outside their ranges parameters lie, in units of [`LEEWAY`], to be squared and halved
+    /// like residuals: where recordings say nothing, this keeps a fit in the ranges.
+    pub(super) fn excess(&self, z: &[f64]) -> Vec<f64> {
+        let magnitudes = self.magnitudes(z);
+        let beyond = |(axis, &p): (&Axis, &f64)| match axis.shape {
+            Shape::Linear(unit) => ((p - axis.high).max(0.0) + (p - axis.low).min(0.0)) / unit,
+            _ => {
+                let p = p.max(f64::MIN_POSITIVE);
+                let above = if axis.high > 0.0 { (p / axis.high).ln().max(0.0) } else { 0.0 };
+                let below = if axis.low > 0.0 { (axis.low / p).ln().max(0.0) } else { 0.0 };
+                above - below
+            }
+        };
+        let beyond = self.axes.iter().zip(&magnitudes).map(beyond);
+        beyond.map(|beyond| beyond / LEEWAY).collect()
+    }
+
+    /// The derivative of [`Coordinates::excess`]: a row for each excess.
+    pub(super) fn excess_slope(&self, z: &[f64]) -> Vec<Vec<f64>> {
+        let excess = self.excess(z);
+        let row = |i: usize| {
+            let mut row = vec![0.0; self.len()];
+            if excess[i] != 0.0 {
+                if self.axes[i].shape == Shape::Friction {
+                    row = self.gear_shares(z);
+                    row[i] = 1.0 / z[i].max(SMALLEST);
+                } else {
+                    row[i] = 1.0;
+                }
+            }
+            row.iter().map(|slope| slope / LEEWAY).collect()
+        };
+        (0..self.len()).map(row).collect()
+    }
+
+    /// What else moves along the direction in which the slope of a coordinate is taken: along the
+    /// symmetries of the motion, the gears.
+    ///
+    /// Differences along single coordinates would each catch other stops and impacts, whose jumps then
+    /// do not cancel along a symmetry, where nothing happens at all.
+    pub(super) fn along(&self, i: usize) -> Vec<(usize, f64)> {
+        let rate = match self.axes[i].slot {
+            TIME => -2.0,
+            SCALE => -1.0,
+            _ => return Vec::new(),
+        };
+        match (self.find(GEAR_X), self.find(GEAR_Y)) {
+            (Some(x), Some(y)) => vec![(x, rate), (y, rate)],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Moves coordinates along the first symmetry until their time scale is this one.
+    pub(super) fn along_time(&self, z: &[f64], time_scale: f64) -> Option<Vec<f64>> {
+        let time = self.find(TIME)?;
+        let shift = time_scale.ln() - z[time];
+        let mut moved = z.to_vec();
+        moved[time] += shift;
+        for (i, rate) in self.along(time) {
+            moved[i] += rate * shift;
+        }
+        Some(moved)
+    }
+
+    /// The lowest and highest time scale allowed, if it is free.
+    pub(super) fn time_scales(&self) -> Option<(f64, f64)> {
+        self.find(TIME).map(|i| (self.axes[i].lower, self.axes[i].upper))
+    }
+
+    /// Values from the ends of the ranges: 0 is the low end, 1 the high one.
+    pub(super) fn drawn(&self, place: &[f64]) -> Vec<f64> {
+        let mut values = self.held.clone();
+        for (axis, place) in self.axes.iter().zip(place) {
+            values[axis.slot] = axis.sign * (axis.low + place * (axis.high - axis.low));
+        }
+        values
+    }
+
+    /// The derivatives of the free values by the coordinates, a row for each value; bounds are not
+    /// seen.
+    pub(super) fn derivative(&self, z: &[f64]) -> Vec<Vec<f64>> {
+        let magnitudes = self.magnitudes(z);
+        let row = |i: usize| {
+            let axis = &self.axes[i];
+            let mut row = vec![0.0; self.len()];
+            match axis.shape {
+                Shape::Logarithm => row[i] = magnitudes[i],
+                Shape::Linear(unit) => row[i] = unit,
+                Shape::Friction => {
+                    row = self.gear_shares(z);
+                    row.iter_mut().for_each(|share| *share *= magnitudes[i]);
+                    row[i] = self.friction_unit * self.gear(z);
+                }
+            }
+            row.iter().map(|slope| axis.sign * slope).collect()
+        };
+        (0..self.len()).map(row).collect()
+    }
+
+    /// The widths of the free parameters' ranges.
+    pub(super) fn widths(&self) -> Vec<f64> {
+        let width = |axis: &Axis| axis.high - axis.low;
+        self.axes.iter().map(width).collect()
+    }
+
+    fn magnitudes(&self, z: &[f64]) -> Vec<f64> {
+        let gear = self.gear(z);
+        let magnitude = |(axis, &z): (&Axis, &f64)| match axis.shape {
+            Shape::Logarithm => z.exp(),
+            Shape::Friction => z * self.friction_unit * gear,
+            Shape::Linear(unit) => z * unit,
+        };
+        self.axes.iter().zip(z).map(magnitude).collect()
+    }
+
+    fn gear_of(&self, slot: usize, z: &[f64]) -> f64 {
+        self.find(slot).map_or(self.held[slot].abs(), |i| z[i].exp())
+    }
+
+    /// The root mean square of the two gears, which stays positive when one of them vanishes.
+    fn gear(&self, z: &[f64]) -> f64 {
+        rms(self.gear_of(GEAR_X, z), self.gear_of(GEAR_Y, z))
+    }
+
+    /// The derivatives of the logarithm of the gear.
+    fn gear_shares(&self, z: &[f64]) -> Vec<f64> {
+        let mut shares = vec![0.0; self.len()];
+        let squares = [GEAR_X, GEAR_Y].map(|slot| self.gear_of(slot, z).powi(2));
+        for (slot, square) in [GEAR_X, GEAR_Y].into_iter().zip(squares) {
+            if let Some(i) = self.find(slot) {
+                shares[i] = square / (squares[0] + squares[1]);
+            }
+        }
+        shares
+    }
+}
+
+impl Axis {
+    fn clip(&self, magnitude: f64) -> f64 {
+        magnitude.clamp(self.lower, self.upper)
+    }
+}
+
+fn rms(a: f64, b: f64) -> f64 {
+    (0.5 * (a * a + b * b)).sqrt()
+}
+
+/// The axis of one of the five parameters.
+fn base_axis(problem: &Problem<'_>, slot: usize, range: (f64, f64), senses: [f64; 2]) -> Axis {
+    let sign = if slot <= GEAR_Y { senses[slot] } else { 1.0 };
+    let ends = [(range.0 * sign).max(0.0), (range.1 * sign).max(0.0)];
+    let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+    let (mut lower, mut upper) = (low / REACH, high * REACH);
+    if slot <= GEAR_Y {
+        let knob = problem.largest_knob(slot);
+        upper = upper.min(STEEPEST * FRAC_PI_2 / knob.max(f64::MIN_POSITIVE));
+    }
+    if slot == TIME {
+        lower = lower.max(SHORTEST_TIME_SCALE);
+        upper = upper.min(MOST_SUBSTEPS).max(lower);
+    } else if slot != FRICTION {
+        lower = lower.max(SMALLEST * upper);
+    }
+    Axis {
+        slot,
+        shape: if slot == FRICTION { Shape::Friction } else { Shape::Logarithm },
+        sign,
+        low,
+        high,
+        lower: lower.min(upper),
+        upper,
+    }
+}
+
+/// The axis of an effect's parameter: a logarithm where it is a scale, whose neutral value is not zero.
+fn effect_axis(effect: &str, parameter: &Parameter, slot: usize, (low, high): (f64, f64)) -> Result<Axis> {
+    if !(low < high && high - low < f64::INFINITY) {
+        let what = format!("range of {} of {effect}", parameter.name);
+        return Err(Error::invalid(what, "a low and a higher end", format!("{low} to {high}")));
+    }
+    let (least, most) = parameter.allowed;
+    if low > 0.0 && parameter.neutral > 0.0 {
+        return Ok(Axis {
+            slot,
+            shape: Shape::Logarithm,
+            sign: 1.0,
+            low,
+            high,
+            lower: (low / REACH).max(least),
+            upper: (high * REACH).min(most),
+        });
+    }
+    let width = high - low;
+    let beyond = (REACH - 1.0) / 2.0 * width;
+    let (low, high) = (low.min(parameter.neutral), high.max(parameter.neutral));
+    Ok(Axis {
+        slot,
+        shape: Shape::Linear(width),
+        sign: 1.0,
+        low,
+        high,
+        lower: (low - beyond).max(least),
+        upper: (high + beyond).min(most),
+    })
+}
+
+/// The name of a value, for messages.
+pub(super) fn base_name(slot: usize) -> &'static str {
+    NAMES[slot]
+}
