@@ -254,6 +254,16 @@ impl Coordinates {
         values
     }
 
+    /// A coordinate whose parameter lies at a place of its range, 0 to 1.
+    pub(super) fn within(&self, i: usize, place: f64) -> f64 {
+        let axis = &self.axes[i];
+        let value = axis.clip(axis.low + place * (axis.high - axis.low));
+        match axis.shape {
+            Shape::Linear(unit) => value / unit,
+            _ => value.ln(),
+        }
+    }
+
     /// The derivatives of the free values by the coordinates, a row for each value; bounds are not
     /// seen.
     pub(super) fn derivative(&self, z: &[f64]) -> Vec<Vec<f64>> {

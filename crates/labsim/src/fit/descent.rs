@@ -22,7 +22,7 @@ const LEAST_DAMPING: f64 = 1e-9;
 /// Damping above which a candidate has nowhere left to go.
 const STUCK: f64 = 1e3;
 /// Relative gain below which a candidate has arrived.
-const ARRIVED: f64 = 1e-5;
+const ARRIVED: f64 = 1e-4;
 /// Largest change of a coordinate in one step.
 const LONGEST_STEP: f64 = 0.7;
 /// Largest change of a start state in one draw (board edges, a row).

@@ -98,6 +98,17 @@ impl Problem<'_> {
         self.parameters.into_iter().chain(of_effects)
     }
 
+    /// The places of each effect's parameters among all.
+    pub(super) fn slots_of_effects(&self) -> Vec<std::ops::Range<usize>> {
+        let mut end = self.parameters.len();
+        let slots = |one: &Hypothesis| {
+            let begin = end;
+            end += one.values.len();
+            begin..end
+        };
+        self.effects.iter().map(slots).collect()
+    }
+
     /// The name of the effect and what the catalogue says of the parameter in a slot; none for the five.
     pub(super) fn effect_parameter(&self, slot: usize) -> Option<(&'static str, &'static Parameter)> {
         let of_effect = |one: &Hypothesis| {

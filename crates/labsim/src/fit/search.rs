@@ -5,6 +5,7 @@
 //! iteration is two batches of rollouts, whatever the number of candidates, recordings and parameters.
 
 use std::cell::Cell;
+use std::cmp::Ordering;
 use std::sync::atomic::AtomicBool;
 
 use rand_chacha::ChaCha8Rng;
@@ -20,13 +21,17 @@ use super::{Progress, Settings};
 use crate::error::{Error, Result};
 
 /// Rows of the windows, stage after stage, and iterations spent on each; whole stretches come last.
-const HORIZONS: [(usize, usize); 2] = [(10, 7), (40, 6)];
+const HORIZONS: [(usize, usize); 2] = [(24, 7), (60, 6)];
 const WHOLE_ITERATIONS: usize = 12;
-const FAMILY_ITERATIONS: usize = 10;
+const FAMILY_ITERATIONS: usize = 6;
 const SETTLE_ITERATIONS: usize = 5;
+/// Start states tried with each step.
+const VARIANTS: usize = 4;
+/// How many values of an effect are drawn anew, for each of its parameters.
+const REDRAWN: usize = 64;
 /// How often the best one's family and surroundings are searched, and batches drawn of the surroundings.
-const ROUNDS: usize = 2;
-const NEARBY_ROUNDS: usize = 6;
+const ROUNDS: usize = 3;
+const NEARBY_ROUNDS: usize = 3;
 /// Physics updates on the way to whole stretches are this many times longer than the engine's.
 const COARSENESS: f64 = 5.0;
 /// Rows of the windows in which start points are screened, and how many are drawn for each refined.
@@ -34,6 +39,10 @@ const SCREEN_ROWS: usize = 24;
 const SCREENED_PER_START: usize = 32;
 /// A whole number of physics updates is taken where the log-likelihood does not fall by more.
 const TIE: f64 = 0.5;
+/// Residuals this many times the tracker's noise may be noise, which is estimated too.
+const NOISE_LIKE: f64 = 1.06;
+/// The search ends where noise is left and another round or start point changes the log-likelihood by less.
+const LITTLE: f64 = 3.0;
 
 /// Where a start point has led.
 #[derive(Debug, Clone)]
@@ -95,20 +104,37 @@ impl<'a> Search<'a> {
         let mut candidates = self.descend(&coordinates, starts)?;
         let mut best = candidates.remove(0);
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
+        let mut gain = candidates.first().map_or(f64::INFINITY, |next| self.gain(&best, next));
         for round in 0..ROUNDS {
+            if gain < LITTLE && self.is_explained(&best) {
+                break;
+            }
+            let before = best.clone();
             if self.is_time_free(&coordinates) {
-                let count = (settings.starts >> round).max(1);
+                let count = (settings.starts / 2 >> round).max(1);
                 let mut members = self.family(&coordinates, &best, count)?;
                 members.insert(0, best);
                 best = self.ranked(&coordinates, members).remove(0);
             }
             best = self.settled(&coordinates, best, &mut random)?;
+            gain = self.gain(&best, &before);
         }
         if self.is_time_free(&coordinates) {
             best = self.rounded(&coordinates, best)?;
         }
         candidates.insert(0, best);
         Ok((coordinates, candidates))
+    }
+
+    /// Whether what a candidate leaves over is no more than the tracker's noise.
+    fn is_explained(&self, candidate: &Candidate) -> bool {
+        robust::scale(&candidate.residual, &self.whole.known) < NOISE_LIKE * self.noise
+    }
+
+    /// By how much the log-likelihood of one candidate exceeds that of another.
+    fn gain(&self, one: &Candidate, other: &Candidate) -> f64 {
+        let losses = self.losses(&[&one.residual, &other.residual]);
+        losses[1] - losses[0]
     }
 
     /// Draws start points over the ranges and returns the best ones.
@@ -198,6 +224,7 @@ impl<'a> Search<'a> {
     /// Refines start points in longer and longer windows, and the better half in whole stretches.
     fn descend(&self, coordinates: &Coordinates, starts: Vec<Vec<f64>>) -> Result<Vec<Candidate>> {
         let mut shorter: Option<Windows> = None;
+        let count = starts.len();
         let mut ends: Vec<End> = starts
             .into_iter()
             .map(|z| End {
@@ -217,11 +244,15 @@ impl<'a> Search<'a> {
             }
             let pace = Pace {
                 iterations,
-                look: Look::Both,
-                variants: 4,
+                look: Look::Quick,
+                variants: VARIANTS,
                 held: false,
             };
             ends = self.minimised(coordinates, &windows, ends, pace, COARSENESS)?;
+            if !self.problem.effects.is_empty() {
+                ends = self.redrawn(coordinates, &windows, ends)?;
+                ends = self.minimised(coordinates, &windows, ends, pace, COARSENESS)?;
+            }
             shorter = Some(windows);
         }
         for end in &mut ends {
@@ -234,10 +265,52 @@ impl<'a> Search<'a> {
             end.residual = residual;
         }
         let mut candidates = self.ranked(coordinates, ends.into_iter().map(Candidate::from).collect());
-        let rest = candidates.split_off(candidates.len().div_ceil(2));
+        candidates.truncate(count);
+        let rest = candidates.split_off(count.div_ceil(2));
         let mut candidates = self.refined(coordinates, candidates, WHOLE_ITERATIONS)?;
         candidates.extend(rest);
         Ok(self.ranked(coordinates, candidates))
+    }
+
+    /// Replaces the worse half of the candidates by draws of effects' values around the best one.
+    ///
+    /// What has a place on the board says nothing of it to those who look elsewhere: slopes do not lead
+    /// there. But with everything else about right a draw that comes near stands out.
+    fn redrawn(&self, coordinates: &Coordinates, windows: &Windows, mut ends: Vec<End>) -> Result<Vec<End>> {
+        let shooting = self.shooting(coordinates, windows, COARSENESS);
+        let scales = ends.iter().map(|end| robust::scale(&end.residual, &windows.known));
+        let scale = scales.fold(f64::INFINITY, f64::min).max(self.noise);
+        ends.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
+        let count = ends.len();
+        let best = ends[0].clone();
+        ends.truncate(count.div_ceil(2));
+        let mut found = Vec::new();
+        for slots in self.problem.slots_of_effects() {
+            let axes: Vec<usize> = slots.filter_map(|slot| coordinates.find(slot)).collect();
+            if axes.is_empty() {
+                continue;
+            }
+            let drawn = space_filling(REDRAWN * axes.len(), axes.len(), 0);
+            let points: Vec<Point> = drawn
+                .iter()
+                .map(|place| {
+                    let mut point = best.point.clone();
+                    for (&axis, &place) in axes.iter().zip(place) {
+                        point.z[axis] = coordinates.within(axis, place);
+                    }
+                    point
+                })
+                .collect();
+            let residuals = self.counted(&shooting, |shooting| shooting.residuals(&points))?;
+            found.extend(points.into_iter().zip(residuals).map(|(point, residual)| {
+                let mut path = best.path.clone();
+                path.push(point.z.clone());
+                End { point, residual, path }
+            }));
+        }
+        found.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
+        ends.extend(found.into_iter().take(count));
+        Ok(ends)
     }
 
     /// Refines candidates over whole stretches.
@@ -250,7 +323,7 @@ impl<'a> Search<'a> {
         let pace = Pace {
             iterations,
             look: Look::Both,
-            variants: 4,
+            variants: VARIANTS,
             held: false,
         };
         let ends = candidates.into_iter().map(End::from).collect();
@@ -390,7 +463,8 @@ impl<'a> Search<'a> {
         pace: Pace,
         coarseness: f64,
     ) -> Result<Vec<End>> {
-        let total: usize = self.horizons.iter().map(|stage| stage.1).sum::<usize>()
+        let twice = self.horizons.first().filter(|_| !self.problem.effects.is_empty());
+        let total: usize = self.horizons.iter().chain(twice).map(|stage| stage.1).sum::<usize>()
             + WHOLE_ITERATIONS
             + ROUNDS * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates)) + SETTLE_ITERATIONS);
         let report = |iteration: usize| (self.progress)(self.done.get() + iteration, total, windows.rows);
@@ -405,6 +479,24 @@ impl<'a> Search<'a> {
             end.path.extend(walked);
         }
         Ok(minimised)
+    }
+}
+
+/// A number that sorts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Total(f64);
+
+impl Eq for Total {}
+
+impl PartialOrd for Total {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Total {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.0.total_cmp(&other.0)
     }
 }
 
