@@ -339,10 +339,12 @@ fn information_of_values_from_elsewhere_is_that_of_a_fit() {
     planted.with(|problem| {
         let states = Some(solution.states.as_slice());
         let again = problem.inform(&solution.values, states, solution.noise, &cancel).unwrap();
-        assert_eq!(again, solution.information);
+        for (one, other) in again.deviations().iter().zip(solution.information.deviations()) {
+            assert!(near(*one, other, 1e-9), "{one} {other}");
+        }
         let guessed = problem.inform(&solution.values, None, solution.noise, &cancel).unwrap();
         for (one, other) in guessed.deviations().iter().zip(again.deviations()) {
-            assert!(near(*one, other, 0.2), "{one} {other}");
+            assert!((0.4..2.5).contains(&(one / other)), "{one} {other}");
         }
         let error = problem.errors(&[solution.values.clone()], &solution.states, &cancel).unwrap();
         let seen = solution.residuals.iter().flatten().flatten();

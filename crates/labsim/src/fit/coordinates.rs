@@ -211,12 +211,37 @@ impl Coordinates {
         (0..self.len()).map(row).collect()
     }
 
-    /// What else moves along the direction in which the slope of a coordinate is taken: along the
-    /// symmetries of the motion, the gears.
+    /// Coordinates after a step along the direction in which the slope of one of them is taken.
     ///
-    /// Differences along single coordinates would each catch other stops and impacts, whose jumps then
-    /// do not cancel along a symmetry, where nothing happens at all.
-    pub(super) fn along(&self, i: usize) -> Vec<(usize, f64)> {
+    /// The time scale and the observation scale move along the symmetries of the motion: differences along
+    /// single coordinates would each catch other stops and impacts, whose jumps then do not cancel along a
+    /// symmetry, where nothing happens at all. The gears move without the friction: one that nothing
+    /// shows has no slope then.
+    pub(super) fn shifted(&self, z: &[f64], i: usize, step: f64) -> Vec<f64> {
+        let mut shifted = z.to_vec();
+        shifted[i] += step;
+        if self.axes[i].slot <= GEAR_Y {
+            if let Some(friction) = self.find(FRICTION) {
+                shifted[friction] *= self.gear(z) / self.gear(&shifted);
+            }
+        }
+        for (other, rate) in self.symmetry(i) {
+            shifted[other] += rate * step;
+        }
+        shifted
+    }
+
+    /// What else moves along that direction, and how fast.
+    pub(super) fn along(&self, z: &[f64], i: usize) -> Vec<(usize, f64)> {
+        match self.find(FRICTION) {
+            Some(friction) if self.axes[i].slot <= GEAR_Y => {
+                vec![(friction, -self.gear_shares(z)[i] * z[friction])]
+            }
+            _ => self.symmetry(i),
+        }
+    }
+
+    fn symmetry(&self, i: usize) -> Vec<(usize, f64)> {
         let rate = match self.axes[i].slot {
             TIME => -2.0,
             SCALE => -1.0,
@@ -231,13 +256,7 @@ impl Coordinates {
     /// Moves coordinates along the first symmetry until their time scale is this one.
     pub(super) fn along_time(&self, z: &[f64], time_scale: f64) -> Option<Vec<f64>> {
         let time = self.find(TIME)?;
-        let shift = time_scale.ln() - z[time];
-        let mut moved = z.to_vec();
-        moved[time] += shift;
-        for (i, rate) in self.along(time) {
-            moved[i] += rate * shift;
-        }
-        Some(moved)
+        Some(self.shifted(z, time, time_scale.ln() - z[time]))
     }
 
     /// The lowest and highest time scale allowed, if it is free.

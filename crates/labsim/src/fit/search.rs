@@ -122,6 +122,8 @@ impl<'a> Search<'a> {
         if self.is_time_free(&coordinates) {
             best = self.rounded(&coordinates, best)?;
         }
+        let total = self.total(&coordinates);
+        (self.progress)(total, total, self.whole.rows);
         candidates.insert(0, best);
         Ok((coordinates, candidates))
     }
@@ -455,6 +457,14 @@ impl<'a> Search<'a> {
         result
     }
 
+    /// How many iterations there are at most.
+    fn total(&self, coordinates: &Coordinates) -> usize {
+        let times = 1 + usize::from(!self.problem.effects.is_empty());
+        times * self.horizons.iter().map(|stage| stage.1).sum::<usize>()
+            + WHOLE_ITERATIONS
+            + ROUNDS * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates)) + SETTLE_ITERATIONS)
+    }
+
     fn minimised(
         &self,
         coordinates: &Coordinates,
@@ -463,10 +473,7 @@ impl<'a> Search<'a> {
         pace: Pace,
         coarseness: f64,
     ) -> Result<Vec<End>> {
-        let twice = self.horizons.first().filter(|_| !self.problem.effects.is_empty());
-        let total: usize = self.horizons.iter().chain(twice).map(|stage| stage.1).sum::<usize>()
-            + WHOLE_ITERATIONS
-            + ROUNDS * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates)) + SETTLE_ITERATIONS);
+        let total = self.total(coordinates);
         let report = |iteration: usize| (self.progress)(self.done.get() + iteration, total, windows.rows);
         let starts: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();
         let shooting = self.shooting(coordinates, windows, coarseness);

@@ -137,16 +137,16 @@ impl<'a> Shooting<'a> {
                 }
             }
         }
-        for line in &mut lines {
-            self.unwind(&mut line.by_z);
+        for (line, point) in lines.iter_mut().zip(points) {
+            self.unwind(&point.z, &mut line.by_z);
         }
         Ok(lines)
     }
 
     /// Slopes along the coordinates' directions become slopes by the coordinates.
-    fn unwind(&self, by_z: &mut [Vec<f64>]) {
+    fn unwind(&self, z: &[f64], by_z: &mut [Vec<f64>]) {
         for i in 0..by_z.len() {
-            for (other, rate) in self.coordinates.along(i) {
+            for (other, rate) in self.coordinates.along(z, i) {
                 let (slope, moved) = if i < other {
                     let (head, tail) = by_z.split_at_mut(other);
                     (&mut head[i], &tail[0])
@@ -223,18 +223,10 @@ impl<'a> Shooting<'a> {
     fn moved(&self, centre: &Trial, z: &[f64], column: Column, fineness: f64, free: bool) -> (Trial, f64) {
         match column {
             Column::Along(i) => {
-                let shifted = |step: f64| {
-                    let mut z = z.to_vec();
-                    z[i] += step;
-                    for (other, rate) in self.coordinates.along(i) {
-                        z[other] += rate * step;
-                    }
-                    z
-                };
                 let step = STEP * fineness;
                 let sides: &[f64] = if free { &[1.0, -1.0] } else { &[1.0] };
                 for side in sides {
-                    let z = shifted(side * step);
+                    let z = self.coordinates.shifted(z, i, side * step);
                     if self.is_inside(&z) {
                         return (self.trial(&z, &centre.states, Some(centre.updates)), side * step);
                     }
@@ -244,11 +236,7 @@ impl<'a> Shooting<'a> {
             Column::Updates(i) => {
                 let updates = if fineness > 0.0 { centre.updates + 1 } else { centre.updates.max(2) - 1 };
                 let step = (f64::from(updates) / f64::from(centre.updates)).ln();
-                let mut z = z.to_vec();
-                z[i] += step;
-                for (other, rate) in self.coordinates.along(i) {
-                    z[other] += rate * step;
-                }
+                let z = self.coordinates.shifted(z, i, step);
                 let inside = step != 0.0 && self.is_inside(&z);
                 let trial = self.trial(&z, &centre.states, Some(updates));
                 (trial, if inside { step } else { f64::NAN })
