@@ -6,6 +6,7 @@ PYTHON ?= python3.13 python3.12 python3.11 python3
 
 BIN := .venv/bin
 PACKAGES := .venv/.packages
+PEERS := .venv/.peers
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
 PYTHON_SOURCES := python tests benches docs
@@ -47,14 +48,16 @@ fmt: $(PACKAGES) components ## format the sources
 	$(BIN)/ruff format $(PYTHON_SOURCES)
 
 .PHONY: bench
-bench: $(PACKAGES) ## time the engine and write the table in README.md
-	rm -rf target/criterion
+bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in README.md
+	rm -rf target/criterion target/peers.json
 	cargo bench $(LOCKED) --package labsim --bench engine
+	$(BIN)/python benches/compare.py
 	$(BIN)/python benches/write_table.py
 
 .PHONY: pictures
-pictures: $(EXTENSION) ## draw the pictures of README.md
+pictures: $(EXTENSION) ## draw the pictures of README.md, write docs/effects.md
 	$(BIN)/python docs/pictures.py
+	$(BIN)/python docs/effects.py
 
 .PHONY: wheel
 wheel: $(PACKAGES) ## build the wheel into dist/
@@ -89,6 +92,11 @@ $(BIN)/python: | tools
 
 $(PACKAGES): requirements.lock | $(BIN)/python
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement requirements.lock
+	@touch $@
+
+# Other engines and optimisers, for `make bench` alone.
+$(PEERS): benches/requirements.txt $(PACKAGES)
+	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
 	@touch $@
 
 $(EXTENSION): $(PACKAGES) $(EXTENSION_SOURCES)

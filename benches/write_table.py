@@ -1,111 +1,74 @@
-"""Write criterion's results as the table of README.md, between its two markers.
+"""Write what was measured between the markers of README.md, ``<!-- bench:NAME -->`` to ``<!-- /bench -->``.
 
-Run by ``make bench`` after ``cargo bench``: every benchmark under ``target/criterion`` becomes one row with
-the median of its samples, their spread, and substeps per second where the benchmark counts them.
+Run by ``make bench``. NAME says what stands there:
+
+- ``engine``: every benchmark under ``target/criterion``, with the median of its samples, their spread, and
+  substeps per second where it counts them;
+- ``effects``: criterion's group of that name, each effect in multiples of its benchmark ``base``;
+- ``peers``, ``growth``, ``fit``: what ``compare.py`` has measured.
+
+A block for which nothing was measured keeps what it says.
 """
 
 import argparse
-import datetime
 import json
-import os
-import platform
 import re
-import shutil
-import subprocess
 import sys
-from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 
+from machine import machine
+from table.criterion import effects_table, engine_table, read_timings
+from table.peers import fit_table, growth_table, peers_table
+
 ROOT = Path(__file__).resolve().parents[1]
-BEGIN, END = "<!-- bench:engine -->", "<!-- /bench -->"
-UNITS = (("s", 1e9), ("ms", 1e6), ("µs", 1e3), ("ns", 1.0))
+BLOCK = re.compile(r"(?P<begin><!-- bench:(?P<name>\w+) -->).*?(?P<end><!-- /bench -->)", re.DOTALL)
 
 
-def significant(number: float) -> str:
-    """Return a number with three significant digits and no exponent."""
-    return f"{float(f'{number:.3g}'):g}"
+PEERS = {"peers": peers_table, "growth": growth_table, "fit": fit_table}
+CRITERION = {"engine": engine_table, "effects": effects_table}
 
 
-@dataclass(frozen=True)
-class Timing:
-    """One benchmark's samples, summed up."""
-
-    name: str
-    median: float
-    """Time of one iteration [ns]."""
-    spread: float
-    """1.4826 x the median absolute deviation [ns]: a robust standard deviation."""
-    substeps: int | None
-    """Substeps simulated in one iteration, where the benchmark counts them."""
-
-    def row(self) -> str:
-        """Return this benchmark's row of the table."""
-        unit, scale = next((u, s) for u, s in UNITS if self.median >= s or s == 1.0)
-        time = f"{significant(self.median / scale)} {unit}"
-        spread = f"± {100 * self.spread / self.median:.1f} %"
-        rate = f"{significant(1e3 * self.substeps / self.median)} M" if self.substeps else ""
-        return f"| {self.name} | {time} | {spread} | {rate} |"
+def tables(names: set[str], criterion: Path, peers: Path) -> dict[str, str]:
+    """Return the text of each of the named blocks that was measured."""
+    timings, where = read_timings(criterion), machine()
+    found = {name: table(timings, where) for name, table in CRITERION.items() if name in names}
+    if names & PEERS.keys() and peers.exists():
+        results = json.loads(peers.read_text(encoding="utf-8"))
+        found |= {name: table(results) for name, table in PEERS.items() if name in names}
+    return {name: text for name, text in found.items() if text is not None}
 
 
-def read_timings(criterion: Path) -> list[Timing]:
-    """Read every benchmark's latest result under criterion's output folder, sorted by name."""
-    timings = []
-    for path in criterion.glob("**/new/benchmark.json"):
-        benchmark = json.loads(path.read_text(encoding="utf-8"))
-        estimates = json.loads(path.with_name("estimates.json").read_text(encoding="utf-8"))
-        timings.append(
-            Timing(
-                name=benchmark["full_id"],
-                median=estimates["median"]["point_estimate"],
-                spread=estimates["median_abs_dev"]["point_estimate"],
-                substeps=(benchmark["throughput"] or {}).get("Elements"),
-            )
-        )
-    return sorted(timings, key=lambda timing: natural_order(timing.name))
+def fill(page: str, texts: dict[str, str]) -> str:
+    """Return a page with the blocks replaced that there are texts for."""
 
+    def block(found: re.Match[str]) -> str:
+        text = texts.get(found["name"])
+        return found[0] if text is None else f"{found['begin']}\n\n{text}\n\n{found['end']}"
 
-def natural_order(name: str) -> list[tuple[str, int]]:
-    """Return a sort key under which the numbers in names count as numbers: 64 before 1024."""
-    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", name)]
-
-
-def machine() -> str:
-    """Name the processor, its cores and the day, for the line under the table."""
-    model = platform.processor() or platform.machine()
-    if shutil.which("lscpu"):
-        fields = json.loads(subprocess.check_output(["lscpu", "--json"]))["lscpu"]
-        model = next((field["data"] for field in fields if field["field"] == "Model name:"), model)
-    return f"{model}, {os.cpu_count()} cores, {datetime.datetime.now(tz=datetime.UTC).date()}"
-
-
-def table(timings: Iterable[Timing], where: str) -> str:
-    """Return the Markdown table, with the machine it was measured on beneath."""
-    head = "| benchmark | median | spread | substeps/s |\n| --- | ---: | ---: | ---: |"
-    rows = "\n".join(timing.row() for timing in timings)
-    return f"{head}\n{rows}\n\nMeasured on {where}. Spread: robust standard deviation of the samples."
+    return BLOCK.sub(block, page)
 
 
 def main() -> int:
-    """Replace the table of the page; return the exit status."""
-    parser = argparse.ArgumentParser(description="Write criterion's results into a page as a table.")
+    """Replace the tables of the page; return the exit status."""
+    parser = argparse.ArgumentParser(description="Write what was measured into a page as tables.")
     parser.add_argument(
-        "--criterion", type=Path, default=ROOT / "target" / "criterion", help="results to read"
+        "--criterion", type=Path, default=ROOT / "target" / "criterion", help="criterion's results"
+    )
+    parser.add_argument(
+        "--peers", type=Path, default=ROOT / "target" / "peers.json", help="results of compare.py"
     )
     parser.add_argument("--page", type=Path, default=ROOT / "README.md", help="page to write to")
     arguments = parser.parse_args()
-    timings = read_timings(arguments.criterion)
-    if not timings:
-        print(f"no results under {arguments.criterion}: run 'cargo bench' first", file=sys.stderr)
-        return 1
     page = arguments.page.read_text(encoding="utf-8")
-    before, begin, rest = page.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        print(f"{arguments.page} has no {BEGIN} ... {END} to write between", file=sys.stderr)
+    names = {found["name"] for found in BLOCK.finditer(page)}
+    if not names:
+        print(f"{arguments.page} has no <!-- bench:NAME --> ... <!-- /bench --> to fill", file=sys.stderr)
         return 1
-    text = f"{before}{BEGIN}\n\n{table(timings, machine())}\n\n{END}{after}"
-    arguments.page.write_text(text, encoding="utf-8")
+    texts = tables(names, arguments.criterion, arguments.peers)
+    if not texts:
+        print(f"nothing measured for {arguments.page}: run 'cargo bench' first", file=sys.stderr)
+        return 1
+    arguments.page.write_text(fill(page, texts), encoding="utf-8")
     return 0
 
 

@@ -13,16 +13,19 @@ from typing import TYPE_CHECKING, Any
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
+    from irt.catalogue import EffectInfo, EffectParameter, effects
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
     from irt.residual import Evaluation, evaluate
     from irt.rig import Board, Marble, Rig, load_rig
-    from irt.rollouts import effects, paper_drive, rollouts
+    from irt.rollouts import paper_drive, rollouts
     from irt.tuning import tune
 
 __all__ = [
     "Board",
     "Effect",
+    "EffectInfo",
+    "EffectParameter",
     "Evaluation",
     "IrtError",
     "Marble",
@@ -43,11 +46,12 @@ __all__ = [
 ]
 
 _HOMES = {
+    "irt.catalogue": ("EffectInfo", "EffectParameter", "effects"),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
     "irt.residual": ("Evaluation", "evaluate"),
     "irt.rig": ("Board", "Marble", "Rig", "load_rig"),
-    "irt.rollouts": ("effects", "paper_drive", "rollouts"),
+    "irt.rollouts": ("paper_drive", "rollouts"),
     "irt.tuning": ("tune",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

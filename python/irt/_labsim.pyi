@@ -1,23 +1,42 @@
 """The engine: arrays in, arrays out. `irt.rollouts` is the way in."""
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ENGINES", "PARAMETERS", "SUBSTEP_S", "__version__", "paper_drive", "rollouts"]
+__all__ = ["ENGINES", "PARAMETERS", "SUBSTEP_S", "__version__", "effects", "paper_drive", "rollouts"]
 
 __version__: Final[str]
 ENGINES: Final[list[str]]
 PARAMETERS: Final[list[str]]
 SUBSTEP_S: Final[float]
 
+def effects() -> list[
+    tuple[
+        str,
+        str,
+        str,
+        list[tuple[str, str, float, float, float, float, float, str]],
+        str,
+        str,
+        str,
+        list[str],
+    ]
+]: ...
 def rollouts(
     parameters: npt.NDArray[np.float64],
     commands: npt.NDArray[np.float64],
     start: npt.NDArray[np.float64],
     start_velocity: npt.NDArray[np.float64],
     *,
+    rows: int,
+    first: npt.NDArray[np.uintp],
+    issued: npt.NDArray[np.uintp],
+    knobs_before: npt.NDArray[np.float64],
+    effects: Sequence[tuple[str, npt.NDArray[np.float64]]],
+    seeds: npt.NDArray[np.uint64],
     board: tuple[float, float, float, float],
     marble: tuple[float, float, float],
     engine: str,

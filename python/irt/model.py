@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irt import catalogue
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml, write_atomic
 from irt.rig import (
@@ -61,7 +62,7 @@ class Parameter:
 class Effect:
     """A physical effect added to the base simulation: its name in the catalogue, its parameters by name.
 
-    Whether the engine knows the effect shows when it is simulated, or read with a catalogue (`load_model`).
+    Parameters left out are neutral. Whether the engine knows the effect shows when it is read or simulated.
 
     Raises
     ------
@@ -185,20 +186,19 @@ class Model:
         return np.array([self.parameters[name].value for name in PARAMETERS])
 
 
-def load_model(path: PathLike, catalogue: Mapping[str, Collection[str]] | None = None) -> Model:
+def load_model(path: PathLike) -> Model:
     """Read a model that `save_model` wrote, or a person.
 
     Parameters
     ----------
     path : path
         The TOML file.
-    catalogue : mapping, optional
-        The effects that the engine knows, each with the names of its parameters; others are refused.
 
     Raises
     ------
     IrtError
-        If the file is no model, or one of a newer format; the message names section and key.
+        If the file is no model, or one of a newer format, or names an effect that the engine does not know;
+        the message names section and key.
     """
     table = read_toml(path)
     if not table.content:
@@ -210,7 +210,7 @@ def load_model(path: PathLike, catalogue: Mapping[str, Collection[str]] | None =
     simulation.only("key", ("time_step",))
     time_step = simulation.word("time_step") if "time_step" in simulation else "rounded"
     parameters, ranges = _read_parameters(table.section("parameters"))
-    effects = tuple(_read_effect(entry, catalogue) for entry in table.sections("effects"))
+    effects = tuple(_read_effect(entry) for entry in table.sections("effects"))
     with located(f"{path}"):
         return Model(
             board=board,
@@ -266,16 +266,13 @@ def _read_parameters(section: TomlTable) -> tuple[dict[str, Parameter], dict[str
     return parameters, ranges
 
 
-def _read_effect(table: TomlTable, catalogue: Mapping[str, Collection[str]] | None) -> Effect:
+def _read_effect(table: TomlTable) -> Effect:
     name = table.word("name")
-    values = {key: table.number(key) for key in table.content if key != "name"}
     with located(table.where):
-        effect = Effect(name, values)
-        if catalogue is not None and name not in catalogue:
-            raise unknown_name("effect", name, catalogue)
-    if catalogue is not None:
-        table.only(f"parameter of {name}", ("name", *catalogue[name]))
-    return effect
+        known = [parameter.name for parameter in catalogue.effect(name).parameters]
+    table.only(f"parameter of {name}", ("name", *known))
+    with located(table.where):
+        return Effect(name, {key: table.number(key) for key in table.content if key != "name"})
 
 
 def _lines(model: Model) -> Iterator[str]:

@@ -14,7 +14,7 @@ from irt.model import Model
 from irt.recording import Recording
 from irt.rig import Rig
 from irt.rollouts import SUBSTEP_S
-from irt.start_state import estimate_start_states, simulate
+from irt.start_state import Inputs, estimate_start_states, simulate
 
 Array = NDArray[np.float64]
 
@@ -46,6 +46,10 @@ class Segment:
         Position at the first row [board edges].
     start_velocity : (2,) array
         Velocity at the first row [board edges per second of simulated time].
+    run_knobs : (m, 2) array or None
+        Commands of the whole recording [rad], which effects may remember; by default there is no more of it.
+    run_durations : (m,) array or None
+        How long those hold [s].
     """
 
     recording: str
@@ -55,6 +59,8 @@ class Segment:
     observed: Array
     start: Array
     start_velocity: Array
+    run_knobs: Array | None = None
+    run_durations: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -199,7 +205,8 @@ def predict(model: Model, stretches: Sequence[Segment]) -> list[Array]:
     predicted: dict[int, Array] = {}
     for indices in _batches(stretches):
         batch = [stretches[i] for i in indices]
-        predicted.update(zip(indices, simulate(model, *_stacked(batch), _states(batch)), strict=True))
+        paths = simulate(model, _inputs(batch, model), _states(batch))
+        predicted.update(zip(indices, paths, strict=True))
     return [predicted[i] for i in range(len(stretches))]
 
 
@@ -321,14 +328,9 @@ def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
 
 def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
     """Return the (w, 4) start states that the first rows of segments of one length tell."""
-    knobs, durations = _stacked(batch)
-    return estimate_start_states(
-        model,
-        knobs[:, :rows],
-        None if durations is None else durations[:, :rows],
-        np.array([segment.observed[:rows] for segment in batch]),
-        _states(batch),
-    )
+    inputs = replace(_inputs(batch, model), rows=rows)
+    observed = np.array([segment.observed[:rows] for segment in batch])
+    return estimate_start_states(model, inputs, observed, _states(batch))
 
 
 def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
@@ -339,10 +341,24 @@ def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
     return list(batches.values())
 
 
-def _stacked(batch: Sequence[Segment]) -> tuple[Array, Array | None]:
-    """Return the commands of segments of one batch, (w, n, 2), and how long they hold, (w, n)."""
-    durations = [segment.durations for segment in batch if segment.durations is not None]
-    return np.array([segment.knobs for segment in batch]), np.array(durations) if durations else None
+def _inputs(batch: Sequence[Segment], model: Model) -> Inputs:
+    """Return the commands of segments of one length, of their whole recordings if the model has a memory."""
+    whole = bool(model.effects)
+    runs = [
+        (segment.run_knobs, segment.run_durations, segment.first_row)
+        if whole and segment.run_knobs is not None
+        else (segment.knobs, segment.durations, 0)
+        for segment in batch
+    ]
+    issued = np.array([len(knobs) for knobs, _, _ in runs])
+    knobs = np.zeros((len(batch), int(issued.max()), 2))
+    durations = None if batch[0].durations is None else np.zeros(knobs.shape[:2])
+    for i, (run_knobs, run_durations, _) in enumerate(runs):
+        knobs[i, : issued[i]] = run_knobs
+        if durations is not None and run_durations is not None:
+            durations[i, : issued[i]] = run_durations
+    first = np.array([first for _, _, first in runs])
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs))
 
 
 def _states(batch: Sequence[Segment]) -> Array:
@@ -359,6 +375,8 @@ def _segment(recording: Recording, stretch: slice, state: Array) -> Segment:
         observed=recording.marble[stretch],
         start=state[:2],
         start_velocity=state[2:],
+        run_knobs=recording.knobs,
+        run_durations=durations,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from irt import _labsim
+from irt.catalogue import parameter_values
 from irt.errors import IrtError
 from irt.rig import Board, Marble
 
@@ -39,8 +40,12 @@ def rollouts(
     effects: Sequence[Mapping[str, Any]] | None = None,
     engine: Engine = "rolling",
     start: npt.ArrayLike | None = None,
-    seed: int = 0,
+    seed: npt.ArrayLike = 0,
     threads: int | None = None,
+    rows: int | None = None,
+    first: npt.ArrayLike = 0,
+    issued: npt.ArrayLike | None = None,
+    knobs_before: npt.ArrayLike | None = None,
     start_velocity: npt.ArrayLike | None = None,
     durations: npt.ArrayLike | None = None,
     time_step: TimeStep = "rounded",
@@ -56,23 +61,34 @@ def rollouts(
     parameters : (n, 5)
         ``gear_x``, ``gear_y``, ``rolling_friction``, ``time_scale``, ``observation_scale``, in their
         own units (paper, section 5.2).
-    commands : (rows, 2) or (n, rows, 2)
+    commands : (steps, 2) or (n, steps, 2)
         Knob angles [rad]; command i holds from row i to row i + 1.
     rig : optional
         Anything with a ``board`` and a ``marble`` (a rig, a model); default the paper's labyrinth.
-    effects : optional
-        Physical effects beyond the five parameters; this version's catalogue is empty.
+    effects : sequence of mappings, optional
+        Physical effects beyond the five parameters, in any order: each with its ``name`` in the catalogue
+        (`effects`) and its parameters by name, numbers or (n,) arrays; those left out are neutral.
     engine : {"rolling", "rapier"}
         "rolling" (planar, fast) or "rapier" (3-D rigid bodies, the reference).
     start : (2,) or (n, 2), optional
-        Observed position at row 0 [board edges]; default the centre.
-    seed : int
-        For effects that draw random numbers.
+        Observed position at the first row [board edges]; default the centre.
+    seed : int or (n,)
+        For effects that draw random numbers. One number gives each rollout draws of its own; rollouts of
+        equal numbers in an array draw the same.
     threads : int, optional
         Default: one for each core.
+    rows : int, optional
+        How many rows are observed; default all from the latest `first` on.
+    first : int or (n,), optional
+        The row of the commands in which the marble is let go and first observed. Until then the knobs alone
+        move, so that what depends on earlier commands is right.
+    issued : (n,), optional
+        How many of the commands are each rollout's own, where the rest fills shorter ones up; default all.
+    knobs_before : (2,) or (n, 2), optional
+        Knob angles before row 0 [rad]; default level.
     start_velocity : (2,) or (n, 2), optional
-        Observed velocity at row 0 [board edges per second]; default at rest.
-    durations : (rows,) or (n, rows), optional
+        Observed velocity at the first row [board edges per second]; default at rest.
+    durations : (steps,) or (n, steps), optional
         Seconds that each command holds, from a recording's stamps; ``time_scale`` is not used then.
     time_step : {"rounded", "continuous"}
         "rounded": round(time_scale) updates of 1/240 s a row, as in the paper; "continuous": exactly
@@ -91,24 +107,32 @@ def rollouts(
     IrtError
         A wrong shape, a NaN, a value no physics allows or an unknown name.
     """
-    _refuse_effects(effects, seed)
     if time_step not in ("rounded", "continuous"):
         raise IrtError(f"time_step: expected 'rounded' or 'continuous', got {time_step!r}")
     values = _array("parameters", parameters, "(n, 5)", 2)
     count = len(values)
-    knobs = _per_rollout("commands", commands, "(rows, 2) or (n, rows, 2)", 3, count)
-    rows = knobs.shape[1]
-    if rows == 0:
+    knobs = _per_rollout("commands", commands, "(steps, 2) or (n, steps, 2)", 3, count)
+    steps = knobs.shape[1]
+    if steps == 0:
         raise IrtError("commands: expected at least one row, got none")
+    firsts = _first_rows(first, count, steps)
+    if rows is None:
+        rows = steps - int(firsts.max(initial=0))
     board, marble = (rig.board, rig.marble) if rig is not None else (Board(), Marble())
     lasting = None
     if durations is not None:
-        lasting = _per_rollout("durations", durations, "(rows,) or (n, rows)", 2, count, rows=rows)
+        lasting = _per_rollout("durations", durations, "(steps,) or (n, steps)", 2, count, steps=steps)
     return _labsim.rollouts(
         values,
         knobs,
         _pairs("start", start, count),
         _pairs("start_velocity", start_velocity, count),
+        rows=_whole("rows", rows, 1),
+        first=firsts,
+        issued=_lengths(issued, count, steps),
+        knobs_before=_pairs("knobs_before", knobs_before, count),
+        effects=parameter_values(effects or (), count),
+        seeds=_seeds(seed, count),
         board=(board.edge_x_m, board.edge_y_m, board.wall_restitution, board.wall_friction),
         marble=(marble.radius_m, marble.mass_kg, marble.damping_per_s),
         engine=engine,
@@ -142,24 +166,6 @@ def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False)
     return _labsim.paper_drive(steps, amplitude, literal)
 
 
-def effects() -> list[dict[str, Any]]:
-    """List the catalogue of physical effects, as read from the engine.
-
-    Each entry has a ``name``, a ``stage``, its ``parameters`` (unit, range, neutral value) and a ``doc``.
-    This version's engine has the base physics alone, so the list is empty.
-    """
-    return []
-
-
-def _refuse_effects(effects: Sequence[Mapping[str, Any]] | None, seed: int) -> None:
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer):
-        raise IrtError(f"seed: expected a whole number, got {seed!r}")
-    if effects:
-        raise IrtError(
-            f"unknown effect {effects[0]!r}: this version's engine has no effects beyond the base physics"
-        )
-
-
 def _array(what: str, values: npt.ArrayLike, shape: str, axes: int) -> Array:
     try:
         array = np.ascontiguousarray(values, dtype=np.float64)
@@ -171,15 +177,15 @@ def _array(what: str, values: npt.ArrayLike, shape: str, axes: int) -> Array:
 
 
 def _per_rollout(
-    what: str, values: npt.ArrayLike, shape: str, axes: int, count: int, *, rows: int | None = None
+    what: str, values: npt.ArrayLike, shape: str, axes: int, count: int, *, steps: int | None = None
 ) -> Array:
     """Give the first axis length 1 (shared) or ``count`` (one each)."""
     shared = np.ndim(values) == axes - 1
     array = _array(what, [values] if shared else values, shape, axes)  # type: ignore[arg-type]
     if len(array) not in (1, count):
         raise IrtError(f"{what}: expected one for each of the {count} rollouts, got {len(array)}")
-    if rows is not None and array.shape[1] != rows:
-        raise IrtError(f"{what}: expected {rows} rows as in commands, got {array.shape[1]}")
+    if steps is not None and array.shape[1] != steps:
+        raise IrtError(f"{what}: expected {steps} rows as in commands, got {array.shape[1]}")
     return array
 
 
@@ -197,3 +203,44 @@ def _counts(values: npt.ArrayLike, count: int) -> npt.NDArray[np.uint32]:
     if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer) or (array < 1).any():
         raise IrtError(f"substeps: expected {count} whole numbers of at least 1, got {values!r}")
     return array.astype(np.uint32)
+
+
+def _whole(what: str, value: object, least: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise IrtError(f"{what}: expected a whole number of at least {least}, got {value!r}")
+    return int(value)
+
+
+def _first_rows(first: npt.ArrayLike, count: int, steps: int) -> npt.NDArray[np.uintp]:
+    """Return the first rows, one for all (1,) or one each (n,)."""
+    array = np.atleast_1d(np.asarray(first))
+    if array.shape not in ((1,), (count,)) or not np.issubdtype(array.dtype, np.integer):
+        raise IrtError(f"first: expected a row, or one for each of the {count} rollouts, got {first!r}")
+    if array.size and not 0 <= array.min() <= array.max() < steps:
+        raise IrtError(f"first: expected rows from 0 to {steps - 1}, got {array.min()} to {array.max()}")
+    found: npt.NDArray[np.uintp] = array.astype(np.uintp)
+    return found
+
+
+def _lengths(issued: npt.ArrayLike | None, count: int, steps: int) -> npt.NDArray[np.uintp]:
+    """Return how many commands each rollout has (n,)."""
+    array = np.full(count, steps) if issued is None else np.asarray(issued)
+    if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer):
+        raise IrtError(f"issued: expected {count} whole numbers, got {issued!r}")
+    if array.size and not 1 <= array.min() <= array.max() <= steps:
+        raise IrtError(f"issued: expected 1 to {steps} commands, got {array.min()} to {array.max()}")
+    lengths: npt.NDArray[np.uintp] = array.astype(np.uintp)
+    return lengths
+
+
+def _seeds(seed: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
+    """Return a seed for each rollout (n,): mixed from one number, or those given."""
+    if np.ndim(seed) == 0:
+        mixed = np.random.SeedSequence(_whole("seed", seed, 0)).generate_state(count, np.uint64)
+        return mixed.astype(np.uint64)
+    array = np.asarray(seed)
+    if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer) or (array < 0).any():
+        raise IrtError(
+            f"seed: expected a whole number, or one for each of the {count} rollouts, got {seed!r}"
+        )
+    return array.astype(np.uint64)

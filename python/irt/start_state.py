@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,17 +18,56 @@ _STEPS = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 _ITERATIONS = 6
 
 
-def simulate(model: Model, knobs: Array, durations: Array | None, states: Array) -> Array:
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What is commanded in w windows of n rows.
+
+    Attributes
+    ----------
+    knobs : (w, m, 2) array
+        Commanded knob angles [rad]: those of the window, or of the whole recording that it is of.
+    durations : (w, m) array or None
+        How long each command holds [s]; without it the model's time scale tells.
+    first : (w,) array
+        The row of its commands in which a window begins; those before it are its history.
+    issued : (w,) array
+        How many commands there are; the rest fills shorter ones up.
+    rows : int
+        n, the rows of each window.
+    """
+
+    knobs: Array
+    durations: Array | None
+    first: NDArray[np.int64]
+    issued: NDArray[np.int64]
+    rows: int
+
+    @classmethod
+    def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
+        """Return the inputs of windows without history, (w, n, 2) knob angles [rad] and (w, n) seconds."""
+        windows, rows = knobs.shape[:2]
+        return cls(knobs, durations, np.zeros(windows, dtype=np.int64), np.full(windows, rows), rows)
+
+    def repeated(self, times: int) -> Inputs:
+        """Return each window so many times."""
+        return Inputs(
+            knobs=np.repeat(self.knobs, times, axis=0),
+            durations=None if self.durations is None else np.repeat(self.durations, times, axis=0),
+            first=np.repeat(self.first, times),
+            issued=np.repeat(self.issued, times),
+            rows=self.rows,
+        )
+
+
+def simulate(model: Model, inputs: Inputs, states: Array) -> Array:
     """Simulate windows of one length, each from its own start state.
 
     Parameters
     ----------
     model : Model
         The simulator.
-    knobs : (w, n, 2) array
-        Commanded knob angles [rad].
-    durations : (w, n) array or None
-        How long each command holds [s]; without it the model's time scale tells.
+    inputs : Inputs
+        What is commanded in w windows of n rows.
     states : (w, 4) array
         Start states: x, y [board edges] and their rates [board edges per second of simulated time].
 
@@ -35,21 +76,25 @@ def simulate(model: Model, knobs: Array, durations: Array | None, states: Array)
     (w, n, 2) array
         Predicted positions [board edges], the start in row 0.
     """
+    moving = model.start == "moving"
     return rollouts(
-        np.tile(model.values, (len(knobs), 1)),
-        knobs,
+        np.tile(model.values, (len(states), 1)),
+        inputs.knobs,
         rig=model,
         effects=[{"name": effect.name, **effect.parameters} for effect in model.effects],
         start=states[:, :2],
         start_velocity=states[:, 2:],
-        durations=durations,
+        durations=inputs.durations,
         time_step=model.time_step,
+        first=inputs.first,
+        issued=inputs.issued,
+        rows=inputs.rows,
+        # Who starts in motion has held the knobs somewhere: the first command is the best guess.
+        knobs_before=inputs.knobs[:, 0] if moving else None,
     )
 
 
-def estimate_start_states(
-    model: Model, knobs: Array, durations: Array | None, observed: Array, guess: Array
-) -> Array:
+def estimate_start_states(model: Model, inputs: Inputs, observed: Array, guess: Array) -> Array:
     """Return the start states from which the simulator meets the observations best, in least squares.
 
     Gauss-Newton with Levenberg's damping over position and velocity; one batch of rollouts an iteration holds
@@ -59,8 +104,8 @@ def estimate_start_states(
     ----------
     model : Model
         The simulator.
-    knobs, durations : (w, n, 2) array, (w, n) array or None
-        Commands, as for `simulate`.
+    inputs : Inputs
+        What is commanded in w windows of n rows.
     observed : (w, n, 2) array
         Positions [board edges], NaN rows where the tracker lost the marble.
     guess : (w, 4) array
@@ -76,7 +121,7 @@ def estimate_start_states(
     reach = np.append(room / board.edge_x_m * model.parameters["observation_scale"].value, [np.inf, np.inf])
 
     def linearise(states: Array) -> tuple[Array, Array]:
-        return _linearise(model, knobs, durations, observed, states)
+        return _linearise(model, inputs, observed, states)
 
     states = np.clip(guess, -reach, reach)
     residual, jacobian = linearise(states)
@@ -98,16 +143,13 @@ def estimate_start_states(
     return states
 
 
-def _linearise(
-    model: Model, knobs: Array, durations: Array | None, observed: Array, states: Array
-) -> tuple[Array, Array]:
+def _linearise(model: Model, inputs: Inputs, observed: Array, states: Array) -> tuple[Array, Array]:
     """Return (w, 2n) residuals, zero in lost rows, and their (w, 2n, 4) derivatives."""
     windows = len(states)
     steps = np.where(states > 0.0, -_STEPS, _STEPS)  # towards the centre, away from the walls
     moved = states[:, None, :] + steps[:, None, :] * np.eye(4)
     tried = np.concatenate([states[:, None, :], moved], axis=1).reshape(-1, 4)
-    repeated = None if durations is None else np.repeat(durations, 5, axis=0)
-    predicted = simulate(model, np.repeat(knobs, 5, axis=0), repeated, tried).reshape(windows, 5, -1)
+    predicted = simulate(model, inputs.repeated(5), tried).reshape(windows, 5, -1)
     target = observed.reshape(windows, -1)
     known = ~np.isnan(target)
     residual = np.where(known, predicted[:, 0] - target, 0.0)

@@ -86,6 +86,18 @@ def test_a_prediction_may_take_the_place_of_its_commands(irt, model: Path, comma
     assert load_recording(commands).seen.all()
 
 
+def test_effects_of_the_model_act(irt, tmp_path: Path, commands: Path, wave) -> None:
+    effects = (Effect("delay", {"delay_s": 0.13}), Effect("bump", {"x_m": 0.03, "height_m": 2e-4}))
+    save_model(tmp_path / "model.toml", dataclasses.replace(MODEL, effects=effects))
+    assert (
+        irt("simulate", tmp_path / "model.toml", "--commands", commands, "--out", tmp_path / "out.csv").status
+        == 0
+    )
+    named = [{"name": effect.name, **effect.parameters} for effect in effects]
+    expected = rollouts([VALUES], wave, rig=MODEL, start=[0.1, -0.2], effects=named)[0]
+    np.testing.assert_array_equal(load_recording(tmp_path / "out.csv").marble, expected)
+
+
 def test_an_effect_that_the_engine_does_not_know(irt, tmp_path: Path, commands: Path) -> None:
     save_model(tmp_path / "m.toml", dataclasses.replace(MODEL, effects=(Effect("backlsh", {"width": 1.0}),)))
     status, out, err = irt("simulate", tmp_path / "m.toml", "--commands", commands)

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from irt.catalogue import effects
 from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter, load_model, save_model
 from irt.rig import PARAMETERS, RANGES, Board, Marble, load_rig
@@ -24,7 +25,6 @@ rolling_friction = { value = 0.0005 }
 time_scale = 25
 observation_scale = 1.0
 """
-CATALOGUE = {"backlash": ("width_x_rad", "width_y_rad"), "delay": ("delay_s",)}
 
 
 def model(**changes) -> Model:
@@ -61,7 +61,7 @@ def test_reads_all_that_a_model_holds(tmp_path: Path) -> None:
         "[[effects]]\nname = 'backlash'\nwidth_x_rad = 0.03\nwidth_y_rad = 0\n"
         "[[effects]]\nname = 'delay'\ndelay_s = 0.1\n"
     )
-    read = load_model(write(tmp_path, text), CATALOGUE)
+    read = load_model(write(tmp_path, text))
     assert read.board.edge_x_m == 0.4
     assert read.marble.radius_m == 0.02
     assert read.start == "moving"
@@ -123,7 +123,7 @@ BAD = {
     "key": (GOOD + "[simulation]\nstep = 1\n", r'\[simulation\]: unknown key "step"'),
     "effect": (
         GOOD + "[[effects]]\nname = 'delay'\ndelay_s = 1\n[[effects]]\nname = 'backlsh'\n",
-        r'\[\[effects\]\] 2: unknown effect "backlsh"; did you mean "backlash"\? possible: backlash',
+        r'\[\[effects\]\] 2: unknown effect "backlsh"; did you mean "backlash"\? possible: delay, ',
     ),
     "effect's parameter": (
         GOOD + "[[effects]]\nname = 'delay'\ndelay = 1\n",
@@ -144,12 +144,7 @@ BAD = {
 @pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD)
 def test_bad_model(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(IrtError, match=message):
-        load_model(write(tmp_path, text), CATALOGUE)
-
-
-def test_without_a_catalogue_any_effect_is_read(tmp_path: Path) -> None:
-    read = load_model(write(tmp_path, GOOD + "[[effects]]\nname = 'new'\nx = 1\n"))
-    assert read.effects == (Effect("new", {"x": 1.0}),)
+        load_model(write(tmp_path, text))
 
 
 def test_from_rig(write_rig) -> None:
@@ -219,8 +214,7 @@ def parameter(draw: st.DrawFn, low: float, high: float) -> tuple[Parameter, tupl
 @st.composite
 def models(draw: st.DrawFn) -> Model:
     drawn = [draw(parameter(*bounds)) for bounds in BOUNDS]
-    names = st.from_regex(r"[a-z][a-z0-9_]{0,8}", fullmatch=True)
-    keys = names.filter(lambda name: name != "name")
+    infos = draw(st.lists(st.sampled_from(effects()), max_size=2))
     return Model(
         board=Board(draw(within(0.1, 10)), draw(within(0.1, 10)), draw(within(0, 1)), draw(within(0, 1000))),
         marble=Marble(draw(within(1e-9, 0.04)), draw(within(1e-9, 1000)), draw(within(0, 1000))),
@@ -228,10 +222,8 @@ def models(draw: st.DrawFn) -> Model:
         ranges={name: ends for name, (_, ends) in zip(PARAMETERS, drawn, strict=True)},
         parameters={name: value for name, (value, _) in zip(PARAMETERS, drawn, strict=True)},
         effects=tuple(
-            Effect(name, values)
-            for name, values in draw(
-                st.lists(st.tuples(names, st.dictionaries(keys, FINITE, max_size=3)), max_size=2)
-            )
+            Effect(info.name, {parameter.name: draw(FINITE) for parameter in info.parameters})
+            for info in infos
         ),
         time_step=draw(st.sampled_from(["rounded", "continuous"])),
     )
@@ -263,7 +255,7 @@ def test_any_bytes_are_a_model_or_refused(tmp_path_factory: pytest.TempPathFacto
     path = tmp_path_factory.getbasetemp() / "garbage.toml"
     path.write_bytes(data)
     with suppress(IrtError):
-        assert np.isfinite(load_model(path, CATALOGUE).values).all()
+        assert np.isfinite(load_model(path).values).all()
 
 
 def test_unwritable(tmp_path: Path) -> None:

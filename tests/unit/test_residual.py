@@ -1,13 +1,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.model import Model
+from irt.model import Effect, Model
 from irt.recording import Recording
 from irt.residual import evaluate, free_run_error, predict, segments, windowed_error
 from irt.rig import RANGES, Board, Marble, Rig, load_rig
@@ -26,10 +27,11 @@ def model(values=VALUES, start="rest", time_step="rounded") -> Model:
     return Model.from_rig(rig_of(start=start), values, time_step=time_step)
 
 
-def record(knobs, state=(0.1, -0.05, 0.0, 0.0), stamps=None, *, lost=(), name="run") -> Recording:
+def record(knobs, state=(0.1, -0.05, 0.0, 0.0), stamps=None, *, lost=(), name="run", effects=()) -> Recording:
     """A recording that the engine made from planted values."""
     durations = None if stamps is None else np.append(np.diff(stamps), stamps[-1] - stamps[-2])
-    marble = rollouts([VALUES], knobs, start=state[:2], start_velocity=state[2:], durations=durations)[0]
+    start = {"start": state[:2], "start_velocity": state[2:]}
+    marble = rollouts([VALUES], knobs, **start, durations=durations, effects=effects)[0]
     marble[list(lost)] = np.nan
     return Recording(name, Path(f"{name}.csv"), knobs, marble, stamps)
 
@@ -176,6 +178,15 @@ class TestWindows:
             errors = evaluate(model(), [record(wave, MOVING, stamps)], window_s=1.0).windowed
             assert errors is not None
             assert errors.max < 1e-5
+
+    @pytest.mark.parametrize("stamped", [False, True])
+    def test_effects_are_simulated_with_their_past(self, wave, uneven, stamped) -> None:
+        slow = replace(model(), effects=(Effect("lag", {"time_constant_s": 0.5}),))
+        stamps = uneven if stamped else None
+        run = record(wave, stamps=stamps, effects=[{"name": "lag", "time_constant_s": 0.5}])
+        errors = evaluate(slow, [run], window_s=1.0).windowed
+        assert errors is not None
+        assert errors.max < 1e-5
 
     def test_never_see_what_they_predict(self, wave) -> None:
         run = record(wave, MOVING)

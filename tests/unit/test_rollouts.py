@@ -13,9 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from irt.catalogue import effects
 from irt.errors import IrtError
 from irt.rig import Board, Marble
-from irt.rollouts import SUBSTEP_S, effects, paper_drive, rollouts
+from irt.rollouts import SUBSTEP_S, paper_drive, rollouts
 
 PAPER = np.array([[0.05, 0.06, 0.0004, 20.0, 1.0]])
 
@@ -119,7 +120,30 @@ def test_arrays_may_be_strided():
         ({"time_step": "exact"}, "time_step: expected 'rounded' or 'continuous'"),
         ({"substeps": [0]}, "substeps: expected 1 whole numbers of at least 1"),
         ({"threads": 0}, "threads: expected 1 to 1024, got 0"),
-        ({"effects": [{"name": "backlash"}]}, "unknown effect"),
+        ({"effects": [{"name": "backlsh"}]}, 'unknown effect "backlsh"'),
+        ({"effects": ["bump"]}, "effects: expected mappings with a name and parameters, got 'bump'"),
+        (
+            {"effects": [{"name": "bump", "hight_m": 0.1}]},
+            'unknown parameter of bump "hight_m"; did you mean',
+        ),
+        (
+            {"effects": [{"name": "bump", "height_m": "tall"}]},
+            "bump, height_m: expected a number, got 'tall'",
+        ),
+        ({"effects": [{"name": "bump", "height_m": [1, 2]}]}, "one for each of the 1 rollouts, got shape"),
+        (
+            {"effects": [{"name": "bump", "width_m": 0.0}]},
+            "width_m of bump of rollout 0: expected a number from",
+        ),
+        ({"effects": [{"name": "lag", "time_constant_s": np.nan}]}, "time_constant_s of lag of rollout 0"),
+        ({"first": 10}, "first: expected rows from 0 to 9, got 10 to 10"),
+        ({"first": 0.5}, "first: expected a row"),
+        ({"first": 4, "rows": 7}, "commands of rollout 0: expected at least 11 rows, got 10"),
+        ({"issued": [11]}, "issued: expected 1 to 10 commands, got 11 to 11"),
+        ({"issued": 10}, "issued: expected 1 whole numbers"),
+        ({"rows": 0}, "rows: expected a whole number of at least 1"),
+        ({"seed": -1}, "seed: expected a whole number of at least 0"),
+        ({"seed": [0.5]}, "seed: expected a whole number, or one for each"),
         ({"seed": 1.5}, "seed: expected a whole number"),
     ],
 )
@@ -130,8 +154,50 @@ def test_what_cannot_be_simulated_is_refused_in_one_line(change, message):
     assert "\n" not in str(refused.value)
 
 
-def test_the_catalogue_is_empty_as_long_as_the_engine_has_no_effects():
-    assert effects() == []
+def test_effects_act_at_the_values_of_their_rollout():
+    bias = {"name": "tilt_bias", "bias_y_rad": [0.0, 0.004, -0.004]}
+    seen = rollouts(np.repeat(PAPER, 3, axis=0), np.zeros((20, 2)), effects=[bias])
+    assert (seen[0] == 0).all()
+    assert seen[1, -1, 0] > 0
+    assert (seen[2] == -seen[1]).all()
+
+
+@pytest.mark.parametrize("engine", ["rolling", "rapier"])
+def test_a_marble_let_go_later_sees_what_the_knobs_did_before(engine):
+    drive, lag = paper_drive(40), [{"name": "lag", "time_constant_s": 0.4}]
+    seen = rollouts(PAPER, drive, effects=lag, first=12, engine=engine)
+    assert seen.shape == (1, 28, 2)
+    alone = rollouts(PAPER, drive[12:], effects=lag, engine=engine)
+    assert np.abs(seen - alone).max() > 1e-3
+    settled = rollouts(PAPER, drive[12:], effects=lag, knobs_before=drive[12], engine=engine)
+    assert np.abs(seen - settled).max() < np.abs(seen - alone).max()
+
+
+def test_windows_of_one_batch_may_begin_anywhere():
+    drive, lag = paper_drive(40), [{"name": "lag", "time_constant_s": 0.4}]
+    together = rollouts(np.repeat(PAPER, 3, axis=0), drive, effects=lag, first=[0, 7, 20], rows=15)
+    for seen, first in zip(together, (0, 7, 20), strict=True):
+        assert (rollouts(PAPER, drive, effects=lag, first=first, rows=15)[0] == seen).all()
+
+
+def test_what_fills_shorter_commands_up_does_not_count():
+    drive, drift = paper_drive(40), [{"name": "clock_drift", "drift": 0.2}]
+    padded = np.stack([drive, np.where(np.arange(40)[:, None] < 25, drive, 0.1)])
+    together = rollouts(np.repeat(PAPER, 2, axis=0), padded, effects=drift, issued=[40, 25], rows=20)
+    assert (together[0] == rollouts(PAPER, drive, effects=drift, rows=20)[0]).all()
+    assert (together[1] == rollouts(PAPER, drive[:25], effects=drift, rows=20)[0]).all()
+
+
+def test_the_catalogue_tells_of_each_effect_what_a_report_needs():
+    catalogue = {effect.name: effect for effect in effects()}
+    bump = catalogue["bump"]
+    assert bump.stage == "board"
+    height = next(parameter for parameter in bump.parameters if parameter.name == "height_m")
+    assert (height.unit, height.neutral) == ("m", 0.0)
+    assert height.least <= height.low < height.neutral < height.high <= height.most
+    for effect in catalogue.values():
+        assert effect.does in effect.doc
+        assert effect.references
 
 
 def test_other_threads_run_during_a_batch():

@@ -9,7 +9,7 @@ from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter
 from irt.rig import PARAMETERS, RANGES, Board, Marble
 from irt.rollouts import rollouts
-from irt.start_state import estimate_start_states, simulate
+from irt.start_state import Inputs, estimate_start_states, simulate
 
 VALUES = (0.07, 0.06, 0.0005, 12.4, 1.05)
 ROWS = 5
@@ -48,42 +48,60 @@ def test_simulate_honours_the_model(knobs, states, time_step) -> None:
         start_velocity=states[:1, 2:],
         time_step=time_step,
     )
-    np.testing.assert_array_equal(simulate(wide, knobs, None, states)[:1], expected)
+    np.testing.assert_array_equal(simulate(wide, Inputs.of_whole(knobs), states)[:1], expected)
 
 
 def test_simulate_takes_time_from_durations(knobs, states) -> None:
     durations = np.full((6, ROWS), 0.1)
-    slow, fast = (simulate(model(time_scale=scale), knobs, durations, states) for scale in (5.0, 50.0))
+    slow, fast = (
+        simulate(model(time_scale=scale), Inputs.of_whole(knobs, durations), states) for scale in (5.0, 50.0)
+    )
     np.testing.assert_array_equal(slow, fast)
 
 
 def test_simulate_passes_effects_on(knobs, states) -> None:
     unheard_of = dataclasses.replace(model(), effects=(Effect("unheard_of", {"strength": 1.0}),))
     with pytest.raises(IrtError, match="unheard_of"):
-        simulate(unheard_of, knobs, None, states)
+        simulate(unheard_of, Inputs.of_whole(knobs), states)
+
+
+def test_effects_remember_what_was_commanded_before_a_window(knobs, states) -> None:
+    slow = dataclasses.replace(model(), effects=(Effect("lag", {"time_constant_s": 0.3}),))
+    long = np.concatenate([knobs, knobs[::-1]], axis=1)
+    inputs = Inputs(long, None, np.arange(6) % 3 + 2, np.full(6, 2 * ROWS), ROWS)
+    seen = simulate(slow, inputs, states)
+    for i, first in enumerate(inputs.first):
+        # What comes after a window does not matter to it, what was before does.
+        rows = np.array([first + ROWS])
+        cut = Inputs(long[i : i + 1, : first + ROWS], None, inputs.first[i : i + 1], rows, ROWS)
+        np.testing.assert_array_equal(simulate(slow, cut, states[i : i + 1])[0], seen[i])
+        forgetful = Inputs.of_whole(long[i : i + 1, first : first + ROWS])
+        assert np.abs(simulate(slow, forgetful, states[i : i + 1])[0] - seen[i]).max() > 1e-5
+    found = estimate_start_states(slow, inputs, seen, np.zeros((6, 4)))
+    np.testing.assert_allclose(found, states, atol=1e-6)
 
 
 @pytest.mark.parametrize("stamped", [False, True])
 def test_finds_planted_states(knobs, states, stamped) -> None:
     durations = np.full((6, ROWS), 0.08) if stamped else None
-    observed = simulate(model(), knobs, durations, states)
-    found = estimate_start_states(model(), knobs, durations, observed, np.zeros((6, 4)))
+    observed = simulate(model(), Inputs.of_whole(knobs, durations), states)
+    found = estimate_start_states(model(), Inputs.of_whole(knobs, durations), observed, np.zeros((6, 4)))
     np.testing.assert_allclose(found, states, atol=1e-6)
 
 
 def test_lost_rows_are_left_out(knobs, states) -> None:
-    observed = simulate(model(), knobs, None, states)
+    observed = simulate(model(), Inputs.of_whole(knobs), states)
     observed[:, 2] = np.nan
     observed[0, 0] = np.nan
-    found = estimate_start_states(model(), knobs, None, observed, np.zeros((6, 4)))
+    found = estimate_start_states(model(), Inputs.of_whole(knobs), observed, np.zeros((6, 4)))
     np.testing.assert_allclose(found, states, atol=1e-6)
 
 
 def test_noise_is_averaged_over_the_rows(knobs, states) -> None:
-    observed = simulate(model(), knobs, None, states)
+    observed = simulate(model(), Inputs.of_whole(knobs), states)
     noisy = observed + np.random.default_rng(3).normal(0.0, 0.002, observed.shape)
-    found = estimate_start_states(model(), knobs, None, noisy, np.zeros((6, 4)))
-    error = np.linalg.norm(simulate(model(), knobs, None, found) - noisy)
+    found = estimate_start_states(model(), Inputs.of_whole(knobs), noisy, np.zeros((6, 4)))
+    error = np.linalg.norm(simulate(model(), Inputs.of_whole(knobs), found) - noisy)
     assert error < np.linalg.norm(observed - noisy)
     np.testing.assert_allclose(found[:, :2], states[:, :2], atol=0.006)
     np.testing.assert_allclose(found[:, 2:], states[:, 2:], atol=0.06)  # five standard errors
@@ -93,16 +111,18 @@ def test_a_wall_inside_the_rows_is_no_obstacle() -> None:
     # The marble rolls to the wall in x, meets it after two rows and stays there; in y it rolls on.
     knobs = np.zeros((1, ROWS, 2))
     planted = np.array([[0.42, -0.1, 0.6, 0.3]])
-    observed = simulate(model(), knobs, None, planted)
+    observed = simulate(model(), Inputs.of_whole(knobs), planted)
     assert observed[0, -1, 0] == observed[0, -2, 0]
     guess = np.hstack([observed[:, 0], (observed[:, 1] - observed[:, 0]) / 0.05])
-    found = estimate_start_states(model(), knobs, None, observed, guess)
+    found = estimate_start_states(model(), Inputs.of_whole(knobs), observed, guess)
     np.testing.assert_allclose(found, planted, atol=1e-4)
 
 
 def test_the_marble_stays_between_the_walls(knobs) -> None:
     beyond = np.array([0.7, -0.6]) + np.zeros((6, ROWS, 2))
-    found = estimate_start_states(model(), knobs, None, beyond, np.tile([0.7, -0.6, 0.0, 0.0], (6, 1)))
+    found = estimate_start_states(
+        model(), Inputs.of_whole(knobs), beyond, np.tile([0.7, -0.6, 0.0, 0.0], (6, 1))
+    )
     reach = 1.05 * (np.array([0.276, 0.231]) / 2 - 0.00685) / 0.276
     np.testing.assert_allclose(found[:, :2], np.tile(reach * [1, -1], (6, 1)))
 
@@ -110,18 +130,15 @@ def test_the_marble_stays_between_the_walls(knobs) -> None:
 def test_a_marble_that_friction_holds() -> None:
     # Any velocity too small to leave its place explains the observations; the place is what counts.
     observed = np.tile([0.1, 0.2], (1, ROWS, 1))
-    found = estimate_start_states(
-        model(rolling_friction=0.5), np.zeros((1, ROWS, 2)), None, observed, np.zeros((1, 4))
-    )
-    np.testing.assert_allclose(
-        simulate(model(rolling_friction=0.5), np.zeros((1, ROWS, 2)), None, found), observed, atol=1e-5
-    )
+    sticky, still = model(rolling_friction=0.5), Inputs.of_whole(np.zeros((1, ROWS, 2)))
+    found = estimate_start_states(sticky, still, observed, np.zeros((1, 4)))
+    np.testing.assert_allclose(simulate(sticky, still, found), observed, atol=1e-5)
 
 
 def test_a_window_does_not_depend_on_its_batch(knobs, states) -> None:
-    observed = simulate(model(), knobs, None, states) + 0.001
-    together = estimate_start_states(model(), knobs, None, observed, np.zeros((6, 4)))
+    observed = simulate(model(), Inputs.of_whole(knobs), states) + 0.001
+    together = estimate_start_states(model(), Inputs.of_whole(knobs), observed, np.zeros((6, 4)))
     for i in range(6):
         one = slice(i, i + 1)
-        alone = estimate_start_states(model(), knobs[one], None, observed[one], np.zeros((1, 4)))
+        alone = estimate_start_states(model(), Inputs.of_whole(knobs[one]), observed[one], np.zeros((1, 4)))
         np.testing.assert_array_equal(alone, together[one])

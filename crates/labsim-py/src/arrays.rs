@@ -3,7 +3,7 @@
 use labsim::PerRollout;
 use labsim::error::Error;
 use numpy::ndarray::Array2;
-use numpy::{IntoPyArray, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{IntoPyArray, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
 use crate::errors;
@@ -40,6 +40,39 @@ pub(crate) fn shared_or_each<T>(values: &[T], length: usize, rollouts: usize) ->
         PerRollout::Shared(values)
     } else {
         PerRollout::Each(values)
+    }
+}
+
+/// The sequences of each rollout, of which only so many entries are its own: of the one that all share, or one behind
+/// the other.
+pub(crate) fn beginnings<'a, T>(values: &'a [T], lengths: &Lengths) -> Vec<&'a [T]> {
+    let shared = values.len() == lengths.padded;
+    let own = |(rollout, &length): (usize, &usize)| {
+        let begin = if shared { 0 } else { rollout * lengths.padded };
+        &values[begin..begin + length]
+    };
+    lengths.own.iter().enumerate().map(own).collect()
+}
+
+/// How long padded sequences are, and how much of them is each rollout's own.
+pub(crate) struct Lengths {
+    padded: usize,
+    own: Vec<usize>,
+}
+
+/// Checks how many of its commands are each rollout's own.
+pub(crate) fn lengths(
+    own: &PyReadonlyArray1<'_, usize>,
+    commands: &PyReadonlyArray3<'_, f64>,
+) -> PyResult<Lengths> {
+    let padded = commands.as_array().shape()[1];
+    let own = own.as_array().to_vec();
+    match own.iter().find(|&&length| length > padded) {
+        Some(&length) => Err(shape_error(
+            &format!("at most {padded} commands"),
+            &[length],
+        )),
+        None => Ok(Lengths { padded, own }),
     }
 }
 

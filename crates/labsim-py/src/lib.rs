@@ -1,11 +1,12 @@
 //! The Python extension module `irt._labsim`: arrays in, arrays out; no physics.
 
 mod arrays;
+mod catalogue;
 mod errors;
 mod interrupt;
 
 use labsim::board::{Board, Marble, Rig};
-use labsim::{Batch, Engine, Parameters, TimeBase};
+use labsim::{Batch, Engine, Parameters, PerRollout, TimeBase};
 use numpy::ndarray::Array3;
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
@@ -15,6 +16,8 @@ use pyo3::prelude::*;
 /// The labyrinth engine. `irt.rollouts` is the way in; this module only carries arrays.
 #[pymodule]
 mod _labsim {
+    #[pymodule_export]
+    use super::catalogue::catalogue;
     #[pymodule_export]
     use super::{paper_drive, rollouts};
 
@@ -37,7 +40,8 @@ mod _labsim {
 /// Arrays whose first axis has length 1 are shared by all rollouts.
 #[pyfunction]
 #[pyo3(signature = (
-    parameters, commands, start, start_velocity, *, board, marble, engine, continuous, substeps, durations, threads
+    parameters, commands, start, start_velocity, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
+    engine, continuous, substeps, durations, threads
 ))]
 #[expect(
     clippy::too_many_arguments,
@@ -53,6 +57,12 @@ fn rollouts<'py>(
     commands: PyReadonlyArray3<'py, f64>,
     start: PyReadonlyArray2<'py, f64>,
     start_velocity: PyReadonlyArray2<'py, f64>,
+    rows: usize,
+    first: PyReadonlyArray1<'py, usize>,
+    issued: PyReadonlyArray1<'py, usize>,
+    knobs_before: PyReadonlyArray2<'py, f64>,
+    effects: Vec<(String, PyReadonlyArray2<'py, f64>)>,
+    seeds: PyReadonlyArray1<'py, u64>,
     board: [f64; 4],
     marble: [f64; 3],
     engine: &str,
@@ -81,25 +91,35 @@ fn rollouts<'py>(
         .into_iter()
         .map(Parameters::from)
         .collect();
-    let rows = commands.as_array().shape()[1];
+    let issued = arrays::lengths(&issued, &commands)?;
+    let effects = catalogue::Values::new(&effects)?;
     let commands = arrays::pairs_of_each(&commands)?;
     let start = arrays::rows::<2>(&start)?;
     let start_velocity = arrays::rows::<2>(&start_velocity)?;
+    let knobs_before = arrays::rows::<2>(&knobs_before)?;
+    let (first, seeds) = (first.as_array().to_vec(), seeds.as_array().to_vec());
     let substeps = substeps.map(|each| each.as_array().to_vec());
     let durations = durations.map(|each| each.as_array().iter().copied().collect::<Vec<f64>>());
+    let durations = durations
+        .as_ref()
+        .map(|each| arrays::beginnings(each, &issued));
     let count = parameters.len();
     let batch = Batch {
         rig: &rig,
         parameters: &parameters,
+        effects: &effects.chosen(count),
         rows,
-        commands: arrays::shared_or_each(&commands, rows, count),
+        commands: PerRollout::Of(&arrays::beginnings(&commands, &issued)),
+        knobs_before: arrays::shared_or_each(&knobs_before, 1, count),
+        first: arrays::shared_or_each(&first, 1, count),
         start: arrays::shared_or_each(&start, 1, count),
         start_velocity: arrays::shared_or_each(&start_velocity, 1, count),
-        time: match &durations {
-            Some(durations) => TimeBase::Durations(arrays::shared_or_each(durations, rows, count)),
+        time: match durations.as_deref() {
+            Some(durations) => TimeBase::Durations(PerRollout::Of(durations)),
             None if continuous => TimeBase::Continuous(substeps.as_deref()),
             None => TimeBase::Rounded,
         },
+        seeds: arrays::shared_or_each(&seeds, 1, count),
     };
     let observations = interrupt::interruptible(py, |cancel| batch.run(engine, threads, cancel))?;
     let flat = observations.into_flattened();

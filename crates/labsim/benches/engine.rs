@@ -5,21 +5,11 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use criterion::{Criterion, SamplingMode, Throughput, criterion_group, criterion_main};
-use labsim::{Batch, Engine, Parameters, PerRollout, Rig, TimeBase, paper_drive};
+use labsim::{Batch, Engine, Rig, paper_drive};
+
+mod paper;
 
 const ROWS: usize = 100;
-
-/// Parameters that fill the paper's ranges evenly (additive recurrence, Roberts 2018).
-fn spread(count: usize) -> Vec<Parameters> {
-    let root = 1.236_505_703_391_49_f64; // the positive root of x⁶ = x + 1
-    let step: [f64; 5] = std::array::from_fn(|axis| root.powf(-(axis as f64 + 1.0)));
-    (1..=count)
-        .map(|i| {
-            let [a, b, c, d, e] = step.map(|step| (0.5 + step * i as f64).fract());
-            [0.1 * a, 0.1 * b, 0.001 * c, 50.0 * d, 0.8 + 0.4 * e].into()
-        })
-        .collect()
-}
 
 fn paper_rollouts(criterion: &mut Criterion) {
     let commands = paper_drive(ROWS, 0.1, false);
@@ -41,18 +31,9 @@ fn paper_rollouts(criterion: &mut Criterion) {
             .iter()
             .find(|(_, other)| *other == engine)
             .map_or("", |(name, _)| name);
-        let parameters = spread(count);
-        let substeps: u64 = parameters
-            .iter()
-            .map(|p| p.time_scale.round() as u64 * (ROWS as u64 - 1))
-            .sum();
-        let batch = Batch {
-            rig: &rig,
-            parameters: &parameters,
-            rows: ROWS,
-            commands: PerRollout::Shared(&commands),
-            ..Batch::new(&rig, &[], &[])
-        };
+        let parameters = paper::spread(count);
+        let substeps = paper::substeps(&parameters, ROWS);
+        let batch = Batch::new(&rig, &parameters, &commands);
         let mut group = criterion.benchmark_group(name);
         group
             .throughput(Throughput::Elements(substeps))

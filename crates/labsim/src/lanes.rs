@@ -26,6 +26,32 @@ pub(crate) struct Mask<S: Simd> {
     values: S::m64s,
 }
 
+/// Angles below which the last four terms of the series for [`Lanes::sin_cos`] are enough (rad).
+const SMALL_ANGLE: f64 = 0.125;
+
+/// Divisors of the Taylor series, the innermost first.
+const SIN: [f64; 8] = [
+    17.0 * 16.0,
+    15.0 * 14.0,
+    13.0 * 12.0,
+    11.0 * 10.0,
+    9.0 * 8.0,
+    7.0 * 6.0,
+    5.0 * 4.0,
+    3.0 * 2.0,
+];
+const COS: [f64; 9] = [
+    18.0 * 17.0,
+    16.0 * 15.0,
+    14.0 * 13.0,
+    12.0 * 11.0,
+    10.0 * 9.0,
+    8.0 * 7.0,
+    6.0 * 5.0,
+    4.0 * 3.0,
+    2.0,
+];
+
 impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub(crate) fn splat(simd: S, value: f64) -> Self {
@@ -96,6 +122,12 @@ impl<S: Simd> Lanes<S> {
         self.mask(self.simd.less_than_or_equal_f64s(self.values, other.values))
     }
 
+    /// Where two values differ.
+    #[inline(always)]
+    pub(crate) fn differs(self, other: Self) -> Mask<S> {
+        !self.mask(self.simd.equal_f64s(self.values, other.values))
+    }
+
     #[inline(always)]
     pub(crate) fn gt(self, other: Self) -> Mask<S> {
         other.lt(self)
@@ -116,36 +148,17 @@ impl<S: Simd> Lanes<S> {
         self.gt(other).select(self, other)
     }
 
-    /// Sine by its Taylor series: exact to 5e-14 up to a right angle, to the last bits on tilts.
+    /// Sine and cosine by their Taylor series: exact to 5e-14 up to a right angle, to the last bits on
+    /// the tilts of a labyrinth.
     #[inline(always)]
-    pub(crate) fn sin(self) -> Self {
-        let products = [
-            17.0 * 16.0,
-            15.0 * 14.0,
-            13.0 * 12.0,
-            11.0 * 10.0,
-            9.0 * 8.0,
-            7.0 * 6.0,
-            5.0 * 4.0,
-            3.0 * 2.0,
-        ];
-        self * self.series(&products)
-    }
-
-    /// Cosine by its Taylor series: see [`Lanes::sin`].
-    #[inline(always)]
-    pub(crate) fn cos(self) -> Self {
-        self.series(&[
-            18.0 * 17.0,
-            16.0 * 15.0,
-            14.0 * 13.0,
-            12.0 * 11.0,
-            10.0 * 9.0,
-            8.0 * 7.0,
-            6.0 * 5.0,
-            4.0 * 3.0,
-            2.0,
-        ])
+    pub(crate) fn sin_cos(self) -> (Self, Self) {
+        let (sin, cos) = (self * self.series(&SIN[4..]), self.series(&COS[4..]));
+        let steep = self.abs().gt(self.like(SMALL_ANGLE));
+        if steep.any() {
+            let (long_sin, long_cos) = (self * self.series(&SIN), self.series(&COS));
+            return (steep.select(long_sin, sin), steep.select(long_cos, cos));
+        }
+        (sin, cos)
     }
 
     /// 1 - x²/a (1 - x²/b (...)), the innermost divisor first.

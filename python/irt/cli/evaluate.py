@@ -40,13 +40,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Evaluate the model, print the errors of each run, and write them beside a plot."""
-    from irt.cli.inputs import read_model
     from irt.files import make_folder, write_atomic
+    from irt.model import load_model
     from irt.report.plots import plot_evaluation
     from irt.residual import evaluate
     from irt.rig import load_rig
 
-    model = read_model(args.model)
+    model = load_model(args.model)
     rig = load_rig(args.rig)
     folder = make_folder(args.out)
     evaluation = evaluate(model, rig.recordings, args.window)

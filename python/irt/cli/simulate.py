@@ -31,17 +31,17 @@ def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
     import numpy as np
 
-    from irt.cli.inputs import read_model
+    from irt.model import load_model
     from irt.recording import Recording, load_commands, save_recording
-    from irt.start_state import simulate
+    from irt.start_state import Inputs, simulate
 
-    model = read_model(args.model)
+    model = load_model(args.model)
     commands = load_commands(args.commands)
     state = np.zeros((1, 4))
     if commands.start is not None:
         state[0, :2] = commands.start
     durations = None if commands.durations is None else commands.durations[None]
-    marble = simulate(model, commands.knobs[None], durations, state)[0]
+    marble = simulate(model, Inputs.of_whole(commands.knobs[None], durations), state)[0]
     if args.out is None:
         recording = Recording(args.commands.stem, args.commands, commands.knobs, marble, commands.stamps)
         sys.stdout.write(recording.to_csv())

@@ -39,6 +39,10 @@ impl fmt::Display for Stage {
 
 /// The place in the simulation where an effect acts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[expect(
+    clippy::enum_variant_names,
+    reason = "an effect acts on the knob, on the tilt: so it is said"
+)]
 pub(crate) enum Acts {
     /// When commands arrive.
     OnArrival,

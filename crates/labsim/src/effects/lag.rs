@@ -29,6 +29,29 @@ pub(super) const ABOUT: About = About {
 pub(crate) struct Lag<S: Simd> {
     time: Lanes<S>,
     knob: Option<Pair<S>>,
+    step: Step<S>,
+}
+
+/// What a substep of this length leaves of the way to the command: at its end, and on average.
+struct Step<S: Simd> {
+    length: Lanes<S>,
+    at_end: Lanes<S>,
+    on_average: Lanes<S>,
+}
+
+impl<S: Simd> Step<S> {
+    #[inline(always)]
+    fn new(time: Lanes<S>, length: Lanes<S>) -> Self {
+        let (zero, one) = (time.like(0.0), time.like(1.0));
+        let follows = time.gt(zero);
+        let share = length.over(follows.select(time, one));
+        let left = (-share).exp_decay();
+        Self {
+            length,
+            at_end: follows.select(left, zero),
+            on_average: follows.select((one - left).over(share.max(1e-12 * one)), zero),
+        }
+    }
 }
 
 impl<S: Simd> Effect<S> for Lag<S> {
@@ -36,25 +59,23 @@ impl<S: Simd> Effect<S> for Lag<S> {
         Self {
             time: values[0],
             knob: None,
+            step: Step::new(values[0], values[0].like(0.0)),
         }
     }
 
     #[inline(always)]
     fn turn(&mut self, knob: &mut Pair<S>, length: Lanes<S>) {
-        let Some(mut turned) = self.knob else {
+        let Some(turned) = &mut self.knob else {
             self.knob = Some(*knob);
             return;
         };
-        let follows = self.time.gt(self.time.like(0.0));
-        let share = length.over(follows.select(self.time, self.time.like(1.0)));
-        let left = (-share).exp_decay();
-        // The average over the substep of what is left of the way to the command.
-        let on_average = (left.like(1.0) - left).over(share.max(share.like(1e-12)));
-        for (knob, turned) in knob.iter_mut().zip(&mut turned) {
-            let way = *turned - *knob;
-            *turned = follows.select(*knob + way * left, *knob);
-            *knob = follows.select(*knob + way * on_average, *knob);
+        if length.differs(self.step.length).any() {
+            self.step = Step::new(self.time, length);
         }
-        self.knob = Some(turned);
+        for (knob, turned) in knob.iter_mut().zip(turned) {
+            let way = *turned - *knob;
+            *turned = *knob + self.step.at_end * way;
+            *knob = *knob + self.step.on_average * way;
+        }
     }
 }

@@ -47,7 +47,8 @@ pub(crate) trait Effect<S: Simd>: Sized {
         draw.like(0.0)
     }
 
-    /// [`Acts::OnClock`]: factor of a row's duration, `part` of the recording's rows after the first.
+    /// [`Acts::OnClock`]: factor of a row's duration, the middle of which is `part` of the recording after
+    /// its middle; commands keep to the clock that the factor is of.
     #[inline(always)]
     fn pace(&self, part: Lanes<S>) -> Lanes<S> {
         part.like(1.0)
@@ -142,10 +143,36 @@ macro_rules! catalogue {
 
 catalogue! {
     delay: Delay,
+    delay_jitter: DelayJitter,
+    command_quantisation: CommandQuantisation,
+    dead_band: DeadBand,
+    slew_limit: SlewLimit,
     lag: Lag,
+    backlash: Backlash,
+    spring_hysteresis: SpringHysteresis,
+    gear_nonlinearity: GearNonlinearity,
+    gear_asymmetry: GearAsymmetry,
+    clock_drift: ClockDrift,
+    cross_coupling: CrossCoupling,
     tilt_bias: TiltBias,
+    board_warp: BoardWarp,
     bump: Bump,
+    point_field: PointField,
+    eccentric_marble: EccentricMarble,
+    side_force: SideForce,
+    stribeck: Stribeck,
+    friction_patch: FrictionPatch,
+    static_friction: StaticFriction,
+    anisotropic_friction: AnisotropicFriction,
+    viscous_drag: ViscousDrag,
+    quadratic_drag: QuadraticDrag,
+    wall_restitution: WallRestitution,
+    latency: Latency,
     parallax: Parallax,
+    perspective: Perspective,
+    lens_distortion: LensDistortion,
+    camera_rotation: CameraRotation,
+    camera_offset: CameraOffset,
 }
 
 /// Every effect that the engine knows, in the order in which they act.

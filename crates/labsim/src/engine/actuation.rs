@@ -13,7 +13,7 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::agenda::{Agenda, Moment, Timeline};
-use super::{Job, Setup};
+use super::{Clock, Job, Setup};
 use crate::board::{BOARD_FRICTION, GRAVITY};
 use crate::effects::{Acts, Any, acting};
 use crate::lanes::Lanes;
@@ -33,6 +33,8 @@ pub(super) struct Actuation<S: Simd> {
     /// The commands as they have arrived (rad).
     command: Pair<S>,
     length: Lanes<S>,
+    /// Factor that damping leaves of velocities in a substep of this row.
+    damping: Lanes<S>,
     /// The board's angles (rad).
     pub(super) tilt: Pair<S>,
     /// What gravity, friction and damping do in a substep.
@@ -71,13 +73,19 @@ impl<S: Simd> Actuation<S> {
             moves: setup.any(|acts| acts == Acts::OnKnob { moves: true }),
             command: before,
             length: zero,
+            damping: zero,
             tilt: [zero; 2],
             push: still(zero),
         };
         let late = effects(|acts| acts == Acts::OnArrival);
-        if !late.is_empty() {
+        // Where rows have a clock of their own, commands keep to theirs.
+        if !late.is_empty() || !actuation.clock.is_empty() {
             let timeline = actuation.timeline(&job);
-            actuation.arrivals = Some(Arrivals::new(simd, &timeline, &late, before, &job));
+            let lateness = |lane: usize| lateness(simd, &late, lane, job(lane));
+            let moments = (0..S::F64_LANES)
+                .map(|lane| arrivals(&timeline, &job(lane).clock, lane, &lateness(lane)))
+                .collect();
+            actuation.arrivals = Some(Arrivals::new(simd, moments, before, &job));
         }
         actuation.turn(before);
         actuation
@@ -99,7 +107,8 @@ impl<S: Simd> Actuation<S> {
         let mut length = Lanes::from_fn(simd, |lane| job(lane).clock.step(row).length_s);
         if !self.clock.is_empty() {
             let part = Lanes::from_fn(simd, |lane| {
-                row as f64 / (job(lane).commands.len().max(2) - 1) as f64
+                let rows = job(lane).commands.len().max(2) - 1;
+                (row as f64 + 0.5) / rows as f64 - 0.5
             });
             for effect in &self.clock {
                 length = length * effect.pace(part);
@@ -121,6 +130,8 @@ impl<S: Simd> Actuation<S> {
     pub(super) fn begin_row<'a, 'b: 'a>(&mut self, row: usize, job: impl Fn(usize) -> &'a Job<'b>) {
         let simd = self.length.simd();
         self.length = self.length(row, &job);
+        let one = self.length.like(1.0);
+        self.damping = one.over(one + self.damping_per_s * self.length);
         if let Some(arrivals) = &mut self.arrivals {
             arrivals.agenda.begin_row(row);
         } else {
@@ -166,9 +177,7 @@ impl<S: Simd> Actuation<S> {
     #[inline(always)]
     fn gravity(&self, [tilt_x, tilt_y]: Pair<S>) -> Push<S> {
         let length = self.length;
-        let one = length.like(1.0);
-        let (sin_x, cos_x) = (tilt_x.sin(), tilt_x.cos());
-        let (sin_y, cos_y) = (tilt_y.sin(), tilt_y.cos());
+        let ((sin_x, cos_x), (sin_y, cos_y)) = (tilt_x.sin_cos(), tilt_y.sin_cos());
         let normal = GRAVITY * (cos_x * cos_y);
         let mut push = Push {
             x: GRAVITY * sin_y * length,
@@ -176,8 +185,8 @@ impl<S: Simd> Actuation<S> {
             normal,
             resistance: 5.0 / 7.0 * (self.rolling_friction * normal * length),
             grip: BOARD_FRICTION * (normal * length),
-            excess: one,
-            damping: one.over(one + self.damping_per_s * length),
+            excess: length,
+            damping: self.damping,
             length,
         };
         push.settle();
@@ -213,15 +222,12 @@ struct Arrivals<S: Simd> {
 impl<S: Simd> Arrivals<S> {
     fn new<'a, 'b: 'a>(
         simd: S,
-        timeline: &Timeline,
-        late: &[Any<S>],
+        moments: Vec<Vec<Moment>>,
         before: Pair<S>,
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
-        let of_lane =
-            |lane: usize| arrivals(timeline, lane, &lateness(simd, late, lane, job(lane)));
         Self {
-            agenda: Agenda::new(simd, (0..S::F64_LANES).map(of_lane).collect()),
+            agenda: Agenda::new(simd, moments),
             commands: (0..S::F64_LANES)
                 .map(|lane| job(lane).commands.to_vec())
                 .collect(),
@@ -234,13 +240,14 @@ impl<S: Simd> Arrivals<S> {
     #[inline(always)]
     fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
         if self.agenda.is_due(f64::from(substep) + 1.0) {
-            return Some(self.arrive(row, substep));
+            let simd = self.command[0].simd();
+            return Some(simd.vectorize(|| self.arrive(row, substep)));
         }
         std::mem::take(&mut self.was_mixed).then_some(self.command)
     }
 
     /// Lets the commands of a substep come; returns the average over the substep.
-    #[cold]
+    #[inline(always)]
     fn arrive(&mut self, row: usize, substep: u32) -> Pair<S> {
         let (begin, end) = (f64::from(substep), f64::from(substep) + 1.0);
         let mut last = self.command.map(Lanes::to_array);
@@ -288,17 +295,26 @@ fn lateness<S: Simd>(simd: S, late: &[Any<S>], lane: usize, job: &Job<'_>) -> Ve
 }
 
 /// When the commands of a lane's rollout come; one that a later command has overtaken does not.
-fn arrivals(timeline: &Timeline, lane: usize, late: &[f64]) -> Vec<Moment> {
+///
+/// They are issued by a clock of their own, which is that of the rows unless an effect acts on it.
+fn arrivals(timeline: &Timeline, clock: &Clock, lane: usize, late: &[f64]) -> Vec<Moment> {
+    let issued: Vec<f64> = (0..late.len())
+        .scan(0.0, |time, row| {
+            let (begin, step) = (*time, clock.step(row));
+            *time += f64::from(step.substeps) * step.length_s;
+            Some(begin)
+        })
+        .collect();
     let mut soonest = f64::INFINITY;
     let mut moments = Vec::new();
     for (what, &late) in late.iter().enumerate().rev() {
-        let time = timeline.begins(what, lane) + late;
+        let time = issued[what] + late;
         if time < soonest {
             soonest = time;
-            let (row, at) = if late > 0.0 {
-                timeline.locate(lane, time, 0)
-            } else {
+            let (row, at) = if time == timeline.begins(what, lane) {
                 (what, 0.0)
+            } else {
+                timeline.locate(lane, time, 0)
             };
             moments.push(Moment { row, at, what });
         }

@@ -38,6 +38,7 @@ impl<S: Simd> Agenda<S> {
     }
 
     /// Turns to the moments of a row.
+    #[inline(always)]
     pub(super) fn begin_row(&mut self, row: usize) {
         let (moments, taken) = (&self.moments, &self.taken);
         self.next = Lanes::from_fn(self.next.simd(), |lane| {
@@ -55,6 +56,7 @@ impl<S: Simd> Agenda<S> {
     }
 
     /// Takes a lane's next moment, if it comes before so many substeps of the row have passed, or just then.
+    #[inline(always)]
     pub(super) fn take(&mut self, lane: usize, row: usize, substeps: f64) -> Option<Moment> {
         let moment = *self.moments.get(lane)?.get(self.taken[lane])?;
         if moment.row > row || moment.row == row && moment.at > substeps {

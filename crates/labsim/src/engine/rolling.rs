@@ -238,12 +238,13 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
             .as_ref()
             .is_some_and(|agenda| agenda.is_due(end))
         {
-            self.expose(row, f64::from(index), [&before, marbles], out);
+            let simd = self.rims.reach_x.simd();
+            simd.vectorize(|| self.expose(row, f64::from(index), [&before, marbles], out));
         }
     }
 
     /// Takes the pictures that are due in a substep.
-    #[cold]
+    #[inline(always)]
     fn expose(
         &mut self,
         row: usize,

@@ -1,0 +1,36 @@
+"""Where something was measured, and what else went on there."""
+
+import datetime
+import json
+import os
+import platform
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+
+def machine() -> str:
+    """Name the processor, its cores and the day, for the line under a table."""
+    model = platform.processor() or platform.machine()
+    if shutil.which("lscpu"):
+        fields = json.loads(subprocess.check_output(["lscpu", "--json"]))["lscpu"]
+        model = next((field["data"] for field in fields if field["field"] == "Model name:"), model)
+    return f"{model}, {datetime.datetime.now(tz=datetime.UTC).date()}, {os.cpu_count()} cores"
+
+
+def busy_cores(seconds: float = 2.0) -> float:
+    """Return how many cores work while this process sleeps; 0 where the system does not tell."""
+    stat = Path("/proc/stat")
+    if not stat.exists():
+        return 0.0
+    before = _ticks(stat)
+    time.sleep(seconds)
+    total, idle = (after - before for after, before in zip(_ticks(stat), before, strict=True))
+    return (os.cpu_count() or 1) * (1 - idle / total) if total else 0.0
+
+
+def _ticks(stat: Path) -> tuple[int, int]:
+    """Return the time of all cores since boot, and how much of it they idled or waited [ticks]."""
+    user, nice, system, idle, waiting, *others = map(int, stat.read_text().split("\n", 1)[0].split()[1:9])
+    return user + nice + system + idle + waiting + sum(others), idle + waiting

@@ -1,0 +1,89 @@
+//! The engine's catalogue of effects as plain Python values.
+
+use labsim::effects::effect;
+use labsim::{Chosen, effects};
+use numpy::PyReadonlyArray2;
+use pyo3::prelude::*;
+
+use crate::arrays;
+use crate::errors;
+
+/// Name, unit, plausible low and high, neutral, allowed low and high, meaning.
+type Parameter = (
+    &'static str,
+    &'static str,
+    f64,
+    f64,
+    f64,
+    f64,
+    f64,
+    &'static str,
+);
+
+/// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references.
+type About = (
+    &'static str,
+    String,
+    &'static str,
+    Vec<Parameter>,
+    &'static str,
+    &'static str,
+    &'static str,
+    Vec<&'static str>,
+);
+
+/// The catalogue of effects, in the order in which they act; see `irt.effects`.
+#[pyfunction(name = "effects")]
+pub(crate) fn catalogue() -> Vec<About> {
+    effects()
+        .iter()
+        .map(|about| {
+            let parameters = about.parameters.iter().map(|one| {
+                let ((low, high), (least, most)) = (one.range, one.allowed);
+                (
+                    one.name,
+                    one.unit,
+                    low,
+                    high,
+                    one.neutral,
+                    least,
+                    most,
+                    one.means,
+                )
+            });
+            (
+                about.name,
+                about.stage.to_string(),
+                about.equation,
+                parameters.collect(),
+                about.does,
+                about.matters,
+                about.looks,
+                about.references.to_vec(),
+            )
+        })
+        .collect()
+}
+
+/// Effects by name with the values of their parameters, `(1 or n, p)` each.
+pub(crate) struct Values(Vec<(&'static labsim::About, Vec<f64>)>);
+
+impl Values {
+    pub(crate) fn new(named: &[(String, PyReadonlyArray2<'_, f64>)]) -> PyResult<Self> {
+        let of_one = |(name, values): &(String, PyReadonlyArray2<'_, f64>)| {
+            let about = effect(name).map_err(errors::to_python)?;
+            Ok((about, values.as_array().iter().copied().collect()))
+        };
+        named.iter().map(of_one).collect::<PyResult<_>>().map(Self)
+    }
+
+    pub(crate) fn chosen(&self, rollouts: usize) -> Vec<Chosen<'_>> {
+        self.0
+            .iter()
+            .map(|(effect, values)| Chosen {
+                effect,
+                values: arrays::shared_or_each(values, effect.parameters.len(), rollouts),
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,54 @@
+//! The camera does not look at the board's centre.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+const fn parameter(name: &'static str, means: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "edge",
+        range: (-0.1, 0.1),
+        neutral: 0.0,
+        allowed: (-10.0, 10.0),
+        means,
+    }
+}
+
+pub(super) const ABOUT: About = About {
+    name: "camera_offset",
+    stage: Stage::Sensing,
+    acts: Acts::OnPicture,
+    equation: "seen = position + offset",
+    parameters: &[
+        parameter("x_edges", "where the board's centre is seen, along x"),
+        parameter("y_edges", "where the board's centre is seen, along y"),
+    ],
+    does: "The tracker's zero is not the board's centre: the camera stands aside, or its calibration was for another place.",
+    matters: "At the rims, and together with anything that depends on the place; away from them a shifted marble rolls as any other.",
+    looks: "A constant shift from row 0 on. As a rollout starts where the marble is seen, all that is left of it are rims that are \
+            met too early on one side and too late on the other.",
+    references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 6.1 (principal point offset)"],
+};
+
+pub(crate) struct CameraOffset<S: Simd> {
+    offset: Pair<S>,
+}
+
+impl<S: Simd> Effect<S> for CameraOffset<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self {
+            offset: [values[0], values[1]],
+        }
+    }
+
+    #[inline(always)]
+    fn see(&self, seen: &mut Pair<S>, _: &Pair<S>) {
+        for (seen, &offset) in seen.iter_mut().zip(&self.offset) {
+            *seen = *seen + offset;
+        }
+    }
+}

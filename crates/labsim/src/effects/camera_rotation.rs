@@ -1,0 +1,52 @@
+//! The camera is turned about its line of sight.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+pub(super) const ABOUT: About = About {
+    name: "camera_rotation",
+    stage: Stage::Sensing,
+    acts: Acts::OnPicture,
+    equation: "seen = (x cos a - y sin a, x sin a + y cos a)",
+    parameters: &[Parameter {
+        name: "angle_rad",
+        unit: "rad",
+        range: (-0.1745, 0.1745),
+        neutral: 0.0,
+        allowed: (-100.0, 100.0),
+        means: "a, angle of the picture about the board's centre, from x towards y",
+    }],
+    does: "The axes of the picture are not those of the board: the camera is turned about its line of sight.",
+    matters: "In every run, by the angle times the distance from the board's centre.",
+    looks: "A rotation of the whole picture, the same at all times: each knob seems to move the marble along both axes, and so do \
+            the rims, which with coupled axes stay straight.",
+    references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 2.4 (isometries)"],
+};
+
+pub(crate) struct CameraRotation<S: Simd> {
+    cos: Lanes<S>,
+    sin: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for CameraRotation<S> {
+    fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        let angle = values[0].to_array();
+        Self {
+            cos: Lanes::from_fn(simd, |lane| libm::cos(angle[lane])),
+            sin: Lanes::from_fn(simd, |lane| libm::sin(angle[lane])),
+        }
+    }
+
+    #[inline(always)]
+    fn see(&self, seen: &mut Pair<S>, _: &Pair<S>) {
+        let [x, y] = *seen;
+        *seen = [
+            x * self.cos - y * self.sin,
+            x * self.sin + y * self.cos,
+        ];
+    }
+}

@@ -1,0 +1,48 @@
+//! The camera's clock runs away from that of the commands.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+
+pub(super) const ABOUT: About = About {
+    name: "clock_drift",
+    stage: Stage::Timing,
+    acts: Acts::OnClock,
+    equation: "row length = command length × (1 + drift (part of the recording that has passed - 1/2))",
+    parameters: &[Parameter {
+        name: "drift",
+        unit: "",
+        range: (-0.2, 0.2),
+        neutral: 0.0,
+        allowed: (-0.99, 10.0),
+        means: "part by which the last row lasts longer than the first, over the mean",
+    }],
+    does: "Commands are issued by one clock and pictures taken by another, which slows down or speeds up in the course of \
+           a recording: a clock that warms up, a loop that grows with its log. On average the two agree.",
+    matters: "In recordings without stamps; the pictures of the middle are off by an eighth of the drift of the whole \
+              duration, those of the ends by nothing.",
+    looks: "An error of phase that grows towards the middle of a recording and vanishes again, in bounces and coasting as in \
+            the answer to commands.",
+    references: &[
+        "Mills: Computer Network Time Synchronization, CRC Press, 2006",
+        "Allan: Time and frequency (time-domain) characterization, estimation, and prediction of precision clocks and \
+         oscillators, IEEE Trans. UFFC 34(6), 1987",
+    ],
+};
+
+pub(crate) struct ClockDrift<S: Simd> {
+    drift: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for ClockDrift<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { drift: values[0] }
+    }
+
+    #[inline(always)]
+    fn pace(&self, part: Lanes<S>) -> Lanes<S> {
+        part.like(1.0) + self.drift * part
+    }
+}

@@ -1,0 +1,49 @@
+//! The knob moves in steps.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+/// Steps below this (rad) are no steps: a command divided by them would not be a finite number.
+const FINEST: f64 = 1e-12;
+
+pub(super) const ABOUT: About = About {
+    name: "command_quantisation",
+    stage: Stage::Actuation,
+    acts: Acts::OnKnob { moves: false },
+    equation: "knob = step × round(command/step)",
+    parameters: &[Parameter {
+        name: "step_rad",
+        unit: "rad",
+        range: (5e-4, 0.02),
+        neutral: 0.0,
+        allowed: (0.0, 10.0),
+        means: "smallest turn of the knob",
+    }],
+    does: "The knob stops only at multiples of a smallest turn: a servo's encoder, a stepper motor or a message with few digits.",
+    matters: "When commands are not many steps large; small amplitudes suffer most, and below half a step nothing moves.",
+    looks: "A staircase instead of a smooth tilt. Small commands are lost or rounded up, and a slow sinusoid gains harmonics.",
+    references: &["Widrow, Kollár: Quantization Noise, Cambridge University Press, 2008"],
+};
+
+pub(crate) struct CommandQuantisation<S: Simd> {
+    step: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for CommandQuantisation<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { step: values[0] }
+    }
+
+    #[inline(always)]
+    fn turn(&mut self, knob: &mut Pair<S>, _: Lanes<S>) {
+        let steps = self.step.gt(self.step.like(FINEST));
+        let step = steps.select(self.step, self.step.like(1.0));
+        for knob in knob {
+            *knob = steps.select(step * knob.over(step).round(), *knob);
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! One knob also tilts the board about the other axis.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+const fn parameter(name: &'static str, means: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "",
+        range: (-0.3, 0.3),
+        neutral: 0.0,
+        allowed: (-10.0, 10.0),
+        means,
+    }
+}
+
+pub(super) const ABOUT: About = About {
+    name: "cross_coupling",
+    stage: Stage::Board,
+    acts: Acts::OnTilt,
+    equation: "tilt_x = gear_x knob_x + a gear_y knob_y, tilt_y = gear_y knob_y + b gear_x knob_x",
+    parameters: &[
+        parameter(
+            "x_from_y",
+            "a, tilt about x for each radian of tilt that the y knob makes",
+        ),
+        parameter(
+            "y_from_x",
+            "b, tilt about y for each radian of tilt that the x knob makes",
+        ),
+    ],
+    does: "A knob tilts the board about the other axis too: axes that do not meet the frame at right angles, a gimbal that \
+           twists. Opposite values of both turn the axes, by 17 degrees at 0.3.",
+    matters: "As soon as one knob moves while the other rests, or both move in another rhythm.",
+    looks: "The marble answers along x when only the knob about x moves, which should roll it along y, in the shape of that command.",
+    references: &["Skogestad, Postlethwaite: Multivariable Feedback Control, 2nd ed., Wiley, 2005, ch. 3"],
+};
+
+pub(crate) struct CrossCoupling<S: Simd> {
+    x_from_y: Lanes<S>,
+    y_from_x: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for CrossCoupling<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self {
+            x_from_y: values[0],
+            y_from_x: values[1],
+        }
+    }
+
+    #[inline(always)]
+    fn tilt(&self, tilt: &mut Pair<S>) {
+        *tilt = [
+            tilt[0] + self.x_from_y * tilt[1],
+            tilt[1] + self.y_from_x * tilt[0],
+        ];
+    }
+}

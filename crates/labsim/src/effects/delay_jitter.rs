@@ -1,0 +1,42 @@
+//! The board answers late, by another time for each command.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+
+pub(super) const ABOUT: About = About {
+    name: "delay_jitter",
+    stage: Stage::Timing,
+    acts: Acts::OnArrival,
+    equation: "knob(t + late_i) = command_i, late_i = max(0, delay + sd × N(0, 1))",
+    parameters: &[Parameter {
+        name: "sd_s",
+        unit: "s",
+        range: (0.005, 0.2),
+        neutral: 0.0,
+        allowed: (0.0, 60.0),
+        means: "standard deviation of a command's delay about its mean",
+    }],
+    does: "Each command takes another time to arrive, as on a network that others use or in a controller without a clock of \
+           its own; one that a later command has overtaken is dropped. No command arrives before it is sent.",
+    matters: "When commands change fast: what is lost is the command's rate times the spread of the delays.",
+    looks: "An error that grows with the rate of the command and differs between runs of equal commands, so that no simulation \
+            predicts it; its mean over many runs is a short delay.",
+    references: &["Nilsson: Real-Time Control Systems with Delays, PhD thesis, Lund Institute of Technology, 1998"],
+};
+
+pub(crate) struct DelayJitter<S: Simd> {
+    sd: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for DelayJitter<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { sd: values[0] }
+    }
+
+    fn late(&self, draw: Lanes<S>) -> Lanes<S> {
+        self.sd * draw
+    }
+}

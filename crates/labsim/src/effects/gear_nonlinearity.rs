@@ -1,0 +1,45 @@
+//! The gear ratio depends on the angle.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+pub(super) const ABOUT: About = About {
+    name: "gear_nonlinearity",
+    stage: Stage::Actuation,
+    acts: Acts::OnKnob { moves: false },
+    equation: "tilt = gear × (θ + b θ³)",
+    parameters: &[Parameter {
+        name: "cubic_per_rad2",
+        unit: "1/rad²",
+        range: (-60.0, 60.0),
+        neutral: 0.0,
+        allowed: (-1e4, 1e4),
+        means: "b, the part by which the gear ratio changes per square of the knob's angle",
+    }],
+    does: "Large turns of the knob tilt the board more or less than small ones in proportion, the same on both sides: cords \
+           that wind up, lever arms that turn away.",
+    matters: "With large amplitudes; at a tenth of a radian the range reaches 60 % of the tilt.",
+    looks: "The gain depends on the amplitude. A sinusoid gains its third harmonic, without memory and whatever its frequency.",
+    references: &["Ljung: System Identification, 2nd ed., sect. 5.2 (models with nonlinearities)"],
+};
+
+pub(crate) struct GearNonlinearity<S: Simd> {
+    cubic: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for GearNonlinearity<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { cubic: values[0] }
+    }
+
+    #[inline(always)]
+    fn turn(&mut self, knob: &mut Pair<S>, _: Lanes<S>) {
+        for knob in knob {
+            *knob = *knob + *knob * (self.cubic * (*knob * *knob));
+        }
+    }
+}

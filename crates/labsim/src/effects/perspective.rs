@@ -1,0 +1,64 @@
+//! The camera looks at the board from an angle.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+/// A place comes no nearer to the camera than this part of the centre's distance.
+const NEAREST: f64 = 0.05;
+
+const fn parameter(name: &'static str, means: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "1/edge",
+        range: (-0.3, 0.3),
+        neutral: 0.0,
+        allowed: (-0.9, 0.9),
+        means,
+    }
+}
+
+pub(super) const ABOUT: About = About {
+    name: "perspective",
+    stage: Stage::Sensing,
+    acts: Acts::OnPicture,
+    equation: "seen = position/(1 + p · position), in board edges from the centre",
+    parameters: &[
+        parameter(
+            "slope_x",
+            "p_x, part by which the distance to the camera grows over an edge along x",
+        ),
+        parameter(
+            "slope_y",
+            "p_y, part by which the distance to the camera grows over an edge along y",
+        ),
+    ],
+    does: "One side of the board is farther from the camera than the other and looks smaller.",
+    matters: "Away from the board's centre; the error grows with the square of the distance from it.",
+    looks: "The scale changes across the board, in a straight line from side to side; straight paths stay straight, evenly \
+            run ones seem to slow down.",
+    references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 2.4 (projective transformations)"],
+};
+
+pub(crate) struct Perspective<S: Simd> {
+    slope: Pair<S>,
+}
+
+impl<S: Simd> Effect<S> for Perspective<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self {
+            slope: [values[0], values[1]],
+        }
+    }
+
+    #[inline(always)]
+    fn see(&self, seen: &mut Pair<S>, _: &Pair<S>) {
+        let one = seen[0].like(1.0);
+        let distance = one + self.slope[0] * seen[0] + self.slope[1] * seen[1];
+        let distance = distance.max(one.like(NEAREST));
+        *seen = seen.map(|seen| seen.over(distance));
+    }
+}

@@ -1,0 +1,75 @@
+//! A pull towards a point, or a push from it.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Push};
+
+const fn place(name: &'static str, means: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "m",
+        range: (-0.3, 0.3),
+        neutral: 0.0,
+        allowed: (-10.0, 10.0),
+        means,
+    }
+}
+
+pub(super) const ABOUT: About = About {
+    name: "point_field",
+    stage: Stage::Field,
+    acts: Acts::OnMarble,
+    equation: "acceleration = k d/(|d|² + R²)^(3/2), d from the marble to the point, R the marble's radius",
+    parameters: &[
+        place("x_m", "where the point is, along x"),
+        place("y_m", "where the point is, along y"),
+        Parameter {
+            name: "strength_m3_per_s2",
+            unit: "m³/s²",
+            range: (-0.003, 0.003),
+            neutral: 0.0,
+            allowed: (-1.0, 1.0),
+            means: "k, force over mass times the squared distance, far away; positive pulls",
+        },
+    ],
+    does: "A magnet, a charge or an air jet on or beside the board pulls the marble to it or pushes it away, with the inverse \
+           square of the distance and the softer the nearer it is than a radius: it lies that much below or above.",
+    matters: "Within some centimetres of the point; a marble that rests easily is moved from farther away.",
+    looks: "Pulls that all point to one place and do not depend on the marble's speed or the command. The point may lie outside \
+            the rim, where a bump of the board cannot.",
+    references: &[
+        "Griffiths: Introduction to Electrodynamics, 4th ed., sect. 2.1 (Coulomb's law)",
+        "Binney, Tremaine: Galactic Dynamics, 2nd ed., sect. 2.2.2 (Plummer's softened point)",
+    ],
+};
+
+pub(crate) struct PointField<S: Simd> {
+    x: Lanes<S>,
+    y: Lanes<S>,
+    strength: Lanes<S>,
+    /// R²
+    softness: f64,
+}
+
+impl<S: Simd> Effect<S> for PointField<S> {
+    fn new(_: S, rig: &Rig, values: &[Lanes<S>]) -> Self {
+        Self {
+            x: values[0],
+            y: values[1],
+            strength: values[2],
+            softness: rig.marble.radius_m * rig.marble.radius_m,
+        }
+    }
+
+    #[inline(always)]
+    fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
+        let (dx, dy) = (self.x - marbles.x, self.y - marbles.y);
+        let square = dx * dx + dy * dy + dx.like(self.softness);
+        let pull = (self.strength * push.length).over(square * square.sqrt());
+        push.x = push.x + pull * dx;
+        push.y = push.y + pull * dy;
+    }
+}

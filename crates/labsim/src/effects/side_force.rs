@@ -1,0 +1,52 @@
+//! A force across the direction of motion.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Push};
+
+pub(super) const ABOUT: About = About {
+    name: "side_force",
+    stage: Stage::Contact,
+    acts: Acts::OnMarble,
+    equation: "acceleration = k ẑ × w, w the rolling velocity",
+    parameters: &[Parameter {
+        name: "rate_per_s",
+        unit: "1/s",
+        range: (-1.0, 1.0),
+        neutral: 0.0,
+        allowed: (-100.0, 100.0),
+        means: "k, angle in which the velocity turns each second; positive to the left",
+    }],
+    does: "The marble is turned aside in proportion to its speed, as spin about the vertical does through contact and air; the \
+           force does no work.",
+    matters: "On long stretches: the direction is off by the rate times the time.",
+    looks: "Paths curve the same way, left or right, wherever the marble goes and whatever the speed: a coasting one runs in a \
+            circle of radius v/k. A board that is not level bends paths towards one side of the room instead.",
+    references: &[
+        "Johnson: Contact Mechanics, Cambridge University Press, 1985, ch. 8 (rolling contact of elastic bodies)",
+        "Rubinow, Keller: The transverse force on a spinning sphere moving in a viscous fluid, J. Fluid Mechanics 11, 1961",
+    ],
+};
+
+pub(crate) struct SideForce<S: Simd> {
+    rate: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for SideForce<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { rate: values[0] }
+    }
+
+    #[inline(always)]
+    fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
+        // Cayley's form of a rotation keeps the length of the velocity: (2 a J - 2 a²)/(1 + a²), a = k h/2.
+        let half = 0.5 * (self.rate * push.length);
+        let part = (2.8 * half).over(half.like(1.0) + half * half);
+        let [wx, wy] = marbles.rolling();
+        push.x = push.x - part * (wy + half * wx);
+        push.y = push.y + part * (wx - half * wy);
+    }
+}

@@ -1,0 +1,58 @@
+//! A marble at rest holds on more than one that rolls.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Push};
+
+/// Speed along either axis below which a marble is at rest (m/s).
+const REST: f64 = 1e-6;
+
+pub(super) const ABOUT: About = About {
+    name: "static_friction",
+    stage: Stage::Contact,
+    acts: Acts::OnMarble,
+    equation: "resistance = rolling_friction g × (ratio at rest, 1 in motion)",
+    parameters: &[Parameter {
+        name: "ratio",
+        unit: "",
+        range: (1.0, 5.0),
+        neutral: 1.0,
+        allowed: (1.0, 1e4),
+        means: "tilt at which a marble at rest breaks away, over the tilt that keeps it rolling",
+    }],
+    does: "A marble that has come to rest, if only to turn back, needs more tilt to start than to roll on: it has settled into \
+           the surface.",
+    matters: "Around stops and reversals, when the tilt stays near the resistance; fast runs do not know it.",
+    looks: "Late starts after rests, then a jump; a slow drive back and forth moves the marble in jerks. Coasting is as without it.",
+    references: &[
+        "Karnopp: Computer simulation of stick-slip friction in mechanical dynamic systems, J. Dynamic Systems, Measurement, \
+         and Control 107(1), 1985",
+        "Armstrong-Hélouvry, Dupont, Canudas de Wit: A survey of models, analysis tools and compensation methods for the control \
+         of machines with friction, Automatica 30(7), 1994",
+    ],
+};
+
+pub(crate) struct StaticFriction<S: Simd> {
+    ratio: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for StaticFriction<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { ratio: values[0] }
+    }
+
+    #[inline(always)]
+    fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
+        let [wx, wy] = marbles.rolling();
+        let rest = wx.like(REST);
+        let still = wx.abs().lt(rest) & wy.abs().lt(rest);
+        // A marble that turns back comes to rest in between, if only within a substep.
+        let (ahead_x, ahead_y) = (wx + 5.0 / 7.0 * push.x, wy + 5.0 / 7.0 * push.y);
+        let turns = (wx * ahead_x + wy * ahead_y).le(wx.like(0.0));
+        let ratio = (still | turns).select(self.ratio, wx.like(1.0));
+        push.resistance = push.resistance * ratio;
+    }
+}

@@ -1,0 +1,64 @@
+//! Resistance falls as the marble speeds up.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Push};
+
+pub(super) const ABOUT: About = About {
+    name: "stribeck",
+    stage: Stage::Contact,
+    acts: Acts::OnMarble,
+    equation: "resistance = rolling_friction g (1 + strength exp(-(|v|/v_s)²))",
+    parameters: &[
+        Parameter {
+            name: "strength",
+            unit: "",
+            range: (0.2, 3.0),
+            neutral: 0.0,
+            allowed: (0.0, 1e3),
+            means: "part by which the resistance is higher near rest than at speed",
+        },
+        Parameter {
+            name: "speed_m_per_s",
+            unit: "m/s",
+            range: (0.005, 0.05),
+            neutral: 0.02,
+            allowed: (1e-6, 1e3),
+            means: "v_s, speed at which 37 % of the excess are left",
+        },
+    ],
+    does: "Rolling resists more when slow than when fast: the marble sinks into the surface, or sticks to it, as long as it has time to.",
+    matters: "Near rest, in starts and on the last centimetres of a run-out; above twice the speed v_s nothing is left of it.",
+    looks: "A marble that coasts brakes harder and harder and stops short. Starts need more tilt than rolling on does.",
+    references: &[
+        "Armstrong-Hélouvry, Dupont, Canudas de Wit: A survey of models, analysis tools and compensation methods for the control \
+         of machines with friction, Automatica 30(7), 1994",
+        "Olsson, Åström, Canudas de Wit, Gäfvert, Lischinsky: Friction models and friction compensation, European J. Control 4(3), 1998",
+    ],
+};
+
+pub(crate) struct Stribeck<S: Simd> {
+    strength: Lanes<S>,
+    /// 1/(speed²)
+    fall: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for Stribeck<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        let [strength, speed] = [values[0], values[1]];
+        Self {
+            strength,
+            fall: speed.like(1.0).over(speed * speed),
+        }
+    }
+
+    #[inline(always)]
+    fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
+        let [wx, wy] = marbles.rolling();
+        let left = (-((wx * wx + wy * wy) * self.fall)).exp_decay();
+        push.resistance = push.resistance * (left.like(1.0) + self.strength * left);
+    }
+}

@@ -1,0 +1,47 @@
+//! Resistance in proportion to the speed.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::{Marbles, Push};
+
+pub(super) const ABOUT: About = About {
+    name: "viscous_drag",
+    stage: Stage::Contact,
+    acts: Acts::OnMarble,
+    equation: "dv/dt = -c v",
+    parameters: &[Parameter {
+        name: "rate_per_s",
+        unit: "1/s",
+        range: (0.0, 2.0),
+        neutral: 0.0,
+        allowed: (0.0, 1e3),
+        means: "c, part of the velocity that is lost each second",
+    }],
+    does: "The marble and its spin lose a fixed part of their speed each second, as on felt, rubber or a film of oil.",
+    matters: "For fast marbles and long runs: a speed above rolling_friction g/c loses more to drag than to rolling resistance.",
+    looks: "The speed of a coasting marble falls exponentially and would never reach rest. Drive and answer part in phase, as with a lag, \
+            but coasting shows it.",
+    references: &[
+        "Olsson, Åström, Canudas de Wit, Gäfvert, Lischinsky: Friction models and friction compensation, European J. Control 4(3), 1998",
+        "Landau, Lifshitz: Fluid Mechanics, 2nd ed., § 20 (Stokes' formula)",
+    ],
+};
+
+pub(crate) struct ViscousDrag<S: Simd> {
+    rate: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for ViscousDrag<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self { rate: values[0] }
+    }
+
+    #[inline(always)]
+    fn act(&mut self, _: &Marbles<S>, push: &mut Push<S>) {
+        let one = push.length.like(1.0);
+        push.damping = push.damping.over(one + self.rate * push.length);
+    }
+}

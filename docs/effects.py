@@ -1,0 +1,128 @@
+"""Write docs/effects.md and draw what each effect does to the paper's drive: run by `make pictures`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from irt.catalogue import EffectInfo, EffectParameter, effects
+from irt.report import style
+from irt.rig import Board, Marble
+from irt.rollouts import SUBSTEP_S, paper_drive, rollouts
+
+DOCS = Path(__file__).resolve().parent
+PAGE = DOCS / "effects.md"
+PICTURES = DOCS / "effects"
+
+#: A marble that keeps off the rim, and one that does not (the order of `irt.rollouts`).
+GENTLE = (0.03, 0.035, 3e-4, 20.0, 1.0)
+LIVELY = (0.09, 0.1, 3e-4, 20.0, 1.0)
+#: How far from neutral towards the end of its range an effect is drawn: the least that shows, in board edges.
+PARTS, SHOWS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0), 0.06
+OPENING = """\
+# Physical effects
+
+What a marble on a board may do beyond the five parameters. Written by `make pictures` from the engine's
+catalogue, in the order in which effects act, from the command to the picture; `irt.effects()` tells the same
+to a program. Ranges are where a search looks, and neutral values leave every bit of a rollout as it is. The
+pictures show the paper's drive, for 100 rows of 20 physics updates: grey without the effect, blue with it, at
+the values below them.
+
+```python
+irt.rollouts(parameters, irt.paper_drive(), effects=[{"name": "lag", "time_constant_s": 0.3}])
+```
+"""
+
+Array = NDArray[np.float64]
+
+
+def example(effect: EffectInfo) -> tuple[dict[str, float], Array, Array]:
+    """Return values at which an effect shows, and the paths (100, 2) without and with it [board edges]."""
+    values: dict[str, float] = {}
+    base = changed = np.zeros((100, 2))
+    for parameters in (GENTLE, LIVELY):
+        base = rollouts([parameters], paper_drive())[0]
+        for part in PARTS:
+            values = {one.name: _value(one, part) for one in effect.parameters}
+            changed = rollouts([parameters], paper_drive(), effects=[{"name": effect.name, **values}])[0]
+            if np.abs(changed - base).max() > SHOWS:
+                return values, base, changed
+    return values, base, changed
+
+
+def _value(parameter: EffectParameter, part: float) -> float:
+    """Return a value between the least and the greatest effect, in two digits."""
+    low, high, neutral = parameter.low, parameter.high, parameter.neutral
+    if math.isinf(neutral):
+        value = high * (low / high) ** part
+    elif low <= neutral <= high:
+        value = neutral + part * (high - neutral)
+    else:
+        value = low + part * (high - low)
+    return float(f"{value:.2g}")
+
+
+def draw(effect: EffectInfo) -> str:
+    """Draw what an effect does into an SVG; return the values it is drawn at."""
+    values, base, changed = example(effect)
+    board, radius = Board(), Marble().radius_m
+    half_x, half_y = (edge / 2 / board.edge_x_m for edge in (board.edge_x_m, board.edge_y_m))
+    axis = int(np.abs(changed - base).max(axis=0).argmax())
+    seconds = np.arange(len(base)) * GENTLE[3] * SUBSTEP_S
+    with style.drawing(PICTURES / f"{effect.name}.svg", style.WIDTH, 1.8) as figure:
+        above, over_time = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
+        rim = Rectangle((-half_x, -half_y), 2 * half_x, 2 * half_y, fill=False, ec=style.MUTED, lw=0.7)
+        above.add_patch(rim)
+        for path, colour in ((base, style.MUTED), (changed, style.TUNED)):
+            above.plot(*path.T, color=colour)
+            over_time.plot(seconds, path[:, axis], color=colour)
+        margin = 1.05 + radius
+        above.set(xlim=(-half_x * margin, half_x * margin), ylim=(-half_y * margin, half_y * margin))
+        above.set(aspect="equal", xticks=[], yticks=[], title="from above")
+        above.grid(visible=False)
+        above.spines[:].set_visible(False)
+        over_time.set(xlabel="time  [s]", title=f"{'xy'[axis]}  [edges]")
+    units = {one.name: one.unit for one in effect.parameters}
+    return ", ".join(f"`{name}` = {value:g} {units[name]}".rstrip() for name, value in values.items())
+
+
+def section(effect: EffectInfo, drawn_at: str) -> str:
+    """Return an effect's part of the page."""
+    lines = [
+        f"## {effect.name}",
+        f"*{effect.stage}* · `{effect.equation}`",
+        effect.does,
+        f"**When it matters.** {effect.matters}",
+        f"**What it looks like.** {effect.looks}",
+        "\n".join(_table(effect)),
+        f"![{effect.name}: the marble's path without and with it](effects/{effect.name}.svg)",
+        f"Drawn at {drawn_at}.",
+        "\n".join(f"- {reference}" for reference in effect.references),
+    ]
+    return "\n\n".join(lines)
+
+
+def _table(effect: EffectInfo) -> Iterator[str]:
+    yield "| parameter | unit | range | neutral | |"
+    yield "| --- | --- | --- | ---: | --- |"
+    for one in effect.parameters:
+        yield f"| `{one.name}` | {one.unit} | {one.low:g} to {one.high:g} | {one.neutral:g} | {one.doc} |"
+
+
+def page(drawn_at: dict[str, str]) -> str:
+    """Return the whole page; `drawn_at` tells the values of each picture."""
+    catalogue = effects()
+    contents = "\n".join(f"- [{one.name}](#{one.name}) ({one.stage})" for one in catalogue)
+    parts = [OPENING, contents + "\n", *(section(one, drawn_at[one.name]) + "\n" for one in catalogue)]
+    return "\n".join(parts)
+
+
+if __name__ == "__main__":
+    PICTURES.mkdir(exist_ok=True)
+    PAGE.write_text(page({one.name: draw(one) for one in effects()}), encoding="utf-8")
+    print(f"wrote {PAGE} and {len(effects())} pictures beside it")

@@ -1,0 +1,172 @@
+"""The catalogue of physical effects, as the engine has it: names, parameters, words."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from irt import _labsim
+from irt.errors import IrtError, unknown_name
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """A parameter of an effect.
+
+    Attributes
+    ----------
+    name : str
+        Carries the unit where that could be doubted.
+    unit : str
+        SI; empty for a plain number.
+    low, high : float
+        The plausible values: where a search looks.
+    neutral : float
+        The value without effect.
+    least, most : float
+        The values that physics allows.
+    doc : str
+        What it is, in a few words.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    neutral: float
+    least: float
+    most: float
+    doc: str
+
+
+@dataclass(frozen=True)
+class EffectInfo:
+    """What the catalogue says of an effect.
+
+    Attributes
+    ----------
+    name : str
+        Its name in every file and report.
+    stage : str
+        Where it sits: actuation, timing, board, contact, air, field or sensing.
+    equation : str
+        The physics, in one line.
+    parameters : tuple of EffectParameter
+        In the order in which arrays hold them.
+    does, matters, looks : str
+        What it does, when it matters, what it looks like in data.
+    references : tuple of str
+        Where to read more.
+    """
+
+    name: str
+    stage: str
+    equation: str
+    parameters: tuple[EffectParameter, ...]
+    does: str
+    matters: str
+    looks: str
+    references: tuple[str, ...]
+
+    @property
+    def doc(self) -> str:
+        """What it does, when it matters, what it looks like: one text."""
+        return f"{self.does} {self.matters} {self.looks}"
+
+
+def effects() -> list[EffectInfo]:
+    """List the catalogue of physical effects, in the order in which they act from command to picture."""
+    return list(_catalogue().values())
+
+
+def effect(name: str) -> EffectInfo:
+    """Return what the catalogue says of an effect.
+
+    Raises
+    ------
+    IrtError
+        If there is none of this name; the message lists those that are near.
+    """
+    try:
+        return _catalogue()[name]
+    except KeyError:
+        raise unknown_name("effect", name, _catalogue()) from None
+
+
+def parameter_values(chosen: Sequence[Mapping[str, Any]], count: int) -> list[tuple[str, Array]]:
+    """Return the values that rollouts take of effects.
+
+    Parameters
+    ----------
+    chosen : sequence of mappings
+        Each with the ``name`` of an effect, and its parameters by name: numbers, or (n,) arrays with one
+        number for each rollout. Those left out are neutral.
+    count : int
+        How many rollouts, n.
+
+    Returns
+    -------
+    list of (name, (1 or n, p) array)
+        The parameters in the catalogue's order.
+
+    Raises
+    ------
+    IrtError
+        For an unknown effect or parameter, or a value that is no number.
+    """
+    return [_values(one, count) for one in chosen]
+
+
+def _values(chosen: Mapping[str, Any], count: int) -> tuple[str, Array]:
+    if not isinstance(chosen, Mapping) or "name" not in chosen:
+        raise IrtError(f"effects: expected mappings with a name and parameters, got {chosen!r}")
+    info = effect(str(chosen["name"]))
+    known = [parameter.name for parameter in info.parameters]
+    for name in chosen:
+        if name != "name" and name not in known:
+            raise unknown_name(f"parameter of {info.name}", name, known)
+    columns = [
+        _column(info.name, parameter.name, chosen.get(parameter.name, parameter.neutral), count)
+        for parameter in info.parameters
+    ]
+    rows = max(len(column) for column in columns)
+    return info.name, np.ascontiguousarray(
+        np.stack([np.broadcast_to(column, rows) for column in columns], axis=1)
+    )
+
+
+def _column(effect_name: str, name: str, value: Any, count: int) -> Array:
+    try:
+        column = np.atleast_1d(np.asarray(value, dtype=np.float64))
+    except (TypeError, ValueError) as error:
+        raise IrtError(f"{effect_name}, {name}: expected a number, got {value!r}") from error
+    if column.shape not in ((1,), (count,)):
+        raise IrtError(
+            f"{effect_name}, {name}: expected a number or one for each of the {count} rollouts, "
+            f"got shape {np.shape(value)}"
+        )
+    return column
+
+
+@functools.cache
+def _catalogue() -> dict[str, EffectInfo]:
+    found = {}
+    for name, stage, equation, parameters, does, matters, looks, references in _labsim.effects():
+        found[name] = EffectInfo(
+            name=name,
+            stage=stage,
+            equation=equation,
+            parameters=tuple(EffectParameter(*parameter) for parameter in parameters),
+            does=does,
+            matters=matters,
+            looks=looks,
+            references=tuple(references),
+        )
+    return found
