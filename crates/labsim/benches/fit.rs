@@ -17,18 +17,28 @@ const RUNS: usize = 8;
 const STARTS: usize = 4;
 const NOISE: f64 = 0.001;
 const TRUTH: [f64; 5] = [0.06, 0.05, 4e-4, 18.0, 1.05];
-const RANGES: [(f64, f64); 5] = [(0.0, 0.1), (0.0, 0.1), (0.0, 0.001), (0.0, 50.0), (0.8, 1.2)];
+const RANGES: [(f64, f64); 5] = [
+    (0.0, 0.1),
+    (0.0, 0.1),
+    (0.0, 0.001),
+    (0.0, 50.0),
+    (0.8, 1.2),
+];
 
 /// Three sinusoids a knob, others in each run.
 fn excitation(run: usize) -> Vec<[f64; 2]> {
     let angle = |row: usize, knob: usize| -> f64 {
         let wave = |k: usize| {
             let periods = 0.5 + 4.5 * (0.618 * (7 * run + 3 * knob + k) as f64).fract();
-            0.08 * (std::f64::consts::TAU * periods * row as f64 / ROWS as f64 + (run + 2 * k) as f64).sin()
+            0.08 * (std::f64::consts::TAU * periods * row as f64 / ROWS as f64
+                + (run + 2 * k) as f64)
+                .sin()
         };
         (0..3).map(wave).sum()
     };
-    (0..ROWS).map(|row| [angle(row, 0), angle(row, 1)]).collect()
+    (0..ROWS)
+        .map(|row| [angle(row, 0), angle(row, 1)])
+        .collect()
 }
 
 fn fits(criterion: &mut Criterion) {
@@ -39,11 +49,18 @@ fn fits(criterion: &mut Criterion) {
         ("five parameters", &[]),
         (
             "with lag, tilt_bias and parallax",
-            &[("lag", &[0.15]), ("tilt_bias", &[0.004, -0.003]), ("parallax", &[0.1])],
+            &[
+                ("lag", &[0.15]),
+                ("tilt_bias", &[0.004, -0.003]),
+                ("parallax", &[0.1]),
+            ],
         ),
     ];
     let mut group = criterion.benchmark_group("fit of eight recordings");
-    group.sampling_mode(SamplingMode::Flat).sample_size(10).measurement_time(Duration::from_secs(10));
+    group
+        .sampling_mode(SamplingMode::Flat)
+        .sample_size(10)
+        .measurement_time(Duration::from_secs(10));
     for (name, effects) in cases {
         let chosen: Vec<Chosen<'_>> = effects
             .iter()
@@ -64,7 +81,11 @@ fn fits(criterion: &mut Criterion) {
                 let draw: f64 = StandardNormal.sample(&mut random);
                 x + NOISE * draw
             };
-            exact.expect("the truth is physical").iter().map(|place| place.map(&mut noisy)).collect()
+            exact
+                .expect("the truth is physical")
+                .iter()
+                .map(|place| place.map(&mut noisy))
+                .collect()
         };
         let observed: Vec<Vec<[f64; 2]>> = commands.iter().map(|one| observe(one)).collect();
         let recordings: Vec<Recording<'_>> = commands
@@ -85,7 +106,10 @@ fn fits(criterion: &mut Criterion) {
                 at_rest: true,
             })
             .collect();
-        let hypotheses: Vec<Hypothesis> = chosen.iter().map(|one| Hypothesis::free(one.effect)).collect();
+        let hypotheses: Vec<Hypothesis> = chosen
+            .iter()
+            .map(|one| Hypothesis::free(one.effect))
+            .collect();
         let problem = Problem {
             rig: &rig,
             parameters: RANGES.map(|range| Sought::Free { range, start: None }),
@@ -100,7 +124,10 @@ fn fits(criterion: &mut Criterion) {
         group.bench_function(name, |bencher| {
             let settings = || {
                 seed += 1;
-                Settings { starts: STARTS, seed }
+                Settings {
+                    starts: STARTS,
+                    seed,
+                }
             };
             let fit = |settings: Settings| {
                 black_box(problem.fit(&settings, &|_, _, _| (), &AtomicBool::new(false)))

@@ -3,7 +3,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use labsim::effects::effect;
-use labsim::fit::{Hypothesis, Problem, Recording, Settings, Solution, Sought, Stretch, tracker_noise};
+use labsim::fit::{
+    Hypothesis, Problem, Recording, Settings, Solution, Sought, Stretch, tracker_noise,
+};
 use labsim::{Batch, Chosen, Engine, Error, Parameters, PerRollout, Rig, TimeBase};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -12,7 +14,13 @@ use rand_distr::{Distribution, StandardNormal};
 const ROWS: usize = 100;
 const NOISE: f64 = 0.001;
 const TRUTH: [f64; 5] = [0.06, 0.05, 4e-4, 18.0, 1.05];
-const RANGES: [(f64, f64); 5] = [(0.0, 0.1), (0.0, 0.1), (0.0, 0.001), (0.0, 50.0), (0.8, 1.2)];
+const RANGES: [(f64, f64); 5] = [
+    (0.0, 0.1),
+    (0.0, 0.1),
+    (0.0, 0.001),
+    (0.0, 50.0),
+    (0.8, 1.2),
+];
 
 /// Recordings of a truth, and what is asked of them.
 struct Planted {
@@ -45,11 +53,18 @@ fn free(range: (f64, f64)) -> Sought {
 /// Three sinusoids a knob, large enough to bring the marble to the rim.
 fn excitation(random: &mut Random, rows: usize) -> Vec<[f64; 2]> {
     let waves: Vec<[f64; 4]> = (0..3)
-        .map(|_| std::array::from_fn(|i| random.within(0.5, 5.0) + if i < 2 { 0.0 } else { 3.0 * i as f64 }))
+        .map(|_| {
+            std::array::from_fn(|i| {
+                random.within(0.5, 5.0) + if i < 2 { 0.0 } else { 3.0 * i as f64 }
+            })
+        })
         .collect();
     let angle = |t: usize, axis: usize| -> f64 {
         let phase = std::f64::consts::TAU * t as f64 / ROWS as f64;
-        waves.iter().map(|wave| 0.08 * (phase * wave[axis] + wave[2 + axis]).sin()).sum()
+        waves
+            .iter()
+            .map(|wave| 0.08 * (phase * wave[axis] + wave[2 + axis]).sin())
+            .sum()
     };
     (0..rows).map(|t| [angle(t, 0), angle(t, 1)]).collect()
 }
@@ -57,7 +72,13 @@ fn excitation(random: &mut Random, rows: usize) -> Vec<[f64; 2]> {
 impl Planted {
     /// Runs of a truth that may have effects; `stamped` ones tell the time scale, in `moving` ones the
     /// marble rolls at row 0.
-    fn new(seed: u64, runs: usize, effects: &[(&str, &[f64])], stamped: bool, moving: bool) -> Self {
+    fn new(
+        seed: u64,
+        runs: usize,
+        effects: &[(&str, &[f64])],
+        stamped: bool,
+        moving: bool,
+    ) -> Self {
         let mut random = Random(ChaCha8Rng::seed_from_u64(seed));
         let chosen: Vec<Chosen<'_>> = effects
             .iter()
@@ -69,7 +90,10 @@ impl Planted {
         let mut planted = Self {
             rig: Rig::default(),
             parameters: RANGES.map(free),
-            effects: effects.iter().map(|(name, _)| Hypothesis::free(effect(name).unwrap())).collect(),
+            effects: effects
+                .iter()
+                .map(|(name, _)| Hypothesis::free(effect(name).unwrap()))
+                .collect(),
             commands: (0..runs).map(|_| excitation(&mut random, ROWS)).collect(),
             durations: stamped.then(|| vec![TRUTH[3] / 240.0; ROWS]),
             observed: Vec::new(),
@@ -87,7 +111,8 @@ impl Planted {
             planted.parameters[3] = Sought::Held(TRUTH[3]);
         }
         for commands in &planted.commands {
-            let place = |random: &mut Random, reach: f64| [(); 2].map(|()| random.within(-reach, reach));
+            let place =
+                |random: &mut Random, reach: f64| [(); 2].map(|()| random.within(-reach, reach));
             let start = [place(&mut random, 0.25)];
             let velocity = [place(&mut random, if moving { 0.1 } else { 0.0 })];
             let parameters = [Parameters::from(TRUTH)];
@@ -98,8 +123,13 @@ impl Planted {
                 time: TimeBase::Continuous(None),
                 ..Batch::new(&planted.rig, &parameters, commands)
             };
-            let exact = batch.run(Engine::Rolling, Some(1), &AtomicBool::new(false)).unwrap();
-            let seen = exact.iter().map(|place| place.map(|x| x + NOISE * random.normal())).collect();
+            let exact = batch
+                .run(Engine::Rolling, Some(1), &AtomicBool::new(false))
+                .unwrap();
+            let seen = exact
+                .iter()
+                .map(|place| place.map(|x| x + NOISE * random.normal()))
+                .collect();
             planted.observed.push(seen);
         }
         planted
@@ -152,15 +182,26 @@ fn near(found: f64, truth: f64, part: f64) -> bool {
 #[test]
 fn what_recordings_fix_is_found_from_anywhere() {
     for seed in 0..3 {
-        let solution = Planted::new(seed, 8, &[], false, false).fit(4, seed).unwrap();
+        let solution = Planted::new(seed, 8, &[], false, false)
+            .fit(4, seed)
+            .unwrap();
         assert!(near(solution.noise, NOISE, 0.1), "{}", solution.noise);
-        assert!(near(solution.tracker_noise, NOISE, 0.1), "{}", solution.tracker_noise);
+        assert!(
+            near(solution.tracker_noise, NOISE, 0.1),
+            "{}",
+            solution.tracker_noise
+        );
         // Along the first symmetry nothing but impacts tells the values apart.
-        let fixed = |values: &[f64]| [0, 1, 2].map(|i| values[i] * values[3] * values[3] * values[4]);
+        let fixed =
+            |values: &[f64]| [0, 1, 2].map(|i| values[i] * values[3] * values[3] * values[4]);
         for (found, truth) in fixed(&solution.values).into_iter().zip(fixed(&TRUTH)) {
             assert!(near(found, truth, 0.02), "{:?}", solution.values);
         }
-        assert!(near(solution.values[4], TRUTH[4], 0.01), "{:?}", solution.values);
+        assert!(
+            near(solution.values[4], TRUTH[4], 0.01),
+            "{:?}",
+            solution.values
+        );
         assert_eq!(solution.estimates[0].values, solution.values);
         assert_eq!(solution.estimates[0].path.last(), Some(&solution.values));
     }
@@ -195,8 +236,16 @@ fn effects_are_found_along_with_the_five() {
     let deviations = solution.information.deviations();
     for (&slot, deviation) in solution.information.free.iter().zip(deviations) {
         let miss = (solution.values[slot] - expected[slot]).abs();
-        assert!(miss < 5.0 * deviation + 1e-3 * expected[slot].abs(), "{slot}: {:?}", solution.values);
-        assert!(near(solution.values[slot], expected[slot], 0.1), "{slot}: {:?}", solution.values);
+        assert!(
+            miss < 5.0 * deviation + 1e-3 * expected[slot].abs(),
+            "{slot}: {:?}",
+            solution.values
+        );
+        assert!(
+            near(solution.values[slot], expected[slot], 0.1),
+            "{slot}: {:?}",
+            solution.values
+        );
     }
 }
 
@@ -224,7 +273,11 @@ fn windows_of_a_delayed_knob_know_what_was_commanded_before() {
         .collect();
     let solution = planted.fit(4, 0).unwrap();
     assert!(near(solution.noise, NOISE, 0.1), "{}", solution.noise);
-    assert!(near(solution.values[5], 0.25, 0.02), "{:?}", solution.values);
+    assert!(
+        near(solution.values[5], 0.25, 0.02),
+        "{:?}",
+        solution.values
+    );
 }
 
 #[test]
@@ -242,7 +295,11 @@ fn moving_starts_lost_rows_and_outliers_do_no_harm() {
     }
     let solution = planted.fit(4, 0).unwrap();
     for slot in [0, 1, 2, 4] {
-        assert!(near(solution.values[slot], TRUTH[slot], 0.05), "{:?}", solution.values);
+        assert!(
+            near(solution.values[slot], TRUTH[slot], 0.05),
+            "{:?}",
+            solution.values
+        );
     }
     for (i, residuals) in solution.residuals.iter().enumerate() {
         assert_eq!(residuals.len(), ROWS);
@@ -276,7 +333,10 @@ fn bounds_are_kept() {
     for estimate in &solution.estimates {
         for values in &estimate.path {
             assert!((0.0..=0.03).contains(&values[0]), "{values:?}");
-            assert!((0.002 / 3.0 - 1e-12..=0.012 + 1e-12).contains(&values[2]), "{values:?}");
+            assert!(
+                (0.002 / 3.0 - 1e-12..=0.012 + 1e-12).contains(&values[2]),
+                "{values:?}"
+            );
             assert!(values[5] >= 0.0, "{values:?}");
         }
     }
@@ -298,8 +358,16 @@ fn what_does_nothing_has_no_interval() {
     let information = &solution.information;
     let deviations = information.deviations();
     for slot in [0, 5, 6, 8] {
-        let i = information.free.iter().position(|&free| free == slot).unwrap();
-        assert!(deviations[i] > information.widths[i], "{slot}: {}", deviations[i]);
+        let i = information
+            .free
+            .iter()
+            .position(|&free| free == slot)
+            .unwrap();
+        assert!(
+            deviations[i] > information.widths[i],
+            "{slot}: {}",
+            deviations[i]
+        );
     }
     let smallest = information.singular.last().unwrap() / information.singular[0];
     assert!(smallest < 1e-6, "{smallest}");
@@ -314,7 +382,11 @@ fn one_parameter_alone() {
     planted.parameters = TRUTH.map(Sought::Held);
     planted.parameters[2] = free(RANGES[2]);
     let solution = planted.fit(1, 0).unwrap();
-    assert!(near(solution.values[2], TRUTH[2], 0.02), "{:?}", solution.values);
+    assert!(
+        near(solution.values[2], TRUTH[2], 0.02),
+        "{:?}",
+        solution.values
+    );
     for slot in [0, 1, 3, 4] {
         assert_eq!(solution.values[slot], TRUTH[slot]);
     }
@@ -328,7 +400,11 @@ fn the_sense_of_a_gear_shows_where_its_range_allows_both() {
     }
     planted.parameters[0] = free((-0.1, 0.1));
     let solution = planted.fit(3, 0).unwrap();
-    assert!(near(solution.values[0], -TRUTH[0], 0.05), "{:?}", solution.values);
+    assert!(
+        near(solution.values[0], -TRUTH[0], 0.05),
+        "{:?}",
+        solution.values
+    );
 }
 
 #[test]
@@ -338,15 +414,25 @@ fn information_of_values_from_elsewhere_is_that_of_a_fit() {
     let cancel = AtomicBool::new(false);
     planted.with(|problem| {
         let states = Some(solution.states.as_slice());
-        let again = problem.inform(&solution.values, states, solution.noise, &cancel).unwrap();
-        for (one, other) in again.deviations().iter().zip(solution.information.deviations()) {
+        let again = problem
+            .inform(&solution.values, states, solution.noise, &cancel)
+            .unwrap();
+        for (one, other) in again
+            .deviations()
+            .iter()
+            .zip(solution.information.deviations())
+        {
             assert!(near(*one, other, 1e-9), "{one} {other}");
         }
-        let guessed = problem.inform(&solution.values, None, solution.noise, &cancel).unwrap();
+        let guessed = problem
+            .inform(&solution.values, None, solution.noise, &cancel)
+            .unwrap();
         for (one, other) in guessed.deviations().iter().zip(again.deviations()) {
             assert!((0.4..2.5).contains(&(one / other)), "{one} {other}");
         }
-        let error = problem.errors(&[solution.values.clone()], &solution.states, &cancel).unwrap();
+        let error = problem
+            .errors(&[solution.values.clone()], &solution.states, &cancel)
+            .unwrap();
         let seen = solution.residuals.iter().flatten().flatten();
         let mean = seen.clone().map(|one| one.abs()).sum::<f64>() / seen.count() as f64;
         assert!((error[0] - mean).abs() < 1e-12);
@@ -359,7 +445,11 @@ fn progress_goes_up_and_arrives() {
     let reports = std::cell::RefCell::new(Vec::new());
     let report = |done, total, _| reports.borrow_mut().push((done, total));
     let settings = Settings { starts: 2, seed: 0 };
-    planted.with(|problem| problem.fit(&settings, &report, &AtomicBool::new(false)).unwrap());
+    planted.with(|problem| {
+        problem
+            .fit(&settings, &report, &AtomicBool::new(false))
+            .unwrap()
+    });
     let reports = reports.into_inner();
     assert!(reports.is_sorted());
     let &(done, total) = reports.last().unwrap();
@@ -387,15 +477,33 @@ fn what_cannot_be_fitted_is_refused_in_one_line() {
     };
     refused(&|one| one.parameters[3] = free(RANGES[3]), "time_scale");
     refused(&|one| one.parameters[0] = free((0.0, 0.0)), "gear_x");
-    refused(&|one| one.parameters[2] = free((-1.0, 1.0)), "rolling_friction");
-    refused(&|one| one.parameters[4] = Sought::Held(0.0), "observation_scale");
-    refused(&|one| one.effects[0].values[0] = free((0.5, 0.1)), "time_constant_s of lag");
+    refused(
+        &|one| one.parameters[2] = free((-1.0, 1.0)),
+        "rolling_friction",
+    );
+    refused(
+        &|one| one.parameters[4] = Sought::Held(0.0),
+        "observation_scale",
+    );
+    refused(
+        &|one| one.effects[0].values[0] = free((0.5, 0.1)),
+        "time_constant_s of lag",
+    );
     refused(&|one| one.effects[0].values.clear(), "lag");
-    refused(&|one| one.commands[0][3] = [f64::NAN; 2], "commands of recording 0");
-    refused(&|one| one.observed[0].truncate(5), "observed of recording 0");
+    refused(
+        &|one| one.commands[0][3] = [f64::NAN; 2],
+        "commands of recording 0",
+    );
+    refused(
+        &|one| one.observed[0].truncate(5),
+        "observed of recording 0",
+    );
     refused(&|one| one.observed[0].fill([f64::NAN; 2]), "three rows");
     refused(&|one| one.stretches[0].rows = ROWS + 1, "stretch 0");
-    refused(&|one| one.durations = Some(vec![0.1; 3]), "durations of recording 0");
+    refused(
+        &|one| one.durations = Some(vec![0.1; 3]),
+        "durations of recording 0",
+    );
     assert!(Planted::new(1, 1, &[], false, false).fit(0, 0).is_err());
 }
 

@@ -79,7 +79,9 @@ impl Coordinates {
         for (slot, sought) in problem.sought().enumerate() {
             held.push(match sought {
                 Sought::Held(value) => value,
-                Sought::Free { range: (low, _), .. } => low,
+                Sought::Free {
+                    range: (low, _), ..
+                } => low,
             });
             let Sought::Free { range, .. } = sought else {
                 continue;
@@ -132,7 +134,9 @@ impl Coordinates {
         let gear = rms(clipped(GEAR_X), clipped(GEAR_Y));
         let coordinate = |axis: &Axis| match axis.shape {
             Shape::Logarithm => clipped(axis.slot).ln(),
-            Shape::Friction => clipped(axis.slot) / (self.friction_unit * gear.max(f64::MIN_POSITIVE)),
+            Shape::Friction => {
+                clipped(axis.slot) / (self.friction_unit * gear.max(f64::MIN_POSITIVE))
+            }
             Shape::Linear(unit) => clipped(axis.slot) / unit,
         };
         self.axes.iter().map(coordinate).collect()
@@ -184,8 +188,16 @@ impl Coordinates {
             Shape::Linear(unit) => ((p - axis.high).max(0.0) + (p - axis.low).min(0.0)) / unit,
             _ => {
                 let p = p.max(f64::MIN_POSITIVE);
-                let above = if axis.high > 0.0 { (p / axis.high).ln().max(0.0) } else { 0.0 };
-                let below = if axis.low > 0.0 { (axis.low / p).ln().max(0.0) } else { 0.0 };
+                let above = if axis.high > 0.0 {
+                    (p / axis.high).ln().max(0.0)
+                } else {
+                    0.0
+                };
+                let below = if axis.low > 0.0 {
+                    (axis.low / p).ln().max(0.0)
+                } else {
+                    0.0
+                };
                 above - below
             }
         };
@@ -261,7 +273,8 @@ impl Coordinates {
 
     /// The lowest and highest time scale allowed, if it is free.
     pub(super) fn time_scales(&self) -> Option<(f64, f64)> {
-        self.find(TIME).map(|i| (self.axes[i].lower, self.axes[i].upper))
+        self.find(TIME)
+            .map(|i| (self.axes[i].lower, self.axes[i].upper))
     }
 
     /// Values from the ends of the ranges: 0 is the low end, 1 the high one.
@@ -321,7 +334,8 @@ impl Coordinates {
     }
 
     fn gear_of(&self, slot: usize, z: &[f64]) -> f64 {
-        self.find(slot).map_or(self.held[slot].abs(), |i| z[i].exp())
+        self.find(slot)
+            .map_or(self.held[slot].abs(), |i| z[i].exp())
     }
 
     /// The root mean square of the two gears, which stays positive when one of them vanishes.
@@ -370,7 +384,11 @@ fn base_axis(problem: &Problem<'_>, slot: usize, range: (f64, f64), senses: [f64
     }
     Axis {
         slot,
-        shape: if slot == FRICTION { Shape::Friction } else { Shape::Logarithm },
+        shape: if slot == FRICTION {
+            Shape::Friction
+        } else {
+            Shape::Logarithm
+        },
         sign,
         low,
         high,
@@ -380,10 +398,19 @@ fn base_axis(problem: &Problem<'_>, slot: usize, range: (f64, f64), senses: [f64
 }
 
 /// The axis of an effect's parameter: a logarithm where it is a scale, whose neutral value is not zero.
-fn effect_axis(effect: &str, parameter: &Parameter, slot: usize, (low, high): (f64, f64)) -> Result<Axis> {
+fn effect_axis(
+    effect: &str,
+    parameter: &Parameter,
+    slot: usize,
+    (low, high): (f64, f64),
+) -> Result<Axis> {
     if !(low < high && high - low < f64::INFINITY) {
         let what = format!("range of {} of {effect}", parameter.name);
-        return Err(Error::invalid(what, "a low and a higher end", format!("{low} to {high}")));
+        return Err(Error::invalid(
+            what,
+            "a low and a higher end",
+            format!("{low} to {high}"),
+        ));
     }
     let (least, most) = parameter.allowed;
     if low > 0.0 && parameter.neutral > 0.0 {

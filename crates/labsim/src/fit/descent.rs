@@ -92,7 +92,8 @@ pub(super) fn minimise(
     let mut paths: Vec<Vec<Vec<f64>>> = points.into_iter().map(|point| vec![point.z]).collect();
     let mut random = ChaCha8Rng::seed_from_u64(0);
     for iteration in 0..pace.iterations {
-        let mut live: Vec<&mut Walker> = walkers.iter_mut().filter(|walker| walker.active).collect();
+        let mut live: Vec<&mut Walker> =
+            walkers.iter_mut().filter(|walker| walker.active).collect();
         if live.is_empty() {
             break;
         }
@@ -138,8 +139,10 @@ fn walk(
         }
         befores.push((scale, loss(shooting, z, &line.residual, scale)));
     }
-    let scales: Vec<f64> =
-        befores.iter().flat_map(|(scale, _)| [*scale; TRIALS.len()]).collect();
+    let scales: Vec<f64> = befores
+        .iter()
+        .flat_map(|(scale, _)| [*scale; TRIALS.len()])
+        .collect();
     let mut trials = suited(shooting, trials, &scales)?.into_iter();
     for (walker, (_, before)) in live.iter_mut().zip(befores) {
         let (mut best, mut chosen) = (before, 3.0 * TRIALS[TRIALS.len() - 1]);
@@ -170,9 +173,17 @@ pub(super) fn search_nearby(
     random: &mut ChaCha8Rng,
 ) -> Result<Point> {
     for _ in 0..rounds {
-        let line = shooting.linearise(std::slice::from_ref(&point), Look::Both)?.remove(0);
+        let line = shooting
+            .linearise(std::slice::from_ref(&point), Look::Both)?
+            .remove(0);
         let scale = robust::scale(&line.residual, &shooting.windows.known).max(noise);
-        let normal = Normal::new(&line, shooting.windows, shooting.coordinates, &point.z, scale);
+        let normal = Normal::new(
+            &line,
+            shooting.windows,
+            shooting.coordinates,
+            &point.z,
+            scale,
+        );
         let ((spread, follow), loose) = (normal.spread(), normal.loose());
         let mut trials = Vec::new();
         for draw in 0..DRAWS {
@@ -182,7 +193,12 @@ pub(super) fn search_nearby(
             if draw == 0 {
                 step.fill(0.0);
             }
-            let aim: Vec<f64> = point.z.iter().zip(&step).map(|(z, step)| z + step).collect();
+            let aim: Vec<f64> = point
+                .z
+                .iter()
+                .zip(&step)
+                .map(|(z, step)| z + step)
+                .collect();
             let z = shooting.coordinates.clip(&aim);
             let dz = DVector::from_fn(z.len(), |i, _| z[i] - point.z[i]);
             let ds: Vec<Vector4<f64>> = follow.iter().map(|follow| follow * &dz).collect();
@@ -204,14 +220,26 @@ pub(super) fn loss(shooting: &Shooting<'_>, z: &[f64], residual: &[f64], scale: 
 }
 
 fn outside(shooting: &Shooting<'_>, z: &[f64]) -> f64 {
-    0.5 * shooting.coordinates.excess(z).iter().map(|excess| excess * excess).sum::<f64>()
+    0.5 * shooting
+        .coordinates
+        .excess(z)
+        .iter()
+        .map(|excess| excess * excess)
+        .sum::<f64>()
 }
 
 /// A point after a step, shortened where it is too long.
 fn moved(shooting: &Shooting<'_>, point: &Point, dz: &[f64], ds: &[Vector4<f64>]) -> Point {
-    let longest = dz.iter().fold(LONGEST_STEP, |longest, dz| longest.max(dz.abs()));
+    let longest = dz
+        .iter()
+        .fold(LONGEST_STEP, |longest, dz| longest.max(dz.abs()));
     let share = LONGEST_STEP / longest;
-    let aim: Vec<f64> = point.z.iter().zip(dz).map(|(z, dz)| z + share * dz).collect();
+    let aim: Vec<f64> = point
+        .z
+        .iter()
+        .zip(dz)
+        .map(|(z, dz)| z + share * dz)
+        .collect();
     Point {
         z: shooting.coordinates.clip(&aim),
         states: shifted(&point.states, ds, share),
@@ -219,12 +247,18 @@ fn moved(shooting: &Shooting<'_>, point: &Point, dz: &[f64], ds: &[Vector4<f64>]
 }
 
 fn shifted(states: &[State], ds: &[Vector4<f64>], share: f64) -> Vec<State> {
-    let shifted = |(state, ds): (&State, &Vector4<f64>)| std::array::from_fn(|i| state[i] + share * ds[i]);
+    let shifted =
+        |(state, ds): (&State, &Vector4<f64>)| std::array::from_fn(|i| state[i] + share * ds[i]);
     states.iter().zip(ds).map(shifted).collect()
 }
 
 /// A point and draws of its start states around it, given roots of their covariance.
-fn varied(point: Point, loose: &[Matrix4<f64>], count: usize, random: &mut ChaCha8Rng) -> Vec<Point> {
+fn varied(
+    point: Point,
+    loose: &[Matrix4<f64>],
+    count: usize,
+    random: &mut ChaCha8Rng,
+) -> Vec<Point> {
     let mut variants = vec![point];
     for _ in 1..count {
         let vary = |(state, loose): (&State, &Matrix4<f64>)| {
@@ -253,19 +287,30 @@ fn suited(
     let residuals = shooting.residuals(&points)?;
     let (mut points, mut residuals) = (points.into_iter(), residuals.into_iter());
     let mut best_of = |count: usize, scale: f64| {
-        let variants: Vec<(Point, Vec<f64>)> = points.by_ref().take(count).zip(residuals.by_ref()).collect();
+        let variants: Vec<(Point, Vec<f64>)> = points
+            .by_ref()
+            .take(count)
+            .zip(residuals.by_ref())
+            .collect();
         let (mut best, mut residual) = variants[0].clone();
         let mut total = outside(shooting, &best.z);
         for (i, window) in shooting.windows.all.iter().enumerate() {
             let own = window.residuals();
-            let of_variant = |(_, residual): &(Point, Vec<f64>)| robust::loss(&residual[own.clone()], scale);
+            let of_variant =
+                |(_, residual): &(Point, Vec<f64>)| robust::loss(&residual[own.clone()], scale);
             let losses: Vec<f64> = variants.iter().map(of_variant).collect();
-            let least = (0..count).min_by(|&a, &b| losses[a].total_cmp(&losses[b])).unwrap_or(0);
+            let least = (0..count)
+                .min_by(|&a, &b| losses[a].total_cmp(&losses[b]))
+                .unwrap_or(0);
             best.states[i] = variants[least].0.states[i];
             residual[own.clone()].copy_from_slice(&variants[least].1[own.clone()]);
             total += losses[least];
         }
         (best, residual, total)
     };
-    Ok(counts.into_iter().zip(scales).map(|(count, &scale)| best_of(count, scale)).collect())
+    Ok(counts
+        .into_iter()
+        .zip(scales)
+        .map(|(count, &scale)| best_of(count, scale))
+        .collect())
 }

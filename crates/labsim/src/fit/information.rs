@@ -53,15 +53,22 @@ impl Information {
     /// Covariance of the free parameters in their own units, over the directions whose deviation is below
     /// `flat` ranges.
     pub fn covariance(&self, flat: f64) -> Vec<Vec<f64>> {
-        let known: Vec<usize> = (0..self.deviation.len()).filter(|&d| self.deviation[d] < flat).collect();
+        let known: Vec<usize> = (0..self.deviation.len())
+            .filter(|&d| self.deviation[d] < flat)
+            .collect();
         let entry = |i: usize, j: usize| {
             let along = |&d: &usize| {
-                self.directions[d][i] * self.directions[d][j] * self.deviation[d] * self.deviation[d]
+                self.directions[d][i]
+                    * self.directions[d][j]
+                    * self.deviation[d]
+                    * self.deviation[d]
             };
             known.iter().map(along).sum::<f64>() * self.widths[i] * self.widths[j]
         };
         let count = self.free.len();
-        (0..count).map(|i| (0..count).map(|j| entry(i, j)).collect()).collect()
+        (0..count)
+            .map(|i| (0..count).map(|j| entry(i, j)).collect())
+            .collect()
     }
 
     /// The standard deviation of each free parameter in its own unit, infinite where nothing is known.
@@ -102,7 +109,9 @@ struct Solved {
 
 /// Linearises the residuals at a solution; they count with their own scale where `noise` is smaller.
 pub(super) fn inform(shooting: &Shooting<'_>, point: &Point, noise: f64) -> Result<Information> {
-    let line = shooting.linearise(std::slice::from_ref(point), Look::Careful)?.remove(0);
+    let line = shooting
+        .linearise(std::slice::from_ref(point), Look::Careful)?
+        .remove(0);
     let (widths, count) = (shooting.coordinates.widths(), point.z.len());
     let derivative = shooting.coordinates.derivative(&point.z);
     let per_z = DMatrix::from_fn(count, count, |i, j| derivative[i][j] / widths[i]);
@@ -111,17 +120,31 @@ pub(super) fn inform(shooting: &Shooting<'_>, point: &Point, noise: f64) -> Resu
         point,
         scale: robust::scale(&line.residual, &shooting.windows.known).max(noise),
         line,
-        per_unit: per_z.try_inverse().unwrap_or_else(|| DMatrix::zeros(count, count)),
+        per_unit: per_z
+            .try_inverse()
+            .unwrap_or_else(|| DMatrix::zeros(count, count)),
     };
-    let known = shooting.windows.known.iter().map(|&known| f64::from(u8::from(known)));
+    let known = shooting
+        .windows
+        .known
+        .iter()
+        .map(|&known| f64::from(u8::from(known)));
     let known: Vec<f64> = known.collect();
     let trust = linear.trust(&linear.solved(&known))?;
-    let weight: Vec<f64> = known.iter().zip(trust).map(|(known, trust)| known * trust).collect();
+    let weight: Vec<f64> = known
+        .iter()
+        .zip(trust)
+        .map(|(known, trust)| known * trust)
+        .collect();
     let solved = linear.solved(&weight);
     Ok(Information {
         free: shooting.coordinates.slots(),
         widths,
-        directions: solved.directions.row_iter().map(|row| row.iter().copied().collect()).collect(),
+        directions: solved
+            .directions
+            .row_iter()
+            .map(|row| row.iter().copied().collect())
+            .collect(),
         singular: solved.singular.iter().copied().collect(),
         deviation: solved.deviation,
         offset: solved.offset,
@@ -149,7 +172,9 @@ impl Linear<'_> {
             let (by_z, by_state) = (of(&self.line.by_z), of(&self.line.by_state));
             let inverse = pseudo_inverse(&by_state);
             let follows = -(inverse * &by_z);
-            jacobian.rows_mut(own.start, own.len()).copy_from(&(by_z + by_state * &follows));
+            jacobian
+                .rows_mut(own.start, own.len())
+                .copy_from(&(by_z + by_state * &follows));
             follow.push(follows);
         }
         let mut pull = DVector::zeros(rows + count);
@@ -173,7 +198,13 @@ impl Linear<'_> {
             deviation: svd
                 .singular_values
                 .iter()
-                .map(|&singular| if singular > 0.0 { per(singular, variance.sqrt()) } else { f64::INFINITY })
+                .map(|&singular| {
+                    if singular > 0.0 {
+                        per(singular, variance.sqrt())
+                    } else {
+                        f64::INFINITY
+                    }
+                })
                 .collect(),
             offset: svd
                 .singular_values
@@ -209,12 +240,16 @@ impl Linear<'_> {
                 .collect();
             let z = self.shooting.coordinates.clip(&aim);
             let step = DVector::from_fn(z.len(), |i, _| z[i] - self.point.z[i]);
-            let moves: Vec<DVector<f64>> = solved.follow.iter().map(|follow| follow * &step).collect();
+            let moves: Vec<DVector<f64>> =
+                solved.follow.iter().map(|follow| follow * &step).collect();
             foreseen.push(self.foreseen(&step, &moves));
             let states = self.point.states.iter().zip(&moves);
             let states = states.map(|(state, moves)| {
                 let mut moved: State = *state;
-                moved.iter_mut().zip(moves).for_each(|(state, moves)| *state += moves);
+                moved
+                    .iter_mut()
+                    .zip(moves)
+                    .for_each(|(state, moves)| *state += moves);
                 moved
             });
             points.push(Point {
@@ -256,9 +291,16 @@ impl Linear<'_> {
     }
 
     /// Adds to the mean square error of what was foreseen, in scales; a rare large one does not decide.
-    fn add_doubt(&self, doubt: &mut [f64], residual: &[f64], foreseen: Option<&Vec<f64>>, count: usize) {
+    fn add_doubt(
+        &self,
+        doubt: &mut [f64],
+        residual: &[f64],
+        foreseen: Option<&Vec<f64>>,
+        count: usize,
+    ) {
         for (i, doubt) in doubt.iter_mut().enumerate() {
-            let error = residual[i] - self.line.residual[i] - foreseen.map_or(0.0, |change| change[i]);
+            let error =
+                residual[i] - self.line.residual[i] - foreseen.map_or(0.0, |change| change[i]);
             *doubt += (error / self.scale).powi(2).min(WORST * WORST) / count as f64;
         }
     }
@@ -268,7 +310,11 @@ impl Linear<'_> {
     /// One plus twice the sum of the autocorrelations, up to the first that noise alone could have: the
     /// factor by which the variance of a mean of correlated values exceeds that of independent ones.
     fn repetition(&self, pull: &[f64]) -> f64 {
-        let total = pull.iter().map(|pull| pull * pull).sum::<f64>().max(f64::MIN_POSITIVE);
+        let total = pull
+            .iter()
+            .map(|pull| pull * pull)
+            .sum::<f64>()
+            .max(f64::MIN_POSITIVE);
         let counted = pull.iter().filter(|pull| **pull != 0.0).count().max(1);
         let by_chance = 2.0 / (counted as f64).sqrt();
         let mut factor = 1.0;
@@ -276,7 +322,11 @@ impl Linear<'_> {
             let mut sum = 0.0;
             for window in &self.shooting.windows.all {
                 let own = &pull[window.residuals()];
-                sum += own.iter().zip(own.iter().skip(2 * lag)).map(|(a, b)| a * b).sum::<f64>();
+                sum += own
+                    .iter()
+                    .zip(own.iter().skip(2 * lag))
+                    .map(|(a, b)| a * b)
+                    .sum::<f64>();
             }
             if sum / total < by_chance {
                 break;

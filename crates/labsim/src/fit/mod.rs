@@ -54,6 +54,8 @@ impl Default for Settings {
 pub struct Estimate {
     /// Where it ended.
     pub values: Vec<f64>,
+    /// Start states there, as those of a [`Solution`].
+    pub states: Vec<Option<[f64; 4]>>,
     /// Values on the way, the start point first.
     pub path: Vec<Vec<f64>>,
 }
@@ -88,7 +90,12 @@ impl Problem<'_> {
     ///
     /// # Errors
     /// [`Error::Invalid`] for a problem that cannot be fitted, [`Error::Cancelled`] once `cancel` is set.
-    pub fn fit(&self, settings: &Settings, progress: Progress<'_>, cancel: &AtomicBool) -> Result<Solution> {
+    pub fn fit(
+        &self,
+        settings: &Settings,
+        progress: Progress<'_>,
+        cancel: &AtomicBool,
+    ) -> Result<Solution> {
         self.check()?;
         if settings.starts == 0 {
             return Err(Error::invalid("starts", "at least 1", 0));
@@ -104,6 +111,7 @@ impl Problem<'_> {
         let information = information::inform(&shooting, &best.point, noise)?;
         let estimate = |one: &Candidate| Estimate {
             values: coordinates.to_values(&one.point.z),
+            states: self.of_stretches(&search.whole, |i| one.point.states[i]),
             path: one.path.iter().map(|z| coordinates.to_values(z)).collect(),
         };
         Ok(Solution {
@@ -152,7 +160,9 @@ impl Problem<'_> {
                     variants: 4,
                     held: true,
                 };
-                minimise(&shooting, &[guess], noise, pace, &|_| ())?.remove(0).point
+                minimise(&shooting, &[guess], noise, pace, &|_| ())?
+                    .remove(0)
+                    .point
             }
         };
         information::inform(&shooting, &point, noise)
@@ -189,10 +199,16 @@ impl Problem<'_> {
     fn around(&self, values: &[f64], cancel: &AtomicBool) -> Result<(Coordinates, Windows)> {
         let count = self.sought().count();
         if values.len() != count || values.iter().any(|value| value.is_nan()) {
-            return Err(Error::invalid("values", &format!("{count} numbers"), values.len()));
+            return Err(Error::invalid(
+                "values",
+                &format!("{count} numbers"),
+                values.len(),
+            ));
         }
         let sense = |slot: usize| match self.parameters[slot] {
-            Sought::Free { range: (_, high), .. } if values[slot] == 0.0 && high <= 0.0 => -1.0,
+            Sought::Free {
+                range: (_, high), ..
+            } if values[slot] == 0.0 && high <= 0.0 => -1.0,
             _ if values[slot] < 0.0 => -1.0,
             _ => 1.0,
         };
@@ -204,9 +220,15 @@ impl Problem<'_> {
     fn of_stretches<T>(&self, windows: &Windows, of: impl Fn(usize) -> T) -> Vec<Option<T>> {
         let find = |stretch: &Stretch| {
             let origin = (stretch.recording, stretch.first);
-            windows.all.iter().position(|window| (window.recording, window.first) == origin)
+            windows
+                .all
+                .iter()
+                .position(|window| (window.recording, window.first) == origin)
         };
-        self.stretches.iter().map(|stretch| find(stretch).map(&of)).collect()
+        self.stretches
+            .iter()
+            .map(|stretch| find(stretch).map(&of))
+            .collect()
     }
 
     fn of_windows(&self, windows: &Windows, states: &[Option<[f64; 4]>]) -> Vec<[f64; 4]> {
@@ -222,10 +244,19 @@ impl Problem<'_> {
     fn residuals(&self, windows: &Windows, residual: &[f64]) -> Vec<Vec<[f64; 2]>> {
         let of_window = |i: usize| {
             let own = windows.all[i].residuals();
-            let seen = |i: usize| if windows.known[i] { residual[i] } else { f64::NAN };
+            let seen = |i: usize| {
+                if windows.known[i] {
+                    residual[i]
+                } else {
+                    f64::NAN
+                }
+            };
             own.step_by(2).map(|i| [seen(i), seen(i + 1)]).collect()
         };
-        let found = self.of_stretches(windows, of_window).into_iter().zip(self.stretches);
+        let found = self
+            .of_stretches(windows, of_window)
+            .into_iter()
+            .zip(self.stretches);
         found
             .map(|(found, stretch)| found.unwrap_or_else(|| vec![[f64::NAN; 2]; stretch.rows]))
             .collect()

@@ -51,13 +51,24 @@ impl Normal {
         scale: f64,
     ) -> Self {
         let count = z.len();
-        let weights: Vec<f64> =
-            line.residual.iter().map(|&residual| robust::weight(residual, scale)).collect();
+        let weights: Vec<f64> = line
+            .residual
+            .iter()
+            .map(|&residual| robust::weight(residual, scale))
+            .collect();
         let weighted = |column: &[f64]| -> Vec<f64> {
-            column.iter().zip(&weights).map(|(value, weight)| value * weight).collect()
+            column
+                .iter()
+                .zip(&weights)
+                .map(|(value, weight)| value * weight)
+                .collect()
         };
         let by_z: Vec<Vec<f64>> = line.by_z.iter().map(|column| weighted(column)).collect();
-        let by_state: Vec<Vec<f64>> = line.by_state.iter().map(|column| weighted(column)).collect();
+        let by_state: Vec<Vec<f64>> = line
+            .by_state
+            .iter()
+            .map(|column| weighted(column))
+            .collect();
         let mut normal = Self {
             zz: DMatrix::zeros(count, count),
             z: DVector::zeros(count),
@@ -71,7 +82,11 @@ impl Normal {
             }
         }
         let (excess, slope) = (coordinates.excess(z), coordinates.excess_slope(z));
-        for (excess, slope) in excess.iter().zip(&slope).filter(|(excess, _)| **excess != 0.0) {
+        for (excess, slope) in excess
+            .iter()
+            .zip(&slope)
+            .filter(|(excess, _)| **excess != 0.0)
+        {
             let slope = DVector::from_column_slice(slope);
             normal.z += *excess * &slope;
             normal.zz += &slope * slope.transpose();
@@ -115,7 +130,10 @@ impl Normal {
             mut matrix,
             mut gradient,
         } = self.eliminated(damping);
-        for (i, ridge) in ridge(self.zz.diagonal().as_slice(), damping).into_iter().enumerate() {
+        for (i, ridge) in ridge(self.zz.diagonal().as_slice(), damping)
+            .into_iter()
+            .enumerate()
+        {
             matrix[(i, i)] += ridge;
         }
         for (i, _) in free.iter().enumerate().filter(|(_, free)| !**free) {
@@ -135,7 +153,10 @@ impl Normal {
     pub(super) fn spread(&self) -> (DMatrix<f64>, Vec<Border>) {
         let eliminated = self.eliminated(RIDGE);
         let mut matrix = eliminated.matrix;
-        for (i, ridge) in ridge(self.zz.diagonal().as_slice(), RIDGE).into_iter().enumerate() {
+        for (i, ridge) in ridge(self.zz.diagonal().as_slice(), RIDGE)
+            .into_iter()
+            .enumerate()
+        {
             matrix[(i, i)] += ridge;
         }
         let eigen = SymmetricEigen::new(matrix);
@@ -144,14 +165,22 @@ impl Normal {
             column /= value.max(f64::MIN_POSITIVE).sqrt();
         }
         let states = self.states.iter().zip(&eliminated.inverses);
-        (root, states.map(|(block, inverse)| -(inverse * &block.sz)).collect())
+        (
+            root,
+            states
+                .map(|(block, inverse)| -(inverse * &block.sz))
+                .collect(),
+        )
     }
 
     /// A root of each start state's covariance at fixed coordinates.
     pub(super) fn loose(&self) -> Vec<Matrix4<f64>> {
         let root = |block: &Block| {
             let mut matrix = block.ss;
-            for (i, ridge) in ridge(block.ss.diagonal().as_slice(), RIDGE).into_iter().enumerate() {
+            for (i, ridge) in ridge(block.ss.diagonal().as_slice(), RIDGE)
+                .into_iter()
+                .enumerate()
+            {
                 matrix[(i, i)] += ridge;
             }
             let eigen = SymmetricEigen::new(matrix);
@@ -172,7 +201,10 @@ impl Normal {
         };
         for block in &self.states {
             let mut damped = block.ss;
-            for (i, ridge) in ridge(block.ss.diagonal().as_slice(), damping).into_iter().enumerate() {
+            for (i, ridge) in ridge(block.ss.diagonal().as_slice(), damping)
+                .into_iter()
+                .enumerate()
+            {
                 damped[(i, i)] += ridge;
             }
             let inverse = damped.try_inverse().unwrap_or_else(Matrix4::zeros);
@@ -188,14 +220,20 @@ impl Normal {
 /// Marquardt's damping: relative to the diagonal, positive where that is zero.
 fn ridge(diagonal: &[f64], damping: f64) -> Vec<f64> {
     let largest = diagonal.iter().copied().fold(0.0, f64::max);
-    diagonal.iter().map(|value| damping * value + FLOOR * largest + 1e-300).collect()
+    diagonal
+        .iter()
+        .map(|value| damping * value + FLOOR * largest + 1e-300)
+        .collect()
 }
 
 fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
     if let Some(factor) = matrix.clone().cholesky() {
         return factor.solve(right);
     }
-    matrix.lu().solve(right).unwrap_or_else(|| DVector::zeros(right.len()))
+    matrix
+        .lu()
+        .solve(right)
+        .unwrap_or_else(|| DVector::zeros(right.len()))
 }
 
 /// The scalar product, in four sums that a register holds side by side.

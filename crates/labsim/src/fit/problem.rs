@@ -94,7 +94,10 @@ pub struct Problem<'a> {
 impl Problem<'_> {
     /// All parameters, the effects' behind the five.
     pub(super) fn sought(&self) -> impl Iterator<Item = Sought> + '_ {
-        let of_effects = self.effects.iter().flat_map(|one| one.values.iter().copied());
+        let of_effects = self
+            .effects
+            .iter()
+            .flat_map(|one| one.values.iter().copied());
         self.parameters.into_iter().chain(of_effects)
     }
 
@@ -110,10 +113,16 @@ impl Problem<'_> {
     }
 
     /// The name of the effect and what the catalogue says of the parameter in a slot; none for the five.
-    pub(super) fn effect_parameter(&self, slot: usize) -> Option<(&'static str, &'static Parameter)> {
+    pub(super) fn effect_parameter(
+        &self,
+        slot: usize,
+    ) -> Option<(&'static str, &'static Parameter)> {
         let of_effect = |one: &Hypothesis| {
             let name = one.effect.name;
-            one.effect.parameters.iter().map(move |parameter| (name, parameter))
+            one.effect
+                .parameters
+                .iter()
+                .map(move |parameter| (name, parameter))
         };
         let place = slot.checked_sub(self.parameters.len())?;
         self.effects.iter().flat_map(of_effect).nth(place)
@@ -134,13 +143,18 @@ impl Problem<'_> {
 
     /// Whether recordings tell how long their rows last.
     pub(super) fn is_stamped(&self) -> bool {
-        self.recordings.first().is_some_and(|one| one.durations.is_some())
+        self.recordings
+            .first()
+            .is_some_and(|one| one.durations.is_some())
     }
 
     /// Whether what happened before a window matters to it beyond the marble's state.
     pub(super) fn remembers(&self) -> bool {
         let has_memory = |acts: Acts| {
-            matches!(acts, Acts::OnArrival | Acts::OnClock | Acts::OnKnob { .. } | Acts::OnExposure)
+            matches!(
+                acts,
+                Acts::OnArrival | Acts::OnClock | Acts::OnKnob { .. } | Acts::OnExposure
+            )
         };
         self.effects.iter().any(|one| has_memory(one.effect.acts))
     }
@@ -155,7 +169,9 @@ impl Problem<'_> {
     /// The tracker's standard deviation (board edges), given or estimated.
     pub(super) fn tracker_noise(&self) -> f64 {
         self.noise.unwrap_or_else(|| {
-            super::robust::tracker_noise(self.stretches.iter().map(|stretch| self.observed(stretch)))
+            super::robust::tracker_noise(
+                self.stretches.iter().map(|stretch| self.observed(stretch)),
+            )
         })
     }
 
@@ -175,7 +191,11 @@ impl Problem<'_> {
         for one in self.effects {
             let (expected, got) = (one.effect.parameters.len(), one.values.len());
             if expected != got {
-                return Err(Error::invalid(one.effect.name, &format!("{expected} values"), got));
+                return Err(Error::invalid(
+                    one.effect.name,
+                    &format!("{expected} values"),
+                    got,
+                ));
             }
         }
         for (slot, sought) in self.sought().enumerate() {
@@ -185,7 +205,9 @@ impl Problem<'_> {
         for (value, sought) in typical.iter_mut().zip(self.parameters) {
             *value = match sought {
                 Sought::Held(value) => value,
-                Sought::Free { range: (low, high), .. } => f64::midpoint(low, high),
+                Sought::Free {
+                    range: (low, high), ..
+                } => f64::midpoint(low, high),
             };
         }
         Parameters::from(typical).check()
@@ -196,25 +218,56 @@ impl Problem<'_> {
             let rows = one.commands.len();
             if one.observed.len() != rows {
                 let what = format!("observed of recording {i}");
-                return Err(Error::invalid(what, &format!("{rows} rows"), one.observed.len()));
+                return Err(Error::invalid(
+                    what,
+                    &format!("{rows} rows"),
+                    one.observed.len(),
+                ));
             }
             if one.durations.is_some() != self.is_stamped() {
                 let what = format!("durations of recording {i}");
-                return Err(Error::invalid(what, "all recordings stamped, or none", "both"));
+                return Err(Error::invalid(
+                    what,
+                    "all recordings stamped, or none",
+                    "both",
+                ));
             }
-            if one.durations.is_some_and(|durations| durations.len() != rows) {
+            if one
+                .durations
+                .is_some_and(|durations| durations.len() != rows)
+            {
                 let what = format!("durations of recording {i}");
-                return Err(Error::invalid(what, &format!("{rows} rows"), "another number"));
+                return Err(Error::invalid(
+                    what,
+                    &format!("{rows} rows"),
+                    "another number",
+                ));
             }
-            if let Some(knob) = one.commands.as_flattened().iter().find(|knob| !knob.is_finite()) {
-                return Err(Error::invalid(format!("commands of recording {i}"), "finite numbers", knob));
+            if let Some(knob) = one
+                .commands
+                .as_flattened()
+                .iter()
+                .find(|knob| !knob.is_finite())
+            {
+                return Err(Error::invalid(
+                    format!("commands of recording {i}"),
+                    "finite numbers",
+                    knob,
+                ));
             }
         }
         for (i, stretch) in self.stretches.iter().enumerate() {
-            let rows = self.recordings.get(stretch.recording).map_or(0, |one| one.commands.len());
+            let rows = self
+                .recordings
+                .get(stretch.recording)
+                .map_or(0, |one| one.commands.len());
             if stretch.rows == 0 || stretch.first + stretch.rows > rows {
                 let got = format!("rows {} to {}", stretch.first, stretch.first + stretch.rows);
-                return Err(Error::invalid(format!("stretch {i}"), "rows of a recording", got));
+                return Err(Error::invalid(
+                    format!("stretch {i}"),
+                    "rows of a recording",
+                    got,
+                ));
             }
         }
         Ok(())
@@ -224,29 +277,44 @@ impl Problem<'_> {
         let name = || self.name(slot);
         match sought {
             Sought::Held(value) if !value.is_finite() => {
-                let infinite = self.effect_parameter(slot).is_some_and(|(_, one)| one.neutral == value);
-                if infinite { Ok(()) } else { Err(Error::invalid(name(), "a finite number", value)) }
+                let infinite = self
+                    .effect_parameter(slot)
+                    .is_some_and(|(_, one)| one.neutral == value);
+                if infinite {
+                    Ok(())
+                } else {
+                    Err(Error::invalid(name(), "a finite number", value))
+                }
             }
             Sought::Free { .. } if slot == TIME && self.is_stamped() => Err(Error::invalid(
                 name(),
                 "a held value, since the recordings are stamped",
                 "a free one",
             )),
-            Sought::Free { range: (low, high), start } => {
+            Sought::Free {
+                range: (low, high),
+                start,
+            } => {
                 let finite = low.is_finite() && high.is_finite() && low <= high;
                 let below_zero = slot > GEAR_Y && slot < 5 && low < 0.0;
                 if !finite || below_zero {
                     let got = format!("{low} to {high}");
-                    return Err(Error::invalid(format!("range of {}", name()), "a low and a higher end", got));
+                    return Err(Error::invalid(
+                        format!("range of {}", name()),
+                        "a low and a higher end",
+                        got,
+                    ));
                 }
                 if slot <= GEAR_Y && low == 0.0 && high == 0.0 {
                     let what = format!("range of {}", [GEAR_X, GEAR_Y].map(base_name)[slot]);
                     return Err(Error::invalid(what, "something to search", "0 to 0"));
                 }
                 match start {
-                    Some(start) if !start.is_finite() => {
-                        Err(Error::invalid(format!("start of {}", name()), "a finite number", start))
-                    }
+                    Some(start) if !start.is_finite() => Err(Error::invalid(
+                        format!("start of {}", name()),
+                        "a finite number",
+                        start,
+                    )),
                     _ => Ok(()),
                 }
             }

@@ -32,7 +32,10 @@ pub(super) fn weight(residual: f64, scale: f64) -> f64 {
 /// How much a residual pulls, and the slope of that; near zero both are those of least squares.
 pub(super) fn influence(residual: f64, scale: f64) -> (f64, f64) {
     let ratio = (residual / scale).powi(2) / TAIL;
-    (residual / (1.0 + ratio), (1.0 - ratio) / (1.0 + ratio).powi(2))
+    (
+        residual / (1.0 + ratio),
+        (1.0 - ratio) / (1.0 + ratio).powi(2),
+    )
 }
 
 /// The robust standard deviation of residuals, where known.

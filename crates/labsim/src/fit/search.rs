@@ -104,7 +104,9 @@ impl<'a> Search<'a> {
         let mut candidates = self.descend(&coordinates, starts)?;
         let mut best = candidates.remove(0);
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
-        let mut gain = candidates.first().map_or(f64::INFINITY, |next| self.gain(&best, next));
+        let mut gain = candidates
+            .first()
+            .map_or(f64::INFINITY, |next| self.gain(&best, next));
         for round in 0..ROUNDS {
             if gain < LITTLE && self.is_explained(&best) {
                 break;
@@ -166,7 +168,10 @@ impl<'a> Search<'a> {
                 order.insert(0, 0);
             }
             order.truncate(settings.starts);
-            let least = order.iter().map(|&i| errors[i]).fold(f64::INFINITY, f64::min);
+            let least = order
+                .iter()
+                .map(|&i| errors[i])
+                .fold(f64::INFINITY, f64::min);
             if found.as_ref().is_none_or(|(error, ..)| least < *error) {
                 let best = order.iter().map(|&i| points[i].z.clone()).collect();
                 found = Some((least, coordinates, best));
@@ -180,14 +185,20 @@ impl<'a> Search<'a> {
     fn senses(&self) -> Vec<[f64; 2]> {
         let of_gear = |slot: usize| match self.problem.parameters[slot] {
             Sought::Held(value) => vec![if value < 0.0 { -1.0 } else { 1.0 }],
-            Sought::Free { start: Some(start), .. } if start != 0.0 => vec![start.signum()],
-            Sought::Free { range: (low, high), .. } => {
+            Sought::Free {
+                start: Some(start), ..
+            } if start != 0.0 => vec![start.signum()],
+            Sought::Free {
+                range: (low, high), ..
+            } => {
                 let sides = [(high > 0.0).then_some(1.0), (low < 0.0).then_some(-1.0)];
                 sides.into_iter().flatten().collect()
             }
         };
         let (x, y) = (of_gear(GEAR_X), of_gear(GEAR_Y));
-        x.iter().flat_map(|&x| y.iter().map(move |&y| [x, y])).collect()
+        x.iter()
+            .flat_map(|&x| y.iter().map(move |&y| [x, y]))
+            .collect()
     }
 
     /// The start point, if there is one for every free parameter.
@@ -211,10 +222,19 @@ impl<'a> Search<'a> {
         };
         let partly = given.is_none();
         let mut points: Vec<Vec<f64>> = given.into_iter().collect();
-        for (i, place) in space_filling(count, coordinates.len(), settings.seed).into_iter().enumerate() {
+        for (i, place) in space_filling(count, coordinates.len(), settings.seed)
+            .into_iter()
+            .enumerate()
+        {
             let mut values = coordinates.drawn(&place);
             for (slot, sought) in self.problem.sought().enumerate() {
-                if let (Sought::Free { start: Some(start), .. }, true) = (sought, partly && i % 2 == 0) {
+                if let (
+                    Sought::Free {
+                        start: Some(start), ..
+                    },
+                    true,
+                ) = (sought, partly && i % 2 == 0)
+                {
                     values[slot] = start;
                 }
             }
@@ -231,11 +251,15 @@ impl<'a> Search<'a> {
             .into_iter()
             .map(|z| End {
                 path: vec![z.clone()],
-                point: Point { z, states: Vec::new() },
+                point: Point {
+                    z,
+                    states: Vec::new(),
+                },
                 residual: Vec::new(),
             })
             .collect();
-        let longer = |windows: &Windows, shorter: &Option<Windows>, states: &[State]| match shorter {
+        let longer = |windows: &Windows, shorter: &Option<Windows>, states: &[State]| match shorter
+        {
             Some(shorter) => windows.inherited(shorter, states),
             None => windows.guesses(),
         };
@@ -266,7 +290,8 @@ impl<'a> Search<'a> {
         for (end, residual) in ends.iter_mut().zip(residuals) {
             end.residual = residual;
         }
-        let mut candidates = self.ranked(coordinates, ends.into_iter().map(Candidate::from).collect());
+        let mut candidates =
+            self.ranked(coordinates, ends.into_iter().map(Candidate::from).collect());
         candidates.truncate(count);
         let rest = candidates.split_off(count.div_ceil(2));
         let mut candidates = self.refined(coordinates, candidates, WHOLE_ITERATIONS)?;
@@ -278,9 +303,16 @@ impl<'a> Search<'a> {
     ///
     /// What has a place on the board says nothing of it to those who look elsewhere: slopes do not lead
     /// there. But with everything else about right a draw that comes near stands out.
-    fn redrawn(&self, coordinates: &Coordinates, windows: &Windows, mut ends: Vec<End>) -> Result<Vec<End>> {
+    fn redrawn(
+        &self,
+        coordinates: &Coordinates,
+        windows: &Windows,
+        mut ends: Vec<End>,
+    ) -> Result<Vec<End>> {
         let shooting = self.shooting(coordinates, windows, COARSENESS);
-        let scales = ends.iter().map(|end| robust::scale(&end.residual, &windows.known));
+        let scales = ends
+            .iter()
+            .map(|end| robust::scale(&end.residual, &windows.known));
         let scale = scales.fold(f64::INFINITY, f64::min).max(self.noise);
         ends.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
         let count = ends.len();
@@ -307,7 +339,11 @@ impl<'a> Search<'a> {
             found.extend(points.into_iter().zip(residuals).map(|(point, residual)| {
                 let mut path = best.path.clone();
                 path.push(point.z.clone());
-                End { point, residual, path }
+                End {
+                    point,
+                    residual,
+                    path,
+                }
             }));
         }
         found.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
@@ -366,7 +402,11 @@ impl<'a> Search<'a> {
         let member = |(point, residual): (Point, Vec<f64>)| {
             let mut path = candidate.path.clone();
             path.push(point.z.clone());
-            Candidate { point, residual, path }
+            Candidate {
+                point,
+                residual,
+                path,
+            }
         };
         let members = points.into_iter().zip(residuals).map(member).collect();
         let mut members = self.ranked(coordinates, members);
@@ -383,16 +423,26 @@ impl<'a> Search<'a> {
     ) -> Result<Candidate> {
         let shooting = self.shooting(coordinates, &self.whole, 1.0);
         candidate.point = self.counted(&shooting, |shooting| {
-            search_nearby(shooting, candidate.point.clone(), self.noise, NEARBY_ROUNDS, random)
+            search_nearby(
+                shooting,
+                candidate.point.clone(),
+                self.noise,
+                NEARBY_ROUNDS,
+                random,
+            )
         })?;
         candidate.path.push(candidate.point.z.clone());
-        Ok(self.refined(coordinates, vec![candidate], SETTLE_ITERATIONS)?.remove(0))
+        Ok(self
+            .refined(coordinates, vec![candidate], SETTLE_ITERATIONS)?
+            .remove(0))
     }
 
     /// Moves to a whole number of physics updates, if the recordings have nothing against it: there a
     /// model does the same whether it rounds the time scale, as in the paper, or not.
     fn rounded(&self, coordinates: &Coordinates, candidate: Candidate) -> Result<Candidate> {
-        let time_scale = coordinates.to_values(&candidate.point.z)[TIME].round().max(1.0);
+        let time_scale = coordinates.to_values(&candidate.point.z)[TIME]
+            .round()
+            .max(1.0);
         let Some(z) = coordinates.along_time(&candidate.point.z, time_scale) else {
             return Ok(candidate);
         };
@@ -402,14 +452,20 @@ impl<'a> Search<'a> {
         };
         let shooting = self.shooting(coordinates, &self.whole, 1.0);
         let points = std::slice::from_ref(&point);
-        let residual = self.counted(&shooting, |shooting| shooting.residuals(points))?.remove(0);
+        let residual = self
+            .counted(&shooting, |shooting| shooting.residuals(points))?
+            .remove(0);
         let losses = self.losses(&[&candidate.residual, &residual]);
         if losses[1] > losses[0] + TIE || !is_within(coordinates, &z) {
             return Ok(candidate);
         }
         let mut path = candidate.path;
         path.push(z);
-        Ok(Candidate { point, residual, path })
+        Ok(Candidate {
+            point,
+            residual,
+            path,
+        })
     }
 
     /// Whether the first symmetry holds until a wall is met: neither stamps nor damping forbid it.
@@ -418,7 +474,10 @@ impl<'a> Search<'a> {
     }
 
     fn ranked(&self, coordinates: &Coordinates, candidates: Vec<Candidate>) -> Vec<Candidate> {
-        let residuals: Vec<&[f64]> = candidates.iter().map(|one| one.residual.as_slice()).collect();
+        let residuals: Vec<&[f64]> = candidates
+            .iter()
+            .map(|one| one.residual.as_slice())
+            .collect();
         let scale = self.best_scale(&residuals);
         let shooting = self.shooting(coordinates, &self.whole, 1.0);
         let mut ranked: Vec<(f64, Candidate)> = candidates
@@ -432,11 +491,16 @@ impl<'a> Search<'a> {
     /// The losses of residuals, at the scale of those that fit best.
     fn losses(&self, residuals: &[&[f64]]) -> Vec<f64> {
         let scale = self.best_scale(residuals);
-        residuals.iter().map(|residual| robust::loss(residual, scale)).collect()
+        residuals
+            .iter()
+            .map(|residual| robust::loss(residual, scale))
+            .collect()
     }
 
     fn best_scale(&self, residuals: &[&[f64]]) -> f64 {
-        let scales = residuals.iter().map(|residual| robust::scale(residual, &self.whole.known));
+        let scales = residuals
+            .iter()
+            .map(|residual| robust::scale(residual, &self.whole.known));
         scales.fold(f64::INFINITY, f64::min).max(self.noise)
     }
 
@@ -453,7 +517,8 @@ impl<'a> Search<'a> {
     fn counted<T>(&self, shooting: &Shooting<'_>, work: impl FnOnce(&Shooting<'_>) -> T) -> T {
         let before = shooting.rollouts();
         let result = work(shooting);
-        self.rollouts.set(self.rollouts.get() + shooting.rollouts() - before);
+        self.rollouts
+            .set(self.rollouts.get() + shooting.rollouts() - before);
         result
     }
 
@@ -462,7 +527,9 @@ impl<'a> Search<'a> {
         let times = 1 + usize::from(!self.problem.effects.is_empty());
         times * self.horizons.iter().map(|stage| stage.1).sum::<usize>()
             + WHOLE_ITERATIONS
-            + ROUNDS * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates)) + SETTLE_ITERATIONS)
+            + ROUNDS
+                * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates))
+                    + SETTLE_ITERATIONS)
     }
 
     fn minimised(
@@ -474,11 +541,13 @@ impl<'a> Search<'a> {
         coarseness: f64,
     ) -> Result<Vec<End>> {
         let total = self.total(coordinates);
-        let report = |iteration: usize| (self.progress)(self.done.get() + iteration, total, windows.rows);
+        let report =
+            |iteration: usize| (self.progress)(self.done.get() + iteration, total, windows.rows);
         let starts: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();
         let shooting = self.shooting(coordinates, windows, coarseness);
-        let mut minimised =
-            self.counted(&shooting, |shooting| minimise(shooting, &starts, self.noise, pace, &report))?;
+        let mut minimised = self.counted(&shooting, |shooting| {
+            minimise(shooting, &starts, self.noise, pace, &report)
+        })?;
         report(pace.iterations);
         self.done.set(self.done.get() + pace.iterations);
         for (end, before) in minimised.iter_mut().zip(ends) {
@@ -508,20 +577,43 @@ impl Ord for Total {
 }
 
 impl From<End> for Candidate {
-    fn from(End { point, residual, path }: End) -> Self {
-        Self { point, residual, path }
+    fn from(
+        End {
+            point,
+            residual,
+            path,
+        }: End,
+    ) -> Self {
+        Self {
+            point,
+            residual,
+            path,
+        }
     }
 }
 
 impl From<Candidate> for End {
-    fn from(Candidate { point, residual, path }: Candidate) -> Self {
-        Self { point, residual, path }
+    fn from(
+        Candidate {
+            point,
+            residual,
+            path,
+        }: Candidate,
+    ) -> Self {
+        Self {
+            point,
+            residual,
+            path,
+        }
     }
 }
 
 fn is_within(coordinates: &Coordinates, z: &[f64]) -> bool {
     let clipped = coordinates.clip(z);
-    clipped.iter().zip(z).all(|(clipped, z)| (clipped - z).abs() < 1e-9)
+    clipped
+        .iter()
+        .zip(z)
+        .all(|(clipped, z)| (clipped - z).abs() < 1e-9)
 }
 
 /// Points that fill the unit cube: the recurrence R of Roberts (2018), shifted.
@@ -529,11 +621,14 @@ fn space_filling(count: usize, dimensions: usize, seed: u64) -> Vec<Vec<f64>> {
     let power = 1.0 / (dimensions as f64 + 1.0);
     let ratio = (0..64).fold(1.0f64, |ratio, _| (1.0 + ratio).powf(power));
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let shift: Vec<f64> =
-        (0..dimensions).map(|_| (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64).collect();
+    let shift: Vec<f64> = (0..dimensions)
+        .map(|_| (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64)
+        .collect();
     let place = |i: usize, axis: usize| {
         let step = ratio.powi(-(axis as i32 + 1));
         (shift[axis] + step * i as f64).fract()
     };
-    (1..=count).map(|i| (0..dimensions).map(|axis| place(i, axis)).collect()).collect()
+    (1..=count)
+        .map(|i| (0..dimensions).map(|axis| place(i, axis)).collect())
+        .collect()
 }

@@ -167,7 +167,11 @@ impl<'a> Shooting<'a> {
     /// with one update more or less of equal length.
     fn slopes(&self, points: &[Point], look: Look, fineness: f64) -> Result<Vec<Linearisation>> {
         let columns = self.columns(look);
-        let sides: &[f64] = if look == Look::Quick { &[1.0] } else { &[1.0, -1.0] };
+        let sides: &[f64] = if look == Look::Quick {
+            &[1.0]
+        } else {
+            &[1.0, -1.0]
+        };
         let mut trials = Vec::new();
         let mut steps = Vec::new();
         for point in points {
@@ -215,12 +219,22 @@ impl<'a> Shooting<'a> {
         let twice = time.filter(|_| look != Look::Quick);
         let along = (0..self.coordinates.len()).map(Column::Along);
         let states = (0..self.windows.components()).map(Column::State);
-        along.chain(twice.map(Column::Updates)).chain(states).collect()
+        along
+            .chain(twice.map(Column::Updates))
+            .chain(states)
+            .collect()
     }
 
     /// A trial with one thing moved, and how far: not at all where bounds forbid it. A side that is `free`
     /// is that which leads inwards.
-    fn moved(&self, centre: &Trial, z: &[f64], column: Column, fineness: f64, free: bool) -> (Trial, f64) {
+    fn moved(
+        &self,
+        centre: &Trial,
+        z: &[f64],
+        column: Column,
+        fineness: f64,
+        free: bool,
+    ) -> (Trial, f64) {
         match column {
             Column::Along(i) => {
                 let step = STEP * fineness;
@@ -228,13 +242,23 @@ impl<'a> Shooting<'a> {
                 for side in sides {
                     let z = self.coordinates.shifted(z, i, side * step);
                     if self.is_inside(&z) {
-                        return (self.trial(&z, &centre.states, Some(centre.updates)), side * step);
+                        return (
+                            self.trial(&z, &centre.states, Some(centre.updates)),
+                            side * step,
+                        );
                     }
                 }
-                (self.trial(z, &centre.states, Some(centre.updates)), f64::NAN)
+                (
+                    self.trial(z, &centre.states, Some(centre.updates)),
+                    f64::NAN,
+                )
             }
             Column::Updates(i) => {
-                let updates = if fineness > 0.0 { centre.updates + 1 } else { centre.updates.max(2) - 1 };
+                let updates = if fineness > 0.0 {
+                    centre.updates + 1
+                } else {
+                    centre.updates.max(2) - 1
+                };
                 let step = (f64::from(updates) / f64::from(centre.updates)).ln();
                 let z = self.coordinates.shifted(z, i, step);
                 let inside = step != 0.0 && self.is_inside(&z);
@@ -261,7 +285,10 @@ impl<'a> Shooting<'a> {
 
     fn is_inside(&self, z: &[f64]) -> bool {
         let clipped = self.coordinates.clip(z);
-        clipped.iter().zip(z).all(|(clipped, z)| (clipped - z).abs() < 1e-12)
+        clipped
+            .iter()
+            .zip(z)
+            .all(|(clipped, z)| (clipped - z).abs() < 1e-12)
     }
 
     /// Difference quotients; not a number where there is none: outside the bounds, beyond the walls, and
@@ -285,7 +312,12 @@ impl<'a> Shooting<'a> {
         slope
     }
 
-    fn sorted(&self, columns: &[Column], slopes: Vec<Vec<f64>>, residual: Vec<f64>) -> Linearisation {
+    fn sorted(
+        &self,
+        columns: &[Column],
+        slopes: Vec<Vec<f64>>,
+        residual: Vec<f64>,
+    ) -> Linearisation {
         let mut line = Linearisation {
             residual,
             by_z: Vec::new(),
@@ -308,7 +340,9 @@ impl<'a> Shooting<'a> {
             states.to_vec()
         } else {
             let windows = self.windows.all.iter().zip(states);
-            windows.map(|(window, state)| self.within(&values, window, *state)).collect()
+            windows
+                .map(|(window, state)| self.within(&values, window, *state))
+                .collect()
         };
         Trial {
             values,
@@ -338,7 +372,8 @@ impl<'a> Shooting<'a> {
         for (rows, indices) in &self.windows.lengths {
             let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
             let observations = self.observe(trials, *rows, indices, &windows)?;
-            self.rollouts.set(self.rollouts.get() + trials.len() * windows.len());
+            self.rollouts
+                .set(self.rollouts.get() + trials.len() * windows.len());
             let mut observations = observations.chunks_exact(*rows);
             for residual in &mut residuals {
                 for (window, seen) in windows.iter().zip(&mut observations) {
@@ -366,11 +401,18 @@ impl<'a> Shooting<'a> {
         let problem = self.problem;
         let remembers = problem.remembers();
         let begin = |window: &Window| if remembers { 0 } else { window.first };
-        let end = |window: &Window| if remembers { usize::MAX } else { window.first + rows };
+        let end = |window: &Window| {
+            if remembers {
+                usize::MAX
+            } else {
+                window.first + rows
+            }
+        };
         let count = trials.len() * windows.len();
         let mut parameters = Vec::with_capacity(count);
         let mut effects: Vec<Vec<f64>> = vec![Vec::new(); problem.effects.len()];
-        let (mut start, mut start_velocity) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let (mut start, mut start_velocity) =
+            (Vec::with_capacity(count), Vec::with_capacity(count));
         let mut updates = Vec::with_capacity(count);
         for trial in trials {
             let (base, of_effects) = trial.values.split_at(5);
@@ -395,7 +437,10 @@ impl<'a> Shooting<'a> {
             of_windows.repeat(trials.len())
         };
         let first = each(&|window| window.first - begin(window));
-        let seeds: Vec<u64> = each(&|window| window.recording).iter().map(|&i| i as u64).collect();
+        let seeds: Vec<u64> = each(&|window| window.recording)
+            .iter()
+            .map(|&i| i as u64)
+            .collect();
         let recording = |window: &Window| &problem.recordings[window.recording];
         let commands: Vec<&[[f64; 2]]> = windows
             .iter()
@@ -411,8 +456,14 @@ impl<'a> Shooting<'a> {
                 Some(&all[begin(window)..end(window).min(all.len())])
             })
             .collect();
-        let knobs: Vec<[f64; 2]> = windows.iter().map(|window| recording(window).knobs_before).collect();
-        let (commands, durations) = (commands.repeat(trials.len()), durations.repeat(trials.len()));
+        let knobs: Vec<[f64; 2]> = windows
+            .iter()
+            .map(|window| recording(window).knobs_before)
+            .collect();
+        let (commands, durations) = (
+            commands.repeat(trials.len()),
+            durations.repeat(trials.len()),
+        );
         let knobs = knobs.repeat(trials.len());
         let chosen: Vec<Chosen<'_>> = problem
             .effects

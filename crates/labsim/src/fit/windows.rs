@@ -99,12 +99,19 @@ impl Windows {
 
     /// How many components of start states the windows have together.
     pub(super) fn unknowns(&self) -> usize {
-        self.all.iter().map(|window| if window.at_rest { 2 } else { 4 }).sum()
+        self.all
+            .iter()
+            .map(|window| if window.at_rest { 2 } else { 4 })
+            .sum()
     }
 
     /// How many components of a start state are open: 2 where every window starts at rest, else 4.
     pub(super) fn components(&self) -> usize {
-        if self.all.iter().all(|window| window.at_rest) { 2 } else { 4 }
+        if self.all.iter().all(|window| window.at_rest) {
+            2
+        } else {
+            4
+        }
     }
 
     /// How many residuals there are.
@@ -127,7 +134,11 @@ impl Windows {
         let found = |window: &Window| {
             let origin = (window.recording, window.first);
             let same = |one: &Window| (one.recording, one.first) == origin;
-            shorter.all.iter().position(same).map_or(window.guess, |i| states[i])
+            shorter
+                .all
+                .iter()
+                .position(same)
+                .map_or(window.guess, |i| states[i])
         };
         self.all.iter().map(found).collect()
     }
@@ -139,7 +150,9 @@ fn is_seen(place: &[f64; 2]) -> bool {
 
 /// Position and rate at a row, from medians over the nearest rows seen: one outlier is harmless.
 fn guess(observed: &[[f64; 2]], first: usize, at_rest: bool) -> State {
-    let mut near: Vec<usize> = (0..observed.len()).filter(|&row| is_seen(&observed[row])).collect();
+    let mut near: Vec<usize> = (0..observed.len())
+        .filter(|&row| is_seen(&observed[row]))
+        .collect();
     near.sort_by_key(|row| row.abs_diff(first));
     near.truncate(if at_rest { FEWEST } else { GUESS_ROWS });
     let mut state = [0.0; 4];
@@ -153,7 +166,9 @@ fn guess(observed: &[[f64; 2]], first: usize, at_rest: bool) -> State {
             }
         }
         let rate = median(rates);
-        let places = near.iter().map(|&row| observed[row][axis] - (row as f64 - first as f64) * rate);
+        let places = near
+            .iter()
+            .map(|&row| observed[row][axis] - (row as f64 - first as f64) * rate);
         state[axis] = median(places.collect());
         state[2 + axis] = rate;
     }
