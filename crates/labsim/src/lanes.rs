@@ -12,6 +12,9 @@ use std::ops::{Add, BitAnd, BitOr, Mul, Neg, Not, Sub};
 
 use pulp::Simd;
 
+/// Lanes of the widest register.
+const WIDEST: usize = 8;
+
 /// One `f64` a lane.
 #[derive(Clone, Copy)]
 pub(crate) struct Lanes<S: Simd> {
@@ -61,19 +64,20 @@ impl<S: Simd> Lanes<S> {
 
     /// One value for each lane; `of` is asked for the lane's number.
     #[inline(always)]
-    pub(crate) fn from_fn(simd: S, of: impl FnMut(usize) -> f64) -> Self {
-        // The widest register holds eight.
-        let all: [f64; 8] = std::array::from_fn(of);
-        let values = simd.partial_load_f64s(&all[..S::F64_LANES]);
+    pub(crate) fn from_fn(simd: S, mut of: impl FnMut(usize) -> f64) -> Self {
+        let mut all = [0.0; WIDEST];
+        for (lane, value) in all[..S::F64_LANES].iter_mut().enumerate() {
+            *value = of(lane);
+        }
+        let values = S::as_simd_f64s(&all[..S::F64_LANES]).0[0];
         Self { simd, values }
     }
 
     /// The lanes' values; what stands behind the last lane is zero.
     #[inline(always)]
-    pub(crate) fn to_array(self) -> [f64; 8] {
-        let mut all = [0.0; 8];
-        self.simd
-            .partial_store_f64s(&mut all[..S::F64_LANES], self.values);
+    pub(crate) fn to_array(self) -> [f64; WIDEST] {
+        let mut all = [0.0; WIDEST];
+        S::as_mut_simd_f64s(&mut all[..S::F64_LANES]).0[0] = self.values;
         all
     }
 
@@ -122,9 +126,8 @@ impl<S: Simd> Lanes<S> {
         self.mask(self.simd.less_than_or_equal_f64s(self.values, other.values))
     }
 
-    /// Where two values differ.
     #[inline(always)]
-    pub(crate) fn differs(self, other: Self) -> Mask<S> {
+    pub(crate) fn ne(self, other: Self) -> Mask<S> {
         !self.mask(self.simd.equal_f64s(self.values, other.values))
     }
 
@@ -170,16 +173,16 @@ impl<S: Simd> Lanes<S> {
             .fold(one, |sum, divisor| one - (1.0 / divisor) * (square * sum))
     }
 
-    /// Exponential of a number that is not above zero, to 1e-13 of its value; below -40 it is zero.
+    /// Exponential of a number that is not above zero, to 1e-10 of its value; below -25 it is zero.
     #[inline(always)]
     pub(crate) fn exp_decay(self) -> Self {
-        let far = self.lt(self.like(-40.0));
-        // The Taylor series of a 256th part, squared eight times.
-        let (one, part) = (self.like(1.0), 1.0 / 256.0 * self.max(self.like(-40.0)));
-        let mut power = (1..=11)
+        let far = self.lt(self.like(-25.0));
+        // The Taylor series of a 512th part, squared nine times.
+        let (one, part) = (self.like(1.0), 1.0 / 512.0 * self);
+        let mut power = (1..=6)
             .rev()
             .fold(one, |sum, n| one + (1.0 / f64::from(n)) * (part * sum));
-        for _ in 0..8 {
+        for _ in 0..9 {
             power = power * power;
         }
         far.select(self.like(0.0), power)
@@ -190,14 +193,6 @@ impl<S: Simd> Lanes<S> {
     pub(crate) fn round(self) -> Self {
         let magic = self.like(6_755_399_441_055_744.0); // 1.5 × 2⁵²: no room is left for a fraction
         (self + magic) - magic
-    }
-
-    /// Copy of the lanes with one of them changed.
-    #[inline(always)]
-    pub(crate) fn replace(self, lane: usize, value: f64) -> Self {
-        let mut all = self.to_array();
-        all[lane] = value;
-        Self::from_fn(self.simd, |lane| all[lane])
     }
 
     /// The instruction set.

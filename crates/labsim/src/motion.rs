@@ -35,6 +35,7 @@ impl<S: Simd> Rims<S> {
 
 /// Where the marbles of a register are and how they move (m, m/s).
 #[derive(Clone, Copy)]
+#[repr(align(64))]
 pub(crate) struct Marbles<S: Simd> {
     pub(crate) x: Lanes<S>,
     pub(crate) y: Lanes<S>,
@@ -80,6 +81,7 @@ impl<S: Simd> Marbles<S> {
 
 /// What acts on a marble during a substep.
 #[derive(Clone, Copy)]
+#[repr(align(64))]
 pub(crate) struct Push<S: Simd> {
     /// Impulse over mass of the forces through the marble's centre (m/s).
     pub(crate) x: Lanes<S>,
@@ -90,23 +92,8 @@ pub(crate) struct Push<S: Simd> {
     pub(crate) resistance: Lanes<S>,
     /// Most that friction with the board changes the velocity (m/s).
     pub(crate) grip: Lanes<S>,
-    /// How much more than the grip a rolling marble would need (m/s): above zero, it slips.
-    pub(crate) excess: Lanes<S>,
     /// Factor that damping leaves of every velocity.
     pub(crate) damping: Lanes<S>,
     /// Length of the substep (s).
     pub(crate) length: Lanes<S>,
-}
-
-#[expect(
-    clippy::inline_always,
-    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
-)]
-impl<S: Simd> Push<S> {
-    /// Works out `excess` anew, once everything that pushes and resists is there.
-    #[inline(always)]
-    pub(crate) fn settle(&mut self) {
-        let needed = 2.0 / 7.0 * (self.x.abs() + self.y.abs()) + self.resistance;
-        self.excess = (needed - self.grip).max(0.0 * self.grip);
-    }
 }

@@ -1,5 +1,7 @@
 //! A batch of rollouts over the threads: the only parallel code of the engine.
 
+mod company;
+
 use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -152,7 +154,8 @@ impl<'a> Batch<'a> {
         let mut work = || {
             let block = BLOCK * self.rows;
             for (number, observations) in observations.chunks_mut(block).enumerate() {
-                let groups = self.groups(engine, workers, number * BLOCK, observations);
+                let block = (number * BLOCK, observations);
+                let groups = self.groups(&setup, engine, workers, block);
                 groups.into_par_iter().for_each(|(jobs, mut out)| {
                     if !cancel.load(Ordering::Relaxed) {
                         match engine {
@@ -197,10 +200,20 @@ impl<'a> Batch<'a> {
             let count = one.effect.parameters.len();
             one.values.check(one.effect.name, rollouts, count)?;
         }
-        (0..rollouts).try_for_each(|i| self.check_rollout(i).map_err(|error| locate(error, i)))
+        // Looked at once where all rollouts share them.
+        let shared = match self.commands {
+            PerRollout::Shared(commands) => Some(largest(commands)),
+            _ => None,
+        };
+        (0..rollouts).try_for_each(|i| {
+            let knobs = shared.unwrap_or_else(|| largest(self.commands.of(i, issued)));
+            self.check_rollout(i, knobs)
+                .map_err(|error| locate(error, i))
+        })
     }
 
-    fn check_rollout(&self, rollout: usize) -> Result<()> {
+    /// Looks at one rollout, whose knobs turn by up to `knobs` (rad).
+    fn check_rollout(&self, rollout: usize, knobs: [f64; 2]) -> Result<()> {
         let parameters = &self.parameters[rollout];
         parameters.check()?;
         let finite = |what: &str, values: &[[f64; 2]]| match values
@@ -216,15 +229,14 @@ impl<'a> Batch<'a> {
         let commands = self.commands.of(rollout, self.issued());
         self.check_length("commands", rollout, commands.len())?;
         finite("knobs_before", self.knobs_before.of(rollout, 1))?;
-        finite("commands", commands)?;
+        if knobs.contains(&f64::INFINITY) {
+            finite("commands", commands)?;
+        }
         for (axis, gear) in [parameters.gear_x, parameters.gear_y]
             .into_iter()
             .enumerate()
         {
-            let steepest = commands
-                .iter()
-                .map(|knobs| (gear * knobs[axis]).abs())
-                .fold(0.0, f64::max);
+            let steepest = (gear * knobs[axis]).abs();
             if steepest >= FRAC_PI_2 {
                 return Err(Error::invalid(
                     ["gear_x", "gear_y"][axis],
@@ -290,42 +302,40 @@ impl<'a> Batch<'a> {
     }
 
     /// Rollouts that an engine simulates together, with the places for their results.
-    ///
-    /// Neighbours take about equally long in a rapier world; in lanes they share every count of
-    /// substeps. The order decides only who keeps whom company, never a result.
     fn groups<'b>(
         &'b self,
+        setup: &Setup<'_>,
         engine: Engine,
         workers: usize,
-        begin: usize,
-        observations: &'b mut [[f64; 2]],
+        (begin, observations): (usize, &'b mut [[f64; 2]]),
     ) -> Vec<Group<'b>> {
-        let mut jobs: Vec<(Job<'b>, &'b mut [[f64; 2]])> = observations
+        let mut places: Vec<_> = observations
             .chunks_exact_mut(self.rows)
             .enumerate()
-            .map(|(i, out)| (self.job(begin + i), out))
+            .map(|(i, out)| Some((self.job(begin + i), out)))
             .collect();
-        // The longest first, so that no thread is left with a long group at the end.
-        jobs.sort_by(|(a, _), (b, _)| self.company(b, a));
+        let jobs: Vec<&Job<'_>> = places.iter().flatten().map(|(job, _)| job).collect();
+        let order = company::order(&jobs, &self.rig.board, self.rows);
+        // A small batch makes smaller groups, two for each thread: the long and the short ones.
+        let share = places.len().div_ceil(2 * workers.max(1));
         let most = match engine {
-            // A small batch makes smaller worlds, two for each thread: the long and the short ones.
-            Engine::Rapier => rapier::GROUP.min(jobs.len().div_ceil(2 * workers.max(1))),
-            Engine::Rolling => rolling::GROUP,
+            Engine::Rapier => share.min(rapier::GROUP),
+            Engine::Rolling => share
+                .next_multiple_of(company::REGISTER)
+                .min(rolling::GROUP),
         };
-        let mut groups: Vec<Group<'b>> = Vec::new();
-        for (job, out) in jobs {
-            match groups.last_mut() {
-                Some((group, outs))
-                    if group.len() < most
-                        && (engine == Engine::Rapier || self.company(&group[0], &job).is_eq()) =>
-                {
-                    group.push(job);
-                    outs.push(out);
-                }
-                _ => groups.push((vec![job], vec![out])),
-            }
-        }
+        let together = |a: &usize, b: &usize| match engine {
+            Engine::Rapier => true,
+            Engine::Rolling => company::may_share(jobs[*a], jobs[*b], self.rows, setup.is_plain()),
+        };
+        let groups: Vec<&[usize]> = order
+            .chunk_by(together)
+            .flat_map(|alike| alike.chunks(most))
+            .collect();
         groups
+            .iter()
+            .map(|group| group.iter().filter_map(|&i| places[i].take()).unzip())
+            .collect()
     }
 
     fn job(&self, rollout: usize) -> Job<'_> {
@@ -341,19 +351,25 @@ impl<'a> Batch<'a> {
             seed: self.seeds.of(rollout, 1)[0],
         }
     }
-
-    /// Orders rollouts by the duration of their work; equal ones can share registers.
-    fn company(&self, a: &Job<'_>, b: &Job<'_>) -> std::cmp::Ordering {
-        let rows = |job: &Job<'_>| job.first + self.rows;
-        let firsts = a.first.cmp(&b.first);
-        firsts.then_with(|| a.clock.compare(&b.clock, rows(a)))
-    }
 }
 
 /// How many rollouts are under way at once, so that memory does not grow with a batch.
 const BLOCK: usize = 1 << 16;
 
 type Group<'a> = (Vec<Job<'a>>, Vec<&'a mut [[f64; 2]]>);
+
+/// The largest angle of each knob (rad); infinite where one is not a finite number.
+fn largest(commands: &[[f64; 2]]) -> [f64; 2] {
+    commands.iter().fold([0.0, 0.0], |largest, knobs| {
+        std::array::from_fn(|axis| {
+            if knobs[axis].is_finite() {
+                knobs[axis].abs().max(largest[axis])
+            } else {
+                f64::INFINITY
+            }
+        })
+    })
+}
 
 fn locate(error: Error, rollout: usize) -> Error {
     match error {

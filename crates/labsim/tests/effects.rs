@@ -1,5 +1,6 @@
 //! What every effect of the catalogue keeps to, whatever its physics.
 
+use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
 use labsim::{About, Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase, effects};
@@ -95,6 +96,74 @@ fn at_neutral_values_a_rollout_keeps_every_bit() {
 }
 
 #[test]
+fn neighbours_that_are_not_neutral_do_not_matter() {
+    /// Enough for a register of any width.
+    static CROWD: LazyLock<Vec<Parameters>> =
+        LazyLock::new(|| parameters().into_iter().cycle().take(12).collect());
+    for engine in ENGINES {
+        let base = run(engine, &[], 1, |batch| batch.parameters = &CROWD);
+        for effect in effects() {
+            let values: Vec<f64> = (0..CROWD.len())
+                .flat_map(|rollout| match rollout % 2 {
+                    0 => effect.neutral(),
+                    _ => within(effect, |_| 0.1 * (rollout % 10) as f64),
+                })
+                .collect();
+            let each = [Chosen {
+                effect,
+                values: PerRollout::Each(&values),
+            }];
+            let mixed = run(engine, &each, 1, |batch| batch.parameters = &CROWD);
+            for rollout in (0..CROWD.len()).step_by(2) {
+                let rows = rollout * ROWS..(rollout + 1) * ROWS;
+                assert_eq!(
+                    mixed[rows.clone()],
+                    base[rows],
+                    "{} of rollout {rollout} in {engine:?}",
+                    effect.name
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn next_to_neutral_is_next_to_the_base() {
+    // A rim that gives nothing back holds the marble at once: the least restitution is another motion.
+    static LIVELY: LazyLock<Rig> = LazyLock::new(|| {
+        let mut rig = Rig::default();
+        rig.board.wall_restitution = 0.3;
+        rig
+    });
+    let lively: fn(&mut Batch<'_>) = |batch| batch.rig = &LIVELY;
+    for engine in ENGINES {
+        let base = run(engine, &[], 1, lively);
+        for effect in effects() {
+            for side in [1e-8, -1e-8] {
+                let values: Vec<f64> = effect
+                    .parameters
+                    .iter()
+                    .map(|one| {
+                        let (least, most) = one.allowed;
+                        let near = one.neutral + side * (one.range.1 - one.range.0);
+                        near.clamp(least, most.min(1e9))
+                    })
+                    .collect();
+                let near = run(engine, &[chosen(effect, &values)], 1, lively);
+                let apart = near.iter().zip(&base);
+                let apart = apart.map(|(a, b)| (a[0] - b[0]).abs().max((a[1] - b[1]).abs()));
+                let apart = apart.fold(0.0, f64::max);
+                assert!(
+                    apart < 1e-4,
+                    "{} at {values:?} in {engine:?}: {apart}",
+                    effect.name
+                );
+            }
+        }
+    }
+}
+
+#[test]
 fn every_effect_shows() {
     for engine in ENGINES {
         let base = run(engine, &[], 1, |_| ());
@@ -156,6 +225,32 @@ proptest! {
     fn rollouts_stay_finite_over_the_whole_box(places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool) {
         for (number, effect) in effects().iter().enumerate() {
             let values = within(effect, |i| {
+                let place = places[(number + i) % places.len()];
+                if corner { place.round() } else { place }
+            });
+            for engine in ENGINES {
+                let path = run(engine, &[chosen(effect, &values)], 1, |_| ());
+                prop_assert!(path.as_flattened().iter().all(|seen| seen.is_finite()), "{} at {values:?} in {engine:?}", effect.name);
+            }
+        }
+    }
+}
+
+/// Values at a place of the box of allowed ones, 0 to 1 along each side.
+fn allowed(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
+    let at = |(i, one): (usize, &labsim::effects::Parameter)| {
+        let (least, most) = (one.allowed.0, one.allowed.1.min(1e6));
+        least + place(i) * (most - least)
+    };
+    effect.parameters.iter().enumerate().map(at).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+    #[test]
+    fn whatever_is_allowed_is_finite(places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool) {
+        for (number, effect) in effects().iter().enumerate() {
+            let values = allowed(effect, |i| {
                 let place = places[(number + i) % places.len()];
                 if corner { place.round() } else { place }
             });

@@ -1,5 +1,6 @@
 //! The rolling engine against closed forms and symmetries.
 
+use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use labsim::board::{GRAVITY, SUBSTEP_S};
@@ -295,26 +296,37 @@ proptest! {
         rig in any_rig(),
         parameters in prop::collection::vec(any_parameters(), 1..80),
         commands in any_commands(),
+        stamped in any::<bool>(),
     ) {
-        let run = |parameters: &[Parameters], threads| {
+        let rows = commands.len();
+        // Rows of 0 to 12 substeps, in another order for each rollout.
+        let durations: Vec<f64> = (0..parameters.len() * rows)
+            .map(|i| (i * i % 13) as f64 * SUBSTEP_S)
+            .collect();
+        let run = |rollouts: Range<usize>, threads| {
+            let durations = &durations[rollouts.start * rows..rollouts.end * rows];
             let batch = Batch {
                 rig: &rig,
-                parameters,
-                rows: commands.len(),
+                parameters: &parameters[rollouts],
+                rows,
                 commands: PerRollout::Shared(&commands),
                 start: PerRollout::Shared(&[[0.01, 0.02]]),
                 start_velocity: PerRollout::Shared(&[[0.1, 0.0]]),
+                time: if stamped {
+                    TimeBase::Durations(PerRollout::Each(durations))
+                } else {
+                    TimeBase::Rounded
+                },
                 ..Batch::new(&rig, &[], &[])
             };
             batch.run(Engine::Rolling, Some(threads), &AtomicBool::new(false)).expect("the inputs are physical")
         };
-        let together = run(&parameters, 1);
+        let together = run(0..parameters.len(), 1);
         for threads in [2, 4] {
-            prop_assert_eq!(&run(&parameters, threads), &together);
+            prop_assert_eq!(&run(0..parameters.len(), threads), &together);
         }
-        for (i, alone) in parameters.iter().enumerate().take(4) {
-            let rows = commands.len();
-            prop_assert_eq!(&run(&[*alone], 2)[..], &together[i * rows..(i + 1) * rows]);
+        for i in 0..parameters.len() {
+            prop_assert_eq!(&run(i..i + 1, 2)[..], &together[i * rows..(i + 1) * rows]);
         }
     }
 }

@@ -21,8 +21,8 @@ pub(super) const ABOUT: About = About {
     }],
     does: "The board answers every command the same time late: networks, controllers and drives pass commands on in turn.",
     matters: "Whenever the command changes within the delay; a slow sinusoid hides it as a shift of phase.",
-    looks: "A pure shift in time of everything that the commands cause. Steps or several frequencies tell it from a lag, \
-            bounces and coasting from a camera that lags.",
+    looks: "A pure shift in time of everything that the commands cause. Steps or several frequencies tell it from a lag; a camera \
+            that lags looks the same, unless its picture shows the tilt itself.",
     references: &[
         "Allevato, Short, Pryor, Thomaz: Iterative residual tuning for system identification and sim-to-real robot learning, 2020",
         "Åström, Murray: Feedback Systems, 2nd ed., sect. 10.2 (time delays)",

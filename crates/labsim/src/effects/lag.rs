@@ -26,6 +26,9 @@ pub(super) const ABOUT: About = About {
     references: &["Åström, Murray: Feedback Systems, 2nd ed., sect. 6.3 (step response)"],
 };
 
+/// Part of a time constant below which an exponential is all rounding.
+const SHORT: f64 = 1e-9;
+
 pub(crate) struct Lag<S: Simd> {
     time: Lanes<S>,
     knob: Option<Pair<S>>,
@@ -46,10 +49,13 @@ impl<S: Simd> Step<S> {
         let follows = time.gt(zero);
         let share = length.over(follows.select(time, one));
         let left = (-share).exp_decay();
+        // A substep of no length leaves the knob where it is.
+        let lasts = share.gt(SHORT * one);
+        let on_average = lasts.select((one - left).over(lasts.select(share, one)), one);
         Self {
             length,
             at_end: follows.select(left, zero),
-            on_average: follows.select((one - left).over(share.max(1e-12 * one)), zero),
+            on_average: follows.select(on_average, zero),
         }
     }
 }
@@ -69,7 +75,7 @@ impl<S: Simd> Effect<S> for Lag<S> {
             self.knob = Some(*knob);
             return;
         };
-        if length.differs(self.step.length).any() {
+        if length.ne(self.step.length).any() {
             self.step = Step::new(self.time, length);
         }
         for (knob, turned) in knob.iter_mut().zip(turned) {

@@ -20,9 +20,10 @@ pub(super) const ABOUT: About = About {
         means: "age of a picture when its row is written",
     }],
     does: "A row tells where the marble was some time ago: exposure, transfer and search in the picture take that long. Row 0, \
-           from which a rollout starts, is as old as the others.",
-    matters: "For fast marbles: the error is the speed times the age.",
-    looks: "Everything is shifted in time, coasting and bounces too, which a delay of the commands leaves where they are.",
+           from which a rollout starts, is as old as the others; the marble is ahead of it by its velocity times the age.",
+    matters: "Where the marble is asked for now, as by a controller; and where the command changes within the age of the picture.",
+    looks: "Every answer comes late by the same time. Positions that start at row 0 cannot tell it from a delay of the commands: \
+            the tilt in the picture can, by parallax, or any event whose true time is known.",
     references: &["Corke, Good: Dynamic effects in visual closed-loop systems, IEEE Trans. Robotics and Automation 12(5), 1996"],
 };
 

@@ -52,11 +52,12 @@ impl<S: Simd> Effect<S> for SlewLimit<S> {
         let (zero, one) = (length.like(0.0), length.like(1.0));
         let limited = self.rate.lt(length.like(f64::INFINITY));
         let most = limited.select(self.rate, zero) * length;
+        let per_way = one.over(most.max(length.like(1e-290)));
         for (knob, turned) in knob.iter_mut().zip(&mut turned) {
             let way = *knob - *turned;
             let moved = way.clamp(most);
             // The part of the substep in which the knob turns; for the rest of it, it has arrived.
-            let turning = way.abs().over(most.max(length.like(1e-300))).min(one);
+            let turning = (way.abs() * per_way).min(one);
             let on_average = *turned + moved * (one - 0.5 * turning);
             *turned = limited.select(*turned + moved, *knob);
             *knob = limited.select(on_average, *knob);

@@ -179,18 +179,15 @@ impl<S: Simd> Actuation<S> {
         let length = self.length;
         let ((sin_x, cos_x), (sin_y, cos_y)) = (tilt_x.sin_cos(), tilt_y.sin_cos());
         let normal = GRAVITY * (cos_x * cos_y);
-        let mut push = Push {
+        Push {
             x: GRAVITY * sin_y * length,
             y: -(GRAVITY * (sin_x * cos_y) * length),
             normal,
             resistance: 5.0 / 7.0 * (self.rolling_friction * normal * length),
             grip: BOARD_FRICTION * (normal * length),
-            excess: length,
             damping: self.damping,
             length,
-        };
-        push.settle();
-        push
+        }
     }
 }
 
@@ -202,7 +199,6 @@ fn still<S: Simd>(zero: Lanes<S>) -> Push<S> {
         normal: zero,
         resistance: zero,
         grip: zero,
-        excess: zero,
         damping: zero,
         length: zero,
     }
@@ -249,34 +245,27 @@ impl<S: Simd> Arrivals<S> {
     /// Lets the commands of a substep come; returns the average over the substep.
     #[inline(always)]
     fn arrive(&mut self, row: usize, substep: u32) -> Pair<S> {
-        let (begin, end) = (f64::from(substep), f64::from(substep) + 1.0);
-        let mut last = self.command.map(Lanes::to_array);
-        let mut average = last;
-        for lane in 0..self.agenda.lanes() {
-            let mut until = begin;
-            let mut sum = [0.0; 2];
-            while let Some(moment) = self.agenda.take(lane, row, end) {
-                let at = moment.at.max(until);
-                let command = self.commands[lane][moment.what];
-                for axis in 0..2 {
-                    sum[axis] += (at - until) * last[axis][lane];
-                    last[axis][lane] = command[axis];
-                }
-                until = at;
-            }
-            let mixed = until > begin;
+        let begin = f64::from(substep);
+        let mut command = self.command.map(Lanes::to_array);
+        let mut average = command;
+        let (commands, mut mixed) = (&self.commands, false);
+        self.agenda.take(row, begin + 1.0, |lane, moment| {
+            // The command that came replaces the last one for the rest of the substep.
+            let rest = (begin + 1.0 - moment.at).min(1.0);
+            mixed |= rest < 1.0;
             for axis in 0..2 {
-                average[axis][lane] = if mixed {
-                    sum[axis] + (end - until) * last[axis][lane]
+                let came = commands[lane][moment.what][axis];
+                average[axis][lane] = if rest < 1.0 {
+                    average[axis][lane] + rest * (came - command[axis][lane])
                 } else {
-                    last[axis][lane]
+                    came
                 };
+                command[axis][lane] = came;
             }
-            self.was_mixed |= mixed;
-        }
-        self.agenda.begin_row(row);
+        });
+        self.was_mixed = mixed;
         let simd = self.command[0].simd();
-        self.command = last.map(|values| Lanes::from_fn(simd, |lane| values[lane]));
+        self.command = command.map(|values| Lanes::from_fn(simd, |lane| values[lane]));
         average.map(|values| Lanes::from_fn(simd, |lane| values[lane]))
     }
 }

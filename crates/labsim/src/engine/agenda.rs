@@ -40,35 +40,46 @@ impl<S: Simd> Agenda<S> {
     /// Turns to the moments of a row.
     #[inline(always)]
     pub(super) fn begin_row(&mut self, row: usize) {
-        let (moments, taken) = (&self.moments, &self.taken);
-        self.next = Lanes::from_fn(self.next.simd(), |lane| {
-            match moments.get(lane).and_then(|all| all.get(taken[lane])) {
-                Some(moment) if moment.row <= row => moment.at,
-                _ => f64::INFINITY,
+        self.next = Lanes::from_fn(self.next.simd(), |lane| self.when(lane, row));
+    }
+
+    /// When a lane's next moment comes, infinite if not in this row.
+    #[inline(always)]
+    fn when(&self, lane: usize, row: usize) -> f64 {
+        match self
+            .moments
+            .get(lane)
+            .and_then(|all| all.get(self.taken[lane]))
+        {
+            Some(moment) if moment.row <= row => moment.at,
+            _ => f64::INFINITY,
+        }
+    }
+
+    /// Lets `happen` see the moments that come before so many substeps of a row have passed, or just
+    /// then: first those of the first lane.
+    #[inline(always)]
+    pub(super) fn take(
+        &mut self,
+        row: usize,
+        substeps: f64,
+        mut happen: impl FnMut(usize, Moment),
+    ) {
+        let mut next = self.next.to_array();
+        for lane in 0..self.moments.len() {
+            while next[lane] <= substeps {
+                happen(lane, self.moments[lane][self.taken[lane]]);
+                self.taken[lane] += 1;
+                next[lane] = self.when(lane, row);
             }
-        });
+        }
+        self.next = Lanes::from_fn(self.next.simd(), |lane| next[lane]);
     }
 
     /// Whether in any lane something happens before so many substeps have passed, or just then.
     #[inline(always)]
     pub(super) fn is_due(&self, substeps: f64) -> bool {
         self.next.le(self.next.like(substeps)).any()
-    }
-
-    /// Takes a lane's next moment, if it comes before so many substeps of the row have passed, or just then.
-    #[inline(always)]
-    pub(super) fn take(&mut self, lane: usize, row: usize, substeps: f64) -> Option<Moment> {
-        let moment = *self.moments.get(lane)?.get(self.taken[lane])?;
-        if moment.row > row || moment.row == row && moment.at > substeps {
-            return None;
-        }
-        self.taken[lane] += 1;
-        Some(moment)
-    }
-
-    /// How many lanes have moments.
-    pub(super) fn lanes(&self) -> usize {
-        self.moments.len()
     }
 }
 

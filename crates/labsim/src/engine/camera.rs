@@ -7,7 +7,7 @@ use super::agenda::{Agenda, Moment, Timeline};
 use super::{Job, Setup};
 use crate::effects::{Acts, Any, acting};
 use crate::lanes::Lanes;
-use crate::motion::Pair;
+use crate::motion::{Marbles, Pair};
 
 /// Rounds of Newton's method in which a place is found from its picture: more than enough.
 const ROUNDS: usize = 8;
@@ -83,9 +83,41 @@ impl<S: Simd> Camera<S> {
         seen
     }
 
-    /// Takes a lane's next picture, if it is taken before so many substeps of the row have passed.
-    pub(super) fn due(&mut self, lane: usize, row: usize, substeps: f64) -> Option<Moment> {
-        self.agenda.as_mut()?.take(lane, row, substeps)
+    /// Whether a picture is taken before so many substeps of the row have passed, or just then.
+    #[inline(always)]
+    pub(super) fn is_due(&self, substeps: f64) -> bool {
+        matches!(&self.agenda, Some(agenda) if agenda.is_due(substeps))
+    }
+
+    /// Takes the pictures of a stretch of a row, from one number of substeps to another, in which the
+    /// marbles move evenly; `write` is told lane, row and what is seen.
+    #[inline(always)]
+    pub(super) fn expose(
+        &mut self,
+        row: usize,
+        [begin, end]: [f64; 2],
+        [before, after]: [&Marbles<S>; 2],
+        actuation: &Actuation<S>,
+        mut write: impl FnMut(usize, usize, [f64; 2]),
+    ) {
+        let Some(mut agenda) = self.agenda.take() else {
+            return;
+        };
+        let length = (end - begin) * actuation.push.length;
+        agenda.take(row, end, |lane, picture| {
+            let at = (picture.at - begin) / (end - begin);
+            let place = [
+                between(before.x, after.x, before.vx * length, at),
+                between(before.y, after.y, before.vy * length, at),
+            ];
+            let seen = self.see(place, &actuation.tilt);
+            write(
+                lane,
+                picture.what,
+                seen.map(|values| values.to_array()[lane]),
+            );
+        });
+        self.agenda = Some(agenda);
     }
 
     /// Places (m) and velocities (m/s) at row 0 of marbles that are then seen at `start`, moving by
@@ -172,13 +204,13 @@ fn exposures(timeline: &Timeline, lane: usize, age: f64, first: usize, rows: usi
     (1..rows).map(moment).collect()
 }
 
-/// Where something is at a moment of a substep; before it, by its velocity (per substep).
-pub(super) fn between<S: Simd>(
-    from: Lanes<S>,
-    to: Lanes<S>,
-    velocity: Lanes<S>,
-    at: f64,
-) -> Lanes<S> {
+/// Where something is at a moment of a stretch; before it, by its velocity (per stretch).
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+#[inline(always)]
+fn between<S: Simd>(from: Lanes<S>, to: Lanes<S>, velocity: Lanes<S>, at: f64) -> Lanes<S> {
     if at >= 1.0 {
         to
     } else if at < 0.0 {

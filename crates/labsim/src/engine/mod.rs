@@ -141,6 +141,15 @@ impl Setup<'_> {
         self.effects.iter().any(|one| places(one.effect.acts))
     }
 
+    /// Whether nothing but the marbles changes within a row.
+    pub(crate) fn is_plain(&self) -> bool {
+        !self.any(|acts| match acts {
+            Acts::OnTilt | Acts::OnRims | Acts::OnPicture => false,
+            Acts::OnKnob { moves } => moves,
+            Acts::OnArrival | Acts::OnClock | Acts::OnMarble | Acts::OnExposure => true,
+        })
+    }
+
     fn is_cancelled(&self) -> bool {
         self.cancel.load(atomic::Ordering::Relaxed)
     }

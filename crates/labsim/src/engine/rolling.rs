@@ -1,7 +1,7 @@
 //! A rolling sphere on a tilting plane with rim walls: the fast engine.
 //!
-//! All lanes of a group take the same number of substeps; each has its own parameters, commands,
-//! start and substep length. The physics of a substep is in [`contact`].
+//! Each lane has its own parameters, commands, start, and number and length of substeps; in a row
+//! that is longer for some, the others wait. The physics of a substep is in [`contact`].
 
 #![expect(
     clippy::inline_always,
@@ -9,12 +9,13 @@
 )]
 
 mod contact;
+mod impact;
 
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, Scalar, Simd, WithSimd};
 
 use self::contact::substep;
 use super::actuation::Actuation;
-use super::camera::{Camera, between};
+use super::camera::Camera;
 use super::{Job, Setup};
 use crate::effects::{Acts, Any, acting};
 use crate::lanes::Lanes;
@@ -26,10 +27,15 @@ pub(crate) const GROUP: usize = 32;
 /// The most registers whose marbles take turns, so that one's divisions hide behind another's.
 const REGISTERS: usize = 4;
 
-/// Simulates up to [`GROUP`] rollouts whose timesteps have equal numbers of substeps and whose marbles
-/// are let go at the same row.
+/// Simulates up to [`GROUP`] rollouts whose marbles are let go at the same row; fastest where neighbours
+/// take equally many substeps, which they must if [`Setup::is_plain`] is not true.
 pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]]) {
-    Arch::new().dispatch(Group { setup, jobs, out });
+    let group = Group { setup, jobs, out };
+    match jobs.len() {
+        // Nothing stands beside it, and wide registers take longer to divide.
+        1 => group.with_simd(Scalar),
+        _ => Arch::new().dispatch(group),
+    }
 }
 
 struct Group<'a, 'b, 'c> {
@@ -72,7 +78,6 @@ fn simulate<S: Simd, const N: usize>(
             register.wait(row, step(row));
         }
     }
-    let plain = registers.iter().all(Register::is_plain);
     let mut marbles: [Marbles<S>; N] =
         std::array::from_fn(|register| registers[register].release());
     for row in first..first + setup.rows {
@@ -89,21 +94,48 @@ fn simulate<S: Simd, const N: usize>(
         for register in &mut registers {
             register.begin_row(row);
         }
-        if plain {
+        if setup.is_plain() {
+            let substeps: [Substeps<S>; N] = std::array::from_fn(|i| registers[i].substeps(row));
             let pushes: [Push<S>; N] = std::array::from_fn(|i| registers[i].actuation.push);
-            for _ in 0..step(row) {
-                for ((register, marbles), push) in registers.iter().zip(&mut marbles).zip(&pushes) {
-                    *marbles = substep(&register.rims, marbles, push);
+            let most = substeps.iter().map(|substeps| substeps.most).max();
+            for done in 0..most.unwrap_or(0) {
+                for (i, marbles) in marbles.iter_mut().enumerate() {
+                    if done < substeps[i].most {
+                        let next = substep(&registers[i].rims, marbles, &pushes[i]);
+                        *marbles = substeps[i].take(done, next, marbles);
+                    }
                 }
             }
         } else {
             for i in 0..step(row) {
                 let mut out = out.chunks_mut(S::F64_LANES);
                 for (register, marbles) in registers.iter_mut().zip(&mut marbles) {
+                    if register.jobs.is_empty() {
+                        break;
+                    }
                     register.substep(row, i, marbles, out.next().unwrap_or_default());
                 }
             }
         }
+    }
+}
+
+/// How many substeps each lane of a register takes in a row; empty lanes take none.
+struct Substeps<S: Simd> {
+    lanes: Lanes<S>,
+    fewest: u32,
+    most: u32,
+}
+
+impl<S: Simd> Substeps<S> {
+    /// Lets the lanes whose row is not over after that many substeps have their next.
+    #[inline(always)]
+    fn take(&self, done: u32, next: Marbles<S>, marbles: &Marbles<S>) -> Marbles<S> {
+        if done < self.fewest {
+            return next;
+        }
+        let goes_on = self.lanes.gt(self.lanes.like(f64::from(done)));
+        Marbles::select(goes_on, &next, marbles)
     }
 }
 
@@ -141,9 +173,21 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
         }
     }
 
-    /// Whether nothing but the marbles changes within a row.
-    fn is_plain(&self) -> bool {
-        !self.actuation.moves() && self.forces.is_empty() && self.camera.agenda.is_none()
+    #[inline(always)]
+    fn substeps(&self, row: usize) -> Substeps<S> {
+        let (mut fewest, mut most) = (u32::MAX, 0);
+        let lanes = Lanes::from_fn(self.rims.reach_x.simd(), |lane| {
+            self.jobs.get(lane).map_or(0.0, |job| {
+                let substeps = job.clock.step(row).substeps;
+                (fewest, most) = (fewest.min(substeps), most.max(substeps));
+                f64::from(substeps)
+            })
+        });
+        Substeps {
+            lanes,
+            fewest,
+            most,
+        }
     }
 
     #[inline(always)]
@@ -223,51 +267,27 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
             self.actuation.substep(row, index);
         }
         let mut push = self.actuation.push;
-        if !self.forces.is_empty() {
-            for effect in &mut self.forces {
-                effect.act(marbles, &mut push);
-            }
-            push.settle();
+        for effect in &mut self.forces {
+            effect.act(marbles, &mut push);
+        }
+        let end = f64::from(index) + 1.0;
+        if !self.camera.is_due(end) {
+            *marbles = substep(&self.rims, marbles, &push);
+            return;
         }
         let before = *marbles;
         *marbles = substep(&self.rims, &before, &push);
-        let end = f64::from(index) + 1.0;
-        if self
-            .camera
-            .agenda
-            .as_ref()
-            .is_some_and(|agenda| agenda.is_due(end))
-        {
-            let simd = self.rims.reach_x.simd();
-            simd.vectorize(|| self.expose(row, f64::from(index), [&before, marbles], out));
-        }
-    }
-
-    /// Takes the pictures that are due in a substep.
-    #[inline(always)]
-    fn expose(
-        &mut self,
-        row: usize,
-        begin: f64,
-        [before, after]: [&Marbles<S>; 2],
-        out: &mut [&mut [[f64; 2]]],
-    ) {
-        for (lane, out) in out.iter_mut().enumerate() {
-            while let Some(picture) = self.camera.due(lane, row, begin + 1.0) {
-                let at = picture.at - begin;
-                let length = self.actuation.push.length;
-                let place = [
-                    (before.x, after.x, before.vx),
-                    (before.y, after.y, before.vy),
-                ]
-                .map(|(from, to, velocity)| between(from, to, velocity * length, at));
-                let seen = self.camera.see(place, &self.actuation.tilt);
-                out[picture.what] = seen.map(|values| values.to_array()[lane]);
-            }
-        }
-        if let Some(agenda) = &mut self.camera.agenda {
-            agenda.begin_row(row);
-        }
+        let simd = self.rims.reach_x.simd();
+        simd.vectorize(|| {
+            let (stretch, motion) = ([end - 1.0, end], [&before, &*marbles]);
+            let write = |lane: usize, row: usize, seen: [f64; 2]| {
+                if let Some(out) = out.get_mut(lane) {
+                    out[row] = seen;
+                }
+            };
+            self.camera
+                .expose(row, stretch, motion, &self.actuation, write);
+        });
     }
 }
 
@@ -279,7 +299,6 @@ mod tests {
     use crate::board::Rig;
     use crate::drive::paper_drive;
     use crate::engine::{Clock, Step};
-    use pulp::Scalar;
 
     #[test]
     fn every_instruction_set_gives_the_same_bits() {
@@ -296,7 +315,7 @@ mod tests {
                 commands: &commands,
                 start: [0.01 * f64::from(i), -0.2],
                 start_velocity: [0.3, 0.0],
-                clock: Clock::Even(Step::rounded(23.0)),
+                clock: Clock::Even(Step::rounded(f64::from(17 + i % 7))),
             })
             .collect();
         let run = |dispatch: &dyn Fn(Group<'_, '_, '_>)| {

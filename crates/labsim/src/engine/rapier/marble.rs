@@ -7,7 +7,7 @@ use super::{FIXED, HAIR, LONGEST, MARBLES, SHORTEST, TOUCH, material, meeting};
 use crate::board::{Rig, SUBSTEP_S};
 use crate::effects::{Acts, Any, acting};
 use crate::engine::actuation::Actuation;
-use crate::engine::camera::{Camera, between};
+use crate::engine::camera::Camera;
 use crate::engine::{Job, Setup};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -174,15 +174,10 @@ impl<'a> Marble<'a> {
         let parts = self.parts as f64;
         let [begin, end] = [self.done - 1, self.done].map(|done| done as f64 / parts);
         let after = self.motion(marble);
-        while let Some(picture) = self.camera.due(0, self.row - 1, end) {
-            let at = (picture.at - begin) * parts;
-            let length = 1.0 / parts * self.actuation.push.length;
-            let place = [
-                between(before.x, after.x, before.vx * length, at),
-                between(before.y, after.y, before.vy * length, at),
-            ];
-            out[picture.what] = self.camera.see(place, &self.actuation.tilt).map(number);
-        }
+        let write = |_, row: usize, seen| out[row] = seen;
+        let motion = [&before, &after];
+        self.camera
+            .expose(self.row - 1, [begin, end], motion, &self.actuation, write);
     }
 
     /// Sets the marble's time for a row.

@@ -1,4 +1,4 @@
-//! What happens to rolling, slipping and hopping marbles within one substep.
+//! What board and rims do to rolling and slipping marbles within one substep.
 //!
 //! A solid sphere on a plane has five velocities that matter: of its centre along x and y (`v`), of
 //! its surface where it touches the board (`s`: the velocity at which the present spin would be a
@@ -8,11 +8,8 @@
 //! law bounds j. Rolling resistance is a torque: it takes min(5/7 μ g h, |w|) from w, so that a
 //! marble whose push is below the resistance stays where it is.
 //!
-//! At a rim the normal velocity is reflected by the restitution, and Coulomb friction acts on the
-//! marble's surface there, along the rim and vertically; the vertical part lets the marble hop for
-//! some milliseconds, in which the board has no hold of it. What spin is left then slips on the
-//! board. A marble that leans on a rim and rolls along it turns on both, so that a push sees
-//! 1 + 2/5 + 2/5 of its mass.
+//! A marble that leans on a rim and rolls along it turns on both, so that a push sees 1 + 2/5 + 2/5
+//! of its mass. How it gets there is in [`super::impact`].
 
 #![expect(
     clippy::inline_always,
@@ -21,191 +18,131 @@
 
 use pulp::Simd;
 
+use super::impact::impact;
 use crate::lanes::{Lanes, Mask};
 use crate::motion::{Marbles, Push, Rims};
 
 /// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
 const TINY: f64 = 1e-280;
 
-/// Each lane takes the cheap way while its marble rolls, and pays for a slip or an impact only then;
-/// what its neighbours do decides whether the dear way is computed, never whether it counts.
+/// Each lane pays for a slip or an impact only in the substeps that have one; what its neighbours do
+/// decides whether the dear way is computed, never whether it counts.
 #[inline(always)]
 pub(super) fn substep<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> Marbles<S> {
-    let (next, meets_rim) = roll(rims, marbles, push);
-    let slip = (marbles.vx - marbles.sx).abs() + (marbles.vy - marbles.sy).abs();
-    let unsettled = (slip + marbles.air + push.excess).gt(slip.like(0.0)) | meets_rim;
-    if unsettled.any() {
-        Marbles::select(unsettled, &self::slip(rims, marbles, push), &next)
+    let zero = push.length.like(0.0);
+    let slip_x = marbles.vx - marbles.sx + push.x;
+    let slip_y = marbles.vy - marbles.sy + push.y;
+    let needed = 2.0 / 7.0 * (slip_x.abs() + slip_y.abs()) + push.resistance;
+    let (rolled, climbs) = roll(rims, marbles, push);
+    let loose = needed.gt(push.grip) | marbles.air.gt(zero) | climbs;
+    let next = advance(&rolled, push.length);
+    let meets = next.x.abs().gt(rims.reach_x) | next.y.abs().gt(rims.reach_y);
+    if (loose | meets).any() {
+        let mut moving = rolled;
+        if loose.any() {
+            moving = Marbles::select(loose, &board_contact(rims, marbles, push), &rolled);
+        }
+        Marbles::select(loose | meets, &impact(rims, &moving, push), &next)
     } else {
         next
+    }
+}
+
+/// Moves the marbles by their velocities.
+#[inline(always)]
+fn advance<S: Simd>(marbles: &Marbles<S>, length: Lanes<S>) -> Marbles<S> {
+    Marbles {
+        x: marbles.x + marbles.vx * length,
+        y: marbles.y + marbles.vy * length,
+        ..*marbles
     }
 }
 
 /// Lanes whose marble lies at a rim and would roll on into it.
 #[inline(always)]
 fn against<S: Simd>(position: Lanes<S>, velocity: Lanes<S>, reach: Lanes<S>) -> Mask<S> {
-    let zero = reach.like(0.0);
-    position.ge(reach) & velocity.gt(zero) | position.le(-reach) & velocity.lt(zero)
+    position.abs().ge(reach) & (position * velocity).gt(reach.like(0.0))
 }
 
-/// A substep of marbles that roll, on the board alone or along a rim; and where one meets a rim.
+/// Velocities of marbles that roll, on the board alone or along a rim; and which of them have yet to
+/// lose a spin against the rim that holds them.
 #[inline(always)]
 fn roll<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> (Marbles<S>, Mask<S>) {
     let zero = push.length.like(0.0);
     let (wx, wy) = rolling_velocity(marbles, push);
-    let (held_x, held_y) = (
-        against(marbles.x, wx, rims.reach_x),
-        against(marbles.y, wy, rims.reach_y),
-    );
-    let (wx, wy) = (held_x.select(zero, wx), held_y.select(zero, wy));
-    let taken = resisted(wx, wy, push.resistance);
-    let (mut wx, mut wy) = (wx - taken * wx, wy - taken * wy);
-    let mut spin = marbles.spin * push.damping;
-    if (held_x | held_y).any() {
-        (wy, spin) = turn_on_rim(rims, held_x, push.x, wy, spin);
-        let (along, turned) = turn_on_rim(rims, held_y, push.y, wx, -spin);
-        (wx, spin) = (held_x.select(zero, along), -turned);
-        wy = held_y.select(zero, wy);
+    let spin = marbles.spin * push.damping;
+    let rolling = |wx, wy, spin| Marbles {
+        vx: wx,
+        vy: wy,
+        sx: wx,
+        sy: wy,
+        spin,
+        ..*marbles
+    };
+    let at_rim = marbles.x.abs().ge(rims.reach_x) | marbles.y.abs().ge(rims.reach_y);
+    if !at_rim.any() {
+        let left = unresisted(wx, wy, push.resistance);
+        return (rolling(left * wx, left * wy, spin), zero.lt(zero));
     }
-    let (x, y) = (marbles.x + wx * push.length, marbles.y + wy * push.length);
-    let meets_x = x.abs().ge(rims.reach_x) & !held_x;
-    let meets_y = y.abs().ge(rims.reach_y) & !held_y;
-    (
-        Marbles {
-            x,
-            y,
-            vx: wx,
-            vy: wy,
-            sx: wx,
-            sy: wy,
-            spin,
-            air: marbles.air,
-        },
-        meets_x | meets_y,
-    )
+    let held_x = against(marbles.x, wx, rims.reach_x);
+    let held_y = against(marbles.y, wy, rims.reach_y);
+    let climbs = held_x & marbles.vx.ne(marbles.sx) | held_y & marbles.vy.ne(marbles.sy);
+    let (wx, wy) = (held_x.select(zero, wx), held_y.select(zero, wy));
+    let left = unresisted(wx, wy, push.resistance);
+    let (wx, wy, spin) = turn_on_rim(rims, push, held_x, held_y, left * wx, left * wy, spin);
+    (rolling(wx, wy, spin), climbs)
 }
 
-/// Friction of a rim on marbles that lean on it: new velocity along it and spin.
+/// The part of a rolling velocity that rolling resistance leaves after a substep.
+#[inline(always)]
+fn unresisted<S: Simd>(wx: Lanes<S>, wy: Lanes<S>, resistance: Lanes<S>) -> Lanes<S> {
+    let (zero, one) = (wx.like(0.0), wx.like(1.0));
+    let square = wx * wx + wy * wy;
+    let stops = square.le(resistance * resistance);
+    stops.select(zero, one - resistance.over(square.sqrt()))
+}
+
+/// Friction of the rims on marbles that lean on one: rolling velocity and spin after it.
+///
+/// A corner holds a marble by both rims; it only spins there.
 #[inline(always)]
 fn turn_on_rim<S: Simd>(
     rims: &Rims<S>,
-    held: Mask<S>,
-    pressing: Lanes<S>,
-    velocity: Lanes<S>,
+    push: &Push<S>,
+    held_x: Mask<S>,
+    held_y: Mask<S>,
+    wx: Lanes<S>,
+    wy: Lanes<S>,
     spin: Lanes<S>,
-) -> (Lanes<S>, Lanes<S>) {
-    let zero = spin.like(0.0);
-    let spin_there = pressing.gt(zero).select(spin, -spin);
+) -> (Lanes<S>, Lanes<S>, Lanes<S>) {
+    let (zero, one) = (spin.like(0.0), spin.like(1.0));
+    // Seen along y, spin about the vertical moves the rim's side of the marble the other way.
+    let towards = held_x.select(push.x, -push.y);
+    let side = towards.lt(zero).select(-one, one);
+    let pressing = held_x.select(push.x.abs(), zero) + held_y.select(push.y.abs(), zero);
+    let along = held_x.select(wy, wx);
     // Rolling on the board and the rim at once: 5/7 of the impulse and 5/2 of it bring the surface to rest.
-    let impulse = (14.0 / 45.0 * (velocity + spin_there)).clamp(rims.friction * pressing.abs());
-    let impulse = held.select(impulse, zero);
-    let turned = 2.5 * impulse;
+    let impulse = (14.0 / 45.0 * (along + side * spin)).clamp(rims.friction * pressing);
+    let along = along - 5.0 / 7.0 * impulse;
     (
-        velocity - 5.0 / 7.0 * impulse,
-        spin - pressing.gt(zero).select(turned, -turned),
+        held_x.select(zero, held_y.select(along, wx)),
+        held_y.select(zero, held_x.select(along, wy)),
+        (held_x | held_y).select(spin - 2.5 * (side * impulse), spin),
     )
 }
 
 /// w = (5 v + 2 s)/7 after the push and damping, before any friction.
 #[inline(always)]
 fn rolling_velocity<S: Simd>(marbles: &Marbles<S>, push: &Push<S>) -> (Lanes<S>, Lanes<S>) {
-    let wx = 5.0 / 7.0 * (marbles.vx + push.x) + 2.0 / 7.0 * marbles.sx;
-    let wy = 5.0 / 7.0 * (marbles.vy + push.y) + 2.0 / 7.0 * marbles.sy;
+    let wx = marbles.vx + 5.0 / 7.0 * push.x - 2.0 / 7.0 * (marbles.vx - marbles.sx);
+    let wy = marbles.vy + 5.0 / 7.0 * push.y - 2.0 / 7.0 * (marbles.vy - marbles.sy);
     (wx * push.damping, wy * push.damping)
-}
-
-/// The part of a rolling velocity that rolling resistance takes in a substep.
-#[inline(always)]
-fn resisted<S: Simd>(wx: Lanes<S>, wy: Lanes<S>, resistance: Lanes<S>) -> Lanes<S> {
-    resistance.over(length(wx, wy)).min(wx.like(1.0))
 }
 
 /// Length of a vector, never quite zero.
 #[inline(always)]
-fn length<S: Simd>(x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
+pub(super) fn length<S: Simd>(x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
     (x * x + y * y + x.like(TINY)).sqrt()
-}
-
-/// A substep of marbles that may slip, hop or meet a rim.
-#[inline(always)]
-fn slip<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> Marbles<S> {
-    let mut next = board_contact(rims, marbles, push);
-    let (x, y) = (
-        next.x + next.vx * push.length,
-        next.y + next.vy * push.length,
-    );
-    if x.abs().ge(rims.reach_x).any() {
-        let Marbles {
-            x,
-            vx: vn,
-            vy: vt,
-            sx: sn,
-            spin,
-            air,
-            ..
-        } = next;
-        let met = meet_rim(
-            rims,
-            rims.reach_x,
-            push,
-            &Rim {
-                x,
-                vn,
-                vt,
-                sn,
-                spin,
-                air,
-            },
-        );
-        next = Marbles {
-            x: met.x,
-            vx: met.vn,
-            vy: met.vt,
-            sx: met.sn,
-            spin: met.spin,
-            air: met.air,
-            ..next
-        };
-    }
-    if y.abs().ge(rims.reach_y).any() {
-        // Seen along y, spin about the vertical moves the rim's side of the marble the other way.
-        let Marbles {
-            y: x,
-            vy: vn,
-            vx: vt,
-            sy: sn,
-            spin,
-            air,
-            ..
-        } = next;
-        let met = meet_rim(
-            rims,
-            rims.reach_y,
-            push,
-            &Rim {
-                x,
-                vn,
-                vt,
-                sn,
-                spin: -spin,
-                air,
-            },
-        );
-        next = Marbles {
-            y: met.x,
-            vy: met.vn,
-            vx: met.vt,
-            sy: met.sn,
-            spin: -met.spin,
-            air: met.air,
-            ..next
-        };
-    }
-    Marbles {
-        x: (next.x + next.vx * push.length).clamp(rims.reach_x),
-        y: (next.y + next.vy * push.length).clamp(rims.reach_y),
-        ..next
-    }
 }
 
 /// Gravity, friction and rolling resistance of the board.
@@ -220,8 +157,10 @@ fn board_contact<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) 
         against(marbles.y, wy, rims.reach_y),
     );
     let (wx, wy) = (held_x.select(zero, wx), held_y.select(zero, wy));
-    let taken = held.select(resisted(wx, wy, push.resistance), zero);
-    let (rolled_x, rolled_y) = (wx - taken * wx, wy - taken * wy);
+    let one = zero.like(1.0);
+    let left = held.select(unresisted(wx, wy, push.resistance), one);
+    let taken = one - left;
+    let (rolled_x, rolled_y) = (left * wx, left * wy);
 
     let spin = marbles.spin * push.damping;
     let (vx, vy) = (
@@ -247,51 +186,6 @@ fn board_contact<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) 
         spin,
         air: (marbles.air - push.length).max(zero),
         ..*marbles
-    }
-}
-
-/// Marbles seen along the axis that two opposite rims bound.
-#[derive(Clone, Copy)]
-struct Rim<S: Simd> {
-    x: Lanes<S>,
-    vn: Lanes<S>,
-    vt: Lanes<S>,
-    sn: Lanes<S>,
-    spin: Lanes<S>,
-    air: Lanes<S>,
-}
-
-/// Impact and friction of the marbles that would pass a rim in this substep.
-#[inline(always)]
-fn meet_rim<S: Simd>(rims: &Rims<S>, reach: Lanes<S>, push: &Push<S>, rim: &Rim<S>) -> Rim<S> {
-    let Rim {
-        x,
-        vn,
-        vt,
-        sn,
-        spin,
-        air,
-    } = *rim;
-    let (zero, one) = (reach.like(0.0), reach.like(1.0));
-    let side = vn.gt(zero).select(one, -one);
-    let hits = ((x + vn * push.length) * side).ge(reach);
-    // What leans on the rim already is pressed to it and does not bounce.
-    let restitution = (x * side).ge(reach).select(zero, rims.restitution);
-    let impulse = (one + restitution) * vn.abs();
-    // Velocity of the marble's surface where it touches the rim.
-    let (along, up) = (vt + side * spin, -(side * sn));
-    let part = (rims.friction * impulse).over(length(along, up));
-    let part = hits.select(part.min(reach.like(2.0 / 7.0)), zero);
-    let (j_along, j_up) = (part * along, part * up);
-    // A hop that ends within the substep leaves the board no less hold of the marble.
-    let hop = (-2.0 * j_up).over(push.normal);
-    Rim {
-        x: hits.select(side * reach, x),
-        vn: hits.select(-(restitution * vn), vn),
-        vt: vt - j_along,
-        sn: sn + 2.5 * (side * j_up),
-        spin: spin - 2.5 * (side * j_along),
-        air: air.max(hop.gt(push.length).select(hop, zero)),
     }
 }
 
@@ -332,7 +226,6 @@ mod tests {
                 normal: lanes(g),
                 resistance: lanes(5.0 / 7.0 * resistance * g * h),
                 grip: lanes(BOARD_FRICTION * g * h),
-                excess: lanes(0.0),
                 damping: lanes(1.0),
                 length: lanes(h),
             };

@@ -1,0 +1,191 @@
+//! From the command to the board's angles.
+
+use labsim::Engine;
+use proptest::prelude::*;
+
+use crate::{EDGE, ENGINES, ROW, SUBSTEP, Trial, angles, assert_close};
+
+/// The marble that shows the angles does not move; in rapier its soft contacts let it creep.
+fn shows(engine: Engine) -> f64 {
+    match engine {
+        Engine::Rolling => 1e-12,
+        Engine::Rapier => 1e-5,
+    }
+}
+
+/// The knob about x at these angles, one a row, the other at rest; what is seen of an angle is that
+/// of the next row.
+fn about_x(effects: &[(&'static str, &[f64])], knob: &[f64]) -> Vec<Vec<f64>> {
+    let mut commands: Vec<[f64; 2]> = knob.iter().map(|&x| [x, 0.0]).collect();
+    commands.push([0.0; 2]);
+    let run = |(engine, _)| {
+        let seen = angles(engine, effects, commands.clone());
+        assert_eq!(seen[0], [0.0; 2], "row 0 is the start");
+        seen[1..].iter().map(|seen| seen[0]).collect()
+    };
+    ENGINES.map(run).to_vec()
+}
+
+fn assert_angles(effects: &[(&'static str, &[f64])], knob: &[f64], expected: &[f64]) {
+    for (found, (engine, _)) in about_x(effects, knob).iter().zip(ENGINES) {
+        for (row, (&found, &expected)) in found.iter().zip(expected).enumerate() {
+            assert_close(
+                found,
+                expected,
+                shows(engine),
+                &format!("{effects:?}, row {row} in {engine:?}"),
+            );
+        }
+    }
+}
+
+/// From the first to the second in so many steps, without the first.
+fn sweep(from: f64, to: f64, steps: u32) -> Vec<f64> {
+    (1..=steps)
+        .map(|i| from + (to - from) * f64::from(i) / f64::from(steps))
+        .collect()
+}
+
+/// Average of a function over the last substep of each row, given its integral from row 0.
+fn last_substeps(rows: usize, integral: impl Fn(f64) -> f64) -> Vec<f64> {
+    let ends = (1..=rows).map(|row| ROW * row as f64);
+    ends.map(|end| (integral(end) - integral(end - SUBSTEP)) / SUBSTEP)
+        .collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    #[test]
+    fn a_lagging_knob_creeps_exponentially(step in -0.2..0.2_f64, time in 0.02..1.0_f64) {
+        let expected = last_substeps(20, |t| step * (t + time * f64::exp(-t / time)));
+        assert_angles(&[("lag", &[time])], &[step; 20], &expected);
+    }
+
+    #[test]
+    fn a_knob_slews_in_a_ramp_and_stops(step in 0.01..0.2_f64, rate in 0.02..2.0_f64) {
+        let arrives = step / rate;
+        let way = |t: f64| if t < arrives { rate * t * t / 2.0 } else { step * (t - arrives / 2.0) };
+        assert_angles(&[("slew_limit", &[rate])], &[step; 20], &last_substeps(20, way));
+        let down = last_substeps(20, |t| -way(t));
+        assert_angles(&[("slew_limit", &[rate])], &[-step; 20], &down);
+    }
+
+    #[test]
+    fn a_lag_behind_a_slew_limit_trails_the_ramp_by_its_time_constant(rate in 0.02..0.1_f64, time in 0.02..0.1_f64) {
+        // Of the ramp's integral what the lag withholds: T (t - T (1 - exp(-t/T))).
+        let trailing = |t: f64| rate * (t * t / 2.0 - time * t + time * time * (1.0 - f64::exp(-t / time)));
+        let found = about_x(&[("slew_limit", &[rate]), ("lag", &[time])], &[0.2; 18]);
+        let expected = last_substeps(18, trailing);
+        // The ramp reaches the lag as an average of each substep.
+        let within = rate * SUBSTEP * SUBSTEP / time;
+        for (row, expected) in expected.iter().enumerate() {
+            assert_close(found[0][row], *expected, within, &format!("row {row}"));
+        }
+    }
+
+    #[test]
+    fn backlash_swallows_the_gap_after_each_reversal(top in 0.01..0.2_f64, gap in 0.001..0.3_f64) {
+        let (up, down) = (sweep(0.0, top, 10), sweep(top, -top, 20));
+        let rising: Vec<f64> = up.iter().map(|knob| (knob - gap / 2.0).max(0.0)).collect();
+        let falling = down.iter().map(|knob| rising[9].min(knob + gap / 2.0));
+        let expected: Vec<f64> = rising.iter().copied().chain(falling).collect();
+        assert_angles(&[("backlash", &[gap, 0.0])], &[up, down].concat(), &expected);
+    }
+
+    #[test]
+    fn a_dead_band_takes_its_half_width(knob in -0.2..0.2_f64, half_width in 0.0..0.15_f64) {
+        let expected = f64::signum(knob) * (knob.abs() - half_width).max(0.0);
+        assert_angles(&[("dead_band", &[half_width])], &[knob], &[expected]);
+    }
+
+    #[test]
+    fn a_quantised_command_is_the_nearest_multiple_of_the_step(knob in -0.2..0.2_f64, step in 5e-4..0.02_f64) {
+        let expected = step * f64::round(knob / step);
+        assert_angles(&[("command_quantisation", &[step])], &[knob], &[expected]);
+    }
+
+    #[test]
+    fn a_spring_holds_back_strength_times_width_at_most(
+        top in 0.02..0.15_f64, strength in 0.0..0.3_f64, width in 0.005..0.2_f64, steps in 1_u32..8,
+    ) {
+        let stretched = width * (1.0 - f64::exp(-top / width));
+        let returned = -width + (stretched + width) * f64::exp(-top / width);
+        let knob = [sweep(0.0, top, steps), sweep(top, 0.0, steps)].concat();
+        for (found, (engine, _)) in about_x(&[("spring_hysteresis", &[strength, width])], &knob).iter().zip(ENGINES) {
+            let within = shows(engine);
+            let n = steps as usize;
+            assert_close(found[n - 1], top - strength * stretched, within, "on the way out");
+            assert_close(found[2 * n - 1], -strength * returned, within, "on the way back");
+            prop_assert!((found[n - 1] - top).abs() <= strength * width + within);
+        }
+    }
+
+    #[test]
+    fn gears_follow_their_laws(knob in -0.12..0.12_f64, cubic in -60.0..60.0_f64, asymmetry in -0.3..0.3_f64) {
+        assert_angles(&[("gear_nonlinearity", &[cubic])], &[knob], &[knob * (1.0 + cubic * knob * knob)]);
+        let gear = if knob > 0.0 { 1.0 + asymmetry } else { 1.0 - asymmetry };
+        assert_angles(&[("gear_asymmetry", &[asymmetry, 0.0])], &[knob], &[gear * knob]);
+    }
+
+    #[test]
+    fn coupled_axes_tilt_by_their_shares(x in -0.1..0.1_f64, y in -0.1..0.1_f64, a in -0.3..0.3_f64, b in -0.3..0.3_f64) {
+        for (engine, _) in ENGINES {
+            let seen = angles(engine, &[("cross_coupling", &[a, b])], vec![[x, y]; 2])[1];
+            assert_close(seen[0], x + a * y, shows(engine), "about x");
+            assert_close(seen[1], y + b * x, shows(engine), "about y");
+        }
+    }
+}
+
+#[test]
+fn each_axis_has_its_own_play_and_asymmetry() {
+    for (engine, _) in ENGINES {
+        let seen = angles(engine, &[("backlash", &[0.02, 0.06])], vec![[0.1, 0.1]; 2])[1];
+        assert_close(seen[0], 0.09, shows(engine), "about x");
+        assert_close(seen[1], 0.07, shows(engine), "about y");
+        let skewed = [("gear_asymmetry", &[0.1, -0.2][..])];
+        let seen = angles(engine, &skewed, vec![[0.1, 0.1]; 2])[1];
+        assert_close(seen[0], 0.11, shows(engine), "about x");
+        assert_close(seen[1], 0.08, shows(engine), "about y");
+    }
+}
+
+#[test]
+fn a_board_that_is_not_level_leans_from_the_start() {
+    for (engine, _) in ENGINES {
+        let seen = angles(
+            engine,
+            &[("tilt_bias", &[0.01, -0.02])],
+            vec![[0.1, 0.1]; 2],
+        );
+        // Row 0 is where the marble is seen to start; only what the command adds shows.
+        assert_close(seen[1][0], 0.1, shows(engine), "about x");
+        let trial = Trial::level(11).with("tilt_bias", &[0.0, 0.003]);
+        let x = trial.run(engine)[10][0];
+        let expected = 5.0 / 7.0 * 9.81 * f64::sin(0.003) * SUBSTEP.powi(2) * 240.0 * 241.0 / 2.0;
+        assert_close(x, expected, 1e-5, "a marble on a lean board");
+    }
+}
+
+#[test]
+fn in_a_row_of_no_time_a_creeping_knob_stays() {
+    for (engine, _) in ENGINES {
+        for effect in [("lag", 0.3), ("slew_limit", 0.2)] {
+            let mut durations = vec![ROW; 8];
+            durations[4] = 0.0;
+            let trial = Trial {
+                friction: 0.3,
+                durations: Some(durations),
+                ..Trial::of(vec![[0.2, 0.0]; 8])
+            };
+            let path = trial
+                .with("parallax", &[EDGE])
+                .with(effect.0, &[effect.1])
+                .run(engine);
+            // From the average over the last substep to its end at most.
+            let within = 0.2 * SUBSTEP / 0.3;
+            assert_close(path[5][1] / EDGE, path[4][1] / EDGE, within, effect.0);
+        }
+    }
+}

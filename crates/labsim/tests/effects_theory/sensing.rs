@@ -1,0 +1,159 @@
+//! What the camera makes of where the marble is, in board edges.
+
+use labsim::Engine;
+use proptest::prelude::*;
+
+use crate::{EDGE, ENGINES, Trial, angles, assert_close};
+
+type Place = [f64; 2];
+
+fn perspective([x, y]: Place, [px, py]: [f64; 2]) -> Place {
+    let distance = 1.0 + px * x + py * y;
+    [x / distance, y / distance]
+}
+
+fn distorted([x, y]: Place, k: f64) -> Place {
+    let scale = 1.0 + k * (x * x + y * y);
+    [x * scale, y * scale]
+}
+
+fn rotated([x, y]: Place, angle: f64) -> Place {
+    let (sin, cos) = angle.sin_cos();
+    [x * cos - y * sin, x * sin + y * cos]
+}
+
+/// Rolls a marble over a tilted board from `place` at `velocity` (edges, edges/s), and once more told
+/// to the engine as the camera sees it; holds what the camera sees to the camera's map.
+fn assert_seen(
+    effects: &[(&'static str, &[f64])],
+    place: Place,
+    velocity: [f64; 2],
+    map: impl Fn(Place) -> Place,
+) {
+    let at = |t: f64| map([place[0] + t * velocity[0], place[1] + t * velocity[1]]);
+    let (ahead, behind) = (at(1e-5), at(-1e-5));
+    let seen_velocity = [0, 1].map(|axis| (ahead[axis] - behind[axis]) / 2e-5);
+    let rolls = |start: Place, velocity: [f64; 2]| Trial {
+        start: start.map(|x| x * EDGE),
+        velocity: velocity.map(|v| v * EDGE),
+        ..Trial::of(vec![[0.003, 0.004]; 10])
+    };
+    for (engine, _) in ENGINES {
+        let plain = rolls(place, velocity).run(engine);
+        let trial = effects
+            .iter()
+            .fold(rolls(map(place), seen_velocity), |trial, (name, values)| {
+                trial.with(name, values)
+            });
+        let path = trial.run(engine);
+        let told = trial.start.map(|x| x / EDGE * EDGE);
+        assert_eq!(path[0], told, "row 0 is the start");
+        for (row, (seen, place)) in path.iter().zip(&plain).enumerate() {
+            let expected = map(place.map(|x| x / EDGE));
+            for axis in 0..2 {
+                let what = format!("{effects:?}, row {row} in {engine:?}");
+                assert_close(seen[axis] / EDGE, expected[axis], 1e-8, &what);
+            }
+        }
+    }
+}
+
+prop_compose! {
+    fn slope()(pair in prop::array::uniform2(-0.3..0.3)) -> [f64; 2] { pair }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn perspective_divides_by_the_distance(
+        slope in slope(), place in prop::array::uniform2(-0.2..0.2), velocity in prop::array::uniform2(-0.15..0.15),
+    ) {
+        assert_seen(&[("perspective", &slope)], place, velocity, |seen| perspective(seen, slope));
+    }
+
+    #[test]
+    fn a_lens_distorts_by_the_square_of_the_distance(
+        k in -0.5..0.5_f64, place in prop::array::uniform2(-0.2..0.2), velocity in prop::array::uniform2(-0.15..0.15),
+    ) {
+        assert_seen(&[("lens_distortion", &[k])], place, velocity, |seen| distorted(seen, k));
+    }
+
+    #[test]
+    fn a_turned_camera_turns_the_picture(
+        angle in -0.1745..0.1745_f64, place in prop::array::uniform2(-0.2..0.2), velocity in prop::array::uniform2(-0.15..0.15),
+    ) {
+        assert_seen(&[("camera_rotation", &[angle])], place, velocity, |seen| rotated(seen, angle));
+    }
+
+    #[test]
+    fn the_cameras_faults_follow_one_another(
+        slope in slope(), k in -0.4..0.4_f64, angle in -0.17..0.17_f64, offset in prop::array::uniform2(-0.1..0.1),
+        place in prop::array::uniform2(-0.2..0.2), velocity in prop::array::uniform2(-0.15..0.15),
+    ) {
+        let effects: [(&'static str, &[f64]); 4] = [
+            ("camera_offset", &offset),
+            ("camera_rotation", &[angle]),
+            ("lens_distortion", &[k]),
+            ("perspective", &slope),
+        ];
+        assert_seen(&effects, place, velocity, |seen| {
+            let [x, y] = rotated(distorted(perspective(seen, slope), k), angle);
+            [x + offset[0], y + offset[1]]
+        });
+    }
+
+    #[test]
+    fn parallax_shows_the_tilt_before_the_marble_moves(x in -0.12..0.12_f64, y in -0.12..0.12_f64, height in -0.6..0.6_f64) {
+        for (engine, _) in ENGINES {
+            // `angles` shows an edge for each radian; this height comes on top.
+            let seen = angles(engine, &[("parallax", &[height])], vec![[x, y]; 2])[1];
+            let per_rad = 1.0 + height / EDGE;
+            let within = if engine == Engine::Rolling { 1e-12 } else { 1e-5 };
+            assert_close(seen[0], per_rad * x, within, "about x");
+            assert_close(seen[1], per_rad * y, within, "about y");
+        }
+    }
+}
+
+#[test]
+fn with_an_offset_the_rims_are_seen_shifted() {
+    for (engine, _) in ENGINES {
+        for side in [-1.0, 1.0] {
+            let trial = Trial {
+                velocity: [0.2 * side, 0.0],
+                ..Trial::level(30)
+            };
+            let reach = trial.rig.reach_m()[0];
+            let path = trial.with("camera_offset", &[0.05, 0.0]).run(engine);
+            assert_close(
+                path[29][0],
+                side * reach + 0.05 * EDGE,
+                1e-5,
+                &format!("{engine:?}"),
+            );
+        }
+    }
+}
+
+#[test]
+fn a_picture_that_no_place_gives_starts_the_marble_somewhere_on_the_board() {
+    // A barrel of -0.5 shows nothing that far out in a direction; nor does a perspective behind the camera.
+    for effect in [
+        ("lens_distortion", vec![-0.6]),
+        ("perspective", vec![0.9, 0.9]),
+    ] {
+        for (engine, _) in ENGINES {
+            let trial = Trial {
+                start: [5.0 * EDGE, -5.0 * EDGE],
+                velocity: [0.1, 0.1],
+                ..Trial::level(10)
+            };
+            let path = trial.with(effect.0, &effect.1).run(engine);
+            assert!(
+                path.as_flattened().iter().all(|x| x.is_finite()),
+                "{effect:?} in {engine:?}"
+            );
+        }
+    }
+}
