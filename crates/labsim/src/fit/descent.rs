@@ -11,7 +11,8 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::normal::Normal;
 use super::robust;
-use super::shooting::{Look, Point, Shooting};
+use super::shooting::{Point, Shooting};
+use super::slopes::Look;
 use super::windows::State;
 use crate::error::Result;
 

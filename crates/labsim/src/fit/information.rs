@@ -11,7 +11,8 @@ use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::robust;
-use super::shooting::{Linearisation, Look, Point, Shooting};
+use super::shooting::{Point, Shooting};
+use super::slopes::{Linearisation, Look};
 use super::windows::State;
 use crate::error::Result;
 

@@ -5,6 +5,7 @@
 //! growing length whose start states are eliminated; all columns of all Jacobians of all candidates are
 //! the lanes of one batch.
 
+mod axis;
 mod coordinates;
 mod descent;
 mod information;
@@ -13,6 +14,8 @@ mod problem;
 mod robust;
 mod search;
 mod shooting;
+mod slopes;
+mod starts;
 mod windows;
 
 use std::sync::atomic::AtomicBool;
@@ -24,7 +27,8 @@ pub use self::robust::tracker_noise;
 use self::coordinates::Coordinates;
 use self::descent::{Pace, minimise};
 use self::search::{Candidate, Search};
-use self::shooting::{Look, Point, Shooting};
+use self::shooting::{Point, Shooting};
+use self::slopes::Look;
 use self::windows::Windows;
 use crate::error::{Error, Result};
 

@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, Dyn, Matrix4, OMatrix, SymmetricEigen, U4, Vect
 
 use super::coordinates::Coordinates;
 use super::robust;
-use super::shooting::Linearisation;
+use super::slopes::Linearisation;
 use super::windows::Windows;
 
 /// Relative ridge that keeps the spread of what nothing determines finite.

@@ -1,11 +1,11 @@
 //! What is fitted to what.
 
-use super::coordinates::{GEAR_X, GEAR_Y, TIME, base_name};
+use super::coordinates::{GEAR_Y, TIME};
 use crate::board::Rig;
 use crate::effects::{About, Acts, Parameter};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::parameters::Parameters;
+use crate::parameters::{NAMES, Parameters};
 
 /// A parameter of the model: known, or to be found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -131,7 +131,7 @@ impl Problem<'_> {
     pub(super) fn name(&self, slot: usize) -> String {
         match self.effect_parameter(slot) {
             Some((effect, parameter)) => format!("{} of {effect}", parameter.name),
-            None => base_name(slot).to_owned(),
+            None => NAMES[slot].to_owned(),
         }
     }
 
@@ -306,7 +306,7 @@ impl Problem<'_> {
                     ));
                 }
                 if slot <= GEAR_Y && low == 0.0 && high == 0.0 {
-                    let what = format!("range of {}", [GEAR_X, GEAR_Y].map(base_name)[slot]);
+                    let what = format!("range of {}", NAMES[slot]);
                     return Err(Error::invalid(what, "something to search", "0 to 0"));
                 }
                 match start {
