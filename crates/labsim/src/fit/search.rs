@@ -166,9 +166,8 @@ impl<'a> Search<'a> {
                 held: false,
             };
             ends = self.minimised(coordinates, &windows, ends, pace, COARSENESS)?;
-            if !self.problem.effects.is_empty() {
-                ends = self.redrawn(coordinates, &windows, ends)?;
-                ends = self.minimised(coordinates, &windows, ends, pace, COARSENESS)?;
+            if let Some(redrawn) = self.redrawn(coordinates, &windows, &ends)? {
+                ends = self.minimised(coordinates, &windows, redrawn, pace, COARSENESS)?;
             }
             shorter = Some(windows);
         }

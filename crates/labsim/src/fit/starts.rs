@@ -127,22 +127,23 @@ impl Search<'_> {
     /// Replaces the worse half of the candidates by draws of effects' values around the best one.
     ///
     /// What has a place on the board says nothing of it to those who look elsewhere: slopes do not lead
-    /// there. But with everything else about right a draw that comes near stands out.
+    /// there. But with everything else about right a draw that comes near stands out. To one parameter alone
+    /// slopes lead; none where no effect has more.
     pub(super) fn redrawn(
         &self,
         coordinates: &Coordinates,
         windows: &Windows,
-        mut ends: Vec<End>,
-    ) -> Result<Vec<End>> {
+        ends: &[End],
+    ) -> Result<Option<Vec<End>>> {
         let shooting = self.shooting(coordinates, windows, COARSENESS);
         let scales = ends
             .iter()
             .map(|end| robust::scale(&end.residual, &windows.known));
         let scale = scales.fold(f64::INFINITY, f64::min).max(self.noise);
+        let mut ends = ends.to_vec();
         ends.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
         let count = ends.len();
         let best = ends[0].clone();
-        ends.truncate(count.div_ceil(2));
         let mut found = Vec::new();
         for slots in self.problem.slots_of_effects() {
             let axes: Vec<usize> = slots.filter_map(|slot| coordinates.find(slot)).collect();
@@ -171,9 +172,13 @@ impl Search<'_> {
                 }
             }));
         }
+        if found.is_empty() {
+            return Ok(None);
+        }
+        ends.truncate(count.div_ceil(2));
         found.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
         ends.extend(found.into_iter().take(count));
-        Ok(ends)
+        Ok(Some(ends))
     }
 }
 
