@@ -82,8 +82,8 @@ class FitResult:
     seconds : float
         Wall time.
     residuals : tuple of (n, 2) arrays
-        Predicted minus observed [board edges] over each segment of the rig (`irt.residual.segments`), NaN where
-        nothing was seen; none of methods that do not estimate start states.
+        Predicted minus observed [board edges] over each segment of the rig (`irt.residual.segments`), NaN
+        where nothing was seen; none of methods that do not estimate start states.
     effects : dict
         The effects of the model by name: their parameters by name, with 95 % intervals.
     """

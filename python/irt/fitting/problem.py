@@ -171,7 +171,9 @@ class Problem:
             ),
             "marble": (rig.marble.radius_m, rig.marble.mass_kg, rig.marble.damping_per_s),
             "parameters": parameters,
-            "effects": [(one.name, _sought(one, info.parameters)) for one, info in zip(effects, infos, strict=True)],
+            "effects": [
+                (one.name, _sought(one, info.parameters)) for one, info in zip(effects, infos, strict=True)
+            ],
             "noise": None,
             "engine": engine,
             "threads": threads,

@@ -96,9 +96,12 @@ def _direction(information: Information, direction: Array, low: Array, high: Arr
             f"These recordings do not tell {information.names[index]}: anything from {low[index]:.3g} to "
             f"{high[index]:.3g} fits as well."
         )
-    changes = [f"{information.names[i]} by {0.1 * direction[i] * information.widths[i]:+.2g}" for i in taking_part]
+    changes = [
+        f"{information.names[i]} by {0.1 * direction[i] * information.widths[i]:+.2g}" for i in taking_part
+    ]
+    names = _listed([information.names[i] for i in taking_part])
     return (
-        f"These recordings do not tell {_listed([information.names[i] for i in taking_part])} apart: changing "
+        f"These recordings do not tell {names} apart: changing "
         f"{_listed(changes)} together makes no difference that the tracker could see."
     )
 
