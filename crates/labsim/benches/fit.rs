@@ -48,11 +48,11 @@ fn fits(criterion: &mut Criterion) {
     let cases: [(&str, &[(&str, &[f64])]); 2] = [
         ("five parameters", &[]),
         (
-            "with lag, tilt_bias and parallax",
+            "with lag, tilt_bias and viscous_drag",
             &[
                 ("lag", &[0.15]),
                 ("tilt_bias", &[0.004, -0.003]),
-                ("parallax", &[0.1]),
+                ("viscous_drag", &[0.5]),
             ],
         ),
     ];

@@ -148,22 +148,19 @@ impl Coordinates {
     /// like residuals: where recordings say nothing, this keeps a fit in the ranges.
     pub(super) fn excess(&self, z: &[f64]) -> Vec<f64> {
         let magnitudes = self.magnitudes(z);
-        let beyond = |(axis, &p): (&Axis, &f64)| match axis.shape {
-            Shape::Linear(unit) => ((p - axis.high).max(0.0) + (p - axis.low).min(0.0)) / unit,
-            _ => {
-                let p = p.max(f64::MIN_POSITIVE);
-                let above = if axis.high > 0.0 {
-                    (p / axis.high).ln().max(0.0)
-                } else {
-                    0.0
-                };
-                let below = if axis.low > 0.0 {
-                    (axis.low / p).ln().max(0.0)
-                } else {
-                    0.0
-                };
-                above - below
+        let beyond = |(axis, &p): (&Axis, &f64)| {
+            if let Shape::Linear(unit) = axis.shape {
+                return ((p - axis.high).max(0.0) + (p - axis.low).min(0.0)) / unit;
             }
+            let past = |p: f64, end: f64| {
+                if p > 0.0 && end > 0.0 {
+                    (p / end).ln().max(0.0)
+                } else {
+                    0.0
+                }
+            };
+            let p = p.max(f64::MIN_POSITIVE);
+            past(p, axis.high) - past(axis.low, p)
         };
         let beyond = self.axes.iter().zip(&magnitudes).map(beyond);
         beyond.map(|beyond| beyond / LEEWAY).collect()
@@ -196,10 +193,10 @@ impl Coordinates {
     pub(super) fn shifted(&self, z: &[f64], i: usize, step: f64) -> Vec<f64> {
         let mut shifted = z.to_vec();
         shifted[i] += step;
-        if self.axes[i].slot <= GEAR_Y {
-            if let Some(friction) = self.find(FRICTION) {
-                shifted[friction] *= self.gear(z) / self.gear(&shifted);
-            }
+        if self.axes[i].slot <= GEAR_Y
+            && let Some(friction) = self.find(FRICTION)
+        {
+            shifted[friction] *= self.gear(z) / self.gear(&shifted);
         }
         for (other, rate) in self.symmetry(i) {
             shifted[other] += rate * step;
@@ -272,7 +269,9 @@ impl Coordinates {
                 Shape::Linear(unit) => row[i] = unit,
                 Shape::Friction => {
                     row = self.gear_shares(z);
-                    row.iter_mut().for_each(|share| *share *= magnitudes[i]);
+                    for share in &mut row {
+                        *share *= magnitudes[i];
+                    }
                     row[i] = self.friction_unit * self.gear(z);
                 }
             }

@@ -152,22 +152,21 @@ impl Problem<'_> {
             z,
             states: whole.guesses(),
         };
-        let point = match states {
-            Some(states) => Point {
+        let point = if let Some(states) = states {
+            Point {
                 states: self.of_windows(&whole, states),
                 ..guess
-            },
-            None => {
-                let pace = Pace {
-                    iterations: STATE_ITERATIONS,
-                    look: Look::Both,
-                    variants: 4,
-                    held: true,
-                };
-                minimise(&shooting, &[guess], noise, pace, &|_| ())?
-                    .remove(0)
-                    .point
             }
+        } else {
+            let pace = Pace {
+                iterations: STATE_ITERATIONS,
+                look: Look::Both,
+                variants: 4,
+                held: true,
+            };
+            minimise(&shooting, &[guess], noise, pace, &|_| ())?
+                .remove(0)
+                .point
         };
         information::inform(&shooting, &point, noise)
     }

@@ -74,10 +74,10 @@ impl Normal {
             z: DVector::zeros(count),
             states: Vec::with_capacity(windows.all.len()),
         };
-        for i in 0..count {
-            normal.z[i] = dot(&by_z[i], &line.residual);
-            for j in 0..=i {
-                normal.zz[(i, j)] = dot(&by_z[i], &line.by_z[j]);
+        for (i, column) in by_z.iter().enumerate() {
+            normal.z[i] = dot(column, &line.residual);
+            for (j, other) in line.by_z[..=i].iter().enumerate() {
+                normal.zz[(i, j)] = dot(column, other);
                 normal.zz[(j, i)] = normal.zz[(i, j)];
             }
         }

@@ -182,10 +182,10 @@ impl Problem<'_> {
     /// Refuses what cannot be fitted.
     pub(super) fn check(&self) -> Result<()> {
         self.rig.check()?;
-        if let Some(noise) = self.noise {
-            if !(noise > 0.0 && noise.is_finite()) {
-                return Err(Error::invalid("noise", "a number above 0", noise));
-            }
+        if let Some(noise) = self.noise
+            && !(noise > 0.0 && noise.is_finite())
+        {
+            return Err(Error::invalid("noise", "a number above 0", noise));
         }
         self.check_recordings()?;
         for one in self.effects {

@@ -52,14 +52,19 @@ pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -
     let mut differences = Vec::new();
     for observed in recordings {
         for rows in observed.windows(5) {
-            for axis in 0..2 {
-                let fourth = rows[0][axis] - 4.0 * rows[1][axis] + 6.0 * rows[2][axis]
-                    - 4.0 * rows[3][axis]
-                    + rows[4][axis];
-                if fourth.is_finite() {
-                    differences.push(fourth.abs());
-                }
-            }
+            let fourth = |axis: usize| {
+                let signs = [1.0, -4.0, 6.0, -4.0, 1.0];
+                rows.iter()
+                    .zip(signs)
+                    .map(|(row, sign)| sign * row[axis])
+                    .sum::<f64>()
+                    .abs()
+            };
+            differences.extend(
+                [fourth(0), fourth(1)]
+                    .into_iter()
+                    .filter(|one| one.is_finite()),
+            );
         }
     }
     (MAD_TO_SD * median(differences) / 70f64.sqrt()).max(FINEST)
@@ -71,7 +76,7 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
         return 0.0;
     }
     let half = values.len() / 2;
-    let even = values.len() % 2 == 0;
+    let even = values.len().is_multiple_of(2);
     let (below, &mut middle, _) = values.select_nth_unstable_by(half, f64::total_cmp);
     if even {
         let next = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);

@@ -134,7 +134,7 @@ impl Shooting<'_> {
                 .collect();
             let (ahead, behind) = sided.split_at(columns.len());
             let slopes = (0..columns.len()).map(|i| agreed(&ahead[i], behind.get(i)));
-            self.sorted(&columns, slopes.collect(), residual)
+            sorted(&columns, slopes.collect(), residual)
         };
         Ok(points.iter().map(line).collect())
     }
@@ -236,27 +236,23 @@ impl Shooting<'_> {
         }
         slope
     }
+}
 
-    fn sorted(
-        &self,
-        columns: &[Column],
-        slopes: Vec<Vec<f64>>,
-        residual: Vec<f64>,
-    ) -> Linearisation {
-        let mut line = Linearisation {
-            residual,
-            by_z: Vec::new(),
-            by_state: Vec::new(),
-        };
-        for (column, slope) in columns.iter().zip(slopes) {
-            match column {
-                Column::Along(_) => line.by_z.push(slope),
-                Column::Updates(i) => believe_gentler(&mut line.by_z[*i], &slope),
-                Column::State(_) => line.by_state.push(slope),
-            }
+/// Slopes in the places of what they are by.
+fn sorted(columns: &[Column], slopes: Vec<Vec<f64>>, residual: Vec<f64>) -> Linearisation {
+    let mut line = Linearisation {
+        residual,
+        by_z: Vec::new(),
+        by_state: Vec::new(),
+    };
+    for (column, slope) in columns.iter().zip(slopes) {
+        match column {
+            Column::Along(_) => line.by_z.push(slope),
+            Column::Updates(i) => believe_gentler(&mut line.by_z[*i], &slope),
+            Column::State(_) => line.by_state.push(slope),
         }
-        line
     }
+    line
 }
 
 /// The mean of two one-sided slopes, or the gentler one where they disagree; one that is not a number is

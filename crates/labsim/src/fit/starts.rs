@@ -127,8 +127,8 @@ impl Search<'_> {
     /// Replaces the worse half of the candidates by draws of effects' values around the best one.
     ///
     /// What has a place on the board says nothing of it to those who look elsewhere: slopes do not lead
-    /// there. But with everything else about right a draw that comes near stands out. To one parameter alone
-    /// slopes lead; none where no effect has more.
+    /// there. But with everything else about right a draw that comes near stands out. To one or two
+    /// parameters slopes lead; none where no effect has more.
     pub(super) fn redrawn(
         &self,
         coordinates: &Coordinates,
@@ -147,7 +147,7 @@ impl Search<'_> {
         let mut found = Vec::new();
         for slots in self.problem.slots_of_effects() {
             let axes: Vec<usize> = slots.filter_map(|slot| coordinates.find(slot)).collect();
-            if axes.len() < 2 {
+            if axes.len() < 3 {
                 continue;
             }
             let drawn = space_filling(REDRAWN * axes.len(), axes.len(), 0);
@@ -209,7 +209,7 @@ fn space_filling(count: usize, dimensions: usize, seed: u64) -> Vec<Vec<f64>> {
         .map(|_| (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64)
         .collect();
     let place = |i: usize, axis: usize| {
-        let step = ratio.powi(-(axis as i32 + 1));
+        let step = ratio.powf(-(axis as f64 + 1.0));
         (shift[axis] + step * i as f64).fract()
     };
     (1..=count)
