@@ -249,3 +249,49 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let rest: f64 = rest_a.iter().zip(rest_b).map(|(a, b)| a * b).sum();
     sums.iter().sum::<f64>() + rest
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eliminating_the_states_gives_the_step_of_the_whole_system() {
+        // Two windows of eight residuals, three coordinates, four components of a start state.
+        let entry =
+            |i: usize, j: usize| ((7 * i + 13 * j) as f64).sin() + if i == j { 2.0 } else { 0.0 };
+        let dense = DMatrix::from_fn(16, 11, |i, j| match j {
+            0..3 => entry(i, j),
+            3..7 if i < 8 => entry(i, j),
+            7.. if i >= 8 => entry(i, j),
+            _ => 0.0,
+        });
+        let residual = DVector::from_fn(16, |i, _| (3 * i) as f64).map(f64::cos);
+        let whole = dense.tr_mul(&dense);
+        let pull = dense.tr_mul(&residual);
+        let block = |begin: usize| Block {
+            ss: whole.fixed_view::<4, 4>(begin, begin).into_owned(),
+            s: pull.fixed_rows::<4>(begin).into_owned(),
+            sz: Border::from_fn(3, |i, j| whole[(begin + i, j)]),
+        };
+        let normal = Normal {
+            zz: whole.view((0, 0), (3, 3)).into_owned(),
+            z: pull.rows(0, 3).into_owned(),
+            states: vec![block(3), block(7)],
+        };
+        let (dz, ds) = normal.step(0.0, &[true; 3]);
+        let step = -whole.lu().solve(&pull).unwrap();
+        let found: Vec<f64> = dz.iter().chain(ds.iter().flatten()).copied().collect();
+        for (found, step) in found.iter().zip(&step) {
+            assert!(
+                (found - step).abs() < 1e-6 * (1.0 + step.abs()),
+                "{found} {step}"
+            );
+        }
+        let (held, _) = normal.step(0.0, &[true, false, true]);
+        assert!(held[1] == 0.0 && held[0] != 0.0);
+        let bounds = [(-1.0, 1.0), (0.0, 1.0), (-1.0, 0.0)];
+        let gradient = normal.eliminated(0.0).gradient;
+        let free = normal.free(&bounds, &[0.0; 3]);
+        assert_eq!(free, [true, gradient[1] < 0.0, gradient[2] > 0.0]);
+    }
+}
