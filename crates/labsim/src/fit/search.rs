@@ -29,6 +29,8 @@ const SETTLE_ITERATIONS: usize = 5;
 const VARIANTS: usize = 4;
 /// How often the best one's family and surroundings are searched, and batches drawn of the surroundings.
 const ROUNDS: usize = 3;
+/// So many rounds even where noise alone seems to be left.
+const FEWEST_ROUNDS: usize = 2;
 const NEARBY_ROUNDS: usize = 3;
 /// Physics updates on the way to whole stretches are this many times longer than the engine's.
 pub(super) const COARSENESS: f64 = 5.0;
@@ -99,18 +101,18 @@ impl<'a> Search<'a> {
         let mut candidates = self.descend(&coordinates, starts)?;
         let mut best = candidates.remove(0);
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
-        for round in 0..ROUNDS {
+        // Effects may bring a time of their own: their motion has hardly a family.
+        let members = settings.starts / (1 + usize::from(!self.problem.effects.is_empty()));
+        for round in 1..=ROUNDS {
             let before = best.clone();
             if self.is_time_free(&coordinates) {
-                // Effects may bring a time of their own: their motion has hardly a family.
-                let members = settings.starts / (1 + usize::from(!self.problem.effects.is_empty()));
-                let count = (members >> round).max(1);
-                let mut members = self.family(&coordinates, &best, count)?;
+                let mut members = self.family(&coordinates, &best, members.max(1))?;
                 members.insert(0, best);
                 best = self.ranked(&coordinates, members).remove(0);
             }
             best = self.settled(&coordinates, best, &mut random)?;
-            if self.gain(&best, &before) < LITTLE && self.is_explained(&best) {
+            let little = self.gain(&best, &before) < LITTLE;
+            if round >= FEWEST_ROUNDS && little && self.is_explained(&best) {
                 break;
             }
         }
