@@ -1,12 +1,23 @@
 """The engine: arrays in, arrays out. `irt.rollouts` is the way in."""
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ENGINES", "PARAMETERS", "SUBSTEP_S", "__version__", "effects", "paper_drive", "rollouts"]
+__all__ = [
+    "ENGINES",
+    "PARAMETERS",
+    "SUBSTEP_S",
+    "__version__",
+    "effects",
+    "fit",
+    "inform",
+    "paper_drive",
+    "rollouts",
+    "tracker_noise",
+]
 
 __version__: Final[str]
 ENGINES: Final[list[str]]
@@ -46,3 +57,12 @@ def rollouts(
     threads: int | None,
 ) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
+def fit(
+    problem: Mapping[str, Any],
+    *,
+    starts: int,
+    seed: int,
+    progress: Callable[[int, int, int], object] | None,
+) -> dict[str, Any]: ...
+def inform(problem: Mapping[str, Any], values: Sequence[float], *, noise: float) -> dict[str, Any]: ...
+def tracker_noise(observed: Sequence[npt.NDArray[np.float64]]) -> float: ...

@@ -3,6 +3,7 @@
 mod arrays;
 mod catalogue;
 mod errors;
+mod fit;
 mod interrupt;
 
 use labsim::board::{Board, Marble, Rig};
@@ -18,6 +19,8 @@ use pyo3::prelude::*;
 mod _labsim {
     #[pymodule_export]
     use super::catalogue::catalogue;
+    #[pymodule_export]
+    use super::fit::{fit, inform, tracker_noise};
     #[pymodule_export]
     use super::{paper_drive, rollouts};
 
@@ -72,21 +75,7 @@ fn rollouts<'py>(
     threads: Option<usize>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let engine: Engine = engine.parse().map_err(errors::to_python)?;
-    let [edge_x_m, edge_y_m, wall_restitution, wall_friction] = board;
-    let [radius_m, mass_kg, damping_per_s] = marble;
-    let rig = Rig {
-        board: Board {
-            edge_x_m,
-            edge_y_m,
-            wall_restitution,
-            wall_friction,
-        },
-        marble: Marble {
-            radius_m,
-            mass_kg,
-            damping_per_s,
-        },
-    };
+    let rig = rig(board, marble);
     let parameters: Vec<Parameters> = arrays::rows::<5>(&parameters)?
         .into_iter()
         .map(Parameters::from)
@@ -137,4 +126,23 @@ fn paper_drive(
 ) -> Bound<'_, PyArray2<f64>> {
     let knobs = labsim::paper_drive(steps, amplitude, literal);
     arrays::matrix(py, &knobs)
+}
+
+/// Board and marble from their dimensions, in the order of their fields.
+fn rig(board: [f64; 4], marble: [f64; 3]) -> Rig {
+    let [edge_x_m, edge_y_m, wall_restitution, wall_friction] = board;
+    let [radius_m, mass_kg, damping_per_s] = marble;
+    Rig {
+        board: Board {
+            edge_x_m,
+            edge_y_m,
+            wall_restitution,
+            wall_friction,
+        },
+        marble: Marble {
+            radius_m,
+            mass_kg,
+            damping_per_s,
+        },
+    }
 }

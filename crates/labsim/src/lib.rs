@@ -12,6 +12,7 @@ pub mod drive;
 pub mod effects;
 pub mod engine;
 pub mod error;
+pub mod fit;
 mod lanes;
 mod motion;
 pub mod parameters;

@@ -12,7 +12,7 @@ pub const NAMES: [&str; 5] = [
 ];
 
 /// The most physics updates a timestep may hold: a hundred times the paper's range.
-const MOST_SUBSTEPS: f64 = 5000.0;
+pub(crate) const MOST_SUBSTEPS: f64 = 5000.0;
 
 /// One set of values of the five parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]

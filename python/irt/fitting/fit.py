@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from irt.model import Model
+    from irt.model import Model, Parameter
 
 #: Called with (done, total, text) by everything that may take longer than two seconds.
 Progress = Callable[[int, int, str], None]
@@ -81,6 +81,11 @@ class FitResult:
         Of the start points; the same seed gives the same bits for any number of threads.
     seconds : float
         Wall time.
+    residuals : tuple of (n, 2) arrays
+        Predicted minus observed [board edges] over each segment of the rig (`irt.residual.segments`), NaN
+        where nothing was seen; none of methods that do not estimate start states.
+    effects : dict
+        The effects of the model by name: their parameters by name, with 95 % intervals.
     """
 
     method: str
@@ -92,6 +97,8 @@ class FitResult:
     notes: tuple[str, ...]
     seed: int
     seconds: float
+    residuals: tuple[NDArray[np.float64], ...] = ()
+    effects: dict[str, dict[str, Parameter]] = field(default_factory=dict)
 
     @property
     def history(self) -> tuple[Iteration, ...]:

@@ -13,15 +13,21 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.fitting.coordinates import SMALL, SMALLEST
+from irt.fitting import sentences
 from irt.fitting.information import Information
-from irt.fitting.sentences import unidentifiable
+from irt.fitting.problem import Problem
+from irt.fitting.sentences import SMALL
 from irt.model import Model, Parameter
 from irt.residual import Segment
 from irt.rig import PARAMETERS
 from irt.rollouts import Engine
 
 Array = NDArray[np.float64]
+
+#: A logarithm needs a smallest value: this share of the largest that is allowed.
+SMALLEST = 1e-4
+#: A parameter that flat directions hold to this share is not known at all.
+UNKNOWN = 0.9
 
 
 def estimates(
@@ -31,7 +37,6 @@ def estimates(
     *,
     engine: Engine = "rolling",
     threads: int | None = None,
-    states: Array | None = None,
 ) -> tuple[dict[str, Parameter], tuple[str, ...]]:
     """Return the parameters of a model with 95 % intervals, and what the recordings cannot pin down.
 
@@ -41,7 +46,7 @@ def estimates(
     Parameters
     ----------
     model : Model
-        The tuned model.
+        The tuned model; its effects are taken as they are.
     segments : sequence of Segment
         What it was tuned to.
     noise : float
@@ -49,9 +54,6 @@ def estimates(
         larger.
     engine, threads
         As for `irt.rollouts`.
-    states : (w, 4) array, optional
-        Start states of the segments (board edges, board edges a row), where the method knows them; else they
-        are estimated.
 
     Returns
     -------
@@ -61,19 +63,37 @@ def estimates(
     sentences : tuple of str
         One for each combination that is not pinned down; empty if all is known.
     """
-    information = Information.of(model, segments, noise, engine=engine, threads=threads, states=states)
+    stamped = segments[0].durations is not None
+    asked = Problem.of(
+        model,
+        segments,
+        time_scale=model.parameters["time_scale"].value if stamped else None,
+        engine=engine,
+        threads=threads,
+    )
+    information = Information.of(asked, model.values, asked.inform(model.values, noise))
+    return with_intervals(information), unidentifiable(information)
+
+
+def with_intervals(information: Information) -> dict[str, Parameter]:
+    """Return all parameters by name, with 95 % intervals where they were estimated."""
     low, high = intervals(information)
     parameters = {}
-    for index, name in enumerate(PARAMETERS):
+    for index, name in enumerate(information.names):
         ends = (float(low[index]), float(high[index])) if information.free[index] else ()
         parameters[name] = Parameter(float(information.values[index]), *ends)
-    return parameters, unidentifiable(information, low, high)
+    return parameters
+
+
+def unidentifiable(information: Information) -> tuple[str, ...]:
+    """Return one sentence for each combination that is not pinned down."""
+    return sentences.unidentifiable(information, *intervals(information))
 
 
 def intervals(information: Information) -> tuple[Array, Array]:
-    """Return the ends of the 95 % intervals, (5,) each, in the parameters' own units."""
+    """Return the ends of the 95 % intervals, (n,) each, in the parameters' own units."""
     values, widths = information.values, information.widths
-    margin = np.array([information.margin(axis) for axis in np.eye(5)]) * widths
+    margin = np.array([information.margin(axis) for axis in np.eye(len(values))]) * widths
     offset = information.offset @ information.directions * widths
     low, high = values + np.minimum(offset, 0.0) - margin, values + np.maximum(offset, 0.0) + margin
     if information.flat.any():
@@ -81,13 +101,20 @@ def intervals(information: Information) -> tuple[Array, Array]:
         involved = furthest_low < furthest_high
         low = np.where(involved, np.maximum(low + furthest_low - values, information.ranges[:, 0]), low)
         high = np.where(involved, np.minimum(high + furthest_high - values, information.ranges[:, 1]), high)
+        # An effect's parameter may have either sign, and logarithms do not lead from one to the other.
+        held = np.linalg.norm(information.directions[information.flat], axis=0)
+        unknown = (held > UNKNOWN) & (np.arange(len(values)) >= len(PARAMETERS))
+        low = np.where(unknown, information.ranges[:, 0], low)
+        high = np.where(unknown, information.ranges[:, 1], high)
     # No contact pushes, no time runs backwards, and a fit does not turn a gear's sense round.
-    negative = values < 0.0
-    return np.where(negative, low, np.maximum(low, 0.0)), np.where(negative, np.minimum(high, 0.0), high)
+    one_sided = np.arange(len(values)) < len(PARAMETERS)
+    low = np.where(one_sided & (values >= 0.0), np.maximum(low, 0.0), low)
+    high = np.where(one_sided & (values < 0.0), np.minimum(high, 0.0), high)
+    return np.maximum(low, information.allowed[:, 0]), np.minimum(high, information.allowed[:, 1])
 
 
 def _reach(information: Information) -> tuple[Array, Array]:
-    """How far each parameter gets along the flat directions before any of them leaves its range: (5,) twice.
+    """How far each parameter gets along the flat directions before any of them leaves its range: (n,) twice.
 
     Along the symmetries of the motion logarithms change in proportion, so the allowed moves form a polytope
     in logarithms, and the furthest ones are among its corners.
@@ -100,7 +127,7 @@ def _reach(information: Information) -> tuple[Array, Array]:
     room = np.stack([np.minimum(room[:, 0], 0.0), np.maximum(room[:, 1], 0.0)], axis=1)
     moves = (information.directions[information.flat] * information.widths * sign / size).T[free]
     along = moves @ _corners(moves, room[free]).T
-    furthest = np.zeros((2, 5))
+    furthest = np.zeros((2, len(values)))
     furthest[:, free] = along.min(axis=1), along.max(axis=1)
     reached = size * np.exp(furthest)
     # Close to a vanishing parameter logarithms would go on for ever.

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.errors import IrtError
-from irt.fitting import robust
+from irt.errors import IrtError, located
 from irt.fitting.fit import Estimate, FitResult, Iteration, Progress
-from irt.fitting.identifiability import estimates
-from irt.fitting.search import Search
-from irt.model import Model
+from irt.fitting.identifiability import unidentifiable, with_intervals
+from irt.fitting.information import Information
+from irt.fitting.problem import Problem
+from irt.model import Effect, Model
 from irt.residual import segments
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S, Engine
@@ -30,11 +30,12 @@ def least_squares(
     *,
     starts: int = 8,
     seed: int = 0,
+    effects: Sequence[Effect] = (),
     engine: Engine = "rolling",
     progress: Progress | None = None,
     threads: int | None = None,
 ) -> FitResult:
-    """Fit the five parameters to all recordings of a rig.
+    """Fit the five parameters, and those of any effects, to all recordings of a rig.
 
     Start points are a space-filling draw over the ranges; the best ones of a screening are refined by
     Levenberg-Marquardt under a Student-t likelihood, which leaves rows where the tracker jumped no say. Start
@@ -49,6 +50,9 @@ def least_squares(
         Start points that are refined.
     seed : int
         Of the draw. The same seed gives the same bits for any number of threads.
+    effects : sequence of Effect
+        What is added to the simulation. Half of the start points have the values given; a parameter that is
+        left out is looked for over its range.
     engine : {"rolling", "rapier"}
         What simulates.
     progress : callable, optional
@@ -59,37 +63,62 @@ def least_squares(
     Raises
     ------
     IrtError
-        If `starts` is less than one, some recordings are stamped and others not, or nothing was seen.
+        If `starts` is less than one, some recordings are stamped and others not, nothing was seen, or the
+        engine knows no such effect.
     """
     if starts < 1:
         raise IrtError(f"starts: expected at least 1, found {starts}")
     began = time.perf_counter()
     stretches, time_scale = segments(rig), stamped_time_scale(rig)
-    search = Search(rig, stretches, time_scale, engine=engine, threads=threads, progress=progress)
-    candidates = search.run(starts, seed)
-    found = []
-    for candidate in candidates:
-        path = zip(search.coordinates.to_p(candidate.path), search.errors(candidate).tolist(), strict=True)
-        found.append(Estimate(tuple(Iteration(parameters, mae) for parameters, mae in path)))
-    best = candidates[0]
-    count, unknowns = int(search.whole.known.sum()), 5 + search.whole.unknowns
-    scale = float(robust.scale(best.residual[None], search.whole.known)[0])
-    noise = scale * np.sqrt(count / max(count - unknowns, 1))
-    model = Model.from_rig(rig, search.coordinates.to_p(best.z), time_step="continuous")
-    parameters, unidentifiable = estimates(
-        model, stretches, noise, engine=engine, threads=threads, states=best.states
+    problem = Problem.of(
+        rig, stretches, effects=effects, time_scale=time_scale, engine=engine, threads=threads
+    )
+    with located(f"{rig.path}"):
+        solution = problem.fit(starts=starts, seed=seed, progress=_report(progress))
+    information = Information.of(problem, solution.values, solution.information)
+    parameters = with_intervals(information)
+    fitted = {
+        effect.name: {
+            name.removeprefix(f"{effect.name}."): parameter
+            for name, parameter in parameters.items()
+            if name.startswith(f"{effect.name}.")
+        }
+        for effect in effects
+    }
+    model = Model.from_rig(
+        rig,
+        solution.values[: len(PARAMETERS)],
+        effects=[
+            Effect(name, {key: one.value for key, one in of_effect.items()})
+            for name, of_effect in fitted.items()
+        ],
+        time_step="continuous",
     )
     return FitResult(
         method="least-squares",
-        model=replace(model, parameters=parameters),
-        noise=noise,
-        estimates=tuple(found),
-        rollouts=search.rollouts,
-        unidentifiable=unidentifiable,
-        notes=tuple(_notes(rig, model.values, time_scale, noise, search.noise)),
+        model=replace(model, parameters={name: parameters[name] for name in PARAMETERS}),
+        noise=solution.noise,
+        estimates=tuple(_estimate(path, errors) for path, errors in solution.estimates),
+        rollouts=solution.rollouts,
+        unidentifiable=unidentifiable(information),
+        notes=tuple(_notes(rig, model, time_scale, solution.noise, solution.tracker_noise)),
         seed=seed,
         seconds=time.perf_counter() - began,
+        residuals=tuple(solution.residuals),
+        effects=fitted,
     )
+
+
+def _estimate(path: Array, errors: Array) -> Estimate:
+    """Return what one start point led to, from (t, n) values and (t,) errors."""
+    five = path[:, : len(PARAMETERS)]
+    return Estimate(tuple(Iteration(p, mae) for p, mae in zip(five, errors.tolist(), strict=True)))
+
+
+def _report(progress: Progress | None) -> Callable[[int, int, int], None] | None:
+    if progress is None:
+        return None
+    return lambda done, total, rows: progress(done, total, f"least squares, {rows} rows at a time")
 
 
 def stamped_time_scale(rig: Rig) -> float | None:
@@ -113,7 +142,7 @@ def stamped_time_scale(rig: Rig) -> float | None:
 
 
 def _notes(
-    rig: Rig, values: Array, time_scale: float | None, noise: float, tracker_noise: float
+    rig: Rig, model: Model, time_scale: float | None, noise: float, tracker_noise: float
 ) -> Iterator[str]:
     """Say what else the user should know of a fit."""
     if time_scale is not None:
@@ -121,12 +150,14 @@ def _notes(
             f"time_scale = {time_scale:.4g} is what the stamps say, 240 times the median of "
             f"{time_scale * SUBSTEP_S:.4g} s a row; it was not fitted."
         )
-    for name, value in zip(PARAMETERS, values, strict=True):
+    for name, value in zip(PARAMETERS, model.values, strict=True):
         low, high = rig.ranges[name]
         if not low <= value <= high and not (name == "time_scale" and time_scale is not None):
             yield f"{name} = {value:.4g} lies outside its range of {low:g} to {high:g}."
     if noise > MISFIT * tracker_noise:
+        named = " and ".join(effect.name for effect in model.effects)
+        what = f"five parameters and {named} do" if named else "five parameters do"
         yield (
             f"The predictions miss by {noise:.2g} of an edge, {noise / tracker_noise:.0f} times the "
-            f"tracker's scatter of {tracker_noise:.2g}: five parameters do not explain these recordings."
+            f"tracker's scatter of {tracker_noise:.2g}: {what} not explain these recordings."
         )

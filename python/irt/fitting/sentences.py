@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.fitting.coordinates import SMALL
 from irt.rig import PARAMETERS
 
 if TYPE_CHECKING:
@@ -15,11 +14,15 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+TIME, SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
+
 #: Relative changes, in the order of `PARAMETERS`, that leave a recording as it is.
 SYMMETRIES = {
     "time": np.array([1.0, 1.0, 1.0, -0.5, 0.0]),
     "scale": np.array([-1.0, -1.0, -1.0, 0.0, 1.0]),
 }
+#: Below this share of their largest value, changes of parameters are no longer counted in proportion.
+SMALL = 0.02
 #: A direction lies within others if this share of its square does, outside if less of its length.
 WITHIN, OUTSIDE = 0.98, 0.1
 #: A parameter takes part in a combination if its share of the direction is at least this.
@@ -33,7 +36,7 @@ def unidentifiable(information: Information, low: Array, high: Array) -> tuple[s
     ----------
     information : Information
         What the recordings tell.
-    low, high : (5,) arrays
+    low, high : (n,) arrays
         Ends of the intervals.
     """
     if information.flat.sum() == information.free.sum():
@@ -43,11 +46,13 @@ def unidentifiable(information: Information, low: Array, high: Array) -> tuple[s
     flat = information.directions[information.flat] * information.widths / size
     flat = np.linalg.qr(flat.T)[0].T
     relative = information.values / size
+    of_effects = np.zeros(len(relative) - len(PARAMETERS))
+    symmetries = {name: np.concatenate([five, of_effects]) for name, five in SYMMETRIES.items()}
     found = {
         name: bool(np.all(information.free[symmetry != 0.0])) and _lies_within(symmetry * relative, flat)
-        for name, symmetry in SYMMETRIES.items()
+        for name, symmetry in symmetries.items()
     }
-    symmetric = [SYMMETRIES[name] * relative for name, is_flat in found.items() if is_flat]
+    symmetric = [symmetries[name] * relative for name, is_flat in found.items() if is_flat]
     sentences = [_symmetries(information, flat, **found)] if symmetric else []
     for direction in _remainder(flat, symmetric):
         change = direction * size / information.widths
@@ -62,15 +67,16 @@ def _symmetries(information: Information, flat: Array, *, time: bool, scale: boo
         "stamps (a column t_s) would fix the time scale" * time,
         "a run that meets a wall would fix the observation scale" * scale,
     )
-    exponents = np.array([0.0, 0.0, 0.0, 2.0 * time, 1.0 * scale])
+    exponents = np.zeros(len(information.values))
+    exponents[[TIME, SCALE]] = 2.0 * time, 1.0 * scale
     factors = "time_scale^2 * " * time + "observation_scale * " * scale
     known = []
     for index, name in enumerate(PARAMETERS[:3]):
-        powers = exponents + np.eye(5)[index]
+        powers = exponents + np.eye(len(exponents))[index]
         value = information.values[index]
         if value != 0.0 and np.linalg.norm(flat @ powers) < OUTSIDE * np.linalg.norm(powers):
             product = float(np.prod(information.values**powers))
-            gradient = np.zeros(5)
+            gradient = np.zeros(len(exponents))
             np.divide(powers * information.widths, information.values, where=powers != 0.0, out=gradient)
             margin = abs(product) * information.margin(gradient)
             known.append(f"{factors}{name} = {product:.4g} +- {margin:.2g}")
@@ -87,12 +93,15 @@ def _direction(information: Information, direction: Array, low: Array, high: Arr
     if len(taking_part) == 1:
         index = taking_part[0]
         return (
-            f"These recordings do not tell {PARAMETERS[index]}: anything from {low[index]:.3g} to "
+            f"These recordings do not tell {information.names[index]}: anything from {low[index]:.3g} to "
             f"{high[index]:.3g} fits as well."
         )
-    changes = [f"{PARAMETERS[i]} by {0.1 * direction[i] * information.widths[i]:+.2g}" for i in taking_part]
+    changes = [
+        f"{information.names[i]} by {0.1 * direction[i] * information.widths[i]:+.2g}" for i in taking_part
+    ]
+    names = _listed([information.names[i] for i in taking_part])
     return (
-        f"These recordings do not tell {_listed([PARAMETERS[i] for i in taking_part])} apart: changing "
+        f"These recordings do not tell {names} apart: changing "
         f"{_listed(changes)} together makes no difference that the tracker could see."
     )
 

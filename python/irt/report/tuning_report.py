@@ -13,7 +13,7 @@ import numpy as np
 
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
-from irt.fitting.robust import tracker_noise
+from irt.fitting.problem import tracker_noise
 from irt.model import Model, Parameter
 from irt.report import style
 from irt.report.page import Page, Picture

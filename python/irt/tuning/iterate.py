@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from irt.fitting import robust
 from irt.fitting.fit import Progress
 from irt.tuning.drive import Drive
 from irt.tuning.tunenet import TuneNet
@@ -21,6 +20,10 @@ STEP_DECAY = 0.85
 #: A row is a slip of the tracker if it lies this many typical distances from the median of five rows around
 #: it, and this far [board edges].
 _SPIKE, _SPIKE_EDGES = 8.0, 0.02
+#: Standard deviation of a normal variable over its median absolute deviation.
+_MAD_TO_SD = 1.4826
+#: No camera sees better than this [board edges].
+_FINEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +104,7 @@ class Tuner:
         """Return the robust standard deviation [board edges] of what (5,) parameters leave of a target."""
         proposed = self.drive.simulate(parameters[None], threads)
         left = np.abs(self._left_over(_missing(proposed, observed), observed))
-        return max(robust.MAD_TO_SD * float(np.median(left)), robust.FINEST)
+        return max(_MAD_TO_SD * float(np.median(left)), _FINEST)
 
     def _difference(self, proposed: Sequence[Array], missing: Sequence[Array]) -> Array:
         """Estimated (k, 5) differences of the scaled parameters, target minus proposal."""

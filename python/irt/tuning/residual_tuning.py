@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike
-from irt.fitting import robust
 from irt.fitting.fit import Estimate, FitResult, Iteration, Progress
 from irt.fitting.identifiability import estimates
 from irt.fitting.least_squares import MISFIT
+from irt.fitting.problem import tracker_noise
 from irt.model import Model, Parameter
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S, Engine
@@ -174,7 +174,7 @@ def _notes(
         low, high = model.ranges[name]
         if min(value - low, high - value) < _AT_END * (high - low):
             yield f"{name} = {value:.4g} is an end of its range, which IRT does not leave."
-    scatter = robust.tracker_noise(needed.segments)
+    scatter = tracker_noise(needed.segments)
     if noise > MISFIT * scatter:
         yield (
             f"The predictions miss by {noise:.2g} of an edge, {noise / scatter:.0f} times what the tracker "

@@ -17,6 +17,7 @@ from irt.rig import PARAMETERS, RANGES
 VALUES = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
 ENDS = np.array([RANGES[name] for name in PARAMETERS])
 WIDTHS = np.ptp(ENDS, axis=1)
+ALLOWED = np.array([(-np.inf, np.inf)] * 5)
 
 
 def information(flat=(), half_width=0.01, values=VALUES, free=(True,) * 5):
@@ -27,7 +28,9 @@ def information(flat=(), half_width=0.01, values=VALUES, free=(True,) * 5):
     widths = np.full(free.sum(), half_width)
     widths[: len(flat)] = np.inf
     ranges = np.stack([np.minimum(ENDS[:, 0], values), np.maximum(ENDS[:, 1], values)], axis=1)
-    return Information(values, WIDTHS, ranges, free, directions, widths, np.zeros(free.sum()))
+    return Information(
+        PARAMETERS, values, WIDTHS, ranges, ALLOWED, free, directions, widths, np.zeros(free.sum())
+    )
 
 
 def along(name, values=VALUES):
@@ -172,3 +175,35 @@ def test_a_knob_that_never_moves_says_nothing_about_its_gear(planted):
     assert parameters["gear_x"].low == pytest.approx(0.0, abs=1e-3)
     assert parameters["gear_x"].high == pytest.approx(0.1)
     assert any("gear_x" in sentence for sentence in sentences)
+
+
+def with_an_effect(value, flat):
+    """Return information on the five and on a bias from -0.01 to 0.01 that may be unknown."""
+    known = information()
+    directions = np.eye(6)
+    return Information(
+        names=(*PARAMETERS, "tilt_bias.bias_x_rad"),
+        values=np.append(VALUES, value),
+        widths=np.append(WIDTHS, 0.02),
+        ranges=np.vstack([known.ranges, [-0.01, 0.01]]),
+        allowed=np.vstack([ALLOWED, [-0.5, 0.5]]),
+        free=np.ones(6, dtype=bool),
+        directions=directions,
+        half_width=np.array([0.01] * 5 + [np.inf if flat else 0.01]),
+        offset=np.zeros(6),
+    )
+
+
+def test_an_effects_parameter_may_have_either_sign():
+    known = with_an_effect(1e-4, flat=False)
+    low, high = intervals(known)
+    np.testing.assert_allclose([low[5], high[5]], [-1e-4, 3e-4])
+    assert unidentifiable(known, low, high) == ()
+
+
+def test_an_effects_parameter_that_nothing_shows_may_be_anywhere():
+    flat = with_an_effect(1e-3, flat=True)
+    low, high = intervals(flat)
+    np.testing.assert_allclose([low[5], high[5]], [-0.01, 0.01])
+    (sentence,) = unidentifiable(flat, low, high)
+    assert "do not tell tilt_bias.bias_x_rad: anything from -0.01 to 0.01" in sentence

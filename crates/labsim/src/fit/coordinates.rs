@@ -1,0 +1,460 @@
+//! The coordinates that a fit moves in: in logarithms the symmetries of the motion are straight lines.
+//!
+//! Two families of changes leave a recording of the five parameters as it is, the first without
+//! damping, the second until a wall is met:
+//!
+//! - `gear_x`, `gear_y` and `rolling_friction` times L, `time_scale` divided by √L;
+//! - `observation_scale` times r, `gear_x`, `gear_y` and `rolling_friction` divided by r.
+//!
+//! With logarithms of the gears and the two scales, and the friction relative to the gears, both are
+//! straight lines along which the friction's coordinate stands still: a fit that cannot tell their
+//! members apart slides along a straight valley, and steps of equal size are equal relative changes.
+//! Effects' parameters have logarithms where they are scales, and otherwise count in their ranges.
+
+use super::axis::{Axis, Shape, base_axis, effect_axis};
+use super::problem::{Problem, Sought};
+use crate::error::Result;
+
+pub(super) const GEAR_X: usize = 0;
+pub(super) const GEAR_Y: usize = 1;
+pub(super) const FRICTION: usize = 2;
+pub(super) const TIME: usize = 3;
+pub(super) const SCALE: usize = 4;
+
+/// Relative distance beyond a range that counts like a residual of one standard deviation.
+const LEEWAY: f64 = 0.1;
+/// A logarithm needs a smallest value: this share of the largest that is allowed.
+pub(super) const SMALLEST: f64 = 1e-4;
+/// The map between values (the five parameters and then the effects', in their own units) and the
+/// coordinates z of the free ones.
+#[derive(Debug, Clone)]
+pub(super) struct Coordinates {
+    axes: Vec<Axis>,
+    held: Vec<f64>,
+    /// Friction over root-mean-square gear at which its coordinate is 1.
+    friction_unit: f64,
+}
+
+impl Coordinates {
+    /// The coordinates of a problem; `senses` says which side of zero is searched for each gear.
+    pub(super) fn new(problem: &Problem<'_>, senses: [f64; 2]) -> Result<Self> {
+        let mut held = Vec::new();
+        let mut axes = Vec::new();
+        for (slot, sought) in problem.sought().enumerate() {
+            held.push(match sought {
+                Sought::Held(value) => value,
+                Sought::Free {
+                    range: (low, _), ..
+                } => low,
+            });
+            let Sought::Free { range, .. } = sought else {
+                continue;
+            };
+            let axis = match problem.effect_parameter(slot) {
+                None => base_axis(problem, slot, range, senses),
+                Some((effect, parameter)) => effect_axis(effect, parameter, slot, range)?,
+            };
+            if axis.lower < axis.upper {
+                axes.push(axis);
+            } else {
+                held[slot] = axis.sign * axis.lower;
+            }
+        }
+        let mut coordinates = Self {
+            axes,
+            held,
+            friction_unit: 1.0,
+        };
+        let largest = |slot: usize| match coordinates.find(slot) {
+            Some(i) => coordinates.axes[i].upper,
+            None => coordinates.held[slot].abs(),
+        };
+        let gear = rms(largest(GEAR_X), largest(GEAR_Y)).max(f64::MIN_POSITIVE);
+        coordinates.friction_unit = largest(FRICTION).max(SMALLEST * gear) / gear;
+        Ok(coordinates)
+    }
+
+    /// How many parameters are free.
+    pub(super) fn len(&self) -> usize {
+        self.axes.len()
+    }
+
+    /// The coordinate of a parameter, if it is free.
+    pub(super) fn find(&self, slot: usize) -> Option<usize> {
+        self.axes.iter().position(|axis| axis.slot == slot)
+    }
+
+    /// The places of the free parameters among all values.
+    pub(super) fn slots(&self) -> Vec<usize> {
+        self.axes.iter().map(|axis| axis.slot).collect()
+    }
+
+    /// Coordinates of values, moved to the nearest that a fit may take.
+    pub(super) fn to_z(&self, values: &[f64]) -> Vec<f64> {
+        let clipped = |slot: usize| match self.find(slot) {
+            Some(i) => self.axes[i].clip(values[slot] * self.axes[i].sign),
+            None => self.held[slot].abs(),
+        };
+        let gear = rms(clipped(GEAR_X), clipped(GEAR_Y));
+        let coordinate = |axis: &Axis| match axis.shape {
+            Shape::Logarithm => clipped(axis.slot).ln(),
+            Shape::Friction => {
+                clipped(axis.slot) / (self.friction_unit * gear.max(f64::MIN_POSITIVE))
+            }
+            Shape::Linear(unit) => clipped(axis.slot) / unit,
+        };
+        self.axes.iter().map(coordinate).collect()
+    }
+
+    /// All values at coordinates; none that a fit may not take.
+    pub(super) fn to_values(&self, z: &[f64]) -> Vec<f64> {
+        let mut values = self.held.clone();
+        for (axis, magnitude) in self.axes.iter().zip(self.magnitudes(z)) {
+            values[axis.slot] = axis.sign * axis.clip(magnitude);
+        }
+        values
+    }
+
+    /// Moves coordinates to the nearest allowed ones.
+    pub(super) fn clip(&self, z: &[f64]) -> Vec<f64> {
+        let bounds = self.bounds(z);
+        z.iter()
+            .zip(bounds)
+            .map(|(z, (low, high))| z.clamp(low, high))
+            .collect()
+    }
+
+    /// Lowest and highest coordinates; the friction's depend on the gears at z.
+    pub(super) fn bounds(&self, z: &[f64]) -> Vec<(f64, f64)> {
+        let plain = |axis: &Axis| match axis.shape {
+            Shape::Logarithm => (axis.lower.ln(), axis.upper.ln()),
+            Shape::Linear(unit) => (axis.lower / unit, axis.upper / unit),
+            Shape::Friction => (f64::NEG_INFINITY, f64::INFINITY),
+        };
+        let mut bounds: Vec<(f64, f64)> = self.axes.iter().map(plain).collect();
+        if let Some(i) = self.find(FRICTION) {
+            let clipped: Vec<f64> = z
+                .iter()
+                .zip(&bounds)
+                .map(|(z, (low, high))| z.clamp(*low, *high))
+                .collect();
+            let unit = self.friction_unit * self.gear(&clipped).max(f64::MIN_POSITIVE);
+            bounds[i] = (self.axes[i].lower / unit, self.axes[i].upper / unit);
+        }
+        bounds
+    }
+
+    /// How far outside their ranges parameters lie, in units of [`LEEWAY`], to be squared and halved
+    /// like residuals: where recordings say nothing, this keeps a fit in the ranges.
+    pub(super) fn excess(&self, z: &[f64]) -> Vec<f64> {
+        let magnitudes = self.magnitudes(z);
+        let beyond = |(axis, &p): (&Axis, &f64)| {
+            if let Shape::Linear(unit) = axis.shape {
+                return ((p - axis.high).max(0.0) + (p - axis.low).min(0.0)) / unit;
+            }
+            let past = |p: f64, end: f64| {
+                if p > 0.0 && end > 0.0 {
+                    (p / end).ln().max(0.0)
+                } else {
+                    0.0
+                }
+            };
+            let p = p.max(f64::MIN_POSITIVE);
+            past(p, axis.high) - past(axis.low, p)
+        };
+        let beyond = self.axes.iter().zip(&magnitudes).map(beyond);
+        beyond.map(|beyond| beyond / LEEWAY).collect()
+    }
+
+    /// The derivative of [`Coordinates::excess`]: a row for each excess.
+    pub(super) fn excess_slope(&self, z: &[f64]) -> Vec<Vec<f64>> {
+        let excess = self.excess(z);
+        let row = |i: usize| {
+            let mut row = vec![0.0; self.len()];
+            if excess[i] != 0.0 {
+                if self.axes[i].shape == Shape::Friction {
+                    row = self.gear_shares(z);
+                    row[i] = 1.0 / z[i].max(SMALLEST);
+                } else {
+                    row[i] = 1.0;
+                }
+            }
+            row.iter().map(|slope| slope / LEEWAY).collect()
+        };
+        (0..self.len()).map(row).collect()
+    }
+
+    /// Coordinates after a step along the direction in which the slope of one of them is taken.
+    ///
+    /// The time scale and the observation scale move along the symmetries of the motion: differences along
+    /// single coordinates would each catch other stops and impacts, whose jumps then do not cancel along a
+    /// symmetry, where nothing happens at all. The gears move without the friction: one that nothing
+    /// shows has no slope then.
+    pub(super) fn shifted(&self, z: &[f64], i: usize, step: f64) -> Vec<f64> {
+        let mut shifted = z.to_vec();
+        shifted[i] += step;
+        if self.axes[i].slot <= GEAR_Y
+            && let Some(friction) = self.find(FRICTION)
+        {
+            shifted[friction] *= self.gear(z) / self.gear(&shifted);
+        }
+        for (other, rate) in self.symmetry(i) {
+            shifted[other] += rate * step;
+        }
+        shifted
+    }
+
+    /// What else moves along that direction, and how fast.
+    pub(super) fn along(&self, z: &[f64], i: usize) -> Vec<(usize, f64)> {
+        match self.find(FRICTION) {
+            Some(friction) if self.axes[i].slot <= GEAR_Y => {
+                vec![(friction, -self.gear_shares(z)[i] * z[friction])]
+            }
+            _ => self.symmetry(i),
+        }
+    }
+
+    fn symmetry(&self, i: usize) -> Vec<(usize, f64)> {
+        let rate = match self.axes[i].slot {
+            TIME => -2.0,
+            SCALE => -1.0,
+            _ => return Vec::new(),
+        };
+        match (self.find(GEAR_X), self.find(GEAR_Y)) {
+            (Some(x), Some(y)) => vec![(x, rate), (y, rate)],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Moves coordinates along the first symmetry until their time scale is this one.
+    pub(super) fn along_time(&self, z: &[f64], time_scale: f64) -> Option<Vec<f64>> {
+        let time = self.find(TIME)?;
+        Some(self.shifted(z, time, time_scale.ln() - z[time]))
+    }
+
+    /// The lowest and highest time scale allowed, if it is free.
+    pub(super) fn time_scales(&self) -> Option<(f64, f64)> {
+        self.find(TIME)
+            .map(|i| (self.axes[i].lower, self.axes[i].upper))
+    }
+
+    /// Values from the ends of the ranges: 0 is the low end, 1 the high one.
+    pub(super) fn drawn(&self, place: &[f64]) -> Vec<f64> {
+        let mut values = self.held.clone();
+        for (axis, place) in self.axes.iter().zip(place) {
+            values[axis.slot] = axis.sign * (axis.low + place * (axis.high - axis.low));
+        }
+        values
+    }
+
+    /// A coordinate whose parameter lies at a place of its range, 0 to 1.
+    pub(super) fn within(&self, i: usize, place: f64) -> f64 {
+        let axis = &self.axes[i];
+        let value = axis.clip(axis.low + place * (axis.high - axis.low));
+        match axis.shape {
+            Shape::Linear(unit) => value / unit,
+            _ => value.ln(),
+        }
+    }
+
+    /// The derivatives of the free values by the coordinates, a row for each value; bounds are not
+    /// seen.
+    pub(super) fn derivative(&self, z: &[f64]) -> Vec<Vec<f64>> {
+        let magnitudes = self.magnitudes(z);
+        let row = |i: usize| {
+            let axis = &self.axes[i];
+            let mut row = vec![0.0; self.len()];
+            match axis.shape {
+                Shape::Logarithm => row[i] = magnitudes[i],
+                Shape::Linear(unit) => row[i] = unit,
+                Shape::Friction => {
+                    row = self.gear_shares(z);
+                    for share in &mut row {
+                        *share *= magnitudes[i];
+                    }
+                    row[i] = self.friction_unit * self.gear(z);
+                }
+            }
+            row.iter().map(|slope| axis.sign * slope).collect()
+        };
+        (0..self.len()).map(row).collect()
+    }
+
+    /// The widths of the free parameters' ranges.
+    pub(super) fn widths(&self) -> Vec<f64> {
+        let width = |axis: &Axis| axis.high - axis.low;
+        self.axes.iter().map(width).collect()
+    }
+
+    fn magnitudes(&self, z: &[f64]) -> Vec<f64> {
+        let gear = self.gear(z);
+        let magnitude = |(axis, &z): (&Axis, &f64)| match axis.shape {
+            Shape::Logarithm => z.exp(),
+            Shape::Friction => z * self.friction_unit * gear,
+            Shape::Linear(unit) => z * unit,
+        };
+        self.axes.iter().zip(z).map(magnitude).collect()
+    }
+
+    fn gear_of(&self, slot: usize, z: &[f64]) -> f64 {
+        self.find(slot)
+            .map_or(self.held[slot].abs(), |i| z[i].exp())
+    }
+
+    /// The root mean square of the two gears, which stays positive when one of them vanishes.
+    fn gear(&self, z: &[f64]) -> f64 {
+        rms(self.gear_of(GEAR_X, z), self.gear_of(GEAR_Y, z))
+    }
+
+    /// The derivatives of the logarithm of the gear.
+    fn gear_shares(&self, z: &[f64]) -> Vec<f64> {
+        let mut shares = vec![0.0; self.len()];
+        let squares = [GEAR_X, GEAR_Y].map(|slot| self.gear_of(slot, z).powi(2));
+        for (slot, square) in [GEAR_X, GEAR_Y].into_iter().zip(squares) {
+            if let Some(i) = self.find(slot) {
+                shares[i] = square / (squares[0] + squares[1]);
+            }
+        }
+        shares
+    }
+}
+
+fn rms(a: f64, b: f64) -> f64 {
+    (0.5 * (a * a + b * b)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::board::Rig;
+    use crate::effects::effect;
+    use crate::engine::Engine;
+    use crate::fit::{Hypothesis, Sought};
+
+    const VALUES: [f64; 9] = [0.06, 0.03, 4e-4, 20.0, 1.05, 0.3, 0.002, -0.003, 3.0];
+
+    /// The five over their ranges, and a lag, a bias and a ratio.
+    fn coordinates() -> Coordinates {
+        let ranges = [
+            (0.0, 0.1),
+            (0.0, 0.1),
+            (0.0, 0.001),
+            (0.0, 50.0),
+            (0.8, 1.2),
+        ];
+        let names = ["lag", "tilt_bias", "static_friction"];
+        let effects = names.map(|name| Hypothesis::free(effect(name).unwrap()));
+        let problem = Problem {
+            rig: &Rig::default(),
+            parameters: ranges.map(|range| Sought::Free { range, start: None }),
+            effects: &effects,
+            recordings: &[],
+            stretches: &[],
+            noise: None,
+            engine: Engine::Rolling,
+            threads: None,
+        };
+        Coordinates::new(&problem, [1.0; 2]).unwrap()
+    }
+
+    fn assert_near(one: &[f64], other: &[f64], tolerance: f64) {
+        for (one, other) in one.iter().zip(other) {
+            assert!(
+                (one - other).abs() <= tolerance * (1.0 + other.abs()),
+                "{one} {other}"
+            );
+        }
+    }
+
+    #[test]
+    fn values_come_back() {
+        let coordinates = coordinates();
+        assert_near(
+            &coordinates.to_values(&coordinates.to_z(&VALUES)),
+            &VALUES,
+            1e-12,
+        );
+    }
+
+    #[test]
+    fn along_the_symmetries_products_stand_still() {
+        let coordinates = coordinates();
+        let z = coordinates.to_z(&VALUES);
+        let moved = coordinates.to_values(&coordinates.along_time(&z, 25.0).unwrap());
+        assert_near(&moved[3..], &[&[25.0], &VALUES[4..]].concat(), 1e-12);
+        let scaled = coordinates.to_values(&coordinates.shifted(&z, SCALE, 0.01));
+        for i in 0..3 {
+            let time = |values: &[f64]| values[i] * values[TIME] * values[TIME];
+            assert_near(&[time(&moved)], &[time(&VALUES)], 1e-12);
+            assert_near(
+                &[scaled[i] * scaled[SCALE]],
+                &[VALUES[i] * VALUES[SCALE]],
+                1e-12,
+            );
+        }
+    }
+
+    #[test]
+    fn a_gear_moves_without_the_friction() {
+        let coordinates = coordinates();
+        let z = coordinates.to_z(&VALUES);
+        let moved = coordinates.to_values(&coordinates.shifted(&z, GEAR_X, 0.1));
+        assert_near(&moved[1..], &VALUES[1..], 1e-12);
+        // To first order the direction is the one that slopes are unwound by.
+        let step = 1e-6;
+        let along = coordinates.along(&z, GEAR_X);
+        let shifted = coordinates.shifted(&z, GEAR_X, step);
+        for (i, rate) in along {
+            assert_near(&[(shifted[i] - z[i]) / step], &[rate], 1e-5);
+        }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_maps() {
+        let coordinates = coordinates();
+        for values in [VALUES, [0.15, 0.05, 0.002, 60.0, 0.7, 1.2, 0.013, 0.0, 6.0]] {
+            let z = coordinates.to_z(&values);
+            let (derivative, slope) = (coordinates.derivative(&z), coordinates.excess_slope(&z));
+            for j in 0..z.len() {
+                let beside = |step: f64| {
+                    let mut z = z.clone();
+                    z[j] += step;
+                    z
+                };
+                let (ahead, behind) = (beside(1e-6), beside(-1e-6));
+                let difference = |of: &dyn Fn(&[f64]) -> Vec<f64>| -> Vec<f64> {
+                    let pairs = of(&ahead).into_iter().zip(of(&behind));
+                    pairs
+                        .map(|(ahead, behind)| (ahead - behind) / 2e-6)
+                        .collect()
+                };
+                let column =
+                    |matrix: &[Vec<f64>]| matrix.iter().map(|row| row[j]).collect::<Vec<_>>();
+                assert_near(
+                    &difference(&|z| coordinates.to_values(z)),
+                    &column(&derivative),
+                    1e-6,
+                );
+                assert_near(
+                    &difference(&|z| coordinates.excess(z)),
+                    &column(&slope),
+                    1e-4,
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn whatever_a_step_proposes_stays_within_reach() {
+        let coordinates = coordinates();
+        for far in [-20.0, 20.0] {
+            let clipped = coordinates.clip(&[far; 9]);
+            assert_near(&coordinates.clip(&clipped), &clipped, 1e-12);
+            let values = coordinates.to_values(&clipped);
+            assert!((0.0..=0.3 + 1e-9).contains(&values[GEAR_X]));
+            assert!((0.5..=150.0 + 1e-9).contains(&values[TIME]));
+            assert!(values[5] >= 0.0, "{values:?}");
+            assert!(values[8] >= 1.0, "{values:?}");
+        }
+    }
+}

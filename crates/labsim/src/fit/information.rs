@@ -1,0 +1,346 @@
+//! What recordings tell about the parameters, to first order around a solution.
+//!
+//! The Jacobian of all residuals, freed of what the start states can take up, tells which changes of the
+//! parameters the recordings would show (Gauss-Newton theory). It is trusted only where it holds: after
+//! an impact or a stop a small change may send the marble elsewhere, and such rows say less than their
+//! slopes pretend.
+
+use nalgebra::{DMatrix, DVector};
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::robust;
+use super::shooting::{Point, Shooting};
+use super::slopes::{Linearisation, Look};
+use super::windows::State;
+use crate::error::Result;
+
+/// Draws that check the linearisation, the furthest they go (in coordinates), and the error (in scales)
+/// that is no worse yet.
+const DRAWS: usize = 24;
+const FURTHEST: f64 = 0.1;
+const WORST: f64 = 5.0;
+/// Physics updates more or less with which a row is simulated to see whether it depends on them.
+const OTHER_UPDATES: [i32; 4] = [-2, -1, 1, 2];
+/// Singular values of a window's slopes by its start state below this share of the largest are none.
+const SMALLEST: f64 = 1e-9;
+
+/// What recordings tell about the free parameters.
+///
+/// Directions are in units of the parameters' ranges, so that 1 is from one end to the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Information {
+    /// The places of the free parameters among all: the five, then the effects' in order of naming.
+    pub free: Vec<usize>,
+    /// The widths of their ranges.
+    pub widths: Vec<f64>,
+    /// Orthonormal combinations of them, that of the largest singular value first.
+    pub directions: Vec<Vec<f64>>,
+    /// How much the weighted residuals (board edges) change along each direction.
+    pub singular: Vec<f64>,
+    /// The standard deviation along each direction, infinite where nothing is known.
+    pub deviation: Vec<f64>,
+    /// From the solution to the linearised best fit along each direction; not a number where nothing is
+    /// known.
+    pub offset: Vec<f64>,
+    /// Residuals that count, less what was fitted; at least one.
+    pub degrees_of_freedom: f64,
+    /// Robust standard deviation of the residuals (board edges).
+    pub scale: f64,
+}
+
+impl Information {
+    /// Covariance of the free parameters in their own units, over the directions whose deviation is below
+    /// `flat` ranges.
+    pub fn covariance(&self, flat: f64) -> Vec<Vec<f64>> {
+        let known: Vec<usize> = (0..self.deviation.len())
+            .filter(|&d| self.deviation[d] < flat)
+            .collect();
+        let entry = |i: usize, j: usize| {
+            let along = |&d: &usize| {
+                self.directions[d][i]
+                    * self.directions[d][j]
+                    * self.deviation[d]
+                    * self.deviation[d]
+            };
+            known.iter().map(along).sum::<f64>() * self.widths[i] * self.widths[j]
+        };
+        let count = self.free.len();
+        (0..count)
+            .map(|i| (0..count).map(|j| entry(i, j)).collect())
+            .collect()
+    }
+
+    /// The standard deviation of each free parameter in its own unit, infinite where nothing is known.
+    pub fn deviations(&self) -> Vec<f64> {
+        let of_parameter = |i: usize| {
+            let along = |(direction, deviation): (&Vec<f64>, &f64)| match direction[i] {
+                share if share.abs() < 1e-9 => 0.0,
+                share => (share * deviation).powi(2),
+            };
+            let variance: f64 = self.directions.iter().zip(&self.deviation).map(along).sum();
+            variance.sqrt() * self.widths[i]
+        };
+        (0..self.free.len()).map(of_parameter).collect()
+    }
+}
+
+/// A linearisation of the residuals at one solution.
+struct Linear<'a> {
+    shooting: &'a Shooting<'a>,
+    point: &'a Point,
+    line: Linearisation,
+    scale: f64,
+    /// Coordinates per unit of the ranges.
+    per_unit: DMatrix<f64>,
+}
+
+/// A Gauss-Newton solution in units of the ranges.
+struct Solved {
+    /// A row each.
+    directions: DMatrix<f64>,
+    singular: DVector<f64>,
+    deviation: Vec<f64>,
+    offset: Vec<f64>,
+    degrees_of_freedom: f64,
+    /// How each window's start state follows the coordinates.
+    follow: Vec<DMatrix<f64>>,
+}
+
+/// Linearises the residuals at a solution; they count with their own scale where `noise` is smaller.
+pub(super) fn inform(shooting: &Shooting<'_>, point: &Point, noise: f64) -> Result<Information> {
+    let line = shooting
+        .linearise(std::slice::from_ref(point), Look::Careful)?
+        .remove(0);
+    let (widths, count) = (shooting.coordinates.widths(), point.z.len());
+    let derivative = shooting.coordinates.derivative(&point.z);
+    let per_z = DMatrix::from_fn(count, count, |i, j| derivative[i][j] / widths[i]);
+    let linear = Linear {
+        shooting,
+        point,
+        scale: robust::scale(&line.residual, &shooting.windows.known).max(noise),
+        line,
+        per_unit: per_z
+            .try_inverse()
+            .unwrap_or_else(|| DMatrix::zeros(count, count)),
+    };
+    let known = shooting
+        .windows
+        .known
+        .iter()
+        .map(|&known| f64::from(u8::from(known)));
+    let known: Vec<f64> = known.collect();
+    let trust = linear.trust(&linear.solved(&known))?;
+    let weight: Vec<f64> = known
+        .iter()
+        .zip(trust)
+        .map(|(known, trust)| known * trust)
+        .collect();
+    let solved = linear.solved(&weight);
+    Ok(Information {
+        free: shooting.coordinates.slots(),
+        widths,
+        directions: solved
+            .directions
+            .row_iter()
+            .map(|row| row.iter().copied().collect())
+            .collect(),
+        singular: solved.singular.iter().copied().collect(),
+        deviation: solved.deviation,
+        offset: solved.offset,
+        degrees_of_freedom: solved.degrees_of_freedom,
+        scale: linear.scale,
+    })
+}
+
+impl Linear<'_> {
+    /// Solves with residuals weighted by weights of at most 1.
+    fn solved(&self, weight: &[f64]) -> Solved {
+        let windows = self.shooting.windows;
+        let (rows, count) = (windows.len(), self.point.z.len());
+        let root: Vec<f64> = weight.iter().map(|weight| weight.sqrt()).collect();
+        // Rows of zeros, so that there are as many singular values as parameters.
+        let mut jacobian = DMatrix::zeros(rows + count, count);
+        let mut follow = Vec::with_capacity(windows.all.len());
+        for window in &windows.all {
+            let own = window.residuals();
+            let of = |columns: &[Vec<f64>]| {
+                DMatrix::from_fn(own.len(), columns.len(), |i, j| {
+                    root[own.start + i] * columns[j][own.start + i]
+                })
+            };
+            let (by_z, by_state) = (of(&self.line.by_z), of(&self.line.by_state));
+            let inverse = pseudo_inverse(&by_state);
+            let follows = -(inverse * &by_z);
+            jacobian
+                .rows_mut(own.start, own.len())
+                .copy_from(&(by_z + by_state * &follows));
+            follow.push(follows);
+        }
+        let mut pull = DVector::zeros(rows + count);
+        let (mut slopes, mut weights) = (0.0, 0.0);
+        for (i, &residual) in self.line.residual.iter().enumerate() {
+            let (psi, slope) = robust::influence(residual, self.scale);
+            pull[i] = root[i] * psi;
+            slopes += slope * weight[i];
+            weights += weight[i];
+        }
+        let mean_slope = slopes / weights;
+        let degrees_of_freedom = (weights - windows.unknowns() as f64 - count as f64).max(1.0);
+        let variance = pull.norm_squared() / degrees_of_freedom / (mean_slope * mean_slope)
+            * self.repetition(pull.as_slice());
+        let svd = (jacobian * &self.per_unit).svd(true, true);
+        let (left, directions) = (svd.u.unwrap_or_default(), svd.v_t.unwrap_or_default());
+        let along = left.tr_mul(&pull);
+        let per = |singular: f64, value: f64| value / singular;
+        Solved {
+            directions,
+            deviation: svd
+                .singular_values
+                .iter()
+                .map(|&singular| {
+                    if singular > 0.0 {
+                        per(singular, variance.sqrt())
+                    } else {
+                        f64::INFINITY
+                    }
+                })
+                .collect(),
+            offset: svd
+                .singular_values
+                .iter()
+                .zip(&along)
+                .map(|(&singular, &along)| -per(singular, along) / mean_slope)
+                .collect(),
+            singular: svd.singular_values,
+            degrees_of_freedom,
+            follow,
+        }
+    }
+
+    /// How far each residual's slope can be believed, between 0 and 1.
+    ///
+    /// Parameters are drawn from what the solution leaves open; by what the linearisation is wrong there
+    /// is a noise of its own. So is the difference that a few physics updates more or less make.
+    fn trust(&self, solved: &Solved) -> Result<Vec<f64>> {
+        let mut random = ChaCha8Rng::seed_from_u64(0);
+        let (mut points, mut foreseen) = (Vec::new(), Vec::new());
+        for _ in 0..DRAWS {
+            let draw = DVector::from_fn(solved.deviation.len(), |i, _| {
+                let normal: f64 = StandardNormal.sample(&mut random);
+                normal * solved.deviation[i].min(1.0 / f64::EPSILON)
+            });
+            let step = &self.per_unit * solved.directions.tr_mul(&draw);
+            let aim: Vec<f64> = self
+                .point
+                .z
+                .iter()
+                .zip(&step)
+                .map(|(z, step)| z + step.clamp(-FURTHEST, FURTHEST))
+                .collect();
+            let z = self.shooting.coordinates.clip(&aim);
+            let step = DVector::from_fn(z.len(), |i, _| z[i] - self.point.z[i]);
+            let moves: Vec<DVector<f64>> =
+                solved.follow.iter().map(|follow| follow * &step).collect();
+            foreseen.push(self.foreseen(&step, &moves));
+            let states = self.point.states.iter().zip(&moves);
+            let states = states.map(|(state, moves)| {
+                let mut moved: State = *state;
+                moved
+                    .iter_mut()
+                    .zip(moves)
+                    .for_each(|(state, moves)| *state += moves);
+                moved
+            });
+            points.push(Point {
+                states: states.collect(),
+                z,
+            });
+        }
+        let residuals = self.shooting.residuals(&points)?;
+        let mut doubt = vec![0.0; self.line.residual.len()];
+        for (residual, foreseen) in residuals.iter().zip(&foreseen) {
+            self.add_doubt(&mut doubt, residual, Some(foreseen), DRAWS);
+        }
+        if !self.shooting.problem.is_stamped() {
+            for more in OTHER_UPDATES {
+                let points = std::slice::from_ref(self.point);
+                let residual = self.shooting.residuals_with(points, more)?.remove(0);
+                self.add_doubt(&mut doubt, &residual, None, OTHER_UPDATES.len());
+            }
+        }
+        Ok(doubt.iter().map(|doubt| 1.0 / (1.0 + doubt)).collect())
+    }
+
+    /// The change of the residuals that the linearisation foresees.
+    fn foreseen(&self, step: &DVector<f64>, moves: &[DVector<f64>]) -> Vec<f64> {
+        let mut change = vec![0.0; self.line.residual.len()];
+        for (column, step) in self.line.by_z.iter().zip(step) {
+            for (change, slope) in change.iter_mut().zip(column) {
+                *change += slope * step;
+            }
+        }
+        for (window, moves) in self.shooting.windows.all.iter().zip(moves) {
+            for (column, step) in self.line.by_state.iter().zip(moves) {
+                for i in window.residuals() {
+                    change[i] += column[i] * step;
+                }
+            }
+        }
+        change
+    }
+
+    /// Adds to the mean square error of what was foreseen, in scales; a rare large one does not decide.
+    fn add_doubt(
+        &self,
+        doubt: &mut [f64],
+        residual: &[f64],
+        foreseen: Option<&Vec<f64>>,
+        count: usize,
+    ) {
+        for (i, doubt) in doubt.iter_mut().enumerate() {
+            let error =
+                residual[i] - self.line.residual[i] - foreseen.map_or(0.0, |change| change[i]);
+            *doubt += (error / self.scale).powi(2).min(WORST * WORST) / count as f64;
+        }
+    }
+
+    /// How many residuals in a row say the same: 1 for noise, more where a model is wrong.
+    ///
+    /// One plus twice the sum of the autocorrelations, up to the first that noise alone could have: the
+    /// factor by which the variance of a mean of correlated values exceeds that of independent ones.
+    fn repetition(&self, pull: &[f64]) -> f64 {
+        let total = pull
+            .iter()
+            .map(|pull| pull * pull)
+            .sum::<f64>()
+            .max(f64::MIN_POSITIVE);
+        let counted = pull.iter().filter(|pull| **pull != 0.0).count().max(1);
+        let by_chance = 2.0 / (counted as f64).sqrt();
+        let mut factor = 1.0;
+        for lag in 1..self.shooting.windows.rows {
+            let mut sum = 0.0;
+            for window in &self.shooting.windows.all {
+                let own = &pull[window.residuals()];
+                sum += own
+                    .iter()
+                    .zip(own.iter().skip(2 * lag))
+                    .map(|(a, b)| a * b)
+                    .sum::<f64>();
+            }
+            if sum / total < by_chance {
+                break;
+            }
+            factor += 2.0 * sum / total;
+        }
+        factor
+    }
+}
+
+fn pseudo_inverse(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    let svd = matrix.clone().svd(true, true);
+    let least = SMALLEST * svd.singular_values.max();
+    svd.pseudo_inverse(least.max(f64::MIN_POSITIVE))
+        .unwrap_or_else(|_| DMatrix::zeros(matrix.ncols(), matrix.nrows()))
+}

@@ -1,0 +1,267 @@
+//! Least squares over rollouts: which values of the parameters, the five and any effects', make the
+//! simulator do what recordings show.
+//!
+//! Bounded, robust (Student-t) Levenberg-Marquardt from many start points at once, over windows of
+//! growing length whose start states are eliminated; all columns of all Jacobians of all candidates are
+//! the lanes of one batch.
+
+mod axis;
+mod coordinates;
+mod descent;
+mod information;
+mod normal;
+mod problem;
+mod robust;
+mod search;
+mod shooting;
+mod slopes;
+mod starts;
+mod windows;
+
+use std::sync::atomic::AtomicBool;
+
+pub use self::information::Information;
+pub use self::problem::{Hypothesis, Problem, Recording, Sought, Stretch};
+pub use self::robust::tracker_noise;
+
+use self::coordinates::Coordinates;
+use self::descent::{Pace, minimise};
+use self::search::{Candidate, Search};
+use self::shooting::{Point, Shooting};
+use self::slopes::Look;
+use self::windows::Windows;
+use crate::error::{Error, Result};
+
+/// Gauss-Newton steps for the start states, where the caller does not know them.
+const STATE_ITERATIONS: usize = 8;
+
+/// Called with how many iterations are done, how many there will be, and the rows of a window.
+pub type Progress<'a> = &'a dyn Fn(usize, usize, usize);
+
+/// How thoroughly a fit searches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Settings {
+    /// Start points that are refined.
+    pub starts: usize,
+    /// Of the draw of start points; the same seed gives the same bits for any number of threads.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { starts: 8, seed: 0 }
+    }
+}
+
+/// What a start point led to; values are those of all parameters, the five and then the effects'.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Where it ended.
+    pub values: Vec<f64>,
+    /// Start states there, as those of a [`Solution`].
+    pub states: Vec<Option<[f64; 4]>>,
+    /// Values on the way, the start point first.
+    pub path: Vec<Vec<f64>>,
+}
+
+/// The outcome of a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// The five parameters, then those of the effects in order of naming.
+    pub values: Vec<f64>,
+    /// Start state of each stretch: place (board edges) and rate (board edges a row); none where the
+    /// tracker saw too little.
+    pub states: Vec<Option<[f64; 4]>>,
+    /// Predicted minus observed for each row of each stretch (board edges); not a number where nothing
+    /// was seen.
+    pub residuals: Vec<Vec<[f64; 2]>>,
+    /// Standard deviation of the tracker (board edges), given or estimated from the recordings alone.
+    pub tracker_noise: f64,
+    /// Robust standard deviation of the residuals (board edges), freed of what was fitted.
+    pub noise: f64,
+    /// Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`.
+    pub loss: f64,
+    /// What the recordings tell about the values.
+    pub information: Information,
+    /// What every start point led to, the best first.
+    pub estimates: Vec<Estimate>,
+    /// Windows simulated, all start points together.
+    pub rollouts: usize,
+}
+
+impl Problem<'_> {
+    /// Fits the free parameters to the recordings.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for a problem that cannot be fitted, [`Error::Cancelled`] once `cancel` is set.
+    pub fn fit(
+        &self,
+        settings: &Settings,
+        progress: Progress<'_>,
+        cancel: &AtomicBool,
+    ) -> Result<Solution> {
+        self.check()?;
+        if settings.starts == 0 {
+            return Err(Error::invalid("starts", "at least 1", 0));
+        }
+        let search = Search::new(self, progress, cancel)?;
+        let (coordinates, candidates) = search.run(settings)?;
+        let best = &candidates[0];
+        let shooting = Shooting::new(self, &coordinates, &search.whole, 1.0, cancel);
+        let count = search.whole.count() as f64;
+        let unknowns = (coordinates.len() + search.whole.unknowns()) as f64;
+        let scale = robust::scale(&best.residual, &search.whole.known);
+        let noise = scale * (count / (count - unknowns).max(1.0)).sqrt();
+        let information = information::inform(&shooting, &best.point, noise)?;
+        let estimate = |one: &Candidate| Estimate {
+            values: coordinates.to_values(&one.point.z),
+            states: self.of_stretches(&search.whole, |i| one.point.states[i]),
+            path: one.path.iter().map(|z| coordinates.to_values(z)).collect(),
+        };
+        Ok(Solution {
+            values: coordinates.to_values(&best.point.z),
+            states: self.of_stretches(&search.whole, |i| best.point.states[i]),
+            residuals: self.residuals(&search.whole, &best.residual),
+            tracker_noise: search.noise,
+            noise,
+            loss: robust::loss(&best.residual, search.noise),
+            information,
+            estimates: candidates.iter().map(estimate).collect(),
+            rollouts: search.rollouts() + shooting.rollouts(),
+        })
+    }
+
+    /// What the recordings tell about the free parameters around any values, wherever they come from;
+    /// start states are estimated where they are not given, and residuals count with their own scale where
+    /// `noise` is smaller.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn inform(
+        &self,
+        values: &[f64],
+        states: Option<&[Option<[f64; 4]>]>,
+        noise: f64,
+        cancel: &AtomicBool,
+    ) -> Result<Information> {
+        self.check()?;
+        let (coordinates, whole) = self.around(values, cancel)?;
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let z = coordinates.to_z(values);
+        let guess = Point {
+            z,
+            states: whole.guesses(),
+        };
+        let point = if let Some(states) = states {
+            Point {
+                states: self.of_windows(&whole, states),
+                ..guess
+            }
+        } else {
+            let pace = Pace {
+                iterations: STATE_ITERATIONS,
+                look: Look::Both,
+                variants: 4,
+                held: true,
+            };
+            minimise(&shooting, &[guess], noise, pace, &|_| ())?
+                .remove(0)
+                .point
+        };
+        information::inform(&shooting, &point, noise)
+    }
+
+    /// Mean absolute error (board edges) at each of some values, from given start states.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn errors(
+        &self,
+        values: &[Vec<f64>],
+        states: &[Option<[f64; 4]>],
+        cancel: &AtomicBool,
+    ) -> Result<Vec<f64>> {
+        self.check()?;
+        let Some(first) = values.first() else {
+            return Ok(Vec::new());
+        };
+        let (coordinates, whole) = self.around(first, cancel)?;
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let point = |values: &Vec<f64>| Point {
+            z: coordinates.to_z(values),
+            states: self.of_windows(&whole, states),
+        };
+        let points: Vec<Point> = values.iter().map(point).collect();
+        let mean = |residual: &Vec<f64>| {
+            residual.iter().map(|one| one.abs()).sum::<f64>() / whole.count() as f64
+        };
+        Ok(shooting.residuals(&points)?.iter().map(mean).collect())
+    }
+
+    /// Coordinates around values, and all stretches uncut.
+    fn around(&self, values: &[f64], cancel: &AtomicBool) -> Result<(Coordinates, Windows)> {
+        let count = self.sought().count();
+        if values.len() != count || values.iter().any(|value| value.is_nan()) {
+            return Err(Error::invalid(
+                "values",
+                &format!("{count} numbers"),
+                values.len(),
+            ));
+        }
+        let sense = |slot: usize| match self.parameters[slot] {
+            Sought::Free {
+                range: (_, high), ..
+            } if values[slot] == 0.0 && high <= 0.0 => -1.0,
+            _ if values[slot] < 0.0 => -1.0,
+            _ => 1.0,
+        };
+        let coordinates = Coordinates::new(self, [sense(0), sense(1)])?;
+        let search = Search::new(self, &|_, _, _| (), cancel)?;
+        Ok((coordinates, search.whole))
+    }
+
+    fn of_stretches<T>(&self, windows: &Windows, of: impl Fn(usize) -> T) -> Vec<Option<T>> {
+        let find = |stretch: &Stretch| {
+            let origin = (stretch.recording, stretch.first);
+            windows
+                .all
+                .iter()
+                .position(|window| (window.recording, window.first) == origin)
+        };
+        self.stretches
+            .iter()
+            .map(|stretch| find(stretch).map(&of))
+            .collect()
+    }
+
+    fn of_windows(&self, windows: &Windows, states: &[Option<[f64; 4]>]) -> Vec<[f64; 4]> {
+        let mut found = windows.guesses();
+        for (i, state) in self.of_stretches(windows, |i| i).into_iter().zip(states) {
+            if let (Some(i), Some(state)) = (i, state) {
+                found[i] = *state;
+            }
+        }
+        found
+    }
+
+    fn residuals(&self, windows: &Windows, residual: &[f64]) -> Vec<Vec<[f64; 2]>> {
+        let of_window = |i: usize| {
+            let own = windows.all[i].residuals();
+            let seen = |i: usize| {
+                if windows.known[i] {
+                    residual[i]
+                } else {
+                    f64::NAN
+                }
+            };
+            own.step_by(2).map(|i| [seen(i), seen(i + 1)]).collect()
+        };
+        let found = self
+            .of_stretches(windows, of_window)
+            .into_iter()
+            .zip(self.stretches);
+        found
+            .map(|(found, stretch)| found.unwrap_or_else(|| vec![[f64::NAN; 2]; stretch.rows]))
+            .collect()
+    }
+}

@@ -1,0 +1,324 @@
+//! What is fitted to what.
+
+use super::coordinates::{GEAR_Y, TIME};
+use crate::board::Rig;
+use crate::effects::{About, Acts, Parameter};
+use crate::engine::Engine;
+use crate::error::{Error, Result};
+use crate::parameters::{NAMES, Parameters};
+
+/// A parameter of the model: known, or to be found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sought {
+    /// It has this value.
+    Held(f64),
+    /// It is looked for.
+    Free {
+        /// The plausible values, low and high; a fit may leave them by up to three times.
+        range: (f64, f64),
+        /// Where to look first; without it anywhere in the range.
+        start: Option<f64>,
+    },
+}
+
+/// An effect whose parameters take part in a fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hypothesis {
+    /// Which one.
+    pub effect: &'static About,
+    /// In the order of [`About::parameters`].
+    pub values: Vec<Sought>,
+}
+
+impl Hypothesis {
+    /// All parameters of an effect looked for over its plausible ranges.
+    pub fn free(effect: &'static About) -> Self {
+        let free = |one: &Parameter| Sought::Free {
+            range: one.range,
+            start: None,
+        };
+        Self {
+            effect,
+            values: effect.parameters.iter().map(free).collect(),
+        }
+    }
+}
+
+/// What was commanded and what was seen.
+#[derive(Debug, Clone, Copy)]
+pub struct Recording<'a> {
+    /// Knob angles (rad), a pair a row; command i holds from row i to row i + 1.
+    pub commands: &'a [[f64; 2]],
+    /// Knob angles before row 0 (rad).
+    pub knobs_before: [f64; 2],
+    /// Seconds that each command holds, where they are known.
+    pub durations: Option<&'a [f64]>,
+    /// Positions (board edges); not a number in rows where the tracker lost the marble.
+    pub observed: &'a [[f64; 2]],
+}
+
+/// Rows of a recording that are predicted from one start state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stretch {
+    /// Which recording.
+    pub recording: usize,
+    /// Where it begins.
+    pub first: usize,
+    /// How many rows it has.
+    pub rows: usize,
+    /// Whether the marble rests until its first row.
+    pub at_rest: bool,
+}
+
+/// What is to be found, and the recordings that tell.
+#[derive(Debug, Clone, Copy)]
+pub struct Problem<'a> {
+    /// Board and marble.
+    pub rig: &'a Rig,
+    /// The five parameters.
+    pub parameters: [Sought; 5],
+    /// What they leave out.
+    pub effects: &'a [Hypothesis],
+    /// All with durations, or none; with them the time scale must be held.
+    pub recordings: &'a [Recording<'a>],
+    /// What is predicted.
+    pub stretches: &'a [Stretch],
+    /// Standard deviation of the tracker (board edges), if it is known: no residual counts for more.
+    pub noise: Option<f64>,
+    /// What simulates.
+    pub engine: Engine,
+    /// How many threads simulate; the result does not depend on it. One for each core by default.
+    pub threads: Option<usize>,
+}
+
+impl Problem<'_> {
+    /// All parameters, the effects' behind the five.
+    pub(super) fn sought(&self) -> impl Iterator<Item = Sought> + '_ {
+        let of_effects = self
+            .effects
+            .iter()
+            .flat_map(|one| one.values.iter().copied());
+        self.parameters.into_iter().chain(of_effects)
+    }
+
+    /// The places of each effect's parameters among all.
+    pub(super) fn slots_of_effects(&self) -> Vec<std::ops::Range<usize>> {
+        let mut end = self.parameters.len();
+        let slots = |one: &Hypothesis| {
+            let begin = end;
+            end += one.values.len();
+            begin..end
+        };
+        self.effects.iter().map(slots).collect()
+    }
+
+    /// The name of the effect and what the catalogue says of the parameter in a slot; none for the five.
+    pub(super) fn effect_parameter(
+        &self,
+        slot: usize,
+    ) -> Option<(&'static str, &'static Parameter)> {
+        let of_effect = |one: &Hypothesis| {
+            let name = one.effect.name;
+            one.effect
+                .parameters
+                .iter()
+                .map(move |parameter| (name, parameter))
+        };
+        let place = slot.checked_sub(self.parameters.len())?;
+        self.effects.iter().flat_map(of_effect).nth(place)
+    }
+
+    pub(super) fn name(&self, slot: usize) -> String {
+        match self.effect_parameter(slot) {
+            Some((effect, parameter)) => format!("{} of {effect}", parameter.name),
+            None => NAMES[slot].to_owned(),
+        }
+    }
+
+    /// The largest angle of a knob in any recording (rad).
+    pub(super) fn largest_knob(&self, axis: usize) -> f64 {
+        let commands = self.recordings.iter().flat_map(|one| one.commands);
+        commands.map(|knobs| knobs[axis].abs()).fold(0.0, f64::max)
+    }
+
+    /// Whether recordings tell how long their rows last.
+    pub(super) fn is_stamped(&self) -> bool {
+        self.recordings
+            .first()
+            .is_some_and(|one| one.durations.is_some())
+    }
+
+    /// Whether what happened before a window matters to it beyond the marble's state.
+    pub(super) fn remembers(&self) -> bool {
+        let has_memory = |acts: Acts| {
+            matches!(
+                acts,
+                Acts::OnArrival | Acts::OnClock | Acts::OnKnob { .. } | Acts::OnExposure
+            )
+        };
+        self.effects.iter().any(|one| has_memory(one.effect.acts))
+    }
+
+    /// Whether the camera may show a marble beyond the rim.
+    pub(super) fn bends_pictures(&self) -> bool {
+        self.effects
+            .iter()
+            .any(|one| matches!(one.effect.acts, Acts::OnPicture | Acts::OnExposure))
+    }
+
+    /// The tracker's standard deviation (board edges), given or estimated.
+    pub(super) fn tracker_noise(&self) -> f64 {
+        self.noise.unwrap_or_else(|| {
+            super::robust::tracker_noise(
+                self.stretches.iter().map(|stretch| self.observed(stretch)),
+            )
+        })
+    }
+
+    pub(super) fn observed(&self, stretch: &Stretch) -> &[[f64; 2]] {
+        &self.recordings[stretch.recording].observed[stretch.first..stretch.first + stretch.rows]
+    }
+
+    /// Refuses what cannot be fitted.
+    pub(super) fn check(&self) -> Result<()> {
+        self.rig.check()?;
+        if let Some(noise) = self.noise
+            && !(noise > 0.0 && noise.is_finite())
+        {
+            return Err(Error::invalid("noise", "a number above 0", noise));
+        }
+        self.check_recordings()?;
+        for one in self.effects {
+            let (expected, got) = (one.effect.parameters.len(), one.values.len());
+            if expected != got {
+                return Err(Error::invalid(
+                    one.effect.name,
+                    &format!("{expected} values"),
+                    got,
+                ));
+            }
+        }
+        for (slot, sought) in self.sought().enumerate() {
+            self.check_sought(slot, sought)?;
+        }
+        let mut typical = [0.0; 5];
+        for (value, sought) in typical.iter_mut().zip(self.parameters) {
+            *value = match sought {
+                Sought::Held(value) => value,
+                Sought::Free {
+                    range: (low, high), ..
+                } => f64::midpoint(low, high),
+            };
+        }
+        Parameters::from(typical).check()
+    }
+
+    fn check_recordings(&self) -> Result<()> {
+        for (i, one) in self.recordings.iter().enumerate() {
+            let rows = one.commands.len();
+            if one.observed.len() != rows {
+                let what = format!("observed of recording {i}");
+                return Err(Error::invalid(
+                    what,
+                    &format!("{rows} rows"),
+                    one.observed.len(),
+                ));
+            }
+            if one.durations.is_some() != self.is_stamped() {
+                let what = format!("durations of recording {i}");
+                return Err(Error::invalid(
+                    what,
+                    "all recordings stamped, or none",
+                    "both",
+                ));
+            }
+            if one
+                .durations
+                .is_some_and(|durations| durations.len() != rows)
+            {
+                let what = format!("durations of recording {i}");
+                return Err(Error::invalid(
+                    what,
+                    &format!("{rows} rows"),
+                    "another number",
+                ));
+            }
+            if let Some(knob) = one
+                .commands
+                .as_flattened()
+                .iter()
+                .find(|knob| !knob.is_finite())
+            {
+                return Err(Error::invalid(
+                    format!("commands of recording {i}"),
+                    "finite numbers",
+                    knob,
+                ));
+            }
+        }
+        for (i, stretch) in self.stretches.iter().enumerate() {
+            let rows = self
+                .recordings
+                .get(stretch.recording)
+                .map_or(0, |one| one.commands.len());
+            if stretch.rows == 0 || stretch.first + stretch.rows > rows {
+                let got = format!("rows {} to {}", stretch.first, stretch.first + stretch.rows);
+                return Err(Error::invalid(
+                    format!("stretch {i}"),
+                    "rows of a recording",
+                    got,
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_sought(&self, slot: usize, sought: Sought) -> Result<()> {
+        let name = || self.name(slot);
+        match sought {
+            Sought::Held(value) if !value.is_finite() => {
+                let infinite = self
+                    .effect_parameter(slot)
+                    .is_some_and(|(_, one)| one.neutral == value);
+                if infinite {
+                    Ok(())
+                } else {
+                    Err(Error::invalid(name(), "a finite number", value))
+                }
+            }
+            Sought::Free { .. } if slot == TIME && self.is_stamped() => Err(Error::invalid(
+                name(),
+                "a held value, since the recordings are stamped",
+                "a free one",
+            )),
+            Sought::Free {
+                range: (low, high),
+                start,
+            } => {
+                let finite = low.is_finite() && high.is_finite() && low <= high;
+                let below_zero = slot > GEAR_Y && slot < 5 && low < 0.0;
+                if !finite || below_zero {
+                    let got = format!("{low} to {high}");
+                    return Err(Error::invalid(
+                        format!("range of {}", name()),
+                        "a low and a higher end",
+                        got,
+                    ));
+                }
+                if slot <= GEAR_Y && low == 0.0 && high == 0.0 {
+                    let what = format!("range of {}", NAMES[slot]);
+                    return Err(Error::invalid(what, "something to search", "0 to 0"));
+                }
+                match start {
+                    Some(start) if !start.is_finite() => Err(Error::invalid(
+                        format!("start of {}", name()),
+                        "a finite number",
+                        start,
+                    )),
+                    _ => Ok(()),
+                }
+            }
+            Sought::Held(_) => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! Scales and weights that a few wild rows cannot move.
+
+/// Standard deviation of a normal variable over its median absolute deviation.
+const MAD_TO_SD: f64 = 1.4826;
+/// No camera sees better than this (board edges); keeps scales positive on simulated data without
+/// noise.
+pub(super) const FINEST: f64 = 1e-6;
+/// Degrees of freedom of the Student-t likelihood: rows beyond about three scales lose their say.
+const TAIL: f64 = 4.0;
+
+/// The Student-t negative log-likelihood of residuals up to a constant: quadratic near zero,
+/// logarithmic far out.
+pub(super) fn loss(residuals: &[f64], scale: f64) -> f64 {
+    // One logarithm for the product of many factors, each at least 1.
+    let unit = 1.0 / (TAIL * scale * scale);
+    let (mut sum, mut product) = (0.0, 1.0f64);
+    for residual in residuals {
+        product *= 1.0 + residual * residual * unit;
+        if product > 1e200 {
+            sum += product.ln();
+            product = 1.0;
+        }
+    }
+    0.5 * (TAIL + 1.0) * (sum + product.ln())
+}
+
+/// The weight in the normal equations: the derivative of the loss over the residual.
+pub(super) fn weight(residual: f64, scale: f64) -> f64 {
+    (TAIL + 1.0) / (TAIL * scale * scale + residual * residual)
+}
+
+/// How much a residual pulls, and the slope of that; near zero both are those of least squares.
+pub(super) fn influence(residual: f64, scale: f64) -> (f64, f64) {
+    let ratio = (residual / scale).powi(2) / TAIL;
+    (
+        residual / (1.0 + ratio),
+        (1.0 - ratio) / (1.0 + ratio).powi(2),
+    )
+}
+
+/// The robust standard deviation of residuals, where known.
+pub(super) fn scale(residuals: &[f64], known: &[bool]) -> f64 {
+    let seen = residuals.iter().zip(known).filter(|(_, known)| **known);
+    (MAD_TO_SD * median(seen.map(|(residual, _)| residual.abs()).collect())).max(FINEST)
+}
+
+/// The standard deviation of a tracker (board edges), from recordings alone.
+///
+/// Motion is smooth from row to row, so that of fourth differences mostly noise is left: their standard
+/// deviation is √70 times the tracker's.
+pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -> f64 {
+    let mut differences = Vec::new();
+    for observed in recordings {
+        for rows in observed.windows(5) {
+            let fourth = |axis: usize| {
+                let signs = [1.0, -4.0, 6.0, -4.0, 1.0];
+                rows.iter()
+                    .zip(signs)
+                    .map(|(row, sign)| sign * row[axis])
+                    .sum::<f64>()
+                    .abs()
+            };
+            differences.extend(
+                [fourth(0), fourth(1)]
+                    .into_iter()
+                    .filter(|one| one.is_finite()),
+            );
+        }
+    }
+    (MAD_TO_SD * median(differences) / 70f64.sqrt()).max(FINEST)
+}
+
+/// The median, zero of nothing.
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let half = values.len() / 2;
+    let even = values.len().is_multiple_of(2);
+    let (below, &mut middle, _) = values.select_nth_unstable_by(half, f64::total_cmp);
+    if even {
+        let next = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        f64::midpoint(next, middle)
+    } else {
+        middle
+    }
+}

@@ -1,0 +1,443 @@
+//! The search for the best values: from a draw over the ranges to the bottom of the deepest valley found.
+//!
+//! The way goes from short windows to whole stretches: in short ones nearly every start point finds the
+//! gears; in long ones friction, walls and stops come in. All candidates move in lockstep, so that an
+//! iteration is two batches of rollouts, whatever the number of candidates, recordings and parameters.
+
+use std::cell::Cell;
+use std::sync::atomic::AtomicBool;
+
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+
+use super::coordinates::{Coordinates, TIME};
+use super::descent::{End, Pace, loss, minimise, search_nearby};
+use super::problem::Problem;
+use super::robust;
+use super::shooting::{Point, Shooting};
+use super::slopes::Look;
+use super::windows::{State, Windows};
+use super::{Progress, Settings};
+use crate::error::{Error, Result};
+
+/// Rows of the windows, stage after stage, and iterations spent on each; whole stretches come last.
+const HORIZONS: [(usize, usize); 2] = [(24, 7), (60, 6)];
+const WHOLE_ITERATIONS: usize = 12;
+const FAMILY_ITERATIONS: usize = 6;
+const SETTLE_ITERATIONS: usize = 5;
+/// Start states tried with each step.
+const VARIANTS: usize = 4;
+/// How often the best one's family and surroundings are searched, and batches drawn of the surroundings.
+const ROUNDS: usize = 3;
+/// So many rounds even where noise alone seems to be left.
+const FEWEST_ROUNDS: usize = 2;
+const NEARBY_ROUNDS: usize = 3;
+/// Physics updates on the way to whole stretches are this many times longer than the engine's.
+pub(super) const COARSENESS: f64 = 5.0;
+/// A whole number of physics updates is taken where the log-likelihood does not fall by more.
+const TIE: f64 = 0.5;
+/// Residuals this many times the tracker's noise may be noise, which is estimated too.
+const NOISE_LIKE: f64 = 1.06;
+/// The search ends where noise is left and a round changes the log-likelihood by less.
+const LITTLE: f64 = 3.0;
+
+/// Where a start point has led.
+#[derive(Debug, Clone)]
+pub(super) struct Candidate {
+    pub(super) point: Point,
+    /// Over the whole stretches (board edges).
+    pub(super) residual: Vec<f64>,
+    /// Coordinates on the way, the start point first.
+    pub(super) path: Vec<Vec<f64>>,
+}
+
+/// The recordings of one fit, and what the search has cost so far.
+pub(super) struct Search<'a> {
+    pub(super) problem: &'a Problem<'a>,
+    cancel: &'a AtomicBool,
+    progress: Progress<'a>,
+    pub(super) noise: f64,
+    /// All stretches uncut.
+    pub(super) whole: Windows,
+    horizons: Vec<(usize, usize)>,
+    rollouts: Cell<usize>,
+    done: Cell<usize>,
+}
+
+impl<'a> Search<'a> {
+    pub(super) fn new(
+        problem: &'a Problem<'a>,
+        progress: Progress<'a>,
+        cancel: &'a AtomicBool,
+    ) -> Result<Self> {
+        let longest = problem.stretches.iter().map(|stretch| stretch.rows).max();
+        let whole = Windows::cut(problem, longest.unwrap_or(1));
+        if whole.all.is_empty() {
+            let expected = "a stretch with at least three rows in which the marble was seen";
+            return Err(Error::invalid("recordings", expected, "none"));
+        }
+        let fits = |stage: &(usize, usize)| 3 * stage.0 <= 2 * whole.rows;
+        Ok(Self {
+            problem,
+            cancel,
+            progress,
+            noise: problem.tracker_noise(),
+            horizons: HORIZONS.into_iter().filter(fits).collect(),
+            whole,
+            rollouts: Cell::new(0),
+            done: Cell::new(0),
+        })
+    }
+
+    /// How many windows were simulated so far.
+    pub(super) fn rollouts(&self) -> usize {
+        self.rollouts.get()
+    }
+
+    /// Refines the best start points of a draw; returns what the coordinates mean and where the start
+    /// points led, the best first.
+    pub(super) fn run(&self, settings: &Settings) -> Result<(Coordinates, Vec<Candidate>)> {
+        let (coordinates, starts) = self.screen(settings)?;
+        let mut candidates = self.descend(&coordinates, starts)?;
+        let mut best = candidates.remove(0);
+        let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
+        // Effects may bring a time of their own: their motion has hardly a family.
+        let members = settings.starts / (1 + usize::from(!self.problem.effects.is_empty()));
+        for round in 1..=ROUNDS {
+            let before = best.clone();
+            if self.is_time_free(&coordinates) {
+                let mut members = self.family(&coordinates, &best, members.max(1))?;
+                members.insert(0, best);
+                best = self.ranked(&coordinates, members).remove(0);
+            }
+            best = self.settled(&coordinates, best, &mut random)?;
+            let little = self.gain(&best, &before) < LITTLE;
+            if round >= FEWEST_ROUNDS && little && self.is_explained(&best) {
+                break;
+            }
+        }
+        if self.is_time_free(&coordinates) {
+            best = self.rounded(&coordinates, best)?;
+        }
+        let total = self.total(&coordinates);
+        (self.progress)(total, total, self.whole.rows);
+        candidates.insert(0, best);
+        Ok((coordinates, candidates))
+    }
+
+    /// Whether what a candidate leaves over is no more than the tracker's noise.
+    fn is_explained(&self, candidate: &Candidate) -> bool {
+        robust::scale(&candidate.residual, &self.whole.known) < NOISE_LIKE * self.noise
+    }
+
+    /// By how much the log-likelihood of one candidate exceeds that of another.
+    fn gain(&self, one: &Candidate, other: &Candidate) -> f64 {
+        let losses = self.losses(&[&one.residual, &other.residual]);
+        losses[1] - losses[0]
+    }
+
+    /// Refines start points in longer and longer windows, and the better half in whole stretches.
+    fn descend(&self, coordinates: &Coordinates, starts: Vec<Vec<f64>>) -> Result<Vec<Candidate>> {
+        let mut shorter: Option<Windows> = None;
+        let count = starts.len();
+        let mut ends: Vec<End> = starts
+            .into_iter()
+            .map(|z| End {
+                path: vec![z.clone()],
+                point: Point {
+                    z,
+                    states: Vec::new(),
+                },
+                residual: Vec::new(),
+            })
+            .collect();
+        let longer = |windows: &Windows, shorter: &Option<Windows>, states: &[State]| match shorter
+        {
+            Some(shorter) => windows.inherited(shorter, states),
+            None => windows.guesses(),
+        };
+        for &(rows, iterations) in &self.horizons {
+            let windows = Windows::cut(self.problem, rows);
+            for end in &mut ends {
+                end.point.states = longer(&windows, &shorter, &end.point.states);
+            }
+            let pace = Pace {
+                iterations,
+                look: Look::Quick,
+                variants: VARIANTS,
+                held: false,
+            };
+            ends = self.minimised(coordinates, &windows, ends, pace, COARSENESS)?;
+            if let Some(redrawn) = self.redrawn(coordinates, &windows, &ends)? {
+                ends = self.minimised(coordinates, &windows, redrawn, pace, COARSENESS)?;
+            }
+            shorter = Some(windows);
+        }
+        for end in &mut ends {
+            end.point.states = longer(&self.whole, &shorter, &end.point.states);
+        }
+        let points: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();
+        let shooting = self.shooting(coordinates, &self.whole, 1.0);
+        let residuals = self.counted(&shooting, |shooting| shooting.residuals(&points))?;
+        for (end, residual) in ends.iter_mut().zip(residuals) {
+            end.residual = residual;
+        }
+        let mut candidates =
+            self.ranked(coordinates, ends.into_iter().map(Candidate::from).collect());
+        candidates.truncate(count);
+        let rest = candidates.split_off(count.div_ceil(2));
+        let mut candidates = self.refined(coordinates, candidates, WHOLE_ITERATIONS)?;
+        candidates.extend(rest);
+        Ok(self.ranked(coordinates, candidates))
+    }
+
+    /// Refines candidates over whole stretches.
+    fn refined(
+        &self,
+        coordinates: &Coordinates,
+        candidates: Vec<Candidate>,
+        iterations: usize,
+    ) -> Result<Vec<Candidate>> {
+        let pace = Pace {
+            iterations,
+            look: Look::Both,
+            variants: VARIANTS,
+            held: false,
+        };
+        let ends = candidates.into_iter().map(End::from).collect();
+        let ends = self.minimised(coordinates, &self.whole, ends, pace, 1.0)?;
+        Ok(ends.into_iter().map(Candidate::from).collect())
+    }
+
+    /// Refines members of a candidate's family: the same motion in other numbers of physics updates.
+    ///
+    /// Without walls the members differ by the length of an update alone; with them a little more. Those
+    /// within the ranges come first.
+    fn family(
+        &self,
+        coordinates: &Coordinates,
+        candidate: &Candidate,
+        count: usize,
+    ) -> Result<Vec<Candidate>> {
+        let (bottom, top) = coordinates.time_scales().unwrap_or((1.0, 0.0));
+        let (bottom, top) = (bottom.ceil() as usize, top.floor() as usize);
+        let members = (bottom..=top).filter_map(|updates| {
+            let z = coordinates.along_time(&candidate.point.z, updates as f64)?;
+            is_within(coordinates, &z).then_some(z)
+        });
+        let mut members: Vec<Vec<f64>> = members.collect();
+        let inside = |z: &Vec<f64>| coordinates.excess(z).iter().all(|excess| *excess == 0.0);
+        if members.iter().any(inside) {
+            members.retain(inside);
+        }
+        let points: Vec<Point> = members
+            .into_iter()
+            .map(|z| Point {
+                z,
+                states: candidate.point.states.clone(),
+            })
+            .collect();
+        let shooting = self.shooting(coordinates, &self.whole, 1.0);
+        let residuals = self.counted(&shooting, |shooting| shooting.residuals(&points))?;
+        let member = |(point, residual): (Point, Vec<f64>)| {
+            let mut path = candidate.path.clone();
+            path.push(point.z.clone());
+            Candidate {
+                point,
+                residual,
+                path,
+            }
+        };
+        let members = points.into_iter().zip(residuals).map(member).collect();
+        let mut members = self.ranked(coordinates, members);
+        members.truncate(count);
+        self.refined(coordinates, members, FAMILY_ITERATIONS)
+    }
+
+    /// Looks around a candidate for a better one, and refines that.
+    fn settled(
+        &self,
+        coordinates: &Coordinates,
+        mut candidate: Candidate,
+        random: &mut ChaCha8Rng,
+    ) -> Result<Candidate> {
+        let shooting = self.shooting(coordinates, &self.whole, 1.0);
+        candidate.point = self.counted(&shooting, |shooting| {
+            search_nearby(
+                shooting,
+                candidate.point.clone(),
+                self.noise,
+                NEARBY_ROUNDS,
+                random,
+            )
+        })?;
+        candidate.path.push(candidate.point.z.clone());
+        Ok(self
+            .refined(coordinates, vec![candidate], SETTLE_ITERATIONS)?
+            .remove(0))
+    }
+
+    /// Moves to a whole number of physics updates, if the recordings have nothing against it: there a
+    /// model does the same whether it rounds the time scale, as in the paper, or not.
+    fn rounded(&self, coordinates: &Coordinates, candidate: Candidate) -> Result<Candidate> {
+        let time_scale = coordinates.to_values(&candidate.point.z)[TIME]
+            .round()
+            .max(1.0);
+        let Some(z) = coordinates.along_time(&candidate.point.z, time_scale) else {
+            return Ok(candidate);
+        };
+        let point = Point {
+            z: z.clone(),
+            states: candidate.point.states.clone(),
+        };
+        let shooting = self.shooting(coordinates, &self.whole, 1.0);
+        let points = std::slice::from_ref(&point);
+        let residual = self
+            .counted(&shooting, |shooting| shooting.residuals(points))?
+            .remove(0);
+        let losses = self.losses(&[&candidate.residual, &residual]);
+        if losses[1] > losses[0] + TIE || !is_within(coordinates, &z) {
+            return Ok(candidate);
+        }
+        let mut path = candidate.path;
+        path.push(z);
+        Ok(Candidate {
+            point,
+            residual,
+            path,
+        })
+    }
+
+    /// Whether the first symmetry holds until a wall is met: neither stamps nor damping forbid it.
+    fn is_time_free(&self, coordinates: &Coordinates) -> bool {
+        coordinates.find(TIME).is_some() && self.problem.rig.marble.damping_per_s == 0.0
+    }
+
+    fn ranked(&self, coordinates: &Coordinates, candidates: Vec<Candidate>) -> Vec<Candidate> {
+        let residuals: Vec<&[f64]> = candidates
+            .iter()
+            .map(|one| one.residual.as_slice())
+            .collect();
+        let scale = self.best_scale(&residuals);
+        let shooting = self.shooting(coordinates, &self.whole, 1.0);
+        let mut ranked: Vec<(f64, Candidate)> = candidates
+            .into_iter()
+            .map(|one| (loss(&shooting, &one.point.z, &one.residual, scale), one))
+            .collect();
+        ranked.sort_by(|a, b| a.0.total_cmp(&b.0));
+        ranked.into_iter().map(|(_, one)| one).collect()
+    }
+
+    /// The losses of residuals, at the scale of those that fit best.
+    fn losses(&self, residuals: &[&[f64]]) -> Vec<f64> {
+        let scale = self.best_scale(residuals);
+        residuals
+            .iter()
+            .map(|residual| robust::loss(residual, scale))
+            .collect()
+    }
+
+    fn best_scale(&self, residuals: &[&[f64]]) -> f64 {
+        let scales = residuals
+            .iter()
+            .map(|residual| robust::scale(residual, &self.whole.known));
+        scales.fold(f64::INFINITY, f64::min).max(self.noise)
+    }
+
+    pub(super) fn shooting<'b>(
+        &'b self,
+        coordinates: &'b Coordinates,
+        windows: &'b Windows,
+        coarseness: f64,
+    ) -> Shooting<'b> {
+        Shooting::new(self.problem, coordinates, windows, coarseness, self.cancel)
+    }
+
+    /// Runs what simulates, and adds up what it cost.
+    pub(super) fn counted<T>(
+        &self,
+        shooting: &Shooting<'_>,
+        work: impl FnOnce(&Shooting<'_>) -> T,
+    ) -> T {
+        let before = shooting.rollouts();
+        let result = work(shooting);
+        self.rollouts
+            .set(self.rollouts.get() + shooting.rollouts() - before);
+        result
+    }
+
+    /// How many iterations there are at most.
+    fn total(&self, coordinates: &Coordinates) -> usize {
+        let times = 1 + usize::from(!self.problem.effects.is_empty());
+        times * self.horizons.iter().map(|stage| stage.1).sum::<usize>()
+            + WHOLE_ITERATIONS
+            + ROUNDS
+                * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates))
+                    + SETTLE_ITERATIONS)
+    }
+
+    fn minimised(
+        &self,
+        coordinates: &Coordinates,
+        windows: &Windows,
+        ends: Vec<End>,
+        pace: Pace,
+        coarseness: f64,
+    ) -> Result<Vec<End>> {
+        let total = self.total(coordinates);
+        let report =
+            |iteration: usize| (self.progress)(self.done.get() + iteration, total, windows.rows);
+        let starts: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();
+        let shooting = self.shooting(coordinates, windows, coarseness);
+        let mut minimised = self.counted(&shooting, |shooting| {
+            minimise(shooting, &starts, self.noise, pace, &report)
+        })?;
+        report(pace.iterations);
+        self.done.set(self.done.get() + pace.iterations);
+        for (end, before) in minimised.iter_mut().zip(ends) {
+            let walked = std::mem::replace(&mut end.path, before.path);
+            end.path.extend(walked);
+        }
+        Ok(minimised)
+    }
+}
+
+impl From<End> for Candidate {
+    fn from(
+        End {
+            point,
+            residual,
+            path,
+        }: End,
+    ) -> Self {
+        Self {
+            point,
+            residual,
+            path,
+        }
+    }
+}
+
+impl From<Candidate> for End {
+    fn from(
+        Candidate {
+            point,
+            residual,
+            path,
+        }: Candidate,
+    ) -> Self {
+        Self {
+            point,
+            residual,
+            path,
+        }
+    }
+}
+
+fn is_within(coordinates: &Coordinates, z: &[f64]) -> bool {
+    let clipped = coordinates.clip(z);
+    clipped
+        .iter()
+        .zip(z)
+        .all(|(clipped, z)| (clipped - z).abs() < 1e-9)
+}

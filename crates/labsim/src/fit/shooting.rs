@@ -1,0 +1,243 @@
+//! Residuals of many candidates over many windows: each call is one batch of rollouts for each length of
+//! windows.
+
+use std::cell::Cell;
+use std::sync::atomic::AtomicBool;
+
+use super::coordinates::{Coordinates, SCALE, TIME};
+use super::problem::Problem;
+use super::windows::{State, Window, Windows};
+use crate::board::SUBSTEP_S;
+use crate::effects::Chosen;
+use crate::error::Result;
+use crate::parameters::Parameters;
+use crate::rollout::{Batch, PerRollout, TimeBase};
+
+/// Coordinates and the start states of all windows.
+#[derive(Debug, Clone)]
+pub(super) struct Point {
+    pub(super) z: Vec<f64>,
+    pub(super) states: Vec<State>,
+}
+
+/// What predicts windows.
+pub(super) struct Shooting<'a> {
+    pub(super) problem: &'a Problem<'a>,
+    pub(super) coordinates: &'a Coordinates,
+    pub(super) windows: &'a Windows,
+    cancel: &'a AtomicBool,
+    /// Physics updates this many times longer than the engine's own: for the way to a solution. Stamped
+    /// recordings are simulated with the engine's own all the same.
+    coarseness: f64,
+    rollouts: Cell<usize>,
+}
+
+/// A point, and how many physics updates a row has.
+pub(super) struct Trial {
+    pub(super) values: Vec<f64>,
+    pub(super) states: Vec<State>,
+    pub(super) updates: u32,
+}
+
+impl<'a> Shooting<'a> {
+    pub(super) fn new(
+        problem: &'a Problem<'a>,
+        coordinates: &'a Coordinates,
+        windows: &'a Windows,
+        coarseness: f64,
+        cancel: &'a AtomicBool,
+    ) -> Self {
+        Self {
+            problem,
+            coordinates,
+            windows,
+            cancel,
+            coarseness,
+            rollouts: Cell::new(0),
+        }
+    }
+
+    /// How many windows were simulated so far.
+    pub(super) fn rollouts(&self) -> usize {
+        self.rollouts.get()
+    }
+
+    /// Residuals at each point.
+    pub(super) fn residuals(&self, points: &[Point]) -> Result<Vec<Vec<f64>>> {
+        self.residuals_with(points, 0)
+    }
+
+    /// Residuals at each point with so many shorter physics updates a row more, or longer ones less.
+    pub(super) fn residuals_with(&self, points: &[Point], more: i32) -> Result<Vec<Vec<f64>>> {
+        let trials: Vec<Trial> = points
+            .iter()
+            .map(|point| {
+                let mut trial = self.trial(&point.z, &point.states, None);
+                trial.updates = trial.updates.saturating_add_signed(more).max(1);
+                trial
+            })
+            .collect();
+        self.simulate(&trials)
+    }
+
+    pub(super) fn trial(&self, z: &[f64], states: &[State], updates: Option<u32>) -> Trial {
+        let values = self.coordinates.to_values(z);
+        let own = (values[TIME] / self.coarseness).round().max(1.0) as u32;
+        let states = if updates.is_some() {
+            states.to_vec()
+        } else {
+            let windows = self.windows.all.iter().zip(states);
+            windows
+                .map(|(window, state)| self.within(&values, window, *state))
+                .collect()
+        };
+        Trial {
+            values,
+            states,
+            updates: updates.unwrap_or(own),
+        }
+    }
+
+    /// A start state between the walls, and at rest where the recording says so.
+    pub(super) fn within(&self, values: &[f64], window: &Window, mut state: State) -> State {
+        if !self.problem.bends_pictures() {
+            let reach = self.problem.rig.reach_m();
+            for (place, reach) in state.iter_mut().zip(reach) {
+                let reach = values[SCALE] * reach / self.problem.rig.board.edge_x_m;
+                *place = place.clamp(-reach, reach);
+            }
+        }
+        if window.at_rest {
+            state[2..].fill(0.0);
+        }
+        state
+    }
+
+    /// Residuals of trials, simulated in one batch for each length of windows.
+    pub(super) fn simulate(&self, trials: &[Trial]) -> Result<Vec<Vec<f64>>> {
+        let mut residuals = vec![vec![0.0; self.windows.len()]; trials.len()];
+        for (rows, indices) in &self.windows.lengths {
+            let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
+            let observations = self.observe(trials, *rows, indices, &windows)?;
+            self.rollouts
+                .set(self.rollouts.get() + trials.len() * windows.len());
+            let mut observations = observations.chunks_exact(*rows);
+            for residual in &mut residuals {
+                for (window, seen) in windows.iter().zip(&mut observations) {
+                    let places = window.residuals();
+                    let observed = &self.windows.observed[places.clone()];
+                    let known = &self.windows.known[places.clone()];
+                    for (i, residual) in residual[places].iter_mut().enumerate() {
+                        if known[i] {
+                            *residual = seen.as_flattened()[i] - observed[i];
+                        }
+                    }
+                }
+            }
+        }
+        Ok(residuals)
+    }
+
+    fn observe(
+        &self,
+        trials: &[Trial],
+        rows: usize,
+        indices: &[usize],
+        windows: &[&Window],
+    ) -> Result<Vec<[f64; 2]>> {
+        let problem = self.problem;
+        let remembers = problem.remembers();
+        let begin = |window: &Window| if remembers { 0 } else { window.first };
+        let end = |window: &Window| {
+            if remembers {
+                usize::MAX
+            } else {
+                window.first + rows
+            }
+        };
+        let count = trials.len() * windows.len();
+        let mut parameters = Vec::with_capacity(count);
+        let mut effects: Vec<Vec<f64>> = vec![Vec::new(); problem.effects.len()];
+        let (mut start, mut start_velocity) =
+            (Vec::with_capacity(count), Vec::with_capacity(count));
+        let mut updates = Vec::with_capacity(count);
+        for trial in trials {
+            let (base, of_effects) = trial.values.split_at(5);
+            let base = Parameters::from(std::array::from_fn::<f64, 5, _>(|i| base[i]));
+            for (&index, window) in indices.iter().zip(windows) {
+                let state = self.within(&trial.values, window, trial.states[index]);
+                let row_s = window.row_s.unwrap_or(base.time_scale * SUBSTEP_S);
+                parameters.push(base);
+                start.push([state[0], state[1]]);
+                start_velocity.push([state[2] / row_s, state[3] / row_s]);
+                updates.push(trial.updates);
+                let mut rest = of_effects;
+                for (values, one) in effects.iter_mut().zip(problem.effects) {
+                    let (own, others) = rest.split_at(one.values.len());
+                    values.extend_from_slice(own);
+                    rest = others;
+                }
+            }
+        }
+        let each = |of: &dyn Fn(&Window) -> usize| -> Vec<usize> {
+            let of_windows: Vec<usize> = windows.iter().map(|window| of(window)).collect();
+            of_windows.repeat(trials.len())
+        };
+        let first = each(&|window| window.first - begin(window));
+        let seeds: Vec<u64> = each(&|window| window.recording)
+            .iter()
+            .map(|&i| i as u64)
+            .collect();
+        let recording = |window: &Window| &problem.recordings[window.recording];
+        let commands: Vec<&[[f64; 2]]> = windows
+            .iter()
+            .map(|window| {
+                let all = recording(window).commands;
+                &all[begin(window)..end(window).min(all.len())]
+            })
+            .collect();
+        let durations: Vec<&[f64]> = windows
+            .iter()
+            .filter_map(|window| {
+                let all = recording(window).durations?;
+                Some(&all[begin(window)..end(window).min(all.len())])
+            })
+            .collect();
+        let knobs: Vec<[f64; 2]> = windows
+            .iter()
+            .map(|window| recording(window).knobs_before)
+            .collect();
+        let (commands, durations) = (
+            commands.repeat(trials.len()),
+            durations.repeat(trials.len()),
+        );
+        let knobs = knobs.repeat(trials.len());
+        let chosen: Vec<Chosen<'_>> = problem
+            .effects
+            .iter()
+            .zip(&effects)
+            .map(|(one, values)| Chosen {
+                effect: one.effect,
+                values: PerRollout::Each(values),
+            })
+            .collect();
+        let batch = Batch {
+            rig: problem.rig,
+            parameters: &parameters,
+            effects: &chosen,
+            rows,
+            commands: PerRollout::Of(&commands),
+            knobs_before: PerRollout::Each(&knobs),
+            first: PerRollout::Each(&first),
+            start: PerRollout::Each(&start),
+            start_velocity: PerRollout::Each(&start_velocity),
+            time: if problem.is_stamped() {
+                TimeBase::Durations(PerRollout::Of(&durations))
+            } else {
+                TimeBase::Continuous(Some(&updates))
+            },
+            seeds: PerRollout::Each(&seeds),
+        };
+        batch.run(problem.engine, problem.threads, self.cancel)
+    }
+}

@@ -1,0 +1,176 @@
+//! Recordings cut into windows, each with a start state of its own.
+
+use std::cmp::Reverse;
+
+use super::problem::{Problem, Stretch};
+use super::robust::median;
+
+/// Position (board edges) and its rate (board edges a row).
+pub(super) type State = [f64; 4];
+
+/// Rows from which the first guess of a window's start state is made.
+const GUESS_ROWS: usize = 6;
+/// A window with fewer rows that the tracker saw says less than its start state takes.
+const FEWEST: usize = 3;
+
+/// Rows that are predicted from one start state.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Window {
+    pub(super) recording: usize,
+    pub(super) first: usize,
+    pub(super) rows: usize,
+    /// Whether the start velocity is known to be zero.
+    pub(super) at_rest: bool,
+    /// First guess of the start state.
+    pub(super) guess: State,
+    /// Where its residuals begin among those of all windows.
+    pub(super) offset: usize,
+    /// Seconds of a row where the recording is stamped.
+    pub(super) row_s: Option<f64>,
+}
+
+impl Window {
+    pub(super) fn residuals(&self) -> std::ops::Range<usize> {
+        self.offset..self.offset + 2 * self.rows
+    }
+}
+
+/// Windows over all stretches.
+#[derive(Debug, Clone)]
+pub(super) struct Windows {
+    pub(super) all: Vec<Window>,
+    /// The indices of the windows of each length.
+    pub(super) lengths: Vec<(usize, Vec<usize>)>,
+    /// Positions, x and y by turns.
+    pub(super) observed: Vec<f64>,
+    /// False where the tracker lost the marble.
+    pub(super) known: Vec<bool>,
+    /// The most rows a window may have.
+    pub(super) rows: usize,
+}
+
+impl Windows {
+    /// Cuts stretches into windows of at most `rows` rows; a stretch's last one may be shorter.
+    pub(super) fn cut(problem: &Problem<'_>, rows: usize) -> Self {
+        let mut windows = Self {
+            all: Vec::new(),
+            lengths: Vec::new(),
+            observed: Vec::new(),
+            known: Vec::new(),
+            rows,
+        };
+        for stretch in problem.stretches {
+            for begin in (0..stretch.rows).step_by(rows) {
+                windows.push(problem, stretch, begin, rows.min(stretch.rows - begin));
+            }
+        }
+        windows.lengths.sort_by_key(|(rows, _)| Reverse(*rows));
+        windows
+    }
+
+    fn push(&mut self, problem: &Problem<'_>, stretch: &Stretch, begin: usize, rows: usize) {
+        let observed = problem.observed(stretch);
+        let own = &observed[begin..begin + rows];
+        if own.iter().filter(|seen| is_seen(seen)).count() < FEWEST {
+            return;
+        }
+        let at_rest = stretch.at_rest && begin == 0;
+        let durations = problem.recordings[stretch.recording].durations;
+        let first = stretch.first + begin;
+        match self.lengths.iter_mut().find(|(length, _)| *length == rows) {
+            Some((_, windows)) => windows.push(self.all.len()),
+            None => self.lengths.push((rows, vec![self.all.len()])),
+        }
+        self.all.push(Window {
+            recording: stretch.recording,
+            first,
+            rows,
+            at_rest,
+            guess: guess(observed, begin, at_rest),
+            offset: self.observed.len(),
+            row_s: durations.map(|seconds| median(seconds[first..first + rows].to_vec())),
+        });
+        for seen in own {
+            let known = is_seen(seen);
+            self.known.extend([known; 2]);
+            self.observed.extend(if known { *seen } else { [0.0; 2] });
+        }
+    }
+
+    /// How many components of start states the windows have together.
+    pub(super) fn unknowns(&self) -> usize {
+        self.all
+            .iter()
+            .map(|window| if window.at_rest { 2 } else { 4 })
+            .sum()
+    }
+
+    /// How many components of a start state are open: 2 where every window starts at rest, else 4.
+    pub(super) fn components(&self) -> usize {
+        if self.all.iter().all(|window| window.at_rest) {
+            2
+        } else {
+            4
+        }
+    }
+
+    /// How many residuals there are.
+    pub(super) fn len(&self) -> usize {
+        self.observed.len()
+    }
+
+    /// How many of them are known.
+    pub(super) fn count(&self) -> usize {
+        self.known.iter().filter(|known| **known).count()
+    }
+
+    /// First guesses of all start states.
+    pub(super) fn guesses(&self) -> Vec<State> {
+        self.all.iter().map(|window| window.guess).collect()
+    }
+
+    /// Start states found in shorter windows that begin in the same rows, else the guesses.
+    pub(super) fn inherited(&self, shorter: &Self, states: &[State]) -> Vec<State> {
+        let found = |window: &Window| {
+            let origin = (window.recording, window.first);
+            let same = |one: &Window| (one.recording, one.first) == origin;
+            shorter
+                .all
+                .iter()
+                .position(same)
+                .map_or(window.guess, |i| states[i])
+        };
+        self.all.iter().map(found).collect()
+    }
+}
+
+fn is_seen(place: &[f64; 2]) -> bool {
+    place.iter().all(|coordinate| coordinate.is_finite())
+}
+
+/// Position and rate at a row, from medians over the nearest rows seen: one outlier is harmless.
+fn guess(observed: &[[f64; 2]], first: usize, at_rest: bool) -> State {
+    let mut near: Vec<usize> = (0..observed.len())
+        .filter(|&row| is_seen(&observed[row]))
+        .collect();
+    near.sort_by_key(|row| row.abs_diff(first));
+    near.truncate(if at_rest { FEWEST } else { GUESS_ROWS });
+    let mut state = [0.0; 4];
+    for axis in 0..2 {
+        let mut rates = Vec::new();
+        if !at_rest {
+            for (i, &a) in near.iter().enumerate() {
+                for &b in &near[i + 1..] {
+                    rates.push((observed[b][axis] - observed[a][axis]) / (b as f64 - a as f64));
+                }
+            }
+        }
+        let rate = median(rates);
+        let places = near
+            .iter()
+            .map(|&row| observed[row][axis] - (row as f64 - first as f64) * rate);
+        state[axis] = median(places.collect());
+        state[2 + axis] = rate;
+    }
+    state
+}

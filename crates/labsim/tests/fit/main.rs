@@ -1,0 +1,5 @@
+//! Plant a truth, record it, and find it again.
+
+mod contract;
+mod planted;
+mod recovery;

@@ -1,0 +1,245 @@
+"""What is fitted to what, and the door to the engine's least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt import _labsim
+from irt.catalogue import EffectParameter, effect
+from irt.errors import IrtError, unknown_name
+from irt.rig import PARAMETERS
+from irt.rollouts import Engine
+
+if TYPE_CHECKING:
+    from irt.model import Effect, Model
+    from irt.residual import Segment
+    from irt.rig import Rig
+
+Array = NDArray[np.float64]
+
+TIME = PARAMETERS.index("time_scale")
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """What recordings tell about the free ones of n parameters, to first order around a solution.
+
+    Directions are in units of the parameters' ranges, so that 1 is from one end to the other.
+
+    Attributes
+    ----------
+    free : (f,) int array
+        Which parameters were estimated.
+    directions : (f, f) array
+        Orthonormal combinations of those, one a row.
+    singular : (f,) array
+        How much the weighted residuals [board edges] change along each direction, the largest first.
+    deviation : (f,) array
+        Standard deviation along each direction, infinite where nothing is known.
+    offset : (f,) array
+        From the solution to the linearised best fit along each direction; NaN where nothing is known.
+    degrees_of_freedom : float
+        Residuals that count, less what was fitted.
+    scale : float
+        Robust standard deviation of the residuals [board edges].
+    """
+
+    free: NDArray[np.int64]
+    directions: Array
+    singular: Array
+    deviation: Array
+    offset: Array
+    degrees_of_freedom: float
+    scale: float
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Information:
+        """Return what the engine told."""
+        return cls(**{**told, "free": np.array(told["free"], dtype=np.int64)})
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The outcome of the engine's fit.
+
+    Attributes
+    ----------
+    values : (n,) array
+        The five parameters, then the effects'.
+    states : (s, 4) array
+        Start state of each segment: place [board edges] and rate [board edges a row]; NaN where the tracker
+        saw too little.
+    residuals : list of (rows, 2) arrays
+        Predicted minus observed for each segment [board edges]; NaN where nothing was seen.
+    tracker_noise : float
+        Standard deviation of the tracker [board edges], from the recordings alone.
+    noise : float
+        Robust standard deviation of the residuals [board edges], freed of what was fitted.
+    loss : float
+        Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`.
+    information : Information
+        What the recordings tell about the values.
+    estimates : list of ((t, n) array, (t,) array)
+        Values on the way from each start point, and their mean absolute errors [board edges]; the best first.
+    rollouts : int
+        Windows simulated, all start points together.
+    """
+
+    values: Array
+    states: Array
+    residuals: list[Array]
+    tracker_noise: float
+    noise: float
+    loss: float
+    information: Information
+    estimates: list[tuple[Array, Array]]
+    rollouts: int
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Segments of recordings, and the parameters to find.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of all n parameters: the five, then ``effect.parameter``.
+    ranges : (n, 2) array
+        Ends of their ranges, in their own units.
+    allowed : (n, 2) array
+        The values that physics allows.
+    asked : dict
+        The problem in the engine's words.
+    """
+
+    names: tuple[str, ...]
+    ranges: Array
+    allowed: Array
+    asked: dict[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        rig: Rig | Model,
+        segments: Sequence[Segment],
+        *,
+        effects: Sequence[Effect] = (),
+        time_scale: float | None = None,
+        engine: Engine = "rolling",
+        threads: int | None = None,
+    ) -> Problem:
+        """Return the problem of fitting the five parameters, and those of effects, to segments.
+
+        Parameters
+        ----------
+        rig : Rig or Model
+            Board, marble, ranges, and whether the marble rests at first.
+        segments : sequence of Segment
+            What is predicted: all stamped or none.
+        effects : sequence of Effect
+            What else is in the simulation; the search begins at the values given, and anywhere in the ranges
+            for parameters that have none.
+        time_scale : float, optional
+            Hold it at this value: what the stamps say.
+        engine, threads
+            As for `irt.rollouts`.
+
+        Raises
+        ------
+        IrtError
+            For an unknown effect or parameter, or the same effect twice.
+        """
+        if len({one.name for one in effects}) < len(effects):
+            raise IrtError("effects: expected each one once")
+        ranges = [rig.ranges[name] for name in PARAMETERS]
+        parameters = np.array([(low, high, np.nan) for low, high in ranges])
+        if time_scale is not None:
+            parameters[TIME] = np.nan, np.nan, time_scale
+        infos = [effect(one.name) for one in effects]
+        all_of_effects = [parameter for info in infos for parameter in info.parameters]
+        asked = {
+            "board": (
+                rig.board.edge_x_m,
+                rig.board.edge_y_m,
+                rig.board.wall_restitution,
+                rig.board.wall_friction,
+            ),
+            "marble": (rig.marble.radius_m, rig.marble.mass_kg, rig.marble.damping_per_s),
+            "parameters": parameters,
+            "effects": [
+                (one.name, _sought(one, info.parameters)) for one, info in zip(effects, infos, strict=True)
+            ],
+            "noise": None,
+            "engine": engine,
+            "threads": threads,
+            **_recordings(segments, at_rest=rig.start == "rest"),
+        }
+        return cls(
+            names=(
+                *PARAMETERS,
+                *(f"{info.name}.{parameter.name}" for info in infos for parameter in info.parameters),
+            ),
+            ranges=np.array([*ranges, *((one.low, one.high) for one in all_of_effects)]),
+            allowed=np.array(
+                [(-np.inf, np.inf)] * 2
+                + [(0.0, np.inf)] * 3
+                + [(one.least, one.most) for one in all_of_effects]
+            ),
+            asked=asked,
+        )
+
+    def fit(self, *, starts: int, seed: int, progress: Callable[[int, int, int], None] | None) -> Solution:
+        """Fit; `progress` is called with (done, total, rows of a window)."""
+        told = _labsim.fit(self.asked, starts=starts, seed=seed, progress=progress)
+        return Solution(**{**told, "information": Information.of(told["information"])})
+
+    def inform(self, values: Array, noise: float) -> Information:
+        """Return what the recordings tell around (n,) values, wherever they come from.
+
+        Start states are estimated; residuals count with their own scale where it is larger than `noise`
+        [board edges].
+        """
+        return Information.of(_labsim.inform(self.asked, values.tolist(), noise=noise))
+
+
+def tracker_noise(segments: Sequence[Segment]) -> float:
+    """Estimate the standard deviation of the tracker [board edges] from the recordings alone.
+
+    The motion is smooth from row to row, so that of fourth differences mostly noise is left.
+    """
+    return _labsim.tracker_noise([np.ascontiguousarray(segment.observed) for segment in segments])
+
+
+def _sought(chosen: Effect, parameters: Sequence[EffectParameter]) -> Array:
+    """Return low, high and start of the parameters of an effect, (p, 3); no start is NaN."""
+    names = [parameter.name for parameter in parameters]
+    for name in chosen.parameters:
+        if name not in names:
+            raise unknown_name(f"parameter of {chosen.name}", name, names)
+    return np.array([(one.low, one.high, chosen.parameters.get(one.name, np.nan)) for one in parameters])
+
+
+def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]:
+    """Return the recordings that segments are of, each once, and where in them the segments lie."""
+    recordings: list[tuple[Array, Array | None, Array]] = []
+    before: list[Array] = []
+    found: dict[str, int] = {}
+    stretches = []
+    for segment in segments:
+        rows, whole = len(segment.knobs), segment.run_knobs is not None
+        first = segment.first_row if whole else 0
+        name = segment.recording if whole else f"{segment.recording}, row {segment.first_row}"
+        if name not in found:
+            found[name] = len(recordings)
+            knobs = segment.knobs if segment.run_knobs is None else segment.run_knobs
+            durations = segment.durations if segment.run_knobs is None else segment.run_durations
+            recordings.append((knobs, durations, np.full((len(knobs), 2), np.nan)))
+            before.append(np.zeros(2) if at_rest else knobs[0])
+        recordings[found[name]][2][first : first + rows] = segment.observed
+        stretches.append((found[name], first, rows, at_rest and segment.first_row == 0))
+    return {"recordings": recordings, "knobs_before": np.array(before), "stretches": stretches}

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from irt.errors import IrtError
+from irt.fitting.problem import Problem, tracker_noise
+from irt.model import Effect
+from irt.residual import segments
+from irt.rig import PARAMETERS
+
+
+@pytest.mark.parametrize("sd", [1e-4, 1e-3, 1e-2])
+def test_the_trackers_noise_shows_in_the_recording_alone(sd):
+    random = np.random.default_rng(1)
+    time = np.linspace(0.0, 4.0 * np.pi, 400)
+    smooth = 0.3 * np.stack([np.sin(time), np.cos(0.7 * time)], axis=1)
+    observed = smooth + sd * random.standard_normal(smooth.shape)
+    observed[::40] = 0.9
+    observed[13:17] = np.nan
+    assert tracker_noise([SimpleNamespace(observed=observed)]) == pytest.approx(sd, rel=0.2)
+
+
+def test_noise_of_next_to_no_rows_is_still_positive():
+    assert 0.0 < tracker_noise([SimpleNamespace(observed=np.zeros((3, 2)))]) < 1e-5
+
+
+def test_segments_of_a_recording_share_it(planted):
+    """Effects remember commands from before a window, and its clock is that of the whole recording."""
+    rig = planted(2, moving=True)
+    asked = Problem.of(rig, segments(rig, 1.0)).asked
+    assert len(asked["recordings"]) == 2
+    assert {recording for recording, *_ in asked["stretches"]} == {0, 1}
+    for (knobs, durations, observed), recording, before in zip(
+        asked["recordings"], rig.recordings, asked["knobs_before"], strict=True
+    ):
+        np.testing.assert_array_equal(knobs, recording.knobs)
+        assert durations is None
+        seen = np.isfinite(observed)
+        np.testing.assert_array_equal(observed[seen], recording.marble[seen])
+        np.testing.assert_array_equal(before, recording.knobs[0])
+    assert not any(at_rest for *_, at_rest in asked["stretches"])
+
+
+def test_a_board_at_rest_was_level_before(planted):
+    rig = planted(1)
+    asked = Problem.of(rig, segments(rig)).asked
+    assert (asked["knobs_before"] == 0.0).all()
+    assert asked["stretches"] == [(0, 0, len(rig.recordings[0].knobs), True)]
+
+
+def test_effects_have_names_ranges_and_starts(planted):
+    rig = planted(1)
+    problem = Problem.of(
+        rig, segments(rig), effects=[Effect("tilt_bias", {"bias_y_rad": 0.002}), Effect("lag", {})]
+    )
+    assert problem.names == (
+        *PARAMETERS,
+        "tilt_bias.bias_x_rad",
+        "tilt_bias.bias_y_rad",
+        "lag.time_constant_s",
+    )
+    assert problem.ranges.shape == problem.allowed.shape == (8, 2)
+    (_, bias), (_, lag) = problem.asked["effects"]
+    np.testing.assert_array_equal(bias[:, 2], [np.nan, 0.002])
+    np.testing.assert_array_equal(lag[:, 2], [np.nan])
+    assert problem.allowed[7, 0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "message"),
+    [
+        ([Effect("warp_drive", {})], "unknown effect"),
+        ([Effect("lag", {"time": 0.1})], "parameter of lag"),
+        ([Effect("lag", {}), Effect("lag", {})], "each one once"),
+    ],
+)
+def test_effects_that_the_engine_does_not_have(planted, effects, message):
+    rig = planted(1)
+    with pytest.raises(IrtError, match=message):
+        Problem.of(rig, segments(rig), effects=effects)
