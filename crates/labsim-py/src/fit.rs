@@ -224,6 +224,10 @@ pub(crate) fn inform<'py>(
 
 /// Standard deviation of the tracker (board edges) from `(n, 2)` recordings alone.
 #[pyfunction]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
 pub(crate) fn tracker_noise(observed: Vec<Matrix<'_>>) -> PyResult<f64> {
     let observed = observed
         .iter()
