@@ -12,6 +12,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
+/// An effect's name, and the values that are planted.
+type Planted = (&'static str, &'static [f64]);
+
 const ROWS: usize = 120;
 const RUNS: usize = 8;
 const STARTS: usize = 4;
@@ -45,7 +48,7 @@ fn fits(criterion: &mut Criterion) {
     let rig = Rig::default();
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let commands: Vec<Vec<[f64; 2]>> = (0..RUNS).map(excitation).collect();
-    let cases: [(&str, &[(&str, &[f64])]); 2] = [
+    let cases: [(&str, &[Planted]); 2] = [
         ("five parameters", &[]),
         (
             "with lag, tilt_bias and viscous_drag",

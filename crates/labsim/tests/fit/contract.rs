@@ -46,11 +46,15 @@ fn bounds_are_kept() {
 fn what_does_nothing_has_no_interval() {
     let mut planted = Planted::new(6, 3, &[("bump", &[0.0, 0.0, 0.0, 0.02])], true, false);
     for commands in &mut planted.commands {
-        commands.iter_mut().for_each(|knobs| knobs[0] = 0.0);
+        for knobs in commands.iter_mut() {
+            knobs[0] = 0.0;
+        }
     }
     for observed in &mut planted.observed {
         let start = observed[0][1];
-        observed.iter_mut().for_each(|place| place[1] = start);
+        for place in observed.iter_mut() {
+            place[1] = start;
+        }
     }
     // A bump of no height has no place.
     planted.effects[0].values[2] = Sought::Held(0.0);
@@ -96,7 +100,9 @@ fn one_parameter_alone() {
 fn the_sense_of_a_gear_shows_where_its_range_allows_both() {
     let mut planted = Planted::new(9, 3, &[], true, false);
     for commands in &mut planted.commands {
-        commands.iter_mut().for_each(|knobs| knobs[0] = -knobs[0]);
+        for knobs in commands.iter_mut() {
+            knobs[0] = -knobs[0];
+        }
     }
     planted.parameters[0] = free((-0.1, 0.1));
     let solution = planted.fit(3, 0).unwrap();
@@ -109,7 +115,7 @@ fn the_sense_of_a_gear_shows_where_its_range_allows_both() {
 
 #[test]
 fn information_of_values_from_elsewhere_is_that_of_a_fit() {
-    let planted = Planted::new(12, 3, &[], true, false).from_truth();
+    let planted = Planted::new(12, 3, &[], true, false).starting_at_truth();
     let solution = planted.fit(1, 0).unwrap();
     let cancel = AtomicBool::new(false);
     planted.with(|problem| {
@@ -131,7 +137,11 @@ fn information_of_values_from_elsewhere_is_that_of_a_fit() {
             assert!((0.4..2.5).contains(&(one / other)), "{one} {other}");
         }
         let error = problem
-            .errors(&[solution.values.clone()], &solution.states, &cancel)
+            .errors(
+                std::slice::from_ref(&solution.values),
+                &solution.states,
+                &cancel,
+            )
             .unwrap();
         let seen = solution.residuals.iter().flatten().flatten();
         let mean = seen.clone().map(|one| one.abs()).sum::<f64>() / seen.count() as f64;

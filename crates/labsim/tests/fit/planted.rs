@@ -163,7 +163,7 @@ impl Planted {
     }
 
     /// Looks first at the truth.
-    pub(crate) fn from_truth(mut self) -> Self {
+    pub(crate) fn starting_at_truth(mut self) -> Self {
         for (sought, truth) in self.parameters.iter_mut().zip(TRUTH) {
             if let Sought::Free { start, .. } = sought {
                 *start = Some(truth);

@@ -38,7 +38,7 @@ fn what_recordings_fix_is_found_from_anywhere() {
 fn stamps_fix_the_time_scale_and_intervals_hold_the_truth() {
     let (mut held, mut count) = (0, 0);
     for seed in 0..25 {
-        let planted = Planted::new(100 + seed, 3, &[], true, false).from_truth();
+        let planted = Planted::new(100 + seed, 3, &[], true, false).starting_at_truth();
         let solution = planted.fit(1, 0).unwrap();
         assert_eq!(solution.values[3], TRUTH[3]);
         let information = &solution.information;
