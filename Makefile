@@ -28,7 +28,7 @@ demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (
 
 .PHONY: test
 test: $(EXTENSION) ## every test, Rust and Python
-	cargo test $(LOCKED) --workspace --release
+	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile ci
 
 .PHONY: lint
