@@ -97,3 +97,16 @@ pub(crate) struct Push<S: Simd> {
     /// Length of the substep (s).
     pub(crate) length: Lanes<S>,
 }
+
+/// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
+pub(crate) const TINY: f64 = 1e-280;
+
+/// Length of a vector, never quite zero.
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+#[inline(always)]
+pub(crate) fn length<S: Simd>(x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
+    (x * x + y * y + x.like(TINY)).sqrt()
+}

@@ -79,6 +79,24 @@ pub struct Parameter {
     pub means: &'static str,
 }
 
+impl Parameter {
+    /// A place on the paper's board, along x or along y.
+    pub(super) const fn on_board(
+        name: &'static str,
+        half_edge_m: f64,
+        means: &'static str,
+    ) -> Self {
+        Self {
+            name,
+            unit: "m",
+            range: (-half_edge_m, half_edge_m),
+            neutral: 0.0,
+            allowed: (-10.0, 10.0),
+            means,
+        }
+    }
+}
+
 /// What the catalogue says of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct About {

@@ -5,10 +5,7 @@ use pulp::Simd;
 use super::{About, Acts, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push};
-
-/// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
-const TINY: f64 = 1e-280;
+use crate::motion::{Marbles, Push, TINY};
 
 pub(super) const ABOUT: About = About {
     name: "anisotropic_friction",

@@ -13,22 +13,8 @@ pub(super) const ABOUT: About = About {
     acts: Acts::OnMarble,
     equation: "height = h exp(-r²/(2 w²)), acceleration = -g grad(height)",
     parameters: &[
-        Parameter {
-            name: "x_m",
-            unit: "m",
-            range: (-0.138, 0.138),
-            neutral: 0.0,
-            allowed: (-10.0, 10.0),
-            means: "where it is, along x",
-        },
-        Parameter {
-            name: "y_m",
-            unit: "m",
-            range: (-0.1155, 0.1155),
-            neutral: 0.0,
-            allowed: (-10.0, 10.0),
-            means: "where it is, along y",
-        },
+        Parameter::on_board("x_m", 0.138, "where it is, along x"),
+        Parameter::on_board("y_m", 0.1155, "where it is, along y"),
         Parameter {
             name: "height_m",
             unit: "m",

@@ -5,10 +5,7 @@ use pulp::Simd;
 use super::{About, Acts, Effect, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push};
-
-/// Keeps the direction of a marble at rest finite; the square of a speed (m/s) far below any that matters.
-const TINY: f64 = 1e-280;
+use crate::motion::{Marbles, Push, length};
 
 pub(super) const ABOUT: About = About {
     name: "eccentric_marble",
@@ -72,7 +69,7 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let (vx, vy) = (marbles.vx, marbles.vy);
         let one = vx.like(1.0);
-        let inverse = one.over((vx * vx + vy * vy + vx.like(TINY)).sqrt());
+        let inverse = one.over(length(vx, vy));
         let (x, y) = (vx * inverse, vy * inverse);
         let speed = vx * x + vy * y;
         self.turn(speed * push.length);

@@ -16,22 +16,8 @@ pub(super) const ABOUT: About = About {
     acts: Acts::OnMarble,
     equation: "resistance = rolling_friction g × factor where |position - place| < radius",
     parameters: &[
-        Parameter {
-            name: "x_m",
-            unit: "m",
-            range: (-0.138, 0.138),
-            neutral: 0.0,
-            allowed: (-10.0, 10.0),
-            means: "where its middle is, along x",
-        },
-        Parameter {
-            name: "y_m",
-            unit: "m",
-            range: (-0.1155, 0.1155),
-            neutral: 0.0,
-            allowed: (-10.0, 10.0),
-            means: "where its middle is, along y",
-        },
+        Parameter::on_board("x_m", 0.138, "where its middle is, along x"),
+        Parameter::on_board("y_m", 0.1155, "where its middle is, along y"),
         Parameter {
             name: "radius_m",
             unit: "m",

@@ -152,18 +152,7 @@ impl Normal {
     /// A root of the coordinates' covariance, and how each state follows them.
     pub(super) fn spread(&self) -> (DMatrix<f64>, Vec<Border>) {
         let eliminated = self.eliminated(RIDGE);
-        let mut matrix = eliminated.matrix;
-        for (i, ridge) in ridge(self.zz.diagonal().as_slice(), RIDGE)
-            .into_iter()
-            .enumerate()
-        {
-            matrix[(i, i)] += ridge;
-        }
-        let eigen = SymmetricEigen::new(matrix);
-        let mut root = eigen.eigenvectors;
-        for (mut column, value) in root.column_iter_mut().zip(&eigen.eigenvalues) {
-            column /= value.max(f64::MIN_POSITIVE).sqrt();
-        }
+        let root = inverse_root(eliminated.matrix, self.zz.diagonal().as_slice());
         let states = self.states.iter().zip(&eliminated.inverses);
         (
             root,
@@ -176,19 +165,9 @@ impl Normal {
     /// A root of each start state's covariance at fixed coordinates.
     pub(super) fn loose(&self) -> Vec<Matrix4<f64>> {
         let root = |block: &Block| {
-            let mut matrix = block.ss;
-            for (i, ridge) in ridge(block.ss.diagonal().as_slice(), RIDGE)
-                .into_iter()
-                .enumerate()
-            {
-                matrix[(i, i)] += ridge;
-            }
-            let eigen = SymmetricEigen::new(matrix);
-            let mut root = eigen.eigenvectors;
-            for (mut column, value) in root.column_iter_mut().zip(&eigen.eigenvalues) {
-                column /= value.max(f64::MIN_POSITIVE).sqrt();
-            }
-            root
+            let matrix = DMatrix::from_column_slice(4, 4, block.ss.as_slice());
+            let root = inverse_root(matrix, block.ss.diagonal().as_slice());
+            Matrix4::from_column_slice(root.as_slice())
         };
         self.states.iter().map(root).collect()
     }
@@ -215,6 +194,19 @@ impl Normal {
         }
         eliminated
     }
+}
+
+/// A root of a matrix's inverse, of which a share of `diagonal` is added to the diagonal first.
+fn inverse_root(mut matrix: DMatrix<f64>, diagonal: &[f64]) -> DMatrix<f64> {
+    for (i, ridge) in ridge(diagonal, RIDGE).into_iter().enumerate() {
+        matrix[(i, i)] += ridge;
+    }
+    let eigen = SymmetricEigen::new(matrix);
+    let mut root = eigen.eigenvectors;
+    for (mut column, value) in root.column_iter_mut().zip(&eigen.eigenvalues) {
+        column /= value.max(f64::MIN_POSITIVE).sqrt();
+    }
+    root
 }
 
 /// Marquardt's damping: relative to the diagonal, positive where that is zero.

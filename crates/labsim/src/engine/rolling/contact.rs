@@ -20,10 +20,7 @@ use pulp::Simd;
 
 use super::impact::impact;
 use crate::lanes::{Lanes, Mask};
-use crate::motion::{Marbles, Push, Rims};
-
-/// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
-const TINY: f64 = 1e-280;
+use crate::motion::{Marbles, Push, Rims, length};
 
 /// Each lane pays for a slip or an impact only in the substeps that have one; what its neighbours do
 /// decides whether the dear way is computed, never whether it counts.
@@ -137,12 +134,6 @@ fn rolling_velocity<S: Simd>(marbles: &Marbles<S>, push: &Push<S>) -> (Lanes<S>,
     let wx = marbles.vx + 5.0 / 7.0 * push.x - 2.0 / 7.0 * (marbles.vx - marbles.sx);
     let wy = marbles.vy + 5.0 / 7.0 * push.y - 2.0 / 7.0 * (marbles.vy - marbles.sy);
     (wx * push.damping, wy * push.damping)
-}
-
-/// Length of a vector, never quite zero.
-#[inline(always)]
-pub(super) fn length<S: Simd>(x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
-    (x * x + y * y + x.like(TINY)).sqrt()
 }
 
 /// Gravity, friction and rolling resistance of the board.

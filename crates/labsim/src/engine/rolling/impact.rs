@@ -11,9 +11,8 @@
 
 use pulp::Simd;
 
-use super::contact::length;
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push, Rims};
+use crate::motion::{Marbles, Push, Rims, length};
 
 /// Moves marbles that may meet a rim on their way.
 #[inline(always)]
