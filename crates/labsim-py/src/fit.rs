@@ -175,13 +175,6 @@ pub(crate) fn fit<'py>(
         })
     })?;
     let result = PyDict::new(py);
-    let states = |states: &[Option<[f64; 4]>]| {
-        let states: Vec<[f64; 4]> = states
-            .iter()
-            .map(|one| one.unwrap_or([f64::NAN; 4]))
-            .collect();
-        matrix(py, states.as_flattened().to_vec(), 4)
-    };
     let estimates = solution.estimates.iter().zip(errors).map(|(one, errors)| {
         let path = matrix(py, one.path.concat(), one.values.len());
         (path, Array1::from(errors).into_pyarray(py))
@@ -190,7 +183,7 @@ pub(crate) fn fit<'py>(
         "values",
         Array1::from(solution.values.clone()).into_pyarray(py),
     )?;
-    result.set_item("states", states(&solution.states))?;
+    result.set_item("states", states(py, &solution.states))?;
     let residuals = solution.residuals.iter().map(|one| arrays::matrix(py, one));
     result.set_item("residuals", residuals.collect::<Vec<_>>())?;
     result.set_item("tracker_noise", solution.tracker_noise)?;
@@ -222,6 +215,35 @@ pub(crate) fn inform<'py>(
     dictionary(py, &information)
 }
 
+/// Where values lead without a search; see `irt.fitting.problem`.
+#[pyfunction]
+#[pyo3(signature = (problem, values, *, iterations, held))]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
+pub(crate) fn refine<'py>(
+    py: Python<'py>,
+    problem: Asked<'py>,
+    values: Vec<Vec<f64>>,
+    iterations: usize,
+    held: bool,
+) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let problem = Owned::new(&problem)?;
+    let refined = interrupt::interruptible(py, |cancel| {
+        problem.with(|problem| problem.refine(&values, iterations, held, cancel))
+    })?;
+    let told = refined.iter().map(|one| {
+        let result = PyDict::new(py);
+        let residuals = one.residuals.iter().map(|one| arrays::matrix(py, one));
+        result.set_item("values", Array1::from(one.values.clone()).into_pyarray(py))?;
+        result.set_item("states", states(py, &one.states))?;
+        result.set_item("residuals", residuals.collect::<Vec<_>>())?;
+        Ok(result)
+    });
+    told.collect()
+}
+
 /// Standard deviation of the tracker (board edges) from `(n, 2)` recordings alone.
 #[pyfunction]
 #[expect(
@@ -251,6 +273,14 @@ fn dictionary<'py>(py: Python<'py>, information: &Information) -> PyResult<Bound
     result.set_item("degrees_of_freedom", information.degrees_of_freedom)?;
     result.set_item("scale", information.scale)?;
     Ok(result)
+}
+
+fn states<'py>(
+    py: Python<'py>,
+    states: &[Option<[f64; 4]>],
+) -> Bound<'py, numpy::PyArray2<f64>> {
+    let known = states.iter().map(|one| one.unwrap_or([f64::NAN; 4]));
+    matrix(py, known.flatten().collect(), 4)
 }
 
 fn matrix(py: Python<'_>, values: Vec<f64>, columns: usize) -> Bound<'_, numpy::PyArray2<f64>> {

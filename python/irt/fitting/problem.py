@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TIME = PARAMETERS.index("time_scale")
+#: Gauss-Newton steps for start states alone.
+STATE_ITERATIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +104,25 @@ class Solution:
 
 
 @dataclass(frozen=True, eq=False)
+class Refined:
+    """Where values have led.
+
+    Attributes
+    ----------
+    values : (n,) array
+        The five parameters, then the effects'.
+    states : (s, 4) array
+        As of a `Solution`.
+    residuals : list of (rows, 2) arrays
+        As of a `Solution`.
+    """
+
+    values: Array
+    states: Array
+    residuals: list[Array]
+
+
+@dataclass(frozen=True, eq=False)
 class Problem:
     """Segments of recordings, and the parameters to find.
 
@@ -129,7 +150,9 @@ class Problem:
         segments: Sequence[Segment],
         *,
         effects: Sequence[Effect] = (),
+        values: Array | None = None,
         time_scale: float | None = None,
+        noise: float | None = None,
         engine: Engine = "rolling",
         threads: int | None = None,
     ) -> Problem:
@@ -144,8 +167,12 @@ class Problem:
         effects : sequence of Effect
             What else is in the simulation; the search begins at the values given, and anywhere in the ranges
             for parameters that have none.
+        values : (5,) array, optional
+            Where the search of the five parameters begins; by default anywhere in the ranges.
         time_scale : float, optional
             Hold it at this value: what the stamps say.
+        noise : float, optional
+            The tracker's standard deviation [board edges]; by default it is estimated from the segments.
         engine, threads
             As for `irt.rollouts`.
 
@@ -157,7 +184,8 @@ class Problem:
         if len({one.name for one in effects}) < len(effects):
             raise IrtError("effects: expected each one once")
         ranges = [rig.ranges[name] for name in PARAMETERS]
-        parameters = np.array([(low, high, np.nan) for low, high in ranges])
+        begin = np.full(len(PARAMETERS), np.nan) if values is None else values
+        parameters = np.array([(*ends, start) for ends, start in zip(ranges, begin, strict=True)])
         if time_scale is not None:
             parameters[TIME] = np.nan, np.nan, time_scale
         infos = [effect(one.name) for one in effects]
@@ -174,7 +202,7 @@ class Problem:
             "effects": [
                 (one.name, _sought(one, info.parameters)) for one, info in zip(effects, infos, strict=True)
             ],
-            "noise": None,
+            "noise": noise,
             "engine": engine,
             "threads": threads,
             **_recordings(segments, at_rest=rig.start == "rest"),
@@ -197,6 +225,19 @@ class Problem:
         """Fit; `progress` is called with (done, total, rows of a window)."""
         told = _labsim.fit(self.asked, starts=starts, seed=seed, progress=progress)
         return Solution(**{**told, "information": Information.of(told["information"])})
+
+    def refine(self, values: Array, *, iterations: int = 12) -> list[Refined]:
+        """Go from each of (k, n) values to the bottom of the valley it lies in, over whole segments.
+
+        The gears of all must have the signs of the first ones.
+        """
+        told = _labsim.refine(self.asked, values.tolist(), iterations=iterations, held=False)
+        return [Refined(**one) for one in told]
+
+    def judge(self, values: Array) -> list[Refined]:
+        """Say what each of (k, n) values leaves over, as it is: only start states are estimated."""
+        told = _labsim.refine(self.asked, values.tolist(), iterations=STATE_ITERATIONS, held=True)
+        return [Refined(**one) for one in told]
 
     def inform(self, values: Array, noise: float) -> Information:
         """Return what the recordings tell around (n,) values, wherever they come from.

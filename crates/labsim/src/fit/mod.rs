@@ -11,6 +11,7 @@ mod descent;
 mod information;
 mod normal;
 mod problem;
+mod refine;
 mod robust;
 mod search;
 mod shooting;
@@ -22,6 +23,7 @@ use std::sync::atomic::AtomicBool;
 
 pub use self::information::Information;
 pub use self::problem::{Hypothesis, Problem, Recording, Sought, Stretch};
+pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
 
 use self::coordinates::Coordinates;
@@ -200,14 +202,7 @@ impl Problem<'_> {
 
     /// Coordinates around values, and all stretches uncut.
     fn around(&self, values: &[f64], cancel: &AtomicBool) -> Result<(Coordinates, Windows)> {
-        let count = self.sought().count();
-        if values.len() != count || values.iter().any(|value| value.is_nan()) {
-            return Err(Error::invalid(
-                "values",
-                &format!("{count} numbers"),
-                values.len(),
-            ));
-        }
+        self.check_values(values)?;
         let sense = |slot: usize| match self.parameters[slot] {
             Sought::Free {
                 range: (_, high), ..
@@ -218,6 +213,15 @@ impl Problem<'_> {
         let coordinates = Coordinates::new(self, [sense(0), sense(1)])?;
         let search = Search::new(self, &|_, _, _| (), cancel)?;
         Ok((coordinates, search.whole))
+    }
+
+    fn check_values(&self, values: &[f64]) -> Result<()> {
+        let count = self.sought().count();
+        if values.len() == count && !values.iter().any(|value| value.is_nan()) {
+            return Ok(());
+        }
+        let expected = format!("{count} numbers");
+        Err(Error::invalid("values", &expected, values.len()))
     }
 
     fn of_stretches<T>(&self, windows: &Windows, of: impl Fn(usize) -> T) -> Vec<Option<T>> {

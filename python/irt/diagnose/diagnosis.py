@@ -1,0 +1,287 @@
+"""What a diagnosis says: one type that the command line, the report and other programs read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effect
+from irt.model import Model, Parameter
+
+Array = NDArray[np.float64]
+
+Verdict = Literal["sufficient", "missing", "unlisted"]
+Kind = Literal["stage", "time", "region", "regime", "run"]
+
+#: Name of what no effect of the catalogue explains, in `NamedEffect.name` and in ``model.toml``.
+UNLISTED = "unlisted"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A place where residuals stand out from noise.
+
+    Attributes
+    ----------
+    kind : {"stage", "time", "region", "regime", "run"}
+        Which question it answers.
+    what : str
+        The place, in words.
+    strength : float
+        Share of the mismatch beyond noise that it accounts for, from 0 to 1.
+    p_value : float
+        Of this strength or more, were there only noise, corrected for the number of places looked at.
+    """
+
+    kind: Kind
+    what: str
+    strength: float
+    p_value: float
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """An effect that was left out.
+
+    Attributes
+    ----------
+    name : str
+        In the catalogue, or `UNLISTED`.
+    stage : str
+        Where on the way from command to picture it acts.
+    parameters : dict
+        Fitted values by name with 95 % intervals.
+    units : dict
+        Unit of each parameter.
+    heldout_mae_without, heldout_mae_with : float
+        Mean absolute error [board edges] on runs held out, of the final model without this effect and with
+        it, all other parameters refitted.
+    confusable_with : tuple of str
+        Effects that explain the recordings as well in its place.
+    reason : str
+        Why they cannot be told apart, in a sentence; empty where there are none.
+    """
+
+    name: str
+    stage: str
+    parameters: dict[str, Parameter]
+    units: dict[str, str]
+    heldout_mae_without: float
+    heldout_mae_with: float
+    confusable_with: tuple[str, ...] = ()
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis that was tried: effects added to the base model, everything refitted.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        What was added; empty for the base model.
+    values : dict
+        Fitted values of the effects' parameters, by ``effect.parameter``.
+    gain : float
+        Log-likelihood over the base model's, in nats, freed of the residuals' memory.
+    penalty : float
+        What its parameters and the width of the search cost, in nats.
+    noise : float
+        Robust standard deviation of what it leaves over [board edges].
+    heldout_gain : float or None
+        Log-likelihood over the base model's on runs held out; None where it was not worth trying.
+    outcome : str
+        What became of it, in words: "named", "as good as delay", "does no better than the base model".
+    """
+
+    effects: tuple[str, ...]
+    values: dict[str, float]
+    gain: float
+    penalty: float
+    noise: float
+    heldout_gain: float | None
+    outcome: str
+
+
+@dataclass(frozen=True, eq=False)
+class RunProof:
+    """One recording of n rows, predicted by models fitted to the other recordings alone.
+
+    Attributes
+    ----------
+    recording : str
+        Its name.
+    times : (n,) array
+        Seconds of each row.
+    observed : (n, 2) array
+        What the tracker saw [board edges], NaN where nothing.
+    base, final : (n, 2) arrays
+        Predictions before and after [board edges].
+    base_mae, final_mae : float
+        Their mean absolute errors [board edges].
+    """
+
+    recording: str
+    times: Array
+    observed: Array
+    base: Array
+    final: Array
+    base_mae: float
+    final_mae: float
+
+
+@dataclass(frozen=True)
+class Power:
+    """From which size on these recordings would have shown an effect.
+
+    Attributes
+    ----------
+    effect, parameter, unit : str
+        Which effect, and which of its parameters was varied, the others at typical values.
+    least : float or None
+        Smallest size that would have been named with a probability of at least 0.8; None where not even
+        the largest size would.
+    largest : float
+        End of the range looked at.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    least: float | None
+    largest: float
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The outcome of `irt.diagnose`.
+
+    Attributes
+    ----------
+    verdict : {"sufficient", "missing", "unlisted"}
+        Whether the base model explains the recordings, effects of the catalogue are missing, or something
+        repeatable is left that no effect explains.
+    summary : str
+        The answer in one or two sentences.
+    where : tuple of Finding
+        Where residuals of the base model stand out, the strongest first of each kind.
+    effects : tuple of NamedEffect
+        What was left out, the most important first.
+    noise : float
+        Standard deviation of the tracker [board edges].
+    base_mae, final_mae, base_heldout_mae, final_heldout_mae : float
+        Mean absolute errors [board edges] of the base model and the final one, on the runs that they were
+        fitted to and on runs held out, each predicted by a fit to the others.
+    base, model : Model
+        The best fit of five parameters, and the final model; both with 95 % intervals.
+    unidentifiable : tuple of str
+        Plain sentences: which combinations these recordings cannot pin down.
+    suggestion : str
+        What to record next, and why.
+    candidates : tuple of Candidate
+        All hypotheses tried, the best first.
+    runs : tuple of RunProof
+        The proof, run by run.
+    power : tuple of Power
+        What could have been seen, where nothing was.
+    notes : tuple of str
+        Plain sentences about anything else the user should know.
+    settings : dict
+        What the diagnosis was asked with.
+    seed : int
+        Of everything drawn.
+    seconds : float
+        Wall time.
+    """
+
+    verdict: Verdict
+    summary: str
+    where: tuple[Finding, ...]
+    effects: tuple[NamedEffect, ...]
+    noise: float
+    base_mae: float
+    final_mae: float
+    base_heldout_mae: float
+    final_heldout_mae: float
+    base: Model
+    model: Model
+    unidentifiable: tuple[str, ...]
+    suggestion: str
+    candidates: tuple[Candidate, ...]
+    runs: tuple[RunProof, ...]
+    power: tuple[Power, ...]
+    notes: tuple[str, ...]
+    settings: dict[str, Any]
+    seed: int
+    seconds: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what ``diagnosis.json`` holds."""
+        return {
+            "verdict": self.verdict,
+            "summary": self.summary,
+            "where": [
+                {"kind": one.kind, "what": one.what, "strength": one.strength, "p_value": one.p_value}
+                for one in self.where
+            ],
+            "effects": [_effect(one) for one in self.effects],
+            "fit": {
+                "noise": self.noise,
+                "base_mae": self.base_mae,
+                "final_mae": self.final_mae,
+                "base_heldout_mae": self.base_heldout_mae,
+                "final_heldout_mae": self.final_heldout_mae,
+            },
+            "parameters": {name: _parameter(one) for name, one in self.model.parameters.items()},
+            "unidentifiable": list(self.unidentifiable),
+            "suggestion": self.suggestion,
+            "candidates": [
+                {
+                    "effects": list(one.effects),
+                    "gain": one.gain,
+                    "penalty": one.penalty,
+                    "noise": one.noise,
+                    "heldout_gain": one.heldout_gain,
+                    "outcome": one.outcome,
+                }
+                for one in self.candidates
+            ],
+            "power": [
+                {"effect": one.effect, "parameter": one.parameter, "least": one.least, "unit": one.unit}
+                for one in self.power
+            ],
+            "notes": list(self.notes),
+            "settings": {**self.settings, "seed": self.seed, "seconds": self.seconds},
+        }
+
+
+def units(name: str) -> dict[str, str]:
+    """Return the unit of each parameter of an effect of the catalogue."""
+    return {parameter.name: parameter.unit for parameter in effect(name).parameters}
+
+
+def _effect(one: NamedEffect) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "stage": one.stage,
+        "parameters": _parameters(one.parameters, one.units),
+        "heldout_mae_without": one.heldout_mae_without,
+        "heldout_mae_with": one.heldout_mae_with,
+        "confusable_with": list(one.confusable_with),
+        "reason": one.reason,
+    }
+
+
+def _parameters(parameters: Mapping[str, Parameter], unit: Mapping[str, str]) -> dict[str, Any]:
+    return {name: {**_parameter(one), "unit": unit.get(name, "")} for name, one in parameters.items()}
+
+
+def _parameter(one: Parameter) -> dict[str, float | None]:
+    """Return value and interval; JSON has no infinity, so an open end is null."""
+    told = {"value": one.value, "low": one.low, "high": one.high}
+    return {key: None if value is None or math.isinf(value) else value for key, value in told.items()}
