@@ -60,8 +60,10 @@ def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.f
 def fit(
     problem: Mapping[str, Any],
     *,
+    points: Sequence[Sequence[float]],
     starts: int,
     seed: int,
+    rounds: int,
     progress: Callable[[int, int, int], object] | None,
 ) -> dict[str, Any]: ...
 def inform(problem: Mapping[str, Any], values: Sequence[float], *, noise: float) -> dict[str, Any]: ...

@@ -142,7 +142,7 @@ impl Owned {
 
 /// Fits a problem; see `irt.fitting.problem`.
 #[pyfunction]
-#[pyo3(signature = (problem, *, starts, seed, progress))]
+#[pyo3(signature = (problem, *, points, starts, seed, rounds, progress))]
 #[expect(
     clippy::needless_pass_by_value,
     reason = "the extracted views of Python's arguments are owned here"
@@ -150,11 +150,18 @@ impl Owned {
 pub(crate) fn fit<'py>(
     py: Python<'py>,
     problem: Asked<'py>,
+    points: Vec<Vec<f64>>,
     starts: usize,
     seed: u64,
+    rounds: usize,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let problem = Owned::new(&problem)?;
+    let settings = Settings {
+        starts,
+        seed,
+        rounds,
+    };
     let report = |done: usize, total: usize, rows: usize| {
         if let Some(progress) = &progress {
             // What a progress bar does wrong must not end a fit.
@@ -167,7 +174,7 @@ pub(crate) fn fit<'py>(
     };
     let (solution, errors) = interrupt::interruptible(py, |cancel| {
         problem.with(|problem| {
-            let solution = problem.fit(&Settings { starts, seed }, &report, cancel)?;
+            let solution = problem.fit_from(&points, &settings, &report, cancel)?;
             let errors = solution.estimates.iter();
             let errors = errors.map(|one| problem.errors(&one.path, &one.states, cancel));
             let errors = errors.collect::<labsim::Result<Vec<_>>>()?;
@@ -275,10 +282,7 @@ fn dictionary<'py>(py: Python<'py>, information: &Information) -> PyResult<Bound
     Ok(result)
 }
 
-fn states<'py>(
-    py: Python<'py>,
-    states: &[Option<[f64; 4]>],
-) -> Bound<'py, numpy::PyArray2<f64>> {
+fn states<'py>(py: Python<'py>, states: &[Option<[f64; 4]>]) -> Bound<'py, numpy::PyArray2<f64>> {
     let known = states.iter().map(|one| one.unwrap_or([f64::NAN; 4]));
     matrix(py, known.flatten().collect(), 4)
 }

@@ -130,6 +130,7 @@ fn fits(criterion: &mut Criterion) {
                 Settings {
                     starts: STARTS,
                     seed,
+                    ..Settings::default()
                 }
             };
             let fit = |settings: Settings| {

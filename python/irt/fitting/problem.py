@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 TIME = PARAMETERS.index("time_scale")
 #: Gauss-Newton steps for start states alone.
 STATE_ITERATIONS = 8
+#: How often a fit looks around the best point found for a better one, at most.
+ROUNDS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,9 +223,28 @@ class Problem:
             asked=asked,
         )
 
-    def fit(self, *, starts: int, seed: int, progress: Callable[[int, int, int], None] | None) -> Solution:
-        """Fit; `progress` is called with (done, total, rows of a window)."""
-        told = _labsim.fit(self.asked, starts=starts, seed=seed, progress=progress)
+    def fit(
+        self,
+        *,
+        starts: int = 8,
+        points: Array | None = None,
+        seed: int = 0,
+        rounds: int = ROUNDS,
+        progress: Callable[[int, int, int], None] | None = None,
+    ) -> Solution:
+        """Fit from the best of a draw, or from (k, n) points that the caller has reason to try.
+
+        `progress` is called with (done, total, rows of a window). Without `rounds` of looking around the best
+        one it is a quick look: slopes alone end a little above the bottom where the ground is rough.
+        """
+        told = _labsim.fit(
+            self.asked,
+            points=[] if points is None else points.tolist(),
+            starts=starts,
+            seed=seed,
+            rounds=rounds,
+            progress=progress,
+        )
         return Solution(**{**told, "information": Information.of(told["information"])})
 
     def refine(self, values: Array, *, iterations: int = 12) -> list[Refined]:

@@ -47,11 +47,18 @@ pub struct Settings {
     pub starts: usize,
     /// Of the draw of start points; the same seed gives the same bits for any number of threads.
     pub seed: u64,
+    /// How often the best one's surroundings are searched for a better one, at most: where the ground is
+    /// rough, slopes end a little above the bottom. None for a quick look.
+    pub rounds: usize,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { starts: 8, seed: 0 }
+        Self {
+            starts: 8,
+            seed: 0,
+            rounds: 3,
+        }
     }
 }
 
@@ -102,12 +109,31 @@ impl Problem<'_> {
         progress: Progress<'_>,
         cancel: &AtomicBool,
     ) -> Result<Solution> {
+        self.fit_from(&[], settings, progress, cancel)
+    }
+
+    /// Fits the free parameters, beginning at values that the caller has reason to try, each those of all
+    /// parameters; the gears of all must have the signs of the first ones. Without any, the best ones of a
+    /// draw are taken.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn fit_from(
+        &self,
+        points: &[Vec<f64>],
+        settings: &Settings,
+        progress: Progress<'_>,
+        cancel: &AtomicBool,
+    ) -> Result<Solution> {
         self.check()?;
+        for values in points {
+            self.check_values(values)?;
+        }
         if settings.starts == 0 {
             return Err(Error::invalid("starts", "at least 1", 0));
         }
         let search = Search::new(self, progress, cancel)?;
-        let (coordinates, candidates) = search.run(settings)?;
+        let (coordinates, candidates) = search.run(points, settings)?;
         let best = &candidates[0];
         let shooting = Shooting::new(self, &coordinates, &search.whole, 1.0, cancel);
         let count = search.whole.count() as f64;

@@ -27,10 +27,9 @@ const FAMILY_ITERATIONS: usize = 6;
 const SETTLE_ITERATIONS: usize = 5;
 /// Start states tried with each step.
 const VARIANTS: usize = 4;
-/// How often the best one's family and surroundings are searched, and batches drawn of the surroundings.
-const ROUNDS: usize = 3;
 /// So many rounds even where noise alone seems to be left.
 const FEWEST_ROUNDS: usize = 2;
+/// Batches drawn of the best one's surroundings in each round.
 const NEARBY_ROUNDS: usize = 3;
 /// Physics updates on the way to whole stretches are this many times longer than the engine's.
 pub(super) const COARSENESS: f64 = 5.0;
@@ -62,6 +61,8 @@ pub(super) struct Search<'a> {
     horizons: Vec<(usize, usize)>,
     rollouts: Cell<usize>,
     done: Cell<usize>,
+    /// Iterations there are at most.
+    total: Cell<usize>,
 }
 
 impl<'a> Search<'a> {
@@ -86,6 +87,7 @@ impl<'a> Search<'a> {
             whole,
             rollouts: Cell::new(0),
             done: Cell::new(0),
+            total: Cell::new(0),
         })
     }
 
@@ -94,16 +96,31 @@ impl<'a> Search<'a> {
         self.rollouts.get()
     }
 
-    /// Refines the best start points of a draw; returns what the coordinates mean and where the start
-    /// points led, the best first.
-    pub(super) fn run(&self, settings: &Settings) -> Result<(Coordinates, Vec<Candidate>)> {
-        let (coordinates, starts) = self.screen(settings)?;
+    /// Refines given start points, or where there are none the best ones of a draw; returns what the
+    /// coordinates mean and where the start points led, the best first.
+    pub(super) fn run(
+        &self,
+        points: &[Vec<f64>],
+        settings: &Settings,
+    ) -> Result<(Coordinates, Vec<Candidate>)> {
+        let (coordinates, starts) = match points.first() {
+            Some(first) => {
+                let (coordinates, _) = self.problem.around(first, self.cancel)?;
+                let starts = points
+                    .iter()
+                    .map(|values| coordinates.to_z(values))
+                    .collect();
+                (coordinates, starts)
+            }
+            None => self.screen(settings)?,
+        };
+        self.total.set(self.total(&coordinates, settings.rounds));
         let mut candidates = self.descend(&coordinates, starts)?;
         let mut best = candidates.remove(0);
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
         // Effects may bring a time of their own: their motion has hardly a family.
         let members = settings.starts / (1 + usize::from(!self.problem.effects.is_empty()));
-        for round in 1..=ROUNDS {
+        for round in 1..=settings.rounds {
             let before = best.clone();
             if self.is_time_free(&coordinates) {
                 let mut members = self.family(&coordinates, &best, members.max(1))?;
@@ -119,7 +136,7 @@ impl<'a> Search<'a> {
         if self.is_time_free(&coordinates) {
             best = self.rounded(&coordinates, best)?;
         }
-        let total = self.total(&coordinates);
+        let total = self.total.get();
         (self.progress)(total, total, self.whole.rows);
         candidates.insert(0, best);
         Ok((coordinates, candidates))
@@ -367,11 +384,11 @@ impl<'a> Search<'a> {
     }
 
     /// How many iterations there are at most.
-    fn total(&self, coordinates: &Coordinates) -> usize {
+    fn total(&self, coordinates: &Coordinates, rounds: usize) -> usize {
         let times = 1 + usize::from(!self.problem.effects.is_empty());
         times * self.horizons.iter().map(|stage| stage.1).sum::<usize>()
             + WHOLE_ITERATIONS
-            + ROUNDS
+            + rounds
                 * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates))
                     + SETTLE_ITERATIONS)
     }
@@ -384,7 +401,7 @@ impl<'a> Search<'a> {
         pace: Pace,
         coarseness: f64,
     ) -> Result<Vec<End>> {
-        let total = self.total(coordinates);
+        let total = self.total.get();
         let report =
             |iteration: usize| (self.progress)(self.done.get() + iteration, total, windows.rows);
         let starts: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();

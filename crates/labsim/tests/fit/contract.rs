@@ -154,7 +154,10 @@ fn progress_goes_up_and_arrives() {
     let planted = Planted::new(1, 2, &[], false, false);
     let reports = std::cell::RefCell::new(Vec::new());
     let report = |done, total, _| reports.borrow_mut().push((done, total));
-    let settings = Settings { starts: 2, seed: 0 };
+    let settings = Settings {
+        starts: 2,
+        ..Settings::default()
+    };
     planted.with(|problem| {
         problem
             .fit(&settings, &report, &AtomicBool::new(false))

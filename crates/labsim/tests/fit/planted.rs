@@ -158,7 +158,11 @@ impl Planted {
     }
 
     pub(crate) fn fit(&self, starts: usize, seed: u64) -> Result<Solution, Error> {
-        let settings = Settings { starts, seed };
+        let settings = Settings {
+            starts,
+            seed,
+            ..Settings::default()
+        };
         self.with(|problem| problem.fit(&settings, &|_, _, _| (), &AtomicBool::new(false)))
     }
 

@@ -1,0 +1,229 @@
+"""What is diagnosed: recordings cut into segments, and fits of hypotheses to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effect
+from irt.errors import located
+from irt.fitting.least_squares import stamped_time_scale
+from irt.fitting.problem import Problem, Refined, Solution, tracker_noise
+from irt.model import Effect, Model
+from irt.residual import Segment, segments
+from irt.rig import PARAMETERS, Rig
+
+Array = NDArray[np.float64]
+
+#: Degrees of freedom of the Student-t likelihood, as in the engine's fit.
+TAIL = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """Effects added to the base model, everything refitted.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        What was added, in the order of addition.
+    names : tuple of str
+        Of the n parameters: the five, then ``effect.parameter``.
+    values : (n,) array
+        The parameters.
+    residuals : tuple of (rows, 2) arrays
+        Predicted minus observed for each segment [board edges], NaN where nothing was seen.
+    noise : float
+        Robust standard deviation of the residuals [board edges].
+    solution : Solution or None
+        All that the engine told, where it searched.
+    """
+
+    effects: tuple[str, ...]
+    names: tuple[str, ...]
+    values: Array
+    residuals: tuple[Array, ...]
+    noise: float
+    solution: Solution | None = None
+
+    def losses(self, scale: float) -> Array:
+        """Return the Student-t negative log-likelihood of each segment, up to a constant, (s,)."""
+        return np.array([_loss(residual, scale) for residual in self.residuals])
+
+    def loss(self, scale: float) -> float:
+        """Return the Student-t negative log-likelihood of all segments, up to a constant."""
+        return float(self.losses(scale).sum())
+
+    def of_effects(self) -> dict[str, float]:
+        """Return the values of the effects' parameters by ``effect.parameter``."""
+        return dict(
+            zip(self.names[len(PARAMETERS) :], self.values[len(PARAMETERS) :].tolist(), strict=True)
+        )
+
+    def value_of(self, name: str) -> dict[str, float]:
+        """Return the values of one effect's parameters by their names."""
+        own = f"{name}."
+        found = self.of_effects().items()
+        return {key.removeprefix(own): value for key, value in found if key.startswith(own)}
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Recordings of a rig, and how they are simulated.
+
+    Attributes
+    ----------
+    rig : Rig
+        Board, marble, ranges and recordings.
+    segments : tuple of Segment
+        What is predicted in one go.
+    folds : (s,) int array
+        Which segments belong together: those of one recording.
+    noise : float
+        Standard deviation of the tracker [board edges], from the recordings alone.
+    time_scale : float or None
+        What stamps say.
+    seed : int
+        Of all draws.
+    threads : int or None
+        Of the engine.
+    """
+
+    rig: Rig
+    segments: tuple[Segment, ...]
+    folds: NDArray[np.int64]
+    noise: float
+    time_scale: float | None
+    seed: int
+    threads: int | None
+
+    @classmethod
+    def of(cls, rig: Rig, *, seed: int = 0, threads: int | None = None) -> Case:
+        """Return the case of a rig.
+
+        Raises
+        ------
+        IrtError
+            If some recordings are stamped and others not.
+        """
+        cut = tuple(segments(rig))
+        names = [recording.name for recording in rig.recordings]
+        return cls(
+            rig=rig,
+            segments=cut,
+            folds=np.array([names.index(segment.recording) for segment in cut]),
+            noise=tracker_noise(cut),
+            time_scale=stamped_time_scale(rig),
+            seed=seed,
+            threads=threads,
+        )
+
+    def only(self, folds: Sequence[int]) -> Case:
+        """Return the case with the segments of some folds alone."""
+        keep = np.isin(self.folds, folds)
+        kept = tuple(segment for segment, stays in zip(self.segments, keep, strict=True) if stays)
+        return replace(self, segments=kept, folds=self.folds[keep])
+
+    def problem(self, effects: Sequence[Effect], values: Array | None = None) -> Problem:
+        """Return the problem of fitting the five parameters, from (5,) values, and those of effects."""
+        return Problem.of(
+            self.rig,
+            self.segments,
+            effects=effects,
+            values=values,
+            time_scale=self.time_scale,
+            noise=self.noise,
+            threads=self.threads,
+        )
+
+    def fit(
+        self,
+        effects: Sequence[Effect] = (),
+        *,
+        values: Array | None = None,
+        points: Array | None = None,
+        starts: int = 8,
+        rounds: int = 3,
+    ) -> Fitted:
+        """Fit a hypothesis: from points that the caller has reason to try, else from a draw.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+            What is added; parameters that have no value are looked for over their ranges.
+        values : (5,) array, optional
+            Where half of the draw begins.
+        points : (k, n) array, optional
+            Where to begin instead.
+        starts, rounds : int
+            How thoroughly.
+        """
+        problem = self.problem(effects, values)
+        with located(f"{self.rig.path}"):
+            solution = problem.fit(points=points, starts=starts, seed=self.seed, rounds=rounds)
+        return Fitted(
+            effects=tuple(one.name for one in effects),
+            names=problem.names,
+            values=solution.values,
+            residuals=tuple(solution.residuals),
+            noise=robust_scale(solution.residuals),
+            solution=solution,
+        )
+
+    def refine(self, effects: Sequence[str], points: Array, *, iterations: int = 12) -> list[Fitted]:
+        """Go from each of (k, n) points to the bottom of its valley."""
+        problem = self.problem([Effect(name, {}) for name in effects])
+        return [_fitted(effects, problem, one) for one in problem.refine(points, iterations=iterations)]
+
+    def judge(self, effects: Sequence[str], points: Array) -> list[Fitted]:
+        """Say what each of (k, n) points leaves over: only start states are estimated."""
+        problem = self.problem([Effect(name, {}) for name in effects])
+        return [_fitted(effects, problem, one) for one in problem.judge(points)]
+
+    def model(self, fitted: Fitted) -> Model:
+        """Return the model of a hypothesis."""
+        return Model.from_rig(
+            self.rig,
+            fitted.values[: len(PARAMETERS)],
+            effects=[Effect(name, fitted.value_of(name)) for name in fitted.effects],
+            time_step="continuous",
+        )
+
+
+def free_parameters(name: str) -> int:
+    """Return how many parameters an effect of the catalogue has."""
+    return len(effect(name).parameters)
+
+
+def robust_scale(residuals: Sequence[Array]) -> float:
+    """Return the standard deviation of residuals [board edges] by their median, whatever a few rows say."""
+    values = np.abs(np.concatenate([residual.ravel() for residual in residuals]))
+    return float(1.4826 * np.nanmedian(values))
+
+
+def memory(residuals: Sequence[Array], scale: float, lags: int = 20) -> float:
+    """Return how many rows it takes until residuals forget: their integrated autocorrelation time, 1 or more.
+
+    White noise has 1. So many rows of what a wrong model leaves over say as much as one row of noise would.
+    """
+    products = np.zeros(lags + 1)
+    for residual in residuals:
+        kept = np.nan_to_num(np.clip(residual / scale, -3.0, 3.0))
+        for lag in range(min(lags + 1, len(kept))):
+            products[lag] += float((kept[lag:] * kept[: len(kept) - lag]).sum())
+    if products[0] <= 0.0:
+        return 1.0
+    return max(1.0, float((1.0 + 2.0 * np.cumsum(products[1:]) / products[0]).max()))
+
+
+def _fitted(effects: Sequence[str], problem: Problem, one: Refined) -> Fitted:
+    residuals = tuple(one.residuals)
+    return Fitted(tuple(effects), problem.names, one.values, residuals, robust_scale(residuals))
+
+
+def _loss(residual: Array, scale: float) -> float:
+    squares = residual[np.isfinite(residual)] ** 2
+    return float(0.5 * (TAIL + 1.0) * np.log1p(squares / (TAIL * scale * scale)).sum())

@@ -1,0 +1,97 @@
+"""How hypotheses compare: likelihood against the width of the search, in nats."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from irt.catalogue import effects
+from irt.diagnose.case import TAIL, Case, Fitted, free_parameters, memory
+
+#: An effect must explain this share of what noise alone would make, or it is too small to be told from the
+#: engine's own imperfections.
+LEAST_SHARE = 0.01
+#: What may be left over of the base model's mismatch beyond noise, and beyond the likelihood of noise.
+LEFT_SHARE, LEFT_NOISE = 0.01, 0.1
+#: Residuals without memory, of about the tracker's size, are noise.
+FORGETFUL, NOISE_LIKE = 1.5, 1.1
+#: Mean Student-t loss of a normal residual at its own scale.
+_OF_NOISE = float(
+    0.5
+    * (TAIL + 1.0)
+    * np.trapezoid(
+        np.log1p(np.linspace(-8.0, 8.0, 4001) ** 2 / TAIL)
+        * np.exp(-0.5 * np.linspace(-8.0, 8.0, 4001) ** 2)
+        / math.sqrt(2.0 * math.pi),
+        np.linspace(-8.0, 8.0, 4001),
+    )
+)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The yardstick by which the hypotheses of a case are compared.
+
+    Attributes
+    ----------
+    scale : float
+        Standard deviation at which residuals count [board edges]: what the best hypothesis leaves over, but
+        no less than the tracker's noise.
+    rows : float
+        Residuals that count, freed of their memory.
+    memory : float
+        Autocorrelation time of what the best hypothesis leaves over.
+    """
+
+    scale: float
+    rows: float
+    memory: float
+
+    @classmethod
+    def of(cls, case: Case, fits: Sequence[Fitted]) -> Evidence:
+        """Return the yardstick for some hypotheses."""
+        best = min(fits, key=lambda one: one.loss(case.noise))
+        scale = max(case.noise, best.noise)
+        forgotten = memory(best.residuals, scale)
+        count = sum(int(np.isfinite(residual).sum()) for residual in best.residuals)
+        return cls(scale, count / forgotten, forgotten)
+
+    def gain(self, one: Fitted, over: Fitted) -> float:
+        """Return by how many nats one hypothesis is likelier than another."""
+        return (over.loss(self.scale) - one.loss(self.scale)) / self.memory
+
+    def penalty(self, names: Sequence[str]) -> float:
+        """Return what adding effects costs [nats]: half a logarithm of the data for each parameter (BIC), and
+        the logarithm of the catalogue for each choice.
+        """
+        parameters = sum(free_parameters(name) for name in names)
+        choice = math.log(len(effects()))
+        return 0.5 * parameters * math.log(max(self.rows, math.e)) + len(names) * choice
+
+    def margin(self, one: Fitted, over: Fitted) -> float:
+        """Return by how many nats one hypothesis beats another, its additional effects paid for."""
+        return self.gain(one, over) - (self.penalty(one.effects) - self.penalty(over.effects))
+
+    def is_better(self, one: Fitted, over: Fitted) -> bool:
+        """Whether the additional effects of a hypothesis are worth naming."""
+        least = LEAST_SHARE * self.rows * max(1, len(one.effects) - len(over.effects))
+        return self.margin(one, over) > 0.0 and self.gain(one, over) > least
+
+
+def is_explained(case: Case, one: Fitted, base: Fitted) -> bool:
+    """Whether what a hypothesis leaves over is about noise, or next to nothing of the base model's mismatch."""
+    if memory(one.residuals, one.noise) < FORGETFUL and one.noise < NOISE_LIKE * case.noise:
+        return True
+    return excess(case, one) < max(LEFT_SHARE * excess(case, base), LEFT_NOISE * _noise_loss(one))
+
+
+def excess(case: Case, one: Fitted) -> float:
+    """Return the loss beyond that of noise."""
+    return one.loss(case.noise) - _noise_loss(one)
+
+
+def _noise_loss(one: Fitted) -> float:
+    return _OF_NOISE * sum(int(np.isfinite(residual).sum()) for residual in one.residuals)

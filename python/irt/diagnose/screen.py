@@ -1,0 +1,318 @@
+"""What effects would change, window by window, beside what a hypothesis leaves over: where to look first.
+
+In short windows, each from a start state of its own, everything is close to linear: what a draw of an effect's
+parameters changes is simulated, freed of what start states and the five parameters could do as well, and laid
+beside the residuals. So thousands of draws cost less than one fit.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import EffectParameter, effect
+from irt.diagnose.case import Case, Fitted
+from irt.residual import Segment
+from irt.rig import PARAMETERS, RANGES
+from irt.rollouts import rollouts
+from irt.start_state import Inputs, estimate_start_states, simulate
+
+Array = NDArray[np.float64]
+
+#: Rows of a short window: the marble gets some way, and yet is not led astray.
+ROWS = 24
+#: Changes of start states for derivatives: board edges, and board edges a row.
+_STEP = 1e-4
+#: Change of the five parameters for derivatives, relative to their values.
+_PART = 1e-3
+#: Draws of an effect with one, two, and more parameters.
+DRAWS = (32, 128, 512)
+#: Residuals beyond so many standard deviations count no more than these.
+_CLIP = 4.0
+#: Smallest size drawn, as a share of the largest.
+_LEAST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws of an effect's p parameters, the best first.
+
+    Attributes
+    ----------
+    values : (k, p) array
+        In the catalogue's order.
+    explained : (k,) array
+        Share of the sum of squares that each takes away, from 0 to 1.
+    """
+
+    values: Array
+    explained: Array
+
+
+class Screen:
+    """A hypothesis in windows of equal length, linearised.
+
+    Parameters
+    ----------
+    case : Case
+        The recordings.
+    fitted : Fitted
+        The hypothesis.
+    rows : int
+        Of a window; a recording's last rows that fill none are left out.
+    """
+
+    def __init__(self, case: Case, fitted: Fitted, rows: int = ROWS) -> None:
+        self._case, self._model = case, case.model(fitted)
+        self._inputs, self._observed, guess = _cut(case, rows)
+        self._at_rest = np.array([case.rig.start == "rest" and first == 0 for first in self._inputs.first])
+        self._states = estimate_start_states(self._model, self._inputs, self._observed, guess)
+        self._states[self._at_rest, 2:] = 0.0
+        self._predicted = simulate(self._model, self._inputs, self._states)
+        residual = self._observed - self._predicted
+        self._known = np.isfinite(residual)
+        scale = max(case.noise, 1.4826 * float(np.nanmedian(np.abs(residual))))
+        self._weights = np.where(
+            self._known, 1.0 / np.maximum(1.0, np.abs(np.nan_to_num(residual)) / (_CLIP * scale)), 0.0
+        )
+        self._of_states = self._state_directions()
+        self._of_base = np.zeros((0, residual.size))
+        base = self._freed(self._base_directions())
+        norms = np.linalg.norm(base, axis=1)
+        self._of_base = np.linalg.qr(base[norms > 1e-9 * max(norms.max(initial=0.0), 1e-300)].T)[0].T
+        self._residual = self._freed(np.nan_to_num(residual)[None])[0]
+
+    @property
+    def squares(self) -> float:
+        """Weighted sum of squares that is left."""
+        return float(self._residual @ self._residual)
+
+    def draws(self, name: str, count: int | None = None) -> Draws:
+        """Draw an effect's parameters over their ranges, and rank the draws by what they would explain.
+
+        The size of an effect, where one parameter is that, is the one that suits each draw best.
+        """
+        parameters = effect(name).parameters
+        if count is None:
+            count = DRAWS[min(len(parameters), len(DRAWS)) - 1]
+        size = _size(name)
+        drawn = _drawn(parameters, size, count, self._case.seed)
+        changed = self._freed(self._changes(name, drawn))
+        along, length = changed @ self._residual, (changed**2).sum(axis=1)
+        if size is None:
+            gain = 2.0 * along - length
+        else:
+            factor = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
+            one = parameters[size]
+            scaled = one.neutral + factor * (drawn[:, size] - one.neutral)
+            clipped = np.clip(scaled, one.low, one.high)
+            span = drawn[:, size] - one.neutral
+            factor = np.divide(clipped - one.neutral, span, out=np.zeros_like(span), where=span != 0.0)
+            drawn[:, size] = clipped
+            gain = 2.0 * factor * along - factor**2 * length
+        order = np.argsort(-gain, kind="stable")
+        return Draws(drawn[order], gain[order] / max(self.squares, 1e-300))
+
+    def _changes(self, name: str, drawn: Array) -> Array:
+        """Return what draws of an effect add to the prediction, (k, w * n * 2)."""
+        keys = [parameter.name for parameter in effect(name).parameters]
+        windows, count = len(self._states), len(drawn)
+        added = {
+            "name": name,
+            **{key: np.repeat(drawn[:, i], windows) for i, key in enumerate(keys)},
+        }
+        present = [{"name": one.name, **one.parameters} for one in self._model.effects if one.name != name]
+        inputs, moving = _tiled(self._inputs, count), self._model.start == "moving"
+        predicted = rollouts(
+            np.tile(self._model.values, (windows * count, 1)),
+            inputs.knobs,
+            rig=self._model,
+            effects=[*present, added],
+            start=np.tile(self._states[:, :2], (count, 1)),
+            start_velocity=np.tile(self._states[:, 2:], (count, 1)),
+            durations=inputs.durations,
+            time_step=self._model.time_step,
+            first=inputs.first,
+            issued=inputs.issued,
+            rows=inputs.rows,
+            knobs_before=inputs.knobs[:, 0] if moving else None,
+            seed=np.tile(np.arange(windows), count),
+            threads=self._case.threads,
+        )
+        return (predicted.reshape(count, -1) - self._predicted.ravel()).reshape(count, -1)
+
+    def _state_directions(self) -> Array:
+        """Return orthonormal changes of each window by its start state, (w, 4, n * 2); zeros for none."""
+        windows = len(self._states)
+        step_s = self._step_s()
+        found = np.zeros((windows, 4, self._predicted[0].size))
+        for axis in range(4):
+            moved = self._states.copy()
+            step = _STEP if axis < 2 else _STEP / step_s
+            moved[:, axis] += np.where(moved[:, axis] > 0.0, -step, step)
+            change = (simulate(self._model, self._inputs, moved) - self._predicted) / _STEP
+            found[:, axis] = (change * self._weights).reshape(windows, -1)
+        found[self._at_rest, 2:] = 0.0
+        return _orthonormal(found)
+
+    def _base_directions(self) -> Array:
+        """Return changes of all windows by the five parameters, (5, w * n * 2)."""
+        values = self._model.values
+        changes = []
+        for index, name in enumerate(PARAMETERS):
+            step = _PART * max(abs(values[index]), _PART * (RANGES[name][1] - RANGES[name][0]))
+            moved = np.tile(values, (len(self._states), 1))
+            moved[:, index] += step
+            changes.append((self._simulated(moved) - self._predicted).ravel() / step)
+        return np.array(changes)
+
+    def _simulated(self, values: Array) -> Array:
+        moving = self._model.start == "moving"
+        substeps = np.full(len(values), max(1, round(float(self._model.values[PARAMETERS.index("time_scale")]))))
+        return rollouts(
+            values,
+            self._inputs.knobs,
+            rig=self._model,
+            effects=[{"name": one.name, **one.parameters} for one in self._model.effects],
+            start=self._states[:, :2],
+            start_velocity=self._states[:, 2:],
+            durations=self._inputs.durations,
+            time_step=self._model.time_step,
+            substeps=substeps if self._inputs.durations is None else None,
+            first=self._inputs.first,
+            issued=self._inputs.issued,
+            rows=self._inputs.rows,
+            knobs_before=self._inputs.knobs[:, 0] if moving else None,
+            threads=self._case.threads,
+        )
+
+    def _freed(self, changes: Array) -> Array:
+        """Weight (k, w * n * 2) changes, and take away what start states and the five parameters could do."""
+        windows = len(self._states)
+        weighted = changes.reshape(len(changes), windows, -1) * self._weights.reshape(windows, -1)
+        inside = np.einsum("wan,kwn->kwa", self._of_states, weighted)
+        weighted = (weighted - np.einsum("kwa,wan->kwn", inside, self._of_states)).reshape(len(changes), -1)
+        return np.asarray(weighted - (weighted @ self._of_base.T) @ self._of_base)
+
+    def _step_s(self) -> float:
+        if self._inputs.durations is not None:
+            return float(np.median(self._inputs.durations))
+        return float(self._model.values[PARAMETERS.index("time_scale")]) / 240.0
+
+
+@functools.cache
+def _size(name: str) -> int | None:
+    """Return which parameter of an effect is its size: at its neutral value the others say nothing."""
+    parameters = effect(name).parameters
+    knobs = 0.1 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
+    base = np.array([[0.05, 0.05, 0.0005, 20.0, 1.0]])
+    plain = rollouts(base, knobs, seed=1)
+    middle = {one.name: one.low + 0.4 * (one.high - one.low) for one in parameters}
+    silent = [
+        index
+        for index, one in enumerate(parameters)
+        if np.isfinite(one.neutral)
+        and np.array_equal(
+            rollouts(base, knobs, effects=[{"name": name, **middle, one.name: one.neutral}], seed=1), plain
+        )
+    ]
+    return silent[0] if len(silent) == 1 else None
+
+
+def _drawn(parameters: tuple[EffectParameter, ...], size: int | None, count: int, seed: int) -> Array:
+    """Return draws that fill the ranges, (k, p); where no parameter is the size, small values are as frequent
+    as large ones.
+    """
+    from scipy.stats import qmc
+
+    places = qmc.Sobol(len(parameters), seed=seed).random(count)
+    spread = _uniform if size is not None and len(parameters) > 1 else _by_magnitude
+    return np.stack([spread(one, places[:, index]) for index, one in enumerate(parameters)], axis=1)
+
+
+def _uniform(one: EffectParameter, places: Array) -> Array:
+    return np.asarray(one.low + (one.high - one.low) * places)
+
+
+def _by_magnitude(one: EffectParameter, places: Array) -> Array:
+    """Return values of all magnitudes, from a thousandth of the range on, to either side of neutral."""
+    if not one.low <= one.neutral <= one.high:
+        return np.asarray(one.low * (one.high / one.low) ** places)
+    below, above = one.neutral - one.low, one.high - one.neutral
+    side = places * (below + above) - below
+    reach = np.where(side < 0.0, below, above)
+    share = np.divide(np.abs(side), reach, out=np.zeros_like(side), where=reach > 0.0)
+    return np.asarray(one.neutral + np.sign(side) * reach * _LEAST ** (1.0 - share))
+
+
+def _orthonormal(directions: Array) -> Array:
+    """Return orthonormal rows that span those of (w, a, n); zeros for rows that add nothing."""
+    found = np.zeros_like(directions)
+    for axis in range(directions.shape[1]):
+        row = directions[:, axis].copy()
+        length = np.linalg.norm(row, axis=1)
+        for before in range(axis):
+            row -= np.einsum("wn,wn->w", found[:, before], row)[:, None] * found[:, before]
+        rest = np.linalg.norm(row, axis=1)
+        keep = rest > 1e-6 * np.maximum(length, 1e-300)
+        found[keep, axis] = row[keep] / rest[keep, None]
+    return found
+
+
+def _tiled(inputs: Inputs, count: int) -> Inputs:
+    """Return all windows so many times, one set after another."""
+    return Inputs(
+        knobs=np.tile(inputs.knobs, (count, 1, 1)),
+        durations=None if inputs.durations is None else np.tile(inputs.durations, (count, 1)),
+        first=np.tile(inputs.first, count),
+        issued=np.tile(inputs.issued, count),
+        rows=inputs.rows,
+    )
+
+
+def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array]:
+    """Return commands, positions (w, n, 2) and guesses of start states (w, 4) of windows of so many rows."""
+    pieces: list[tuple[Segment, int]] = []
+    for segment in case.segments:
+        pieces += [
+            (segment, first)
+            for first in range(0, len(segment.knobs) - rows + 1, rows)
+            if np.isfinite(segment.observed[first : first + rows]).all(axis=1).sum() >= rows // 2
+        ]
+    runs = [
+        (segment.knobs, segment.durations, first)
+        if segment.run_knobs is None
+        else (segment.run_knobs, segment.run_durations, segment.first_row + first)
+        for segment, first in pieces
+    ]
+    longest = max(len(knobs) for knobs, _, _ in runs)
+    knobs = np.array([np.concatenate([one, np.zeros((longest - len(one), 2))]) for one, _, _ in runs])
+    durations = None
+    if runs[0][1] is not None:
+        durations = np.array(
+            [np.concatenate([one, np.ones(longest - len(one))]) for _, one, _ in runs if one is not None]
+        )
+    inputs = Inputs(
+        knobs=knobs,
+        durations=durations,
+        first=np.array([first for _, _, first in runs]),
+        issued=np.array([len(one) for one, _, _ in runs]),
+        rows=rows,
+    )
+    observed = np.array([segment.observed[first : first + rows] for segment, first in pieces])
+    middle = float(np.mean(case.rig.ranges["time_scale"])) if case.time_scale is None else case.time_scale
+    return inputs, observed, _guesses(observed, middle / 240.0)
+
+
+def _guesses(observed: Array, step_s: float) -> Array:
+    """Return start states (w, 4) from a parabola through the first rows seen."""
+    states = np.zeros((len(observed), 4))
+    for state, seen in zip(states, observed, strict=True):
+        rows = np.flatnonzero(np.isfinite(seen).all(axis=1))[:8]
+        coefficients = np.polynomial.polynomial.polyfit(rows, seen[rows], min(2, len(rows) - 1))
+        state[:2] = coefficients[0]
+        state[2:] = coefficients[1] / step_s
+    return states

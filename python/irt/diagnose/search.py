@@ -1,0 +1,142 @@
+"""Which effects, added to the base model, explain the recordings: forward and backward over the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effects
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.evidence import Evidence, excess, is_explained
+from irt.diagnose.screen import ROWS, Screen
+from irt.model import Effect
+
+Array = NDArray[np.float64]
+
+#: Rows of the windows in which draws are laid beside residuals: short ones, longer ones, whole segments.
+HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
+#: Draws taken from each horizon as start points of a fit.
+SEEDS = 2
+#: Partners fitted to each parent, and parents that get partners.
+PARTNERS, PARENTS = 8, 3
+#: Hypotheses of each size that are refined.
+REFINED = 3
+#: Effects that are named together, at most.
+MOST_EFFECTS = 3
+#: A further effect must take away this share of what was left beyond noise.
+WORTH = 0.3
+
+Report = Callable[[str], None]
+
+
+@dataclass
+class Search:
+    """What was tried, and what came of it.
+
+    Attributes
+    ----------
+    case : Case
+        The recordings.
+    report : callable
+        Called with the hypothesis that is tried next.
+    fits : dict
+        Hypotheses by the set of their effects, the best fit of each.
+    """
+
+    case: Case
+    report: Report
+    fits: dict[frozenset[str], Fitted] = field(default_factory=dict)
+
+    @property
+    def base(self) -> Fitted:
+        """The fit of the five parameters alone."""
+        return self.fits[frozenset()]
+
+    def ranked(self, size: int) -> list[Fitted]:
+        """Return the hypotheses of so many effects, the best first."""
+        found = [one for names, one in self.fits.items() if len(names) == size]
+        return sorted(found, key=lambda one: (one.loss(self.case.noise), one.effects))
+
+    def evidence(self) -> Evidence:
+        """Return the yardstick for what was tried so far."""
+        return Evidence.of(self.case, list(self.fits.values()))
+
+    def run(self) -> Fitted:
+        """Search, and return the best hypothesis."""
+        self.report("the five parameters")
+        self._keep(self.case.fit(starts=8))
+        self._expand(self.base, [one.name for one in effects()], len(effects()))
+        self._refine(1)
+        best = self._grown(self.base, 1)
+        for size in range(2, MOST_EFFECTS + 1):
+            if len(best.effects) < size - 1 or is_explained(self.case, best, self.base):
+                break
+            parents = self.ranked(size - 1)[: PARENTS if size == 2 else 1]
+            for parent in parents:
+                others = [one.name for one in effects() if one.name not in parent.effects]
+                self._expand(parent, others, PARTNERS)
+            self._refine(size)
+            best = self._grown(best, size)
+        return self._pruned(best)
+
+    def _keep(self, one: Fitted) -> None:
+        key = frozenset(one.effects)
+        known = self.fits.get(key)
+        if known is None or one.loss(self.case.noise) < known.loss(self.case.noise):
+            self.fits[key] = one
+
+    def _expand(self, parent: Fitted, names: Iterable[str], count: int) -> None:
+        """Fit a parent with one effect more: those first that would explain most of what it leaves over."""
+        seeds = self.seeds(parent, names)
+        ranked = sorted(seeds, key=lambda name: -seeds[name][0])[:count]
+        for name in ranked:
+            self.report(" + ".join([*parent.effects, name]))
+            chosen = [Effect(one, {}) for one in (*parent.effects, name)]
+            self._keep(self.case.fit(chosen, points=seeds[name][1], rounds=0))
+
+    def seeds(self, parent: Fitted, names: Iterable[str]) -> dict[str, tuple[float, Array]]:
+        """Return for each effect the largest share that a draw explains, and points to begin a fit at."""
+        found: dict[str, tuple[float, Array]] = {}
+        longest = max(len(segment.knobs) for segment in self.case.segments)
+        lengths = sorted({min(longest, rows or longest) for rows in HORIZONS})
+        screens = [Screen(self.case, parent, rows) for rows in lengths]
+        for name in names:
+            self.report(" + ".join([*parent.effects, name]))
+            draws = [screen.draws(name) for screen in screens]
+            values = np.concatenate([one.values[:SEEDS] for one in draws])
+            points = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
+            found[name] = max(float(one.explained[0]) for one in draws), points
+        return found
+
+    def _refine(self, size: int) -> None:
+        """Refine the best hypotheses of a size."""
+        for one in self.ranked(size)[:REFINED]:
+            self.report(" + ".join(one.effects))
+            chosen = [Effect(name, {}) for name in one.effects]
+            self._keep(self.case.fit(chosen, points=one.values[None], rounds=2))
+
+    def _grown(self, best: Fitted, size: int) -> Fitted:
+        """Return the best hypothesis of a size, if it is worth its additional effects, else the one before."""
+        ranked = self.ranked(size)
+        if not ranked or not self.evidence().is_better(ranked[0], best):
+            return best
+        left, before = excess(self.case, ranked[0]), excess(self.case, best)
+        if best.effects and left > (1.0 - WORTH) * before:
+            return best
+        return ranked[0]
+
+    def _pruned(self, best: Fitted) -> Fitted:
+        """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
+        for name in best.effects:
+            rest = frozenset(best.effects) - {name}
+            without = self.fits.get(rest)
+            if without is None:
+                continue
+            if not self.evidence().is_better(best, without):
+                return self._pruned(without)
+        return best
+
+
