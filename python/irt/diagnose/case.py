@@ -59,9 +59,7 @@ class Fitted:
 
     def of_effects(self) -> dict[str, float]:
         """Return the values of the effects' parameters by ``effect.parameter``."""
-        return dict(
-            zip(self.names[len(PARAMETERS) :], self.values[len(PARAMETERS) :].tolist(), strict=True)
-        )
+        return dict(zip(self.names[len(PARAMETERS) :], self.values[len(PARAMETERS) :].tolist(), strict=True))
 
     def value_of(self, name: str) -> dict[str, float]:
         """Return the values of one effect's parameters by their names."""

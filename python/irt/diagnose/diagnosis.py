@@ -179,6 +179,8 @@ class Diagnosis:
         fitted to and on runs held out, each predicted by a fit to the others.
     base, model : Model
         The best fit of five parameters, and the final model; both with 95 % intervals.
+    rivals : tuple of Model
+        Models with other effects that explain the recordings as well as the final one.
     unidentifiable : tuple of str
         Plain sentences: which combinations these recordings cannot pin down.
     suggestion : str
@@ -210,6 +212,7 @@ class Diagnosis:
     final_heldout_mae: float
     base: Model
     model: Model
+    rivals: tuple[Model, ...]
     unidentifiable: tuple[str, ...]
     suggestion: str
     candidates: tuple[Candidate, ...]

@@ -10,6 +10,7 @@ import numpy as np
 
 from irt.catalogue import effects
 from irt.diagnose.case import TAIL, Case, Fitted, free_parameters, memory
+from irt.diagnose.screen import Screen
 
 #: An effect must explain this share of what noise alone would make, or it is too small to be told from the
 #: engine's own imperfections.
@@ -18,6 +19,9 @@ LEAST_SHARE = 0.01
 LEFT_SHARE, LEFT_NOISE = 0.01, 0.1
 #: Residuals without memory, of about the tracker's size, are noise.
 FORGETFUL, NOISE_LIKE = 1.5, 1.1
+#: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
+#: a moment too late or meets a corner otherwise takes the rest of its run elsewhere, and no physics is missing.
+WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
 #: Mean Student-t loss of a normal residual at its own scale.
 _OF_NOISE = float(
     0.5
@@ -64,8 +68,9 @@ class Evidence:
         return (over.loss(self.scale) - one.loss(self.scale)) / self.memory
 
     def penalty(self, names: Sequence[str]) -> float:
-        """Return what adding effects costs [nats]: half a logarithm of the data for each parameter (BIC), and
-        the logarithm of the catalogue for each choice.
+        """Return what adding effects costs [nats].
+
+        Half a logarithm of the data for each parameter (BIC), and that of the catalogue for each choice.
         """
         parameters = sum(free_parameters(name) for name in names)
         choice = math.log(len(effects()))
@@ -82,10 +87,13 @@ class Evidence:
 
 
 def is_explained(case: Case, one: Fitted, base: Fitted) -> bool:
-    """Whether what a hypothesis leaves over is about noise, or next to nothing of the base model's mismatch."""
+    """Whether what is left over is about noise, or next to nothing of the base model's mismatch."""
     if memory(one.residuals, one.noise) < FORGETFUL and one.noise < NOISE_LIKE * case.noise:
         return True
-    return excess(case, one) < max(LEFT_SHARE * excess(case, base), LEFT_NOISE * _noise_loss(one))
+    if excess(case, one) < max(LEFT_SHARE * excess(case, base), LEFT_NOISE * _noise_loss(one)):
+        return True
+    misfits = Screen(case, one, WINDOW_ROWS).misfits()
+    return bool(np.median(misfits) < TYPICAL and (misfits > ASTRAY).mean() < FEW)
 
 
 def excess(case: Case, one: Fitted) -> float:

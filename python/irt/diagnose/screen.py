@@ -1,14 +1,15 @@
 """What effects would change, window by window, beside what a hypothesis leaves over: where to look first.
 
-In short windows, each from a start state of its own, everything is close to linear: what a draw of an effect's
-parameters changes is simulated, freed of what start states and the five parameters could do as well, and laid
-beside the residuals. So thousands of draws cost less than one fit.
+In short windows, each from a start state of its own, everything is close to linear: what a draw of an
+effect's parameters changes is simulated, freed of what start states and the five parameters could do as well,
+and laid beside the residuals. So thousands of draws cost less than one fit.
 """
 
 from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from irt.diagnose.case import Case, Fitted
 from irt.residual import Segment
 from irt.rig import PARAMETERS, RANGES
 from irt.rollouts import rollouts
-from irt.start_state import Inputs, estimate_start_states, simulate
+from irt.start_state import Inputs, estimate_start_states
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,8 @@ _STEP = 1e-4
 _PART = 1e-3
 #: Draws of an effect with one, two, and more parameters.
 DRAWS = (32, 128, 512)
+#: Physics updates are this many times longer than the engine's own.
+COARSENESS = 4.0
 #: Residuals beyond so many standard deviations count no more than these.
 _CLIP = 4.0
 #: Smallest size drawn, as a share of the largest.
@@ -71,7 +74,7 @@ class Screen:
         self._at_rest = np.array([case.rig.start == "rest" and first == 0 for first in self._inputs.first])
         self._states = estimate_start_states(self._model, self._inputs, self._observed, guess)
         self._states[self._at_rest, 2:] = 0.0
-        self._predicted = simulate(self._model, self._inputs, self._states)
+        self._predicted = self._simulated(self._states)
         residual = self._observed - self._predicted
         self._known = np.isfinite(residual)
         scale = max(case.noise, 1.4826 * float(np.nanmedian(np.abs(residual))))
@@ -89,6 +92,16 @@ class Screen:
     def squares(self) -> float:
         """Weighted sum of squares that is left."""
         return float(self._residual @ self._residual)
+
+    def misfits(self) -> Array:
+        """Return how far each window is from noise, (w,): 1 on average if noise is all that is left.
+
+        Wild rows count no more than a few standard deviations.
+        """
+        windows = len(self._states)
+        left = np.clip(self._residual.reshape(windows, -1) / self._case.noise, -_CLIP, _CLIP)
+        seen = self._known.reshape(windows, -1).sum(axis=1)
+        return np.asarray((left**2).sum(axis=1) / np.maximum(seen - 4, 1))
 
     def draws(self, name: str, count: int | None = None) -> Draws:
         """Draw an effect's parameters over their ranges, and rank the draws by what they would explain.
@@ -120,72 +133,61 @@ class Screen:
         """Return what draws of an effect add to the prediction, (k, w * n * 2)."""
         keys = [parameter.name for parameter in effect(name).parameters]
         windows, count = len(self._states), len(drawn)
-        added = {
-            "name": name,
-            **{key: np.repeat(drawn[:, i], windows) for i, key in enumerate(keys)},
-        }
-        present = [{"name": one.name, **one.parameters} for one in self._model.effects if one.name != name]
-        inputs, moving = _tiled(self._inputs, count), self._model.start == "moving"
-        predicted = rollouts(
-            np.tile(self._model.values, (windows * count, 1)),
-            inputs.knobs,
-            rig=self._model,
-            effects=[*present, added],
-            start=np.tile(self._states[:, :2], (count, 1)),
-            start_velocity=np.tile(self._states[:, 2:], (count, 1)),
-            durations=inputs.durations,
-            time_step=self._model.time_step,
-            first=inputs.first,
-            issued=inputs.issued,
-            rows=inputs.rows,
-            knobs_before=inputs.knobs[:, 0] if moving else None,
-            seed=np.tile(np.arange(windows), count),
-            threads=self._case.threads,
-        )
+        added = {"name": name, **{key: np.repeat(drawn[:, i], windows) for i, key in enumerate(keys)}}
+        predicted = self._simulated(np.tile(self._states, (count, 1)), added=added)
         return (predicted.reshape(count, -1) - self._predicted.ravel()).reshape(count, -1)
 
     def _state_directions(self) -> Array:
         """Return orthonormal changes of each window by its start state, (w, 4, n * 2); zeros for none."""
         windows = len(self._states)
-        step_s = self._step_s()
         found = np.zeros((windows, 4, self._predicted[0].size))
         for axis in range(4):
             moved = self._states.copy()
-            step = _STEP if axis < 2 else _STEP / step_s
+            step = _STEP if axis < 2 else _STEP / self._step_s()
             moved[:, axis] += np.where(moved[:, axis] > 0.0, -step, step)
-            change = (simulate(self._model, self._inputs, moved) - self._predicted) / _STEP
+            change = (self._simulated(moved) - self._predicted) / _STEP
             found[:, axis] = (change * self._weights).reshape(windows, -1)
         found[self._at_rest, 2:] = 0.0
         return _orthonormal(found)
 
     def _base_directions(self) -> Array:
         """Return changes of all windows by the five parameters, (5, w * n * 2)."""
-        values = self._model.values
         changes = []
         for index, name in enumerate(PARAMETERS):
-            step = _PART * max(abs(values[index]), _PART * (RANGES[name][1] - RANGES[name][0]))
-            moved = np.tile(values, (len(self._states), 1))
-            moved[:, index] += step
-            changes.append((self._simulated(moved) - self._predicted).ravel() / step)
+            moved = self._model.values
+            step = _PART * max(abs(moved[index]), _PART * (RANGES[name][1] - RANGES[name][0]))
+            moved[index] += step
+            changes.append((self._simulated(self._states, values=moved) - self._predicted).ravel() / step)
         return np.array(changes)
 
-    def _simulated(self, values: Array) -> Array:
-        moving = self._model.start == "moving"
-        substeps = np.full(len(values), max(1, round(float(self._model.values[PARAMETERS.index("time_scale")]))))
+    def _simulated(
+        self, states: Array, *, values: Array | None = None, added: dict[str, Any] | None = None
+    ) -> Array:
+        """Simulate all windows, once or more, from (k * w, 4) states: (k * w, n, 2)."""
+        inputs = _tiled(self._inputs, len(states) // len(self._states))
+        present = [
+            {"name": one.name, **one.parameters}
+            for one in self._model.effects
+            if added is None or one.name != added["name"]
+        ]
+        parameters = self._model.values if values is None else values
+        # Long updates: what matters is what changes, and by how much.
+        substeps = max(1, round(self._model.values[PARAMETERS.index("time_scale")] / COARSENESS))
         return rollouts(
-            values,
-            self._inputs.knobs,
+            np.tile(parameters, (len(states), 1)),
+            inputs.knobs,
             rig=self._model,
-            effects=[{"name": one.name, **one.parameters} for one in self._model.effects],
-            start=self._states[:, :2],
-            start_velocity=self._states[:, 2:],
-            durations=self._inputs.durations,
+            effects=present if added is None else [*present, added],
+            start=states[:, :2],
+            start_velocity=states[:, 2:],
+            durations=inputs.durations,
             time_step=self._model.time_step,
-            substeps=substeps if self._inputs.durations is None else None,
-            first=self._inputs.first,
-            issued=self._inputs.issued,
-            rows=self._inputs.rows,
-            knobs_before=self._inputs.knobs[:, 0] if moving else None,
+            substeps=None if inputs.durations is not None else np.full(len(states), substeps),
+            first=inputs.first,
+            issued=inputs.issued,
+            rows=inputs.rows,
+            knobs_before=inputs.knobs[:, 0] if self._model.start == "moving" else None,
+            seed=inputs.first,
             threads=self._case.threads,
         )
 
@@ -223,10 +225,11 @@ def _size(name: str) -> int | None:
 
 
 def _drawn(parameters: tuple[EffectParameter, ...], size: int | None, count: int, seed: int) -> Array:
-    """Return draws that fill the ranges, (k, p); where no parameter is the size, small values are as frequent
-    as large ones.
+    """Return draws that fill the ranges, (k, p).
+
+    Where no parameter is the effect's size, small values are as frequent as large ones.
     """
-    from scipy.stats import qmc
+    from scipy.stats import qmc  # noqa: PLC0415
 
     places = qmc.Sobol(len(parameters), seed=seed).random(count)
     spread = _uniform if size is not None and len(parameters) > 1 else _by_magnitude

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from irt.catalogue import effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.evidence import Evidence, excess, is_explained
+from irt.diagnose.heldout import HeldOut, hold_out, is_supported
 from irt.diagnose.screen import ROWS, Screen
 from irt.model import Effect
 
@@ -19,11 +20,13 @@ Array = NDArray[np.float64]
 #: Rows of the windows in which draws are laid beside residuals: short ones, longer ones, whole segments.
 HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
 #: Draws taken from each horizon as start points of a fit.
-SEEDS = 2
-#: Partners fitted to each parent, and parents that get partners.
-PARTNERS, PARENTS = 8, 3
+SEEDS = 1
+#: Effects fitted alone, and as partners of the best of those, the second and the third.
+SINGLES, PARTNERS = 10, (6, 4, 3)
 #: Hypotheses of each size that are refined.
 REFINED = 3
+#: Once a hypothesis leaves nothing to explain, others are fitted if they explained this share of its share.
+RIVAL = 0.3
 #: Effects that are named together, at most.
 MOST_EFFECTS = 3
 #: A further effect must take away this share of what was left beyond noise.
@@ -49,6 +52,7 @@ class Search:
     case: Case
     report: Report
     fits: dict[frozenset[str], Fitted] = field(default_factory=dict)
+    _held_out: dict[tuple[str, ...], HeldOut] = field(default_factory=dict)
 
     @property
     def base(self) -> Fitted:
@@ -68,16 +72,19 @@ class Search:
         """Search, and return the best hypothesis."""
         self.report("the five parameters")
         self._keep(self.case.fit(starts=8))
-        self._expand(self.base, [one.name for one in effects()], len(effects()))
+        self._expand(self.base, [one.name for one in effects()], SINGLES)
         self._refine(1)
         best = self._grown(self.base, 1)
         for size in range(2, MOST_EFFECTS + 1):
             if len(best.effects) < size - 1 or is_explained(self.case, best, self.base):
                 break
-            parents = self.ranked(size - 1)[: PARENTS if size == 2 else 1]
-            for parent in parents:
+            for parent, count in zip(
+                self.ranked(size - 1), PARTNERS if size == 2 else PARTNERS[:1], strict=False
+            ):
                 others = [one.name for one in effects() if one.name not in parent.effects]
-                self._expand(parent, others, PARTNERS)
+                self._expand(parent, others, count)
+                if is_explained(self.case, self.ranked(size)[0], self.base):
+                    break
             self._refine(size)
             best = self._grown(best, size)
         return self._pruned(best)
@@ -92,10 +99,16 @@ class Search:
         """Fit a parent with one effect more: those first that would explain most of what it leaves over."""
         seeds = self.seeds(parent, names)
         ranked = sorted(seeds, key=lambda name: -seeds[name][0])[:count]
+        enough: float | None = None
         for name in ranked:
             self.report(" + ".join([*parent.effects, name]))
+            if enough is not None and seeds[name][0] < enough:
+                break
             chosen = [Effect(one, {}) for one in (*parent.effects, name)]
-            self._keep(self.case.fit(chosen, points=seeds[name][1], rounds=0))
+            fitted = self.case.fit(chosen, points=seeds[name][1], rounds=0)
+            self._keep(fitted)
+            if is_explained(self.case, fitted, self.base):
+                enough = RIVAL * seeds[name][0]
 
     def seeds(self, parent: Fitted, names: Iterable[str]) -> dict[str, tuple[float, Array]]:
         """Return for each effect the largest share that a draw explains, and points to begin a fit at."""
@@ -119,14 +132,38 @@ class Search:
             self._keep(self.case.fit(chosen, points=one.values[None], rounds=2))
 
     def _grown(self, best: Fitted, size: int) -> Fitted:
-        """Return the best hypothesis of a size, if it is worth its additional effects, else the one before."""
-        ranked = self.ranked(size)
+        """Return the best hypothesis of a size if it is worth its effects, else the one before."""
+        self._returned(best, self.ranked(size))
+        ranked, best = self.ranked(size), self.fits[frozenset(best.effects)]
         if not ranked or not self.evidence().is_better(ranked[0], best):
             return best
         left, before = excess(self.case, ranked[0]), excess(self.case, best)
         if best.effects and left > (1.0 - WORTH) * before:
             return best
-        return ranked[0]
+        return ranked[0] if self.is_supported(ranked[0], best) else best
+
+    def _returned(self, parent: Fitted, children: Sequence[Fitted]) -> None:
+        """Refine a hypothesis from where larger ones led: it must not lose for want of a good start."""
+        within = [one for one in children if set(parent.effects) < set(one.effects)][:1]
+        for child in within:
+            values = dict(zip(child.names, child.values, strict=True))
+            point = np.array([[values[name] for name in parent.names]])
+            self._keep(self.case.refine(parent.effects, point)[0])
+
+    def is_supported(self, one: Fitted, over: Fitted) -> bool:
+        """Whether recordings held out agree that a hypothesis is better; so too where there is but one."""
+        if len(np.unique(self.case.folds)) < 2:
+            return True
+        scale = self.evidence().scale
+        return is_supported(self.held_out(one), self.held_out(over), scale)
+
+    def held_out(self, one: Fitted) -> HeldOut:
+        """Return a hypothesis judged by recordings held out."""
+        key = one.effects
+        if key not in self._held_out:
+            self.report(f"{' + '.join(key) or 'the five parameters'}, held out")
+            self._held_out[key] = hold_out(self.case, one)
+        return self._held_out[key]
 
     def _pruned(self, best: Fitted) -> Fitted:
         """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
@@ -138,5 +175,3 @@ class Search:
             if not self.evidence().is_better(best, without):
                 return self._pruned(without)
         return best
-
-
