@@ -55,6 +55,33 @@ class Draws:
     explained: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Window:
+    """One window of n rows, as the hypothesis predicts it.
+
+    Attributes
+    ----------
+    run, first : int
+        Which fold it is of, and the recording's row where it begins.
+    place : (n, 2) array
+        Predicted [board edges].
+    residual : (n, 2) array
+        Observed minus predicted [board edges], NaN where nothing was seen.
+    knobs, turn : (n, 2) arrays
+        The command that holds [rad], and its difference from the one before.
+    of_base : (5, n, 2) array
+        Change of the prediction with each of the five parameters.
+    """
+
+    run: int
+    first: int
+    place: Array
+    residual: Array
+    knobs: Array
+    turn: Array
+    of_base: Array
+
+
 class Screen:
     """A hypothesis in windows of equal length, linearised.
 
@@ -70,7 +97,7 @@ class Screen:
 
     def __init__(self, case: Case, fitted: Fitted, rows: int = ROWS) -> None:
         self._case, self._model = case, case.model(fitted)
-        self._inputs, self._observed, guess = _cut(case, rows)
+        self._inputs, self._observed, guess, self._runs = _cut(case, rows)
         self._at_rest = np.array([case.rig.start == "rest" and first == 0 for first in self._inputs.first])
         self._states = estimate_start_states(self._model, self._inputs, self._observed, guess)
         self._states[self._at_rest, 2:] = 0.0
@@ -83,7 +110,8 @@ class Screen:
         )
         self._of_states = self._state_directions()
         self._of_base = np.zeros((0, residual.size))
-        base = self._freed(self._base_directions())
+        self._base = self._base_directions()
+        base = self._freed(self._base)
         norms = np.linalg.norm(base, axis=1)
         self._of_base = np.linalg.qr(base[norms > 1e-9 * max(norms.max(initial=0.0), 1e-300)].T)[0].T
         self._residual = self._freed(np.nan_to_num(residual)[None])[0]
@@ -92,6 +120,28 @@ class Screen:
     def squares(self) -> float:
         """Weighted sum of squares that is left."""
         return float(self._residual @ self._residual)
+
+    def windows(self) -> list[Window]:
+        """Return what the hypothesis makes of each window."""
+        count, rows = len(self._states), self._inputs.rows
+        of_base = self._base.reshape(len(PARAMETERS), count, rows, 2)
+        found = []
+        for i, first in enumerate(self._inputs.first):
+            knobs = self._inputs.knobs[i]
+            before = knobs[first - 1] if first else np.zeros(2)
+            own = knobs[first : first + rows]
+            found.append(
+                Window(
+                    run=int(self._runs[i]),
+                    first=int(first),
+                    place=self._predicted[i],
+                    residual=self._observed[i] - self._predicted[i],
+                    knobs=own,
+                    turn=np.diff(own, axis=0, prepend=before[None]),
+                    of_base=of_base[:, i],
+                )
+            )
+        return found
 
     def misfits(self) -> Array:
         """Return how far each window is from noise, (w,): 1 on average if noise is all that is left.
@@ -276,15 +326,17 @@ def _tiled(inputs: Inputs, count: int) -> Inputs:
     )
 
 
-def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array]:
-    """Return commands, positions (w, n, 2) and guesses of start states (w, 4) of windows of so many rows."""
+def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array, NDArray[np.int64]]:
+    """Return commands, positions (w, n, 2), guesses of start states (w, 4) and folds of windows."""
     pieces: list[tuple[Segment, int]] = []
-    for segment in case.segments:
+    folds: list[int] = []
+    for segment, fold in zip(case.segments, case.folds, strict=True):
         pieces += [
             (segment, first)
             for first in range(0, len(segment.knobs) - rows + 1, rows)
             if np.isfinite(segment.observed[first : first + rows]).all(axis=1).sum() >= rows // 2
         ]
+        folds += [int(fold)] * (len(pieces) - len(folds))
     runs = [
         (segment.knobs, segment.durations, first)
         if segment.run_knobs is None
@@ -307,7 +359,7 @@ def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array]:
     )
     observed = np.array([segment.observed[first : first + rows] for segment, first in pieces])
     middle = float(np.mean(case.rig.ranges["time_scale"])) if case.time_scale is None else case.time_scale
-    return inputs, observed, _guesses(observed, middle / 240.0)
+    return inputs, observed, _guesses(observed, middle / 240.0), np.array(folds)
 
 
 def _guesses(observed: Array, step_s: float) -> Array:

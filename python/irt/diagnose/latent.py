@@ -1,0 +1,255 @@
+"""What drives the leftover: a push that is not in the model, seen through the marble's motion.
+
+In stretches away from the rim the marble is a double integrator: a push in one row moves all later ones. The
+residuals of a hypothesis are what an unknown push leaves after start states and the five parameters have had their
+say. Which variable the push depends on is asked of Gaussian processes over each of them, compared by restricted
+likelihood (Rasmussen and Williams 2006, section 2.7 and chapter 5; latent force models: Alvarez et al. 2009).
+Neither noisy positions nor their differences are ever differentiated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.screen import Screen
+
+Array = NDArray[np.float64]
+
+#: Rows of a stretch, at most and at least.
+LONGEST, SHORTEST = 24, 10
+#: Distance from the rim at which the marble is free [board edges].
+FREE = 0.012
+#: Variances of the push tried, by the displacement that they make over that of the tracker's noise.
+_SIZES = np.array([0.3, 3.0, 30.0, 300.0, 3000.0])
+#: Simulated nulls.
+NULLS = 99
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of all stretches, n of them.
+
+    Attributes
+    ----------
+    place : (n, 2) array
+        Where the marble is [board edges].
+    velocity : (n, 2) array
+        How it moves [board edges a row].
+    knobs, turn : (n, 2) arrays
+        The command that holds [rad], and by how much it differs from the one before.
+    time : (n,) array
+        Row of the recording.
+    run : (n,) int array
+        Which recording.
+    stretch : (n,) int array
+        Which stretch.
+    """
+
+    place: Array
+    velocity: Array
+    knobs: Array
+    turn: Array
+    time: Array
+    run: NDArray[np.int64]
+    stretch: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A variable that the leftover may depend on.
+
+    Attributes
+    ----------
+    variable : str
+        "position", "velocity", "command", "time", or what does not repeat: "jitter", "each row anew".
+    stage : str
+        "force", "command" or "camera".
+    gain : float
+        Log restricted likelihood over noise alone [nats].
+    p_value : float
+        Of such a gain or more were there only noise, over all variables tried.
+    push : float
+        Root mean square of the push [board edges a row squared], or of the shift [board edges] of the picture.
+    """
+
+    variable: str
+    stage: str
+    gain: float
+    p_value: float
+    push: float
+
+
+class Leftover:
+    """What a hypothesis leaves over, in stretches away from the rim.
+
+    Parameters
+    ----------
+    case : Case
+        The recordings.
+    fitted : Fitted
+        The hypothesis.
+    """
+
+    def __init__(self, case: Case, fitted: Fitted) -> None:
+        screen = Screen(case, fitted, min(LONGEST, min(len(one.knobs) for one in case.segments)))
+        self.rows, self._residual, self._fixed = _stretches(case, screen)
+        self._noise = case.noise
+
+    @property
+    def count(self) -> int:
+        """Rows that there are."""
+        return len(self.rows.time)
+
+    def moved(self, push: Array) -> Array:
+        """Return how (n, k) pushes in each row move the marble in all rows, (n, k)."""
+        found = np.zeros_like(push)
+        for stretch in np.unique(self.rows.stretch):
+            own = self.rows.stretch == stretch
+            found[own] = _integrator(int(own.sum())) @ push[own]
+        return found
+
+    def freed(self, axis: int, changes: Array) -> Array:
+        """Take from (n, k) changes of a coordinate what start states and the five parameters could do."""
+        basis = np.linalg.qr(self._fixed[axis])[0]
+        return np.asarray(changes - basis @ (basis.T @ changes))
+
+    def residual(self, axis: int) -> Array:
+        """Return observed minus predicted for a coordinate, (n,) [board edges]."""
+        return np.asarray(self._residual[:, axis])
+
+    def sources(self, seed: int) -> list[Source]:
+        """Compare the variables that the leftover may depend on, the likeliest first."""
+        if self.count < 4 * SHORTEST:
+            return []
+        random = np.random.default_rng(seed)
+        nulls = self._noise * random.standard_normal((self.count, NULLS))
+        told = [(name, stage, *self._of(kernel, stage, nulls)) for name, stage, kernel in self._kernels()]
+        highest = np.max([null for *_, null, _ in told], axis=0)
+        best: dict[str, Source] = {}
+        for name, stage, gain, _, push in told:
+            p_value = float((1 + (highest >= gain).sum()) / (1 + NULLS))
+            source = Source(name, stage, gain, p_value, push)
+            if name not in best or gain > best[name].gain:
+                best[name] = source
+        return sorted(best.values(), key=lambda one: -one.gain)
+
+    def _kernels(self) -> list[tuple[str, str, Callable[[int], Array]]]:
+        """Return variable, stage, and covariance (n, n) of unit size for each coordinate."""
+        rows = self.rows
+        speed = max(float(np.sqrt((rows.velocity**2).mean())), 1e-9)
+        angle = max(float(np.sqrt((rows.knobs**2).mean())), 1e-9)
+        turned = max(float(np.sqrt((rows.turn**2).mean())), 1e-9)
+        same = rows.run[:, None] == rows.run
+
+        def alike(values: Array, length: float) -> Callable[[int], Array]:
+            kernel = _squared_exponential(values, length)
+            return lambda _: kernel
+
+        found: list[tuple[str, str, Callable[[int], Array]]] = []
+        for length in (0.03, 0.07, 0.2):
+            found.append(("position", "force", alike(rows.place, length)))
+        for length in (0.5, 1.5):
+            found.append(("velocity", "force", alike(rows.velocity / speed, length)))
+            found.append(("command", "command", alike(rows.knobs / angle, length)))
+        found.append(("command rate", "command", alike(rows.turn / turned, 0.7)))
+        for length in (4.0, 15.0, 60.0):
+            found.append(("time", "force", alike(rows.time[:, None], length)))
+        # Commands of x turn the board about x: they push along y.
+        found.append(("jitter", "command", lambda axis: np.diag((rows.turn[:, 1 - axis] / turned) ** 2)))
+        found.append(("each row anew", "force", lambda _: np.eye(self.count)))
+        found.append(
+            ("each run anew", "force", lambda _: _squared_exponential(rows.time[:, None], 5.0) * same)
+        )
+        found.append(("position", "camera", alike(rows.place, 0.2)))
+        found.append(("command", "camera", alike(rows.knobs / angle, 1.0)))
+        return found
+
+    def _of(self, kernel: Callable[[int], Array], stage: str, nulls: Array) -> tuple[float, Array, float]:
+        """Return gain over noise alone, the same of nulls, and the size of the push."""
+        gains, of_nulls = np.zeros(len(_SIZES) + 1), np.zeros((len(_SIZES) + 1, nulls.shape[1]))
+        units = []
+        for axis in (0, 1):
+            unit = kernel(axis)
+            moved = unit if stage == "camera" else self.moved(self.moved(unit).T)
+            scale = self._noise**2 / max(float(np.mean(np.diag(moved))), 1e-300)
+            units.append(scale * float(np.mean(np.diag(unit))))
+            data = np.column_stack([self.residual(axis), nulls])
+            plain = _restricted(self._noise**2 * np.eye(self.count), self._fixed[axis], data)
+            for index, size in enumerate(_SIZES, start=1):
+                covariance = size * scale * moved + self._noise**2 * np.eye(self.count)
+                told = _restricted(covariance, self._fixed[axis], data) - plain
+                gains[index] += told[0]
+                of_nulls[index] += told[1:]
+        best = int(gains.argmax())
+        push = float(np.sqrt(np.mean(units) * _SIZES[best - 1])) if best else 0.0
+        return float(gains[best]), of_nulls.max(axis=0), push
+
+
+def _restricted(covariance: Array, fixed: Array, data: Array) -> Array:
+    """Return the log restricted likelihood of (n, k) data, up to a constant, (k,)."""
+    lower = cholesky(covariance, lower=True, check_finite=False, overwrite_a=True)
+    both = solve_triangular(lower, np.column_stack([fixed, data]), lower=True, check_finite=False)
+    of_fixed, of_data = both[:, : fixed.shape[1]], both[:, fixed.shape[1] :]
+    basis, triangle = np.linalg.qr(of_fixed)
+    left = of_data - basis @ (basis.T @ of_data)
+    determinant = 2.0 * np.log(np.diag(lower)).sum() + 2.0 * np.log(np.abs(np.diag(triangle))).sum()
+    return np.asarray(-0.5 * (determinant + (left**2).sum(axis=0)))
+
+
+def _squared_exponential(values: Array, length: float) -> Array:
+    squares = ((values[:, None, :] - values[None, :, :]) ** 2).sum(axis=-1)
+    return np.asarray(np.exp(-0.5 * squares / length**2))
+
+
+def _integrator(rows: int) -> Array:
+    """Return how a push in row j moves the marble by row i, (rows, rows): half of it in the row itself."""
+    late = np.arange(rows)[:, None] - np.arange(rows)
+    return np.where(late > 0, late - 0.5, 0.0)
+
+
+def _stretches(case: Case, screen: Screen) -> tuple[Rows, Array, Array]:
+    """Return rows, residuals (n, 2), and what else could move them, (2, n, f), away from the rim."""
+    board, radius = case.rig.board, case.rig.marble.radius_m
+    reach = (np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius) / board.edge_x_m
+    told: dict[str, list[Array]] = {key: [] for key in ("place", "velocity", "knobs", "turn", "time")}
+    runs, stretches, residuals, directions = [], [], [], []
+    for index, window in enumerate(screen.windows()):
+        free = (np.abs(window.place) < reach - FREE).all(axis=1) & np.isfinite(window.residual).all(axis=1)
+        free &= (np.abs(window.residual) < 50.0 * case.noise).all(axis=1)
+        stop = int(np.argmin(free)) if not free.all() else len(free)
+        if stop < SHORTEST:
+            continue
+        told["place"].append(window.place[:stop])
+        told["velocity"].append(np.gradient(window.place, axis=0)[:stop])
+        told["knobs"].append(window.knobs[:stop])
+        told["turn"].append(window.turn[:stop])
+        told["time"].append(window.first + np.arange(stop, dtype=np.float64))
+        runs.append(np.full(stop, window.run))
+        stretches.append(np.full(stop, index))
+        residuals.append(window.residual[:stop])
+        directions.append(window.of_base[:, :stop])
+    if not residuals:
+        empty = np.zeros((0, 2))
+        none = np.zeros(0, dtype=np.int64)
+        return Rows(empty, empty, empty, empty, np.zeros(0), none, none), empty, np.zeros((2, 0, 0))
+    joined = {key: np.concatenate(parts) for key, parts in told.items()}
+    rows = Rows(**joined, run=np.concatenate(runs), stretch=np.concatenate(stretches))
+    fixed = []
+    of_base = np.concatenate(directions, axis=1)
+    for axis in (0, 1):
+        columns = [one[:, axis] for one in of_base]
+        for stretch in np.unique(rows.stretch):
+            own = (rows.stretch == stretch).astype(np.float64)
+            columns += [own, own * (rows.time - rows.time[own > 0.0].mean())]
+        matrix = np.column_stack(columns)
+        kept = np.linalg.norm(matrix, axis=0) > 0.0
+        left, singular, _ = np.linalg.svd(matrix[:, kept], full_matrices=False)
+        fixed.append(left[:, singular > 1e-8 * singular.max()])
+    width = min(one.shape[1] for one in fixed)
+    return rows, np.concatenate(residuals), np.array([one[:, :width] for one in fixed])
