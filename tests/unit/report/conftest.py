@@ -1,5 +1,6 @@
 """One made-up recording, fit and pair of predictions for all tests of pictures and pages."""
 
+import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up import make_diagnosis, sample_rig
 
 from irt.fitting.fit import Estimate, FitResult, Iteration
 from irt.model import Model
@@ -71,3 +73,14 @@ def drawn(monkeypatch):
 
     monkeypatch.setattr(style, "drawing", spy)
     return last
+
+
+@pytest.fixture(scope="session")
+def labyrinth():
+    return sample_rig()
+
+
+@pytest.fixture(scope="session")
+def diagnosis_of(labyrinth):
+    """A made-up diagnosis of the sample rig, by its verdict."""
+    return functools.cache(lambda verdict: make_diagnosis(labyrinth, verdict))
