@@ -28,6 +28,8 @@ from irt.report.plots import PERCENT, mean_absolute
 from irt.report.words import listed, millimetres, percent, plain, times_less
 from irt.rig import Rig
 
+#: Least noise that pictures are scaled by [board edges]: about 3 um, which no tracker sees.
+_LEAST_NOISE = 1e-5
 #: Runs that get a picture of their own.
 _MOST_RUNS = 8
 #: Findings that stand at the top of the page, and the probability of chance above which none does.
@@ -154,7 +156,7 @@ def _add_motion(page: Page, folder: Path, rig: Rig, diagnosis: Diagnosis) -> Non
         stills.append(Picture(path, f"{hardest.recording}, {side.label}, from above."))
     # Without an after there is room for a second run.
     for number, run in enumerate(runs[: 3 - len(shown)], start=1):
-        over_time += _over_time(folder, number, run, shown, diagnosis.noise)
+        over_time += _over_time(folder, number, run, shown, _noise(diagnosis))
     rings = "rings are simulated" if len(shown) > 1 else "the ring is simulated"
     add_animation(
         page,
@@ -222,7 +224,7 @@ def _add_place(page: Page, folder: Path, diagnosis: Diagnosis) -> None:
     maps = []
     for side in shown:
         path = folder / f"map-{side.label}.svg"
-        plot_map(path, diagnosis.runs, diagnosis.model, side, diagnosis.noise)
+        plot_map(path, diagnosis.runs, diagnosis.model, side, _noise(diagnosis))
         maps.append(
             Picture(
                 path,
@@ -240,11 +242,11 @@ def _add_place(page: Page, folder: Path, diagnosis: Diagnosis) -> None:
 def _errors(folder: Path, diagnosis: Diagnosis, shown: Sequence[Side]) -> list[Picture]:
     """Return the errors over time, as many pictures beside each other as there are maps above them."""
     runs = diagnosis.runs[:_MOST_RUNS]
-    top = 1.3 * max(highest_error(runs, shown), 2 * PERCENT * mean_absolute(diagnosis.noise))
+    top = 1.3 * max(highest_error(runs, shown), 2 * PERCENT * mean_absolute(_noise(diagnosis)))
     pictures = []
     for number in range(min(len(shown), len(runs))):
         path = folder / f"errors-{number + 1}.svg"
-        plot_errors(path, runs[number :: len(shown)], shown, diagnosis.noise, top=top)
+        plot_errors(path, runs[number :: len(shown)], shown, _noise(diagnosis), top=top)
         pictures.append(Picture(path, "When: the error along each run held out, on a logarithmic scale."))
     return pictures
 
@@ -296,6 +298,11 @@ def _reach(run: RunProof, shown: Sequence[Side]) -> float:
     marbles = [run.observed, *(side.marble(run) for side in shown)]
     farthest = max(float(np.nanmax(np.abs(marble), initial=0.0)) for marble in marbles)
     return min(max(farthest, 0.05), 1.0)
+
+
+def _noise(diagnosis: Diagnosis) -> float:
+    """Return the noise that pictures are drawn in units of: simulated recordings may have none."""
+    return max(diagnosis.noise, _LEAST_NOISE)
 
 
 def _or_zero(value: float) -> float:

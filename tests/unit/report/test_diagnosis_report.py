@@ -216,6 +216,25 @@ def test_long_recordings_make_no_large_page(tmp_path, labyrinth, diagnosis_of):
     assert "The first 8 of 20 runs are drawn." in page
 
 
+def test_recordings_without_noise_are_drawn_all_the_same(tmp_path, labyrinth, diagnosis_of):
+    page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), noise=0.0))
+    assert "nan" not in Tags(page).text.lower()
+
+
+def test_rows_and_runs_without_a_prediction_are_left_out(tmp_path, labyrinth, diagnosis_of):
+    first, second, *others = diagnosis_of("missing").runs
+    nothing = np.full_like(first.base, np.nan)
+    begun = np.where(np.arange(len(first.base))[:, None] < 20, np.nan, first.base)
+    runs = (
+        replace(first, base=begun, final=begun),
+        replace(second, base=nothing, final=nothing, base_mae=math.nan, final_mae=math.nan),
+        *others,
+    )
+    page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), runs=runs))
+    assert "nan" not in Tags(page).text.lower()
+    assert "<td>-</td>" in page
+
+
 def test_little_to_tell_makes_a_short_page(tmp_path, labyrinth, diagnosis_of):
     bare = replace(
         diagnosis_of("sufficient"),
