@@ -38,6 +38,7 @@ def add_animation(
     shown: Sequence[Side],
     *,
     stills: Sequence[Picture],
+    hint: str,
     caption: str,
 ) -> None:
     """Add recorded and simulated marbles, with play, slider and choice of run.
@@ -56,14 +57,16 @@ def add_animation(
         Whose predictions.
     stills : sequence of Picture
         What to show instead.
+    hint : str
+        How to read what moves; not shown with the still pictures.
     caption : str
-        What there is to see.
+        What there is to see, moving or still.
     """
     names = ["recorded", *(_class(side, shown) for side in shown)]
     instead = "".join(figure(still) for still in stills)
     page.markup(
         f'<figure class="animation" id="animation"><div class="player" hidden>{_svg(model, names)}'
-        f"{_legend(shown)}{_controls(runs)}</div>"
+        f'{_legend(shown)}{_controls(runs)}<p class="hint">{escape(hint)}</p></div>'
         f'<div class="still figures">{instead}</div>'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
         f'<script type="application/json" id="animation-data">{_json(_data(runs, shown))}</script>'

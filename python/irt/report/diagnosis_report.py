@@ -146,8 +146,8 @@ def _add_motion(page: Page, folder: Path, rig: Rig, diagnosis: Diagnosis) -> Non
     compared = "simulated before and after" if len(shown) > 1 else "simulated"
     page.heading(f"The marble, recorded and {compared}")
     page.paragraph(
-        f"{hardest.recording} is the run that the {model} predicts worst; the others can be chosen below "
-        f"the board. Each run was predicted {_how(rig)}, by a model fitted to the other runs."
+        f"{hardest.recording} is the run that the {model} predicts worst. Each run was predicted "
+        f"{_how(rig)}, by a model fitted to the other runs."
     )
     stills, over_time = [], []
     for side in shown:
@@ -164,8 +164,8 @@ def _add_motion(page: Page, folder: Path, rig: Rig, diagnosis: Diagnosis) -> Non
         diagnosis.model,
         shown,
         stills=stills,
-        caption=f"The board from above: the disc is the recorded marble, {rings}. The dotted line is as far "
-        "as a marble's centre can go.",
+        hint=f"The disc is the recorded marble, {rings}; the other runs can be chosen above.",
+        caption="The board from above. The dotted line is as far as a marble's centre can go.",
     )
     page.pictures(*over_time)
     if len(shown) > 1:

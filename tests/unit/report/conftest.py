@@ -14,6 +14,7 @@ from irt.fitting.fit import Estimate, FitResult, Iteration
 from irt.model import Model
 from irt.recording import Recording
 from irt.report import style
+from irt.report.diagnosis_report import write_diagnosis_report
 from irt.report.plots import Prediction
 from irt.rig import RANGES, Board, Marble, Rig
 
@@ -84,3 +85,13 @@ def labyrinth():
 def diagnosis_of(labyrinth):
     """A made-up diagnosis of the sample rig, by its verdict."""
     return functools.cache(lambda verdict: make_diagnosis(labyrinth, verdict))
+
+
+@pytest.fixture(scope="session")
+def reports(tmp_path_factory, labyrinth, diagnosis_of):
+    """The page of each verdict, its pictures beside it."""
+    folder = tmp_path_factory.mktemp("reports")
+    return {
+        verdict: write_diagnosis_report(folder / verdict, labyrinth, diagnosis_of(verdict))
+        for verdict in ("sufficient", "missing", "unlisted")
+    }

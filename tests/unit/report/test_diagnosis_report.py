@@ -44,29 +44,19 @@ class Tags(HTMLParser):
             self.text += data
 
 
-@pytest.fixture(scope="session")
-def written(tmp_path_factory, labyrinth, diagnosis_of):
-    """The folders that reports of each verdict were written into."""
-    folders = {}
-    for verdict in VERDICTS:
-        folders[verdict] = tmp_path_factory.mktemp(verdict)
-        write_diagnosis_report(folders[verdict], labyrinth, diagnosis_of(verdict))
-    return folders
-
-
 @pytest.fixture(params=VERDICTS)
 def verdict(request):
     return request.param
 
 
 @pytest.fixture
-def page(written, verdict):
-    return (written[verdict] / "report.html").read_text(encoding="utf-8")
+def page(reports, verdict):
+    return reports[verdict].read_text(encoding="utf-8")
 
 
 @pytest.fixture
-def missing(written):
-    return (written["missing"] / "report.html").read_text(encoding="utf-8")
+def missing(reports):
+    return reports["missing"].read_text(encoding="utf-8")
 
 
 def write(folder, labyrinth, diagnosis):
@@ -116,19 +106,19 @@ def test_everything_of_the_diagnosis_is_on_the_page(page, verdict, diagnosis_of)
     assert "inf " not in text
 
 
-def test_sufficient_shows_what_would_have_been_seen_and_no_after(written, diagnosis_of):
-    page = (written["sufficient"] / "report.html").read_text(encoding="utf-8")
+def test_sufficient_shows_what_would_have_been_seen_and_no_after(reports, diagnosis_of):
+    page = reports["sufficient"].read_text(encoding="utf-8")
     assert "What would have been seen" in page
     for one in diagnosis_of("sufficient").power:
         assert f"<td>{one.parameter}</td>" in page
     assert "<td>not seen</td>" in page
     assert "What was left out" not in page
-    assert not list(written["sufficient"].glob("*after*"))
+    assert not list(reports["sufficient"].parent.glob("*after*"))
     assert set(json.loads(DATA.search(page)[1])["runs"][0]) == {"t", "worst", "recorded", "after"}
 
 
-def test_unlisted_tells_where_it_was_found_and_how_large_its_correction_is(written):
-    page = (written["unlisted"] / "report.html").read_text(encoding="utf-8")
+def test_unlisted_tells_where_it_was_found_and_how_large_its_correction_is(reports):
+    page = reports["unlisted"].read_text(encoding="utf-8")
     callout = re.search(r'<p class="callout">(.*?)</p>', page)[1]
     assert "where the knobs change direction" in callout
     assert "nowhere in particular" not in callout  # chance does as much
