@@ -62,6 +62,7 @@ def write_diagnosis_report(folder: PathLike, rig: Rig, diagnosis: Diagnosis) -> 
     if diagnosis.runs:
         _add_motion(page, folder, rig, diagnosis)
     tables.add_effects(page, diagnosis)
+    tables.add_rivals(page, diagnosis)
     tables.add_power(page, diagnosis)
     if diagnosis.runs:
         _add_proof(page, folder, rig, diagnosis)
@@ -287,9 +288,10 @@ def _add_ranking(page: Page, folder: Path, diagnosis: Diagnosis) -> None:
 
 
 def answers(diagnosis: Diagnosis) -> tuple[frozenset[str], set[frozenset[str]]]:
-    """Return the hypothesis that is the answer, and those that tie: one named effect replaced by a rival."""
+    """Return the hypothesis that is the answer, and those that tie: rivals, or one named effect replaced."""
     named = frozenset(one.name for one in diagnosis.effects)
     ties = {named - {one.name} | {rival} for one in diagnosis.effects for rival in one.confusable_with}
+    ties |= {frozenset(one.name for one in rival.effects) for rival in diagnosis.rivals}
     return named, ties
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from irt.catalogue import EffectInfo, EffectParameter, effects
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, NamedEffect
-from irt.model import Parameter
+from irt.model import Effect, Parameter
 from irt.report.page import Page
 from irt.report.plots import mean_absolute
 from irt.report.words import (
@@ -63,6 +63,34 @@ def add_effects(page: Page, diagnosis: Diagnosis) -> None:
         _add_rivals(page, one, known)
         if info is not None and info.references:
             page.paragraph(f"To read more: {'; '.join(info.references)}.")
+
+
+def add_rivals(page: Page, diagnosis: Diagnosis) -> None:
+    """Add the models that explain the recordings as well, with the values that they need for it."""
+    if not diagnosis.rivals:
+        return
+    page.subheading("Models that explain these recordings as well")
+    models = [diagnosis.model, *diagnosis.rivals]
+    page.table(
+        "The first is the one that this page shows; the others are as likely",
+        ["effects", "fitted values", *PARAMETERS],
+        [
+            [
+                together([one.name for one in model.effects]),
+                "; ".join(_told(one) for one in model.effects),
+                *(f"{model.parameters[name].value:.3g}" for name in PARAMETERS),
+            ]
+            for model in models
+        ],
+        words=(1,),
+    )
+
+
+def _told(one: Effect) -> str:
+    """Return the values of an effect in a few digits; what was learned is too much for a line."""
+    if one.name == UNLISTED:
+        return "in model.toml"
+    return ", ".join(f"{name} {value:.3g}" for name, value in one.parameters.items())
 
 
 def _explain(page: Page, info: EffectInfo) -> None:

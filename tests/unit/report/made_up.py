@@ -134,6 +134,9 @@ def make_diagnosis(rig, verdict):
         final_heldout_mae=after,
         base=models[1] if verdict == "sufficient" else models[0],
         model=replace(models[1], parameters=parameters),
+        rivals=(replace(models[1], effects=(Effect("delay", {"delay_s": 0.113}),)),)
+        if verdict == "missing"
+        else (),
         unidentifiable=("gear_x, gear_y and rolling_friction times L with time_scale times the root of L.",),
         suggestion="Record steps of two sizes: backlash costs the same angle at both, a delay the same time.",
         candidates=make_candidates(verdict),

@@ -94,6 +94,14 @@ def test_named_effect_is_explained_from_the_catalogue_with_its_values(missing, d
         assert with_interval(one.parameters[parameter.name]) in missing
 
 
+def test_rival_models_are_told_with_their_values(missing, diagnosis_of):
+    assert '<th scope="row">delay</th><td class="words">delay_s 0.113</td>' in missing
+    diagnosis = diagnosis_of("missing")
+    (one,) = diagnosis.effects
+    _, ties = answers(replace(diagnosis, effects=(replace(one, confusable_with=()),)))
+    assert ties == {frozenset({"delay"})}
+
+
 def test_everything_of_the_diagnosis_is_on_the_page(page, verdict, diagnosis_of):
     diagnosis = diagnosis_of(verdict)
     text = Tags(page).text
@@ -248,7 +256,7 @@ def test_little_to_tell_makes_a_short_page(tmp_path, labyrinth, diagnosis_of):
 def test_answers_hold_each_tie_with_one_effect_replaced(diagnosis_of):
     diagnosis = diagnosis_of("missing")
     (one,) = diagnosis.effects
-    two = replace(diagnosis, effects=(one, replace(one, name="lag", confusable_with=())))
+    two = replace(diagnosis, rivals=(), effects=(one, replace(one, name="lag", confusable_with=())))
     named, ties = answers(two)
     assert named == {"backlash", "lag"}
     assert ties == {frozenset({"delay", "lag"})}
