@@ -10,6 +10,8 @@ PEERS := .venv/.peers
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
 PYTHON_SOURCES := python tests benches docs
+# The tests of a report render it in the first of these that is there.
+BROWSERS := chromium chromium-browser google-chrome
 # Continuous integration builds what Cargo.lock says, and fails where it is out of date.
 LOCKED := $(if $(CI),--locked)
 
@@ -27,7 +29,7 @@ demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (
 	$(BIN)/irt demo
 
 .PHONY: test
-test: $(EXTENSION) ## every test, Rust and Python
+test: $(EXTENSION) browser ## every test, Rust and Python
 	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile ci
 
@@ -75,6 +77,22 @@ clean: ## remove all that was built, .venv included
 tools:
 	@command -v cargo >/dev/null || { echo "make: cargo is missing: install Rust with rustup, then run make again" >&2; exit 1; }
 	@command -v cc >/dev/null || { echo "make: the C compiler cc is missing: install gcc or clang, then run make again" >&2; exit 1; }
+
+# A browser comes from the system, not from pip. Without one the tests of pages are skipped, and all others run.
+.PHONY: browser
+browser:
+	@for browser in $(BROWSERS); do command -v $$browser >/dev/null && exit 0; done; \
+	skipped="the tests that render a report in a browser are skipped"; \
+	if ! command -v apt-get >/dev/null; then \
+		echo "make: none of $(BROWSERS) is installed: $$skipped" >&2; exit 0; \
+	elif [ "$$(id -u)" = 0 ]; then as_root=; \
+	elif sudo -n true >/dev/null 2>&1; then as_root="sudo -n"; \
+	else echo "make: chromium is missing, 'sudo apt-get install chromium' adds it: until then $$skipped" >&2; exit 0; \
+	fi; \
+	install="$$as_root env DEBIAN_FRONTEND=noninteractive apt-get install --yes --no-install-recommends chromium"; \
+	echo "$$install"; \
+	$$install >/dev/null 2>&1 || { $$as_root apt-get update >/dev/null 2>&1 && $$install >/dev/null 2>&1; } || \
+		echo "make: chromium could not be installed: $$skipped" >&2
 
 .PHONY: components
 components: tools

@@ -11,7 +11,8 @@ import pytest
 from irt.cli.__main__ import main
 from irt.cli.demo import data
 from irt.model import load_model
-from irt.report.tuning_report import percent, untuned
+from irt.report.tuning_report import untuned
+from irt.report.words import percent
 from irt.residual import evaluate
 from irt.rig import load_rig
 

@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 LAYERS = (
     "cli",
     "report",
+    "diagnose",
     "tuning",
     "fitting",
     "residual",
@@ -29,7 +30,7 @@ LAYERS = (
     "errors",
 )
 EXTENSION = "irt._labsim"
-HEAVY = {"cv2", "matplotlib", "pybullet", "scipy", "torch"}
+HEAVY = {"cv2", "matplotlib", "playwright", "pybullet", "scipy", "torch"}
 
 
 def module_name(path: Path) -> str:

@@ -103,3 +103,74 @@ def test_packages_are_installed_once_and_again_when_the_lock_changes(machine: Fr
     os.utime(machine.checkout / "requirements.lock", (newer, newer))
     assert machine.make(str(stamp.relative_to(machine.checkout))).returncode == 0
     assert log.read_text().count("pip install") == 2
+
+
+@pytest.fixture
+def debian(machine: FreshMachine) -> FreshMachine:
+    """A machine where root installs by apt-get, which keeps a log of what it was told."""
+    machine.add("id", "echo 0")
+    machine.add("env", 'shift; exec "$@"')
+    machine.add("apt-get", 'echo "$@" >> apt.log')
+    return machine
+
+
+def test_a_browser_that_is_there_is_enough(debian: FreshMachine) -> None:
+    debian.add("google-chrome", "exit 0")
+
+    ran = debian.make("browser")
+
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, "", "")
+    assert not (debian.checkout / "apt.log").exists()
+
+
+def test_a_missing_browser_is_installed_by_root(debian: FreshMachine) -> None:
+    ran = debian.make("browser")
+
+    assert ran.returncode == 0
+    assert ran.stderr == ""
+    assert (debian.checkout / "apt.log").read_text() == "install --yes --no-install-recommends chromium\n"
+
+
+def test_a_machine_that_knows_no_packages_yet_reads_their_list_first(debian: FreshMachine) -> None:
+    debian.add("apt-get", 'echo "$1" >> apt.log; [ "$1" = update ] && echo > lists; [ -e lists ]')
+
+    ran = debian.make("browser")
+
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert (debian.checkout / "apt.log").read_text().split() == ["install", "update", "install"]
+
+
+def test_others_install_it_where_sudo_asks_for_no_password(debian: FreshMachine) -> None:
+    debian.add("id", "echo 1000")
+    debian.add("sudo", 'echo sudo >> apt.log; shift; [ "$1" = true ] || exec "$@"')
+
+    assert debian.make("browser").returncode == 0
+    assert (
+        (debian.checkout / "apt.log")
+        .read_text()
+        .endswith("sudo\ninstall --yes --no-install-recommends chromium\n")
+    )
+
+
+@pytest.mark.parametrize(
+    ("tool", "script", "says"),
+    [
+        ("apt-get", None, "none of chromium chromium-browser google-chrome is installed"),
+        ("apt-get", "exit 100", "chromium could not be installed"),
+        ("id", "echo 1000", "chromium is missing, 'sudo apt-get install chromium' adds it"),
+    ],
+)
+def test_where_no_browser_can_be_had_one_line_says_what_is_skipped(
+    debian: FreshMachine, tool: str, script: str | None, says: str
+) -> None:
+    if script is None:
+        (debian.tools / tool).unlink()
+    else:
+        debian.add(tool, script)
+
+    ran = debian.make("browser")
+
+    assert ran.returncode == 0
+    (line,) = ran.stderr.splitlines()
+    assert says in line
+    assert line.endswith("the tests that render a report in a browser are skipped")

@@ -160,7 +160,7 @@ def _numbers(
 
 def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator[str]:
     """Yield what a user wants to know first."""
-    from irt.report.tuning_report import with_interval
+    from irt.report.words import with_interval
 
     yield "parameter           value  (95 % interval)"
     for name, parameter in result.model.parameters.items():

@@ -24,9 +24,9 @@ from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-_PERCENT = 100.0
-_FLOOR: dict[str, Any] = {"color": style.INK, "lw": 0.9, "ls": (0, (4, 3))}
-_TICKS = (-0.4, -0.2, 0.0, 0.2, 0.4)
+PERCENT = 100.0
+FLOOR: dict[str, Any] = {"color": style.INK, "lw": 0.9, "ls": (0, (4, 3))}
+TICKS = (-0.4, -0.2, 0.0, 0.2, 0.4)
 _ERROR = "mean error  [% of edge]"
 
 
@@ -129,8 +129,8 @@ def plot_paths(path: PathLike, panels: Sequence[tuple[Recording, Prediction]]) -
             axes.set_axis_off()
         for axes, (recording, prediction) in zip(grid.flat, panels, strict=False):
             _draw_path(axes, recording, prediction)
-        half = 1.015 * np.max([_rim(prediction.model) for _, prediction in panels], axis=0)
-        grid[0, 0].set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=_TICKS, yticks=_TICKS)
+        half = 1.015 * np.max([rim_of(prediction.model) for _, prediction in panels], axis=0)
+        grid[0, 0].set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=TICKS, yticks=TICKS)
         for axes in grid[-1]:
             axes.set_xlabel("x  [edges]")
         for axes in grid[:, 0]:
@@ -157,22 +157,22 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
     with style.drawing(path, style.WIDTH, 3.1) as figure:
         axes = figure.subplots()
         for estimate in reversed(result.estimates):
-            errors = _PERCENT * np.array([iteration.mae for iteration in estimate.history])
+            errors = PERCENT * np.array([iteration.mae for iteration in estimate.history])
             won = estimate is result.estimates[0]
             axes.plot(errors, color=style.TUNED if won else style.MUTED, **_weight(won))
         best = result.estimates[0].best
-        place = (_index(result.estimates[0].history, best), _PERCENT * best.mae)
+        place = (_index(result.estimates[0].history, best), PERCENT * best.mae)
         axes.plot(*place, "o", color=style.TUNED, ms=6, mfc=style.PAPER, zorder=4)
-        _make_logarithmic(axes)
+        make_logarithmic(axes)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_xlabel("iteration")
         axes.set_ylabel(_ERROR)
         axes.margins(x=0.02)
         name = "best start" if len(result.estimates) > 1 else ""
-        ends = [(_PERCENT * result.history[-1].mae, name, style.TUNED)]
+        ends = [(PERCENT * result.history[-1].mae, name, style.TUNED)]
         if noise is not None:
-            floor = _PERCENT * mean_absolute(noise)
-            axes.axhline(floor, **_FLOOR)
+            floor = PERCENT * mean_absolute(noise)
+            axes.axhline(floor, **FLOOR)
             axes.set_ylim(bottom=floor / 1.6)
             ends.append((floor, "tracker's\nnoise", style.INK))
         style.label_ends(axes, ends)
@@ -250,8 +250,8 @@ def plot_evaluation(
             if run.windowed is not None:
                 ends.append((_last(windowed), f"{evaluation.window_s:g} s windows", style.SECOND))
             if noise is not None:
-                floor = _PERCENT * mean_absolute(noise)
-                axes.axhline(floor, **_FLOOR)
+                floor = PERCENT * mean_absolute(noise)
+                axes.axhline(floor, **FLOOR)
                 ends.append((floor, "tracker's noise", style.INK))
             axes.set_ylim(bottom=0.0)
             style.label_ends(axes, ends)
@@ -281,7 +281,7 @@ def plot_loss(path: PathLike, training: ArrayLike, heldout: ArrayLike) -> None:
             values = np.asarray(losses, dtype=np.float64)
             axes.plot(np.arange(1, len(values) + 1), values, color=colour)
             ends.append((float(values[-1]), name, colour))
-        _make_logarithmic(axes)
+        make_logarithmic(axes)
         axes.set_xlabel("epoch")
         axes.set_ylabel("mean squared error")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -293,7 +293,7 @@ def mean_absolute(noise: float) -> float:
     return float(noise * np.sqrt(2 / np.pi))
 
 
-def _make_logarithmic(axes: Any) -> None:
+def make_logarithmic(axes: Any) -> None:
     """Give the axes a logarithmic height, with plain numbers at 1, 2 and 5."""
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -334,12 +334,12 @@ def _lost(recording: Recording) -> list[tuple[float, float]]:
 
 def _distance(recording: Recording, marble: Array) -> Array:
     """Return the mean over x and y of the absolute error in each row, (n,) [% of the edge]."""
-    return np.asarray(_PERCENT * np.abs(marble - recording.marble).mean(axis=1))
+    return np.asarray(PERCENT * np.abs(marble - recording.marble).mean(axis=1))
 
 
 def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
     """Draw one board."""
-    _draw_rim(axes, prediction.model)
+    draw_rim(axes, prediction.model)
     axes.plot(*recording.marble.T, ".", color=style.RECORDED)
     for rows in prediction.pieces:
         axes.plot(*prediction.marble[rows].T, color=prediction.colour)
@@ -355,15 +355,15 @@ def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
     axes.spines[:].set_visible(False)
 
 
-def _rim(model: Model) -> Array:
+def rim_of(model: Model) -> Array:
     """Return where the inside of the rim is seen, half its length along x and y [board edges]."""
     scale = model.parameters["observation_scale"].value
     return np.asarray(0.5 * scale * np.array([1.0, model.board.edge_y_m / model.board.edge_x_m]))
 
 
-def _draw_rim(axes: Any, model: Model) -> None:
+def draw_rim(axes: Any, model: Model) -> None:
     """Draw the inside of the rim, and dotted where the centre of a marble that touches it is seen."""
-    rim = _rim(model)
+    rim = rim_of(model)
     marble = 2 * rim[0] * model.marble.radius_m / model.board.edge_x_m
     outline: dict[str, Any] = {"ec": style.INK, "lw": 2.2, "joinstyle": "round"}
     reach: dict[str, Any] = {"ec": style.MUTED, "lw": 0.7, "ls": (0, (1, 3))}

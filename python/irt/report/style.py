@@ -26,6 +26,8 @@ UNTUNED = "#d55e00"
 TUNED = "#0072b2"
 SECOND = "#009e73"
 THIRD = "#cc79a7"
+#: From least to most, of cells: cream to violet on paper; a dark page runs them from violet to cream.
+HEAT = ("#fdebac", "#feb67c", "#fa7d5e", "#e24d66", "#b5367a", "#842681", "#57157e", "#251255")
 COLOURS = {
     "paper": PAPER,
     "ink": INK,
@@ -36,6 +38,7 @@ COLOURS = {
     "tuned": TUNED,
     "second": SECOND,
     "third": THIRD,
+    **{f"heat{letter}": colour for letter, colour in zip("abcdefgh", HEAT, strict=True)},
 }
 
 #: One column of a page [inches]: narrow enough to be read on a phone without zooming.

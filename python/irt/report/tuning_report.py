@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ import numpy as np
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
-from irt.model import Model, Parameter
+from irt.model import Model
 from irt.report import style
 from irt.report.page import Page, Picture
 from irt.report.plots import (
@@ -25,13 +23,12 @@ from irt.report.plots import (
     plot_parameters,
     plot_paths,
 )
+from irt.report.words import UNITS, percent, versions, with_interval
 from irt.residual import Evaluation, RunEvaluation, evaluate, segments
 from irt.rig import PARAMETERS, Rig
 
 _METHODS = {"irt": "IRT", "least-squares": "least squares"}
 _COLOURS = (style.TUNED, style.SECOND, style.THIRD)
-_NO_BREAK = "\N{NO-BREAK SPACE}"
-_UNITS = {"time_scale": "1/240 s"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +127,7 @@ def write_tuning_report(
     _add_parameters(page, folder, results)
     _add_history(page, folder, rig, results)
     page.heading("To do the same again")
-    page.facts({**settings, **_versions()})
+    page.facts({**settings, **versions()})
     path = folder / "report.html"
     page.write(path)
     return path
@@ -177,33 +174,6 @@ def compare(first: Contender, second: Contender) -> str:
         f"On these recordings {better.name} is ahead: {percent(better.mae)} of the edge, against "
         f"{percent(worse.mae)} of {worse.name}."
     )
-
-
-def percent(error: float) -> str:
-    """Return an error given in board edges as text: percent, to two digits."""
-    if math.isnan(error):
-        return "-"
-    value = 100 * error
-    return f"{value:.{max(0, min(3, 1 - _magnitude(value)))}f}{_NO_BREAK}%"
-
-
-def with_interval(parameter: Parameter) -> str:
-    """Return a value and its 95 % interval as text, to the digits that the interval leaves meaning."""
-    if parameter.low is None or parameter.high is None:
-        return f"{parameter.value:.4g}"
-    width = parameter.high - parameter.low
-    digits = max(0, 1 - _magnitude(width)) if width > 0 else 6
-    value, low, high = (f"{number:.{digits}f}" for number in (parameter.value, parameter.low, parameter.high))
-    return f"{value}  ({low} to {high})"
-
-
-def _versions() -> dict[str, str]:
-    """Return what the numbers were computed with."""
-    packages = ", ".join(f"{name} {version(name)}" for name in ("labsim-irt", "numpy", "scipy", "torch"))
-    return {
-        "versions": f"{packages}, Python {platform.python_version()}",
-        "machine": f"{platform.system()} {platform.machine()}",
-    }
 
 
 def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Contender]:
@@ -289,7 +259,7 @@ def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> N
         ["parameter", "searched", *names],
         [
             [
-                f"{name} [{_UNITS[name]}]" if name in _UNITS else name,
+                f"{name} [{UNITS[name]}]" if name in UNITS else name,
                 f"{ranges[name][0]:g} to {ranges[name][1]:g}",
                 *(with_interval(result.model.parameters[name]) for result in results),
             ]
@@ -343,8 +313,3 @@ def _count(contender: Contender) -> str:
     """Return how many recordings a model is judged by, in words."""
     count = len(contender.evaluation.runs)
     return f"{count} recording{'s' if count != 1 else ''}"
-
-
-def _magnitude(value: float) -> int:
-    """Return the power of ten of the first digit of a number."""
-    return math.floor(math.log10(abs(value))) if value else 0

@@ -1,5 +1,6 @@
 """One made-up recording, fit and pair of predictions for all tests of pictures and pages."""
 
+import functools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,11 +8,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from made_up import make_diagnosis, sample_rig
 
 from irt.fitting.fit import Estimate, FitResult, Iteration
 from irt.model import Model
 from irt.recording import Recording
 from irt.report import style
+from irt.report.diagnosis_report import write_diagnosis_report
 from irt.report.plots import Prediction
 from irt.rig import RANGES, Board, Marble, Rig
 
@@ -71,3 +74,24 @@ def drawn(monkeypatch):
 
     monkeypatch.setattr(style, "drawing", spy)
     return last
+
+
+@pytest.fixture(scope="session")
+def labyrinth():
+    return sample_rig()
+
+
+@pytest.fixture(scope="session")
+def diagnosis_of(labyrinth):
+    """A made-up diagnosis of the sample rig, by its verdict."""
+    return functools.cache(lambda verdict: make_diagnosis(labyrinth, verdict))
+
+
+@pytest.fixture(scope="session")
+def reports(tmp_path_factory, labyrinth, diagnosis_of):
+    """The page of each verdict, its pictures beside it."""
+    folder = tmp_path_factory.mktemp("reports")
+    return {
+        verdict: write_diagnosis_report(folder / verdict, labyrinth, diagnosis_of(verdict))
+        for verdict in ("sufficient", "missing", "unlisted")
+    }

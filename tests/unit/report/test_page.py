@@ -1,4 +1,5 @@
 import base64
+import hashlib
 import re
 from html.parser import HTMLParser
 
@@ -101,9 +102,13 @@ def test_whatever_is_text_is_escaped():
     page.bullets([HOSTILE])
     page.table(HOSTILE, [HOSTILE], [[HOSTILE]])
     page.facts({HOSTILE: HOSTILE})
+    page.subheading(HOSTILE)
+    page.equation(HOSTILE)
+    page.callout(HOSTILE, HOSTILE)
+    page.key_figures([(HOSTILE, HOSTILE)])
     outline = Outline(page.html())
     assert outline.named("script") == []
-    assert outline.text.count(HOSTILE) == 11
+    assert outline.text.count(HOSTILE) == 17
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])
@@ -159,12 +164,48 @@ def test_total_row_stands_out_only_where_there_is_one():
         assert rows.count("total") == total
 
 
+def test_columns_of_words_are_told_from_numbers():
+    page = Page("title", "lead")
+    page.table("caption", ["a", "b"], [["1", "2"]], words=(1,))
+    outline = Outline(page.html())
+    assert [cell.get("class") for cell in outline.named("td")] == ["words"]
+    assert [cell.get("class") for cell in outline.named("th")] == [None, "words", None]
+
+
+def test_only_a_table_longer_than_a_page_may_break_on_paper():
+    page = Page("title", "lead")
+    for rows in (5, 50):
+        page.table("caption", ["a"], [["1"]] * rows)
+    kinds = [box["class"] for box in Outline(page.html()).named("div")]
+    assert kinds == ["table", "table long"]
+
+
+def test_the_policy_allows_the_scripts_of_the_page_alone():
+    page = Page("title", "lead")
+    assert "script-src" not in page.html()
+    codes = ["let a = 1 < 2;\n", "let b = 'ä';"]
+    for code in codes:
+        page.script(code)
+    html = page.html()
+    (policy,) = (meta["content"] for meta in Outline(html).named("meta") if "http-equiv" in meta)
+    hashes = [base64.b64encode(hashlib.sha256(code.encode()).digest()).decode() for code in codes]
+    assert policy.endswith("; script-src" + "".join(f" 'sha256-{one}'" for one in hashes))
+    for code in codes:
+        assert f"<script>{code}</script>" in html
+
+
 def test_page_is_written_whole(tmp_path):
     page = Page("title", "lead: \u00b1 5 %")
     page.write(tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == page.html()
     with pytest.raises(IrtError, match="nowhere"):
         page.write(tmp_path / "nowhere" / "report.html")
+
+
+def test_inlined_picture_is_drawn_to_a_hundredth_of_a_point():
+    drawn = '<path d="M 1.23456 -7.999 L 10.5 2"/><use x="4.3219" y="5"/><text>1.2345</text>'
+    inlined = pages.inline_svg(f'<svg viewBox="0 0 3 2">{drawn}</svg>', "name", "caption")
+    assert '<path d="M 1.23 -7.99 L 10.5 2"/><use x="4.32" y="5"/><text>1.2345</text>' in inlined
 
 
 def test_inlined_picture_keeps_its_proportions():

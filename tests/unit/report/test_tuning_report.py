@@ -1,22 +1,20 @@
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.model import Model, Parameter
+from irt.model import Model
 from irt.recording import Recording
 from irt.report import style
 from irt.report.tuning_report import (
     Contender,
     compare,
     lead,
-    percent,
     untuned,
-    with_interval,
     write_tuning_report,
 )
+from irt.report.words import percent
 from irt.residual import evaluate
 from irt.rig import PARAMETERS
 from irt.rollouts import rollouts
@@ -43,39 +41,6 @@ def contender(simulated, result):
         return Contender(name, model, evaluate(model, simulated.recordings), style.TUNED)
 
     return make
-
-
-@pytest.mark.parametrize(
-    ("error", "text"),
-    [
-        (0.2134, "21 %"),
-        (0.0994, "9.9 %"),
-        (0.0402, "4.0 %"),
-        (0.00164, "0.16 %"),
-        (0.0, "0.0 %"),
-        (2.0, "200 %"),
-    ],
-)
-def test_errors_are_told_in_two_digits(error, text):
-    assert percent(error) == text.replace(" ", "\N{NO-BREAK SPACE}")
-
-
-def test_an_error_of_nothing_is_a_dash():
-    assert percent(math.nan) == "-"
-
-
-@pytest.mark.parametrize(
-    ("parameter", "text"),
-    [
-        (Parameter(0.0420349, 0.0410, 0.0431), "0.0420  (0.0410 to 0.0431)"),
-        (Parameter(16.04, 12.3, 19.9), "16.0  (12.3 to 19.9)"),
-        (Parameter(1042.4, 12.3, 3000.9), "1042  (12 to 3001)"),
-        (Parameter(0.5, 0.5, 0.5), "0.500000  (0.500000 to 0.500000)"),
-        (Parameter(0.0420349), "0.04203"),
-    ],
-)
-def test_values_keep_the_digits_that_their_interval_leaves(parameter, text):
-    assert with_interval(parameter) == text
 
 
 def test_untuned_means_the_middle_of_the_ranges(rig):

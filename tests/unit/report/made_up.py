@@ -1,0 +1,155 @@
+"""A diagnosis for each verdict, made up, of the sample rig: its paths are simulated, so they look real."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+import irt
+from irt.catalogue import effect
+from irt.diagnose.diagnosis import (
+    UNLISTED,
+    Candidate,
+    Diagnosis,
+    Finding,
+    NamedEffect,
+    Power,
+    RunProof,
+    units,
+)
+from irt.model import Effect, Model, Parameter
+from irt.rig import load_rig
+from irt.rollouts import rollouts
+
+NOISE = 0.0012
+TRUE = np.array([0.042, 0.058, 4e-4, 20.0, 1.03])
+BASE = TRUE * [0.93, 1.04, 1.4, 1.0, 0.99]
+FINAL = TRUE * [1.002, 0.999, 1.01, 1.0, 1.0]
+LEFT_OUT = {
+    "sufficient": (),
+    "missing": (Effect("backlash", {"width_x_rad": 0.031, "width_y_rad": 0.024}),),
+    "unlisted": (
+        Effect("side_force", {name.name: name.high / 2 for name in effect("side_force").parameters}),
+    ),
+}
+SUMMARIES = {
+    "sufficient": "Five parameters explain these recordings down to the tracker's noise. Nothing is missing "
+    "that they could show.",
+    "missing": "The knobs turn 0.031 and 0.024 rad before the board follows: backlash. With it the simulated "
+    "marble stays within the tracker's noise on runs that it never saw.",
+    "unlisted": "Something repeatable pushes the marble where it moves fast, and no effect of the catalogue "
+    "explains it. A correction learned from the recordings takes most of it away.",
+}
+
+
+def sample_rig():
+    return load_rig(Path(irt.__file__).parent / "data" / "labyrinth-heldout")
+
+
+def make_runs(rig, verdict):
+    rng = np.random.default_rng(1)
+    left_out = LEFT_OUT[verdict]
+    base = FINAL if verdict == "sufficient" else BASE
+    added = [{"name": one.name, **{k: 1.01 * v for k, v in one.parameters.items()}} for one in left_out]
+    truth = [{"name": one.name, **one.parameters} for one in left_out]
+    runs = []
+    for recording in rig.recordings:
+        given = {"rig": rig, "start": recording.marble[0]}
+        (marble,) = rollouts(TRUE[None], recording.knobs, effects=truth, **given)
+        observed = marble + rng.normal(0.0, NOISE, marble.shape)
+        observed[30:34] = np.nan
+        (before,) = rollouts(base[None], recording.knobs, **given)
+        (after,) = rollouts(FINAL[None], recording.knobs, effects=added, **given)
+        times = np.arange(len(marble)) * TRUE[3] / 240
+        errors = [float(np.nanmean(np.abs(path - observed))) for path in (before, after)]
+        runs.append(RunProof(recording.name, times, observed, before, after, *errors))
+    return tuple(runs)
+
+
+def make_candidates(verdict):
+    """Return the base model, hypotheses of one effect and of two, in the order of their evidence."""
+    rng = np.random.default_rng(2)
+    scale = {"sufficient": 4.0, "missing": 900.0, "unlisted": 300.0}[verdict]
+    names = [one.name for one in irt.effects()]
+    hypotheses = [(), *((name,) for name in names), *(("backlash", name) for name in names[:5])]
+    candidates = []
+    for effects in hypotheses:
+        gain = scale * rng.uniform(0.0, 0.3) if effects else 0.0
+        outcome = (
+            "explains less than backlash" if verdict == "missing" else "leaves as much as the base model"
+        )
+        outcome = outcome if effects else "the base model"
+        if verdict == "missing" and effects in (("backlash",), ("delay",)):
+            gain, outcome = scale, "named" if effects == ("backlash",) else "as good as backlash"
+        heldout = gain / 3 if effects and gain > 0.2 * scale else None
+        penalty = 6.2 * len(effects)
+        candidates.append(Candidate(effects, {}, gain, penalty, NOISE * 1.1, heldout, outcome))
+    return tuple(sorted(candidates, key=lambda one: one.penalty - one.gain))
+
+
+def make_effects(verdict, before, after):
+    if verdict == "missing":
+        (one,) = LEFT_OUT[verdict]
+        fitted = {
+            name: Parameter(value, 0.97 * value, 1.04 * value) for name, value in one.parameters.items()
+        }
+        reason = "The recordings turn the knobs at one speed only, where a gap and a lost time look alike."
+        return (
+            NamedEffect(one.name, "actuation", fitted, units(one.name), before, after, ("delay",), reason),
+        )
+    if verdict == "unlisted":
+        fitted = {"size_m_per_s2": Parameter(0.021, 0.018, 0.024)}
+        return (NamedEffect(UNLISTED, "field", fitted, {"size_m_per_s2": "m/s2"}, before, after),)
+    return ()
+
+
+def make_diagnosis(rig, verdict):
+    runs = make_runs(rig, verdict)
+    before, after = (
+        float(np.mean([getattr(run, which) for run in runs])) for which in ("base_mae", "final_mae")
+    )
+    models = [
+        Model.from_rig(
+            rig, values, intervals=np.stack([0.98 * values, 1.02 * values], axis=1), effects=effects
+        )
+        for values, effects in ((BASE, ()), (FINAL, LEFT_OUT["missing"] if verdict == "missing" else ()))
+    ]
+    parameters = {**models[1].parameters, "time_scale": Parameter(20.0, 3.0, np.inf)}
+    return Diagnosis(
+        verdict=verdict,
+        summary=SUMMARIES[verdict],
+        where=()
+        if verdict == "sufficient"
+        else (
+            Finding("stage", "between the command and the board's tilt", 0.81, 1e-9),
+            Finding("time", "after each turn of a knob, for 0.3 s", 0.74, 3e-5),
+            Finding("region", "nowhere in particular", 0.08, 0.31),
+            Finding("regime", "where the knobs change direction", 0.77, 2e-4),
+        ),
+        effects=make_effects(verdict, before, after),
+        noise=NOISE,
+        base_mae=0.95 * before,
+        final_mae=0.95 * after,
+        base_heldout_mae=before,
+        final_heldout_mae=after,
+        base=models[1] if verdict == "sufficient" else models[0],
+        model=replace(models[1], parameters=parameters),
+        rivals=(replace(models[1], effects=(Effect("delay", {"delay_s": 0.113}),)),)
+        if verdict == "missing"
+        else (),
+        unidentifiable=("gear_x, gear_y and rolling_friction times L with time_scale times the root of L.",),
+        suggestion="Record steps of two sizes: backlash costs the same angle at both, a delay the same time.",
+        candidates=make_candidates(verdict),
+        runs=runs,
+        power=()
+        if verdict == "missing"
+        else (
+            Power("backlash", "width_x_rad", "rad", 0.004, 0.1),
+            Power("delay", "delay_s", "s", 0.021, 0.6),
+            Power("board_warp", "height_m", "m", None, 0.002),
+        ),
+        notes=("gear_x lies a little outside of the range that was searched.",),
+        settings={"command": "irt diagnose rig --out out", "pairs": True, "threads": None},
+        seed=7,
+        seconds=83.2,
+    )

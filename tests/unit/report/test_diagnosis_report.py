@@ -1,0 +1,277 @@
+import base64
+import hashlib
+import json
+import math
+import re
+from dataclasses import replace
+from html import escape
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from irt.catalogue import effect
+from irt.diagnose.diagnosis import RunProof
+from irt.errors import IrtError
+from irt.report.diagnosis_report import answers, write_diagnosis_report
+from irt.report.words import percent, times_less, with_interval
+from irt.rig import PARAMETERS
+
+VERDICTS = ("sufficient", "missing", "unlisted")
+HOSTILE = "<b>\"&'</b></script>"
+SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
+DATA = re.compile(r'<script type="application/json" id="animation-data">(.*?)</script>', re.DOTALL)
+
+
+class Tags(HTMLParser):
+    """All tags with their attributes, and the text outside of scripts and styles."""
+
+    def __init__(self, html):
+        super().__init__()
+        self.tags, self.text, self.last = [], "", ""
+        self.feed(html)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.last = tag
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_endtag(self, tag):
+        self.last = ""
+
+    def handle_data(self, data):
+        if self.last not in ("script", "style"):
+            self.text += data
+
+
+@pytest.fixture(params=VERDICTS)
+def verdict(request):
+    return request.param
+
+
+@pytest.fixture
+def page(reports, verdict):
+    return reports[verdict].read_text(encoding="utf-8")
+
+
+@pytest.fixture
+def missing(reports):
+    return reports["missing"].read_text(encoding="utf-8")
+
+
+def write(folder, labyrinth, diagnosis):
+    return write_diagnosis_report(folder, labyrinth, diagnosis).read_text(encoding="utf-8")
+
+
+def test_answer_comes_first(page, verdict, diagnosis_of):
+    diagnosis = diagnosis_of(verdict)
+    body = page.split("<main>")[1]
+    assert body.index(escape(diagnosis.summary)) < body.index("<h2>")
+    assert f"<strong>{percent(diagnosis.base_heldout_mae)}</strong>" in body
+
+
+def test_errors_on_every_run_held_out_are_told(missing, diagnosis_of):
+    for run in diagnosis_of("missing").runs:
+        cells = (percent(run.base_mae), percent(run.final_mae), times_less(run.base_mae, run.final_mae))
+        assert "".join(f"<td>{cell}</td>" for cell in cells) in missing
+
+
+def test_a_tie_stands_at_the_top_with_its_reason(missing, diagnosis_of):
+    (one,) = diagnosis_of("missing").effects
+    callout = re.search(r'<p class="callout">(.*?)</p>', missing)
+    assert "In place of backlash, delay would explain these recordings as well." in callout[1]
+    assert one.reason in callout[1]
+    assert callout.start() < missing.index("<h2>")
+
+
+def test_named_effect_is_explained_from_the_catalogue_with_its_values(missing, diagnosis_of):
+    (one,) = diagnosis_of("missing").effects
+    info = effect(one.name)
+    for text in (info.equation, info.does, info.matters, info.looks, *info.references, effect("delay").does):
+        assert escape(text) in missing
+    for parameter in info.parameters:
+        assert f"{parameter.name} [{parameter.unit}]" in missing
+        assert with_interval(one.parameters[parameter.name]) in missing
+
+
+def test_rival_models_are_told_with_their_values(missing, diagnosis_of):
+    assert '<th scope="row">delay</th><td class="words">delay_s 0.113</td>' in missing
+    diagnosis = diagnosis_of("missing")
+    (one,) = diagnosis.effects
+    _, ties = answers(replace(diagnosis, effects=(replace(one, confusable_with=()),)))
+    assert ties == {frozenset({"delay"})}
+
+
+def test_everything_of_the_diagnosis_is_on_the_page(page, verdict, diagnosis_of):
+    diagnosis = diagnosis_of(verdict)
+    text = Tags(page).text
+    told = [*diagnosis.unidentifiable, *diagnosis.notes, diagnosis.suggestion, "irt diagnose rig --out out"]
+    told += [finding.what for finding in diagnosis.where]
+    told += PARAMETERS
+    for sentence in told:
+        assert sentence in text
+    assert "nan" not in text.lower()
+    assert "inf " not in text
+
+
+def test_sufficient_shows_what_would_have_been_seen_and_no_after(reports, diagnosis_of):
+    page = reports["sufficient"].read_text(encoding="utf-8")
+    assert "What would have been seen" in page
+    for one in diagnosis_of("sufficient").power:
+        assert f"<td>{one.parameter}</td>" in page
+    assert "<td>not seen</td>" in page
+    assert "What was left out" not in page
+    assert not list(reports["sufficient"].parent.glob("*after*"))
+    assert set(json.loads(DATA.search(page)[1])["runs"][0]) == {"t", "worst", "recorded", "after"}
+
+
+def test_unlisted_tells_where_it_was_found_and_how_large_its_correction_is(reports):
+    page = reports["unlisted"].read_text(encoding="utf-8")
+    callout = re.search(r'<p class="callout">(.*?)</p>', page)[1]
+    assert "where the knobs change direction" in callout
+    assert "nowhere in particular" not in callout  # chance does as much
+    assert "0.0210  (0.0180 to 0.0240)" in page
+    assert "physics that is not in the catalogue" in page
+
+
+def test_page_is_one_small_file_that_fetches_nothing(page):
+    assert len(page.encode()) < 2_000_000
+    for tag, attributes in Tags(page).tags:
+        assert tag not in {"link", "iframe", "object", "base", "embed"}
+        for name, value in attributes.items():
+            if name in {"src", "href", "xlink:href", "srcset", "action"}:
+                assert value.startswith(("#", "data:image/png;base64,")), (tag, value)
+            assert not name.startswith("on")
+    assert re.findall(r"url\((?!#)", page) == []
+    assert "@import" not in page
+
+
+def test_policy_allows_the_one_script_by_its_hash(page):
+    (code,) = SCRIPT.findall(page)
+    expected = base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
+    (policy,) = (tag["content"] for name, tag in Tags(page).tags if "http-equiv" in tag and name == "meta")
+    assert re.findall(r"script-src ([^;]*)", policy) == [f"'sha256-{expected}'"]
+    assert policy.startswith("default-src 'none'")
+
+
+def test_animation_holds_the_runs_to_four_digits(missing, diagnosis_of):
+    data = json.loads(DATA.search(missing)[1])
+    runs = sorted(diagnosis_of("missing").runs, key=lambda run: -run.final_mae)
+    assert data["series"] == ["recorded", "before", "after"]
+    for told, run in zip(data["runs"], runs, strict=True):
+        np.testing.assert_allclose(told["t"], run.times, atol=5.1e-4)
+        np.testing.assert_allclose(told["after"], run.final, atol=5.1e-5)
+        assert [row for row, place in enumerate(told["recorded"]) if place is None] == [30, 31, 32, 33]
+        assert told["worst"] == np.nanargmax(np.abs(run.base - run.observed).mean(axis=1))
+
+
+def test_still_pictures_stand_in_for_the_animation(missing):
+    player, still = missing.index('<div class="player" hidden>'), missing.index('<div class="still figures">')
+    assert player < still
+    assert missing[still:].startswith('<div class="still figures"><figure><svg')
+
+
+def test_names_are_escaped_wherever_they_stand(tmp_path, labyrinth, diagnosis_of):
+    diagnosis = diagnosis_of("missing")
+    (one,) = diagnosis.effects
+    path = labyrinth.path / HOSTILE
+    page = write(
+        tmp_path,
+        replace(labyrinth, path=path),
+        replace(
+            diagnosis,
+            summary=HOSTILE,
+            effects=(replace(one, name=HOSTILE, stage=HOSTILE, reason=HOSTILE, confusable_with=(HOSTILE,)),),
+            where=tuple(replace(finding, what=HOSTILE) for finding in diagnosis.where),
+            candidates=tuple(
+                replace(tried, effects=(HOSTILE,), outcome=HOSTILE) for tried in diagnosis.candidates
+            ),
+            runs=tuple(replace(run, recording=HOSTILE) for run in diagnosis.runs),
+            notes=(HOSTILE,),
+            unidentifiable=(HOSTILE,),
+            suggestion=HOSTILE,
+            settings={HOSTILE: HOSTILE},
+        ),
+    )
+    assert HOSTILE not in page
+    tags = Tags(page)
+    assert "b" not in {tag for tag, _ in tags.tags}
+    assert [tag for tag, _ in tags.tags].count("script") == 2
+    json.loads(DATA.search(page)[1])
+
+
+def test_long_recordings_make_no_large_page(tmp_path, labyrinth, diagnosis_of):
+    rng = np.random.default_rng(0)
+    runs = []
+    for number in range(20):
+        times = 0.02 * np.arange(6000)
+        path = 0.3 * np.sin(times[:, None] * [0.7, 1.1])
+        observed = path + rng.normal(0, 1e-3, path.shape)
+        runs.append(RunProof(f"run-{number}", times, observed, 1.1 * path, path, 0.02, 8e-4))
+    page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), runs=tuple(runs)))
+    assert len(page.encode()) < 2_000_000
+    assert page.count("<option") == 20 + 6
+    assert "The first 8 of 20 runs are drawn." in page
+
+
+def test_recordings_without_noise_are_drawn_all_the_same(tmp_path, labyrinth, diagnosis_of):
+    page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), noise=0.0))
+    assert "nan" not in Tags(page).text.lower()
+
+
+def test_rows_and_runs_without_a_prediction_are_left_out(tmp_path, labyrinth, diagnosis_of):
+    first, second, *others = diagnosis_of("missing").runs
+    nothing = np.full_like(first.base, np.nan)
+    begun = np.where(np.arange(len(first.base))[:, None] < 20, np.nan, first.base)
+    runs = (
+        replace(first, base=begun, final=begun),
+        replace(second, base=nothing, final=nothing, base_mae=math.nan, final_mae=math.nan),
+        *others,
+    )
+    page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), runs=runs))
+    assert "nan" not in Tags(page).text.lower()
+    assert "<td>-</td>" in page
+
+
+def test_little_to_tell_makes_a_short_page(tmp_path, labyrinth, diagnosis_of):
+    bare = replace(
+        diagnosis_of("sufficient"),
+        where=(),
+        candidates=(),
+        runs=(),
+        power=(),
+        notes=(),
+        unidentifiable=(),
+        suggestion="",
+        base_heldout_mae=math.nan,
+        final_heldout_mae=math.nan,
+    )
+    page = write(tmp_path, labyrinth, bare)
+    assert "<script" not in page
+    assert "script-src" not in page
+    assert "nan" not in Tags(page).text.lower()
+    assert re.findall("<h2>(.*?)</h2>", page) == ["The parameters", "To do the same again"]
+
+
+def test_answers_hold_each_tie_with_one_effect_replaced(diagnosis_of):
+    diagnosis = diagnosis_of("missing")
+    (one,) = diagnosis.effects
+    two = replace(diagnosis, rivals=(), effects=(one, replace(one, name="lag", confusable_with=())))
+    named, ties = answers(two)
+    assert named == {"backlash", "lag"}
+    assert ties == {frozenset({"delay", "lag"})}
+
+
+def test_a_marble_in_motion_is_said_to_be_predicted_in_windows(tmp_path, labyrinth, diagnosis_of):
+    page = write(tmp_path, replace(labyrinth, start="moving"), diagnosis_of("missing"))
+    assert "in windows, each from the state that the rows before it tell" in page
+
+
+def test_same_diagnosis_gives_the_same_page(tmp_path, labyrinth, diagnosis_of, missing):
+    assert write(tmp_path, labyrinth, diagnosis_of("missing")) == missing
+
+
+def test_unwritable_folder_is_named(tmp_path, labyrinth, diagnosis_of):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(IrtError, match="file"):
+        write_diagnosis_report(tmp_path / "file", labyrinth, diagnosis_of("missing"))
