@@ -139,8 +139,8 @@ impl<S: Simd> Actuation<S> {
         if let Some(arrivals) = &mut self.arrivals {
             arrivals.agenda.begin_row(row);
         } else {
-            self.command =
-                [0, 1].map(|axis| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]));
+            let command = |axis: usize| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]);
+            self.command = [command(0), command(1)];
         }
         if !self.moves() {
             let knob = self.answer(self.command);
@@ -186,7 +186,8 @@ impl<S: Simd> Actuation<S> {
             effect.tilt(&mut tilt);
         }
         // A board that effects would turn over stands on edge.
-        self.tilt = tilt.map(|angle| angle.clamp(angle.like(FRAC_PI_2)));
+        let most = tilt[0].like(FRAC_PI_2);
+        self.tilt = [tilt[0].clamp(most), tilt[1].clamp(most)];
         self.push = self.gravity(self.tilt);
     }
 
