@@ -63,6 +63,12 @@ impl<S: Simd> Lanes<S> {
         for (lane, value) in all[..S::F64_LANES].iter_mut().enumerate() {
             *value = of(lane);
         }
+        Self::load(simd, &all)
+    }
+
+    /// The first values, one for each lane.
+    #[inline(always)]
+    pub(crate) fn load(simd: S, all: &[f64; WIDEST]) -> Self {
         let values = S::as_simd_f64s(&all[..S::F64_LANES]).0[0];
         Self { simd, values }
     }
