@@ -38,7 +38,7 @@ impl<S: Simd> Effect<S> for Delay<S> {
         Self { delay: values[0] }
     }
 
-    fn late(&self, _: Lanes<S>) -> Lanes<S> {
-        self.delay
+    fn late(&self, _: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
+        Some(self.delay)
     }
 }

@@ -36,7 +36,7 @@ impl<S: Simd> Effect<S> for DelayJitter<S> {
         Self { sd: values[0] }
     }
 
-    fn late(&self, draw: Lanes<S>) -> Lanes<S> {
-        self.sd * draw
+    fn late(&self, mut draw: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
+        Some(self.sd * draw())
     }
 }

@@ -41,10 +41,9 @@ pub(crate) trait Effect<S: Simd>: Sized {
     fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self;
 
     /// [`Acts::OnArrival`]: seconds by which a command comes late; `draw` is standard normal, another
-    /// for each command and rollout.
-    #[inline(always)]
-    fn late(&self, draw: Lanes<S>) -> Lanes<S> {
-        draw.like(0.0)
+    /// for each call and rollout.
+    fn late(&self, _draw: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
+        None
     }
 
     /// [`Acts::OnClock`]: factor of a row's duration, the middle of which is `part` of the recording after
@@ -101,7 +100,7 @@ macro_rules! catalogue {
                 unreachable!("{} is of the catalogue", about.name)
             }
 
-            pub(crate) fn late(&self, draw: Lanes<S>) -> Lanes<S> {
+            pub(crate) fn late(&self, draw: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
                 match self { $(Self::$Type(effect) => effect.late(draw)),* }
             }
 

@@ -8,12 +8,10 @@
 use std::f64::consts::FRAC_PI_2;
 
 use pulp::Simd;
-use rand_chacha::ChaCha8Rng;
-use rand_chacha::rand_core::SeedableRng;
-use rand_distr::{Distribution, StandardNormal};
 
-use super::agenda::{Agenda, Moment, Timeline};
-use super::{Clock, Job, Setup};
+use super::agenda::Timeline;
+use super::arrivals::Arrivals;
+use super::{Job, Setup};
 use crate::board::{BOARD_FRICTION, GRAVITY};
 use crate::effects::{Acts, Any, acting};
 use crate::lanes::Lanes;
@@ -27,7 +25,8 @@ pub(super) struct Actuation<S: Simd> {
     clock: Vec<Any<S>>,
     knobs: Vec<Any<S>>,
     tilts: Vec<Any<S>>,
-    arrivals: Option<Arrivals<S>>,
+    /// Commands that do not come as rows begin, and when rows do.
+    arrivals: Option<(Arrivals<S>, Timeline)>,
     /// Whether knobs move while their commands hold still.
     moves: bool,
     /// The commands as they have arrived (rad).
@@ -83,12 +82,10 @@ impl<S: Simd> Actuation<S> {
         let late = effects(|acts| acts == Acts::OnArrival);
         // Where rows have a clock of their own, commands keep to theirs.
         if !late.is_empty() || !actuation.clock.is_empty() {
-            let timeline = actuation.timeline(&job);
-            let lateness = |lane: usize| lateness(simd, &late, lane, job(lane));
-            let moments = (0..S::F64_LANES)
-                .map(|lane| arrivals(&timeline, &job(lane).clock, lane, &lateness(lane)))
-                .collect();
-            actuation.arrivals = Some(Arrivals::new(simd, moments, before, &job));
+            let rows = actuation.timeline(setup, &job);
+            let issued = timeline(setup, &job, |row| clock_length(simd, row, &job));
+            let arrivals = Arrivals::new(simd, &late, [&issued, &rows], before, &job);
+            actuation.arrivals = Some((arrivals, rows));
         }
         let knob = actuation.answer(before);
         actuation.tilt(knob);
@@ -108,7 +105,7 @@ impl<S: Simd> Actuation<S> {
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Lanes<S> {
         let simd = self.length.simd();
-        let mut length = Lanes::from_fn(simd, |lane| job(lane).clock.step(row).length_s);
+        let mut length = clock_length(simd, row, &job);
         if !self.clock.is_empty() {
             let part = Lanes::from_fn(simd, |lane| {
                 let rows = job(lane).commands.len().max(2) - 1;
@@ -122,25 +119,27 @@ impl<S: Simd> Actuation<S> {
     }
 
     /// When the rows of the register's rollouts begin.
-    pub(super) fn timeline<'a, 'b: 'a>(&self, job: impl Fn(usize) -> &'a Job<'b>) -> Timeline {
-        Timeline::new((0..job(0).commands.len()).map(|row| {
-            let length = self.length(row, &job);
-            (job(0).clock.step(row).substeps, length.to_array())
-        }))
+    pub(super) fn timeline<'a, 'b: 'a>(
+        &self,
+        setup: &Setup<'_>,
+        job: impl Fn(usize) -> &'a Job<'b>,
+    ) -> Timeline {
+        timeline(setup, &job, |row| self.length(row, &job))
     }
 
     /// Issues the command of a row.
     #[inline(always)]
     pub(super) fn begin_row<'a, 'b: 'a>(&mut self, row: usize, job: impl Fn(usize) -> &'a Job<'b>) {
         let simd = self.length.simd();
-        self.length = self.length(row, &job);
+        self.length = match &self.arrivals {
+            Some((_, timeline)) => Lanes::load(simd, timeline.lengths(row)),
+            None => self.length(row, &job),
+        };
         let one = self.length.like(1.0);
         self.damping = one.over(one + self.damping_per_s * self.length);
-        if let Some(arrivals) = &mut self.arrivals {
-            arrivals.agenda.begin_row(row);
-        } else {
-            self.command =
-                [0, 1].map(|axis| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]));
+        if self.arrivals.is_none() {
+            let command = |axis: usize| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]);
+            self.command = [command(0), command(1)];
         }
         if !self.moves() {
             let knob = self.answer(self.command);
@@ -152,7 +151,7 @@ impl<S: Simd> Actuation<S> {
     #[inline(always)]
     pub(super) fn substep(&mut self, row: usize, substep: u32) {
         let arrived = match &mut self.arrivals {
-            Some(arrivals) => arrivals.substep(self.length.simd(), row, substep),
+            Some((arrivals, _)) => arrivals.substep(row, substep),
             None => None,
         };
         if let Some(command) = arrived {
@@ -186,7 +185,8 @@ impl<S: Simd> Actuation<S> {
             effect.tilt(&mut tilt);
         }
         // A board that effects would turn over stands on edge.
-        self.tilt = tilt.map(|angle| angle.clamp(angle.like(FRAC_PI_2)));
+        let most = tilt[0].like(FRAC_PI_2);
+        self.tilt = [tilt[0].clamp(most), tilt[1].clamp(most)];
         self.push = self.gravity(self.tilt);
     }
 
@@ -221,115 +221,26 @@ fn still<S: Simd>(zero: Lanes<S>) -> Push<S> {
     }
 }
 
-/// Commands that come late.
-struct Arrivals<S: Simd> {
-    agenda: Agenda<S>,
-    /// The commands of each lane's rollout, in the order in which they come.
-    commands: Vec<Vec<[f64; 2]>>,
-    /// The last ones that came (rad): about x in each lane, about y in each lane.
-    command: [[f64; 8]; 2],
-    /// Whether the last substep saw more than one command.
-    was_mixed: bool,
-}
-
-impl<S: Simd> Arrivals<S> {
-    fn new<'a, 'b: 'a>(
-        simd: S,
-        moments: Vec<Vec<Moment>>,
-        before: Pair<S>,
-        job: impl Fn(usize) -> &'a Job<'b>,
-    ) -> Self {
-        Self {
-            agenda: Agenda::new(simd, moments),
-            commands: (0..S::F64_LANES)
-                .map(|lane| job(lane).commands.to_vec())
-                .collect(),
-            command: before.map(Lanes::to_array),
-            was_mixed: false,
-        }
-    }
-
-    /// The command on average over a substep, where it is another than in the substep before.
-    #[inline(always)]
-    fn substep(&mut self, simd: S, row: usize, substep: u32) -> Option<Pair<S>> {
-        if self.agenda.is_due(f64::from(substep) + 1.0) {
-            return Some(simd.vectorize(|| lanes(simd, &self.arrive(row, substep))));
-        }
-        std::mem::take(&mut self.was_mixed).then(|| lanes(simd, &self.command))
-    }
-
-    /// Lets the commands of a substep come; returns the average over the substep.
-    #[inline(always)]
-    fn arrive(&mut self, row: usize, substep: u32) -> [[f64; 8]; 2] {
-        let begin = f64::from(substep);
-        let mut average = self.command;
-        let (commands, command, was_mixed) =
-            (&self.commands, &mut self.command, &mut self.was_mixed);
-        *was_mixed = false;
-        self.agenda.take(row, begin + 1.0, |lane, moment| {
-            // The command that came replaces the last one for the rest of the substep.
-            let rest = (begin + 1.0 - moment.at).min(1.0);
-            *was_mixed |= rest < 1.0;
-            for axis in 0..2 {
-                let came = commands[lane][moment.what][axis];
-                average[axis][lane] = if rest < 1.0 {
-                    average[axis][lane] + rest * (came - command[axis][lane])
-                } else {
-                    came
-                };
-                command[axis][lane] = came;
-            }
-        });
-        average
-    }
-}
-
-/// Numbers about x and about y in each lane.
+/// Seconds that each of a row's substeps lasts by the clock of the commands.
 #[inline(always)]
-fn lanes<S: Simd>(simd: S, values: &[[f64; 8]; 2]) -> Pair<S> {
-    values
-        .each_ref()
-        .map(|values| Lanes::from_fn(simd, |lane| values[lane]))
+fn clock_length<'a, 'b: 'a, S: Simd>(
+    simd: S,
+    row: usize,
+    job: impl Fn(usize) -> &'a Job<'b>,
+) -> Lanes<S> {
+    Lanes::from_fn(simd, |lane| job(lane).clock.step(row).length_s)
 }
 
-/// Seconds by which each command of a lane's rollout comes late.
-fn lateness<S: Simd>(simd: S, late: &[Any<S>], lane: usize, job: &Job<'_>) -> Vec<f64> {
-    let mut random = ChaCha8Rng::seed_from_u64(job.seed);
-    let mut draw = || StandardNormal.sample(&mut random);
-    (0..job.commands.len())
-        .map(|_| {
-            let draw = Lanes::splat(simd, draw());
-            let late = late.iter().map(|effect| effect.late(draw).to_array()[lane]);
-            late.sum::<f64>().max(0.0)
-        })
-        .collect()
-}
-
-/// When the commands of a lane's rollout come; one that a later command has overtaken does not.
-///
-/// They are issued by a clock of their own, which is that of the rows unless an effect acts on it.
-fn arrivals(timeline: &Timeline, clock: &Clock, lane: usize, late: &[f64]) -> Vec<Moment> {
-    let issued: Vec<f64> = (0..late.len())
-        .scan(0.0, |time, row| {
-            let (begin, step) = (*time, clock.step(row));
-            *time += f64::from(step.substeps) * step.length_s;
-            Some(begin)
-        })
-        .collect();
-    let mut soonest = f64::INFINITY;
-    let mut moments = Vec::new();
-    for (what, &late) in late.iter().enumerate().rev() {
-        let time = issued[what] + late;
-        if time < soonest {
-            soonest = time;
-            let (row, at) = if time == timeline.begins(what, lane) {
-                (what, 0.0)
-            } else {
-                timeline.locate(lane, time, 0)
-            };
-            moments.push(Moment { row, at, what });
-        }
-    }
-    moments.reverse();
-    moments
+/// When the rows of the register's rollouts begin whose substeps last so long.
+fn timeline<'a, 'b: 'a, S: Simd>(
+    setup: &Setup<'_>,
+    job: impl Fn(usize) -> &'a Job<'b>,
+    length: impl Fn(usize) -> Lanes<S>,
+) -> Timeline {
+    let first = job(0);
+    // What is issued later comes after the last observation.
+    Timeline::new((0..first.first + setup.rows).map(|row| {
+        let substeps = first.clock.step(row).substeps;
+        (substeps, length(row).to_array())
+    }))
 }

@@ -107,15 +107,31 @@ impl Timeline {
         self.begins[row][lane]
     }
 
+    /// How many rows there are.
+    pub(super) fn rows(&self) -> usize {
+        self.steps.len()
+    }
+
     /// How many substeps a row has.
     pub(super) fn substeps(&self, row: usize) -> f64 {
         f64::from(self.steps[row].0)
     }
 
+    /// How long the substeps of a row are in each lane (s).
+    pub(super) fn lengths(&self, row: usize) -> &[f64; 8] {
+        &self.steps[row].1
+    }
+
     /// The row of a lane's rollout in which a time falls, and how many substeps after the row's
-    /// beginning; before `first` it is as if that row had begun earlier.
-    pub(super) fn locate(&self, lane: usize, time: f64, first: usize) -> (usize, f64) {
-        let after = self.begins.partition_point(|begins| begins[lane] <= time);
+    /// beginning; before `first` it is as if that row had begun earlier. Soon found if `near` is.
+    pub(super) fn locate(&self, lane: usize, time: f64, first: usize, near: usize) -> (usize, f64) {
+        let mut after = near;
+        while after > 0 && self.begins[after - 1][lane] > time {
+            after -= 1;
+        }
+        while after < self.begins.len() && self.begins[after][lane] <= time {
+            after += 1;
+        }
         let row = (after.max(first + 1) - 1).min(self.steps.len() - 1);
         let length = self.steps[row].1[lane];
         let at = if length > 0.0 {

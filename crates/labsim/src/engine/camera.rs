@@ -51,7 +51,7 @@ impl<S: Simd> Camera<S> {
             .filter_map(Any::age)
             .fold(zero, |sum, age| sum + age);
         let agenda = (!ages.is_empty()).then(|| {
-            let timeline = actuation.timeline(&job);
+            let timeline = actuation.timeline(setup, &job);
             let of_lane = |lane: usize| {
                 exposures(
                     &timeline,
@@ -195,7 +195,7 @@ fn exposures(timeline: &Timeline, lane: usize, age: f64, first: usize, rows: usi
     let moment = |what: usize| {
         let row = first + what;
         let (row, at) = if age > 0.0 {
-            timeline.locate(lane, timeline.begins(row, lane) - age, first)
+            timeline.locate(lane, timeline.begins(row, lane) - age, first, row)
         } else {
             (row - 1, timeline.substeps(row - 1))
         };

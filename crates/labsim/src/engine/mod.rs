@@ -2,6 +2,7 @@
 
 mod actuation;
 mod agenda;
+mod arrivals;
 mod camera;
 pub(crate) mod rapier;
 pub(crate) mod rolling;

@@ -245,7 +245,7 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
         let seen = self
             .camera
             .see([marbles.x, marbles.y], &self.actuation.tilt);
-        let [x, y] = seen.map(Lanes::to_array);
+        let (x, y) = (seen[0].to_array(), seen[1].to_array());
         for (lane, (job, out)) in self.jobs.iter().zip(out).enumerate() {
             out[row - job.first] = if row == job.first {
                 job.start

@@ -11,6 +11,8 @@
 //! members apart slides along a straight valley, and steps of equal size are equal relative changes.
 //! Effects' parameters have logarithms where they are scales, and otherwise count in their ranges.
 
+mod bounds;
+
 use super::axis::{Axis, Shape, base_axis, effect_axis};
 use super::problem::{Problem, Sought};
 use crate::error::Result;
@@ -21,10 +23,9 @@ pub(super) const FRICTION: usize = 2;
 pub(super) const TIME: usize = 3;
 pub(super) const SCALE: usize = 4;
 
-/// Relative distance beyond a range that counts like a residual of one standard deviation.
-const LEEWAY: f64 = 0.1;
 /// A logarithm needs a smallest value: this share of the largest that is allowed.
 pub(super) const SMALLEST: f64 = 1e-4;
+
 /// The map between values (the five parameters and then the effects', in their own units) and the
 /// coordinates z of the free ones.
 #[derive(Debug, Clone)]
@@ -113,75 +114,6 @@ impl Coordinates {
             values[axis.slot] = axis.sign * axis.clip(magnitude);
         }
         values
-    }
-
-    /// Moves coordinates to the nearest allowed ones.
-    pub(super) fn clip(&self, z: &[f64]) -> Vec<f64> {
-        let bounds = self.bounds(z);
-        z.iter()
-            .zip(bounds)
-            .map(|(z, (low, high))| z.clamp(low, high))
-            .collect()
-    }
-
-    /// Lowest and highest coordinates; the friction's depend on the gears at z.
-    pub(super) fn bounds(&self, z: &[f64]) -> Vec<(f64, f64)> {
-        let plain = |axis: &Axis| match axis.shape {
-            Shape::Logarithm => (axis.lower.ln(), axis.upper.ln()),
-            Shape::Linear(unit) => (axis.lower / unit, axis.upper / unit),
-            Shape::Friction => (f64::NEG_INFINITY, f64::INFINITY),
-        };
-        let mut bounds: Vec<(f64, f64)> = self.axes.iter().map(plain).collect();
-        if let Some(i) = self.find(FRICTION) {
-            let clipped: Vec<f64> = z
-                .iter()
-                .zip(&bounds)
-                .map(|(z, (low, high))| z.clamp(*low, *high))
-                .collect();
-            let unit = self.friction_unit * self.gear(&clipped).max(f64::MIN_POSITIVE);
-            bounds[i] = (self.axes[i].lower / unit, self.axes[i].upper / unit);
-        }
-        bounds
-    }
-
-    /// How far outside their ranges parameters lie, in units of [`LEEWAY`], to be squared and halved
-    /// like residuals: where recordings say nothing, this keeps a fit in the ranges.
-    pub(super) fn excess(&self, z: &[f64]) -> Vec<f64> {
-        let magnitudes = self.magnitudes(z);
-        let beyond = |(axis, &p): (&Axis, &f64)| {
-            if let Shape::Linear(unit) = axis.shape {
-                return ((p - axis.high).max(0.0) + (p - axis.low).min(0.0)) / unit;
-            }
-            let past = |p: f64, end: f64| {
-                if p > 0.0 && end > 0.0 {
-                    (p / end).ln().max(0.0)
-                } else {
-                    0.0
-                }
-            };
-            let p = p.max(f64::MIN_POSITIVE);
-            past(p, axis.high) - past(axis.low, p)
-        };
-        let beyond = self.axes.iter().zip(&magnitudes).map(beyond);
-        beyond.map(|beyond| beyond / LEEWAY).collect()
-    }
-
-    /// The derivative of [`Coordinates::excess`]: a row for each excess.
-    pub(super) fn excess_slope(&self, z: &[f64]) -> Vec<Vec<f64>> {
-        let excess = self.excess(z);
-        let row = |i: usize| {
-            let mut row = vec![0.0; self.len()];
-            if excess[i] != 0.0 {
-                if self.axes[i].shape == Shape::Friction {
-                    row = self.gear_shares(z);
-                    row[i] = 1.0 / z[i].max(SMALLEST);
-                } else {
-                    row[i] = 1.0;
-                }
-            }
-            row.iter().map(|slope| slope / LEEWAY).collect()
-        };
-        (0..self.len()).map(row).collect()
     }
 
     /// Coordinates after a step along the direction in which the slope of one of them is taken.

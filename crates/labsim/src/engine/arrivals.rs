@@ -1,0 +1,163 @@
+//! Commands that come late, or by another clock than that of the rows.
+
+#![expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+
+use pulp::Simd;
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::Job;
+use super::agenda::{Moment, Timeline};
+use crate::effects::Any;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+/// The commands of the rollouts of a register, as they come.
+pub(super) struct Arrivals<S: Simd> {
+    /// Those of all rows, one behind the other.
+    waves: Vec<Wave>,
+    /// Where in them those of each row begin, and the end of the last.
+    begins: Vec<usize>,
+    /// The last commands that came (rad).
+    command: Pair<S>,
+    /// Whether the last substep saw more than one command.
+    was_mixed: bool,
+}
+
+/// The first command of each lane that comes in a row; or the second, and so on.
+#[derive(Clone)]
+struct Wave {
+    /// When (substeps after the row's beginning), infinite where none comes.
+    at: [f64; 8],
+    /// What it is (rad): about x in each lane, about y in each lane.
+    command: [[f64; 8]; 2],
+}
+
+impl<S: Simd> Arrivals<S> {
+    /// Commands that are `issued` when the rows of that timeline begin and come late by `late`, to the
+    /// rows of another; `before` came long ago.
+    pub(super) fn new<'a, 'b: 'a>(
+        simd: S,
+        late: &[Any<S>],
+        [issued, rows]: [&Timeline; 2],
+        before: Pair<S>,
+        job: impl Fn(usize) -> &'a Job<'b>,
+    ) -> Self {
+        let late = lateness(simd, late, issued.rows(), &job);
+        let moments: Vec<Vec<Moment>> = (0..S::F64_LANES)
+            .map(|lane| moments([issued, rows], lane, &late))
+            .collect();
+        let of_one_row = |a: &Moment, b: &Moment| a.row == b.row;
+        let mut begins = vec![0; rows.rows() + 1];
+        for row in moments.iter().flat_map(|all| all.chunk_by(of_one_row)) {
+            let end = &mut begins[row[0].row + 1];
+            *end = row.len().max(*end);
+        }
+        for row in 1..begins.len() {
+            begins[row] += begins[row - 1];
+        }
+        let none = Wave {
+            at: [f64::INFINITY; 8],
+            command: [[0.0; 8]; 2],
+        };
+        let mut waves = vec![none; begins[rows.rows()]];
+        for (lane, all) in moments.iter().enumerate() {
+            for row in all.chunk_by(of_one_row) {
+                for (wave, moment) in waves[begins[row[0].row]..].iter_mut().zip(row) {
+                    let [x, y] = job(lane).commands[moment.what];
+                    wave.at[lane] = moment.at;
+                    wave.command[0][lane] = x;
+                    wave.command[1][lane] = y;
+                }
+            }
+        }
+        Self {
+            waves,
+            begins,
+            command: before,
+            was_mixed: false,
+        }
+    }
+
+    /// The command on average over a substep, where it is another than in the substep before.
+    #[inline(always)]
+    pub(super) fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
+        let simd = self.command[0].simd();
+        let load = |values: &[f64; 8]| Lanes::load(simd, values);
+        let one = Lanes::splat(simd, 1.0);
+        // What comes just as a row begins belongs to its first substep, as there is none before.
+        let begin = match substep {
+            0 => f64::NEG_INFINITY,
+            _ => f64::from(substep),
+        };
+        let end = f64::from(substep) + 1.0;
+        let mut average = self.command;
+        let mut changes = std::mem::take(&mut self.was_mixed);
+        for wave in &self.waves[self.begins[row]..self.begins[row + 1]] {
+            let at = load(&wave.at);
+            let comes = at.gt(at.like(begin)) & at.le(at.like(end));
+            if !comes.any() {
+                continue;
+            }
+            changes = true;
+            // The command that came replaces the last one for the rest of the substep.
+            let rest = at.like(end) - at;
+            let at_once = rest.ge(one);
+            self.was_mixed |= (comes & !at_once).any();
+            let command = self.command.iter_mut().zip(&wave.command);
+            for (average, (last, came)) in average.iter_mut().zip(command) {
+                let came = load(came);
+                let mixed = *average + rest * (came - *last);
+                *average = comes.select(at_once.select(came, mixed), *average);
+                *last = comes.select(came, *last);
+            }
+        }
+        changes.then_some(average)
+    }
+}
+
+/// Seconds by which each command comes late in each lane.
+fn lateness<'a, 'b: 'a, S: Simd>(
+    simd: S,
+    late: &[Any<S>],
+    commands: usize,
+    job: impl Fn(usize) -> &'a Job<'b>,
+) -> Vec<[f64; 8]> {
+    let mut random: Vec<ChaCha8Rng> = (0..S::F64_LANES)
+        .map(|lane| ChaCha8Rng::seed_from_u64(job(lane).seed))
+        .collect();
+    let mut draw = || Lanes::from_fn(simd, |lane| StandardNormal.sample(&mut random[lane]));
+    let zero = Lanes::splat(simd, 0.0);
+    (0..commands)
+        .map(|_| {
+            let late = late.iter().filter_map(|effect| effect.late(&mut draw));
+            let late = late.fold(zero, |sum, late| sum + late);
+            late.max(zero).to_array()
+        })
+        .collect()
+}
+
+/// When the commands of a lane's rollout come; one that a later command has overtaken does not.
+fn moments([issued, rows]: [&Timeline; 2], lane: usize, late: &[[f64; 8]]) -> Vec<Moment> {
+    let mut soonest = f64::INFINITY;
+    let mut moments: Vec<Moment> = Vec::with_capacity(late.len());
+    for (what, late) in late.iter().enumerate().rev() {
+        let time = issued.begins(what, lane) + late[lane];
+        if time < soonest {
+            soonest = time;
+            let (row, at) = if time == rows.begins(what, lane) {
+                (what, 0.0)
+            } else {
+                let near = moments.last().map_or(what, |later| later.row);
+                rows.locate(lane, time, 0, near)
+            };
+            moments.push(Moment { row, at, what });
+        }
+    }
+    moments.reverse();
+    moments
+}
