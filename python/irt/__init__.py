@@ -14,6 +14,7 @@ from irt.errors import IrtError
 
 if TYPE_CHECKING:
     from irt.catalogue import EffectInfo, EffectParameter, effects
+    from irt.diagnose import Diagnosis, diagnose
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
     from irt.residual import Evaluation, evaluate
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Board",
+    "Diagnosis",
     "Effect",
     "EffectInfo",
     "EffectParameter",
@@ -33,6 +35,7 @@ __all__ = [
     "Parameter",
     "Recording",
     "Rig",
+    "diagnose",
     "effects",
     "evaluate",
     "load_model",
@@ -47,6 +50,7 @@ __all__ = [
 
 _HOMES = {
     "irt.catalogue": ("EffectInfo", "EffectParameter", "effects"),
+    "irt.diagnose": ("Diagnosis", "diagnose"),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
     "irt.residual": ("Evaluation", "evaluate"),

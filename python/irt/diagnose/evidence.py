@@ -20,7 +20,7 @@ LEFT_SHARE, LEFT_NOISE = 0.01, 0.1
 #: Residuals without memory, of about the tracker's size, are noise.
 FORGETFUL, NOISE_LIKE = 1.5, 1.1
 #: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
-#: a moment too late or meets a corner otherwise takes the rest of its run elsewhere, and no physics is missing.
+#: a moment too late or meets a corner otherwise goes elsewhere from there, and no physics is missing.
 WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
 #: Mean Student-t loss of a normal residual at its own scale.
 _OF_NOISE = float(

@@ -1,10 +1,10 @@
 """What drives the leftover: a push that is not in the model, seen through the marble's motion.
 
 In stretches away from the rim the marble is a double integrator: a push in one row moves all later ones. The
-residuals of a hypothesis are what an unknown push leaves after start states and the five parameters have had their
-say. Which variable the push depends on is asked of Gaussian processes over each of them, compared by restricted
-likelihood (Rasmussen and Williams 2006, section 2.7 and chapter 5; latent force models: Alvarez et al. 2009).
-Neither noisy positions nor their differences are ever differentiated.
+residuals of a hypothesis are what an unknown push leaves after start states and the five parameters have had
+their say. Which variable the push depends on is asked of Gaussian processes over each of them, compared by
+restricted likelihood (Rasmussen and Williams 2006, section 2.7 and chapter 5; latent force models: Alvarez et
+al. 2009). Neither noisy positions nor their differences are ever differentiated.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ LONGEST, SHORTEST = 24, 10
 #: Distance from the rim at which the marble is free [board edges].
 FREE = 0.012
 #: Variances of the push tried, by the displacement that they make over that of the tracker's noise.
-_SIZES = np.array([0.3, 3.0, 30.0, 300.0, 3000.0])
+_SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
 #: Simulated nulls.
 NULLS = 99
+#: Rows that count, at most: whole stretches, spread over the recordings.
+MOST_ROWS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,7 @@ class Source:
     p_value : float
         Of such a gain or more were there only noise, over all variables tried.
     push : float
-        Root mean square of the push [board edges a row squared], or of the shift [board edges] of the picture.
+        Root mean square of the push [board edges a row squared], or of the picture's shift [board edges].
     """
 
     variable: str
@@ -97,7 +99,7 @@ class Leftover:
     """
 
     def __init__(self, case: Case, fitted: Fitted) -> None:
-        screen = Screen(case, fitted, min(LONGEST, min(len(one.knobs) for one in case.segments)))
+        screen = Screen(case, fitted, min(LONGEST, *(len(one.knobs) for one in case.segments)))
         self.rows, self._residual, self._fixed = _stretches(case, screen)
         self._noise = case.noise
 
@@ -129,6 +131,14 @@ class Leftover:
             return []
         random = np.random.default_rng(seed)
         nulls = self._noise * random.standard_normal((self.count, NULLS))
+        self._plain = [
+            _restricted(
+                self._noise**2 * np.eye(self.count),
+                self._fixed[axis],
+                np.column_stack([self.residual(axis), nulls]),
+            )
+            for axis in (0, 1)
+        ]
         told = [(name, stage, *self._of(kernel, stage, nulls)) for name, stage, kernel in self._kernels()]
         highest = np.max([null for *_, null, _ in told], axis=0)
         best: dict[str, Source] = {}
@@ -151,15 +161,13 @@ class Leftover:
             kernel = _squared_exponential(values, length)
             return lambda _: kernel
 
-        found: list[tuple[str, str, Callable[[int], Array]]] = []
-        for length in (0.03, 0.07, 0.2):
-            found.append(("position", "force", alike(rows.place, length)))
-        for length in (0.5, 1.5):
-            found.append(("velocity", "force", alike(rows.velocity / speed, length)))
-            found.append(("command", "command", alike(rows.knobs / angle, length)))
-        found.append(("command rate", "command", alike(rows.turn / turned, 0.7)))
-        for length in (4.0, 15.0, 60.0):
-            found.append(("time", "force", alike(rows.time[:, None], length)))
+        found: list[tuple[str, str, Callable[[int], Array]]] = [
+            *(("position", "force", alike(rows.place, length)) for length in (0.03, 0.07, 0.2)),
+            *(("velocity", "force", alike(rows.velocity / speed, length)) for length in (0.5, 1.5)),
+            *(("command", "command", alike(rows.knobs / angle, length)) for length in (0.5, 1.5)),
+            ("command rate", "command", alike(rows.turn / turned, 0.7)),
+            *(("time", "force", alike(rows.time[:, None], length)) for length in (4.0, 15.0, 60.0)),
+        ]
         # Commands of x turn the board about x: they push along y.
         found.append(("jitter", "command", lambda axis: np.diag((rows.turn[:, 1 - axis] / turned) ** 2)))
         found.append(("each row anew", "force", lambda _: np.eye(self.count)))
@@ -180,7 +188,7 @@ class Leftover:
             scale = self._noise**2 / max(float(np.mean(np.diag(moved))), 1e-300)
             units.append(scale * float(np.mean(np.diag(unit))))
             data = np.column_stack([self.residual(axis), nulls])
-            plain = _restricted(self._noise**2 * np.eye(self.count), self._fixed[axis], data)
+            plain = self._plain[axis]
             for index, size in enumerate(_SIZES, start=1):
                 covariance = size * scale * moved + self._noise**2 * np.eye(self.count)
                 told = _restricted(covariance, self._fixed[axis], data) - plain
@@ -213,16 +221,26 @@ def _integrator(rows: int) -> Array:
     return np.where(late > 0, late - 0.5, 0.0)
 
 
+def _spread_out(count: int) -> NDArray[np.int64]:
+    """Return indices in an order in which any first few are spread over all of them: the golden section's."""
+    return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
+
+
 def _stretches(case: Case, screen: Screen) -> tuple[Rows, Array, Array]:
     """Return rows, residuals (n, 2), and what else could move them, (2, n, f), away from the rim."""
     board, radius = case.rig.board, case.rig.marble.radius_m
     reach = (np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius) / board.edge_x_m
     told: dict[str, list[Array]] = {key: [] for key in ("place", "velocity", "knobs", "turn", "time")}
-    runs, stretches, residuals, directions = [], [], [], []
-    for index, window in enumerate(screen.windows()):
+    runs: list[NDArray[np.int64]] = []
+    stretches, residuals, directions = [], [], []
+    windows = screen.windows()
+    for index in _spread_out(len(windows)):
+        window = windows[index]
+        if sum(len(one) for one in runs) >= MOST_ROWS:
+            break
         free = (np.abs(window.place) < reach - FREE).all(axis=1) & np.isfinite(window.residual).all(axis=1)
         free &= (np.abs(window.residual) < 50.0 * case.noise).all(axis=1)
-        stop = int(np.argmin(free)) if not free.all() else len(free)
+        stop = len(window.place) if free.all() else int(np.argmin(free))
         if stop < SHORTEST:
             continue
         told["place"].append(window.place[:stop])

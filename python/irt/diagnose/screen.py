@@ -153,6 +153,17 @@ class Screen:
         seen = self._known.reshape(windows, -1).sum(axis=1)
         return np.asarray((left**2).sum(axis=1) / np.maximum(seen - 4, 1))
 
+    def squared(self, nulls: int, seed: int) -> tuple[Array, Array]:
+        """Return squared residuals of each row of all windows in units of the tracker's variance, (w * n,).
+
+        And the same of simulated noise in the same windows, (nulls, w * n): both freed of what start states
+        and the five parameters could do.
+        """
+        noise = np.random.default_rng(seed).standard_normal((nulls, self._residual.size))
+        told = np.concatenate([self._residual[None] / self._case.noise, self._freed(noise)])
+        rows = (np.clip(told, -_CLIP, _CLIP) ** 2).reshape(nulls + 1, -1, 2).sum(axis=2)
+        return rows[0], rows[1:]
+
     def draws(self, name: str, count: int | None = None) -> Draws:
         """Draw an effect's parameters over their ranges, and rank the draws by what they would explain.
 
@@ -161,7 +172,7 @@ class Screen:
         parameters = effect(name).parameters
         if count is None:
             count = DRAWS[min(len(parameters), len(DRAWS)) - 1]
-        size = _size(name)
+        size = size_of(name)
         drawn = _drawn(parameters, size, count, self._case.seed)
         changed = self._freed(self._changes(name, drawn))
         along, length = changed @ self._residual, (changed**2).sum(axis=1)
@@ -178,6 +189,11 @@ class Screen:
             gain = 2.0 * factor * along - factor**2 * length
         order = np.argsort(-gain, kind="stable")
         return Draws(drawn[order], gain[order] / max(self.squares, 1e-300))
+
+    def gains(self, name: str, values: Array) -> Array:
+        """Return by how many nats (k, p) values of an effect, were they true, raise the likelihood, (k,)."""
+        changed = self._freed(self._changes(name, values))
+        return np.asarray((changed**2).sum(axis=1) / (2.0 * self._case.noise**2))
 
     def _changes(self, name: str, drawn: Array) -> Array:
         """Return what draws of an effect add to the prediction, (k, w * n * 2)."""
@@ -256,7 +272,7 @@ class Screen:
 
 
 @functools.cache
-def _size(name: str) -> int | None:
+def size_of(name: str) -> int | None:
     """Return which parameter of an effect is its size: at its neutral value the others say nothing."""
     parameters = effect(name).parameters
     knobs = 0.1 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]

@@ -71,7 +71,7 @@ class Search:
     def run(self) -> Fitted:
         """Search, and return the best hypothesis."""
         self.report("the five parameters")
-        self._keep(self.case.fit(starts=8))
+        self.keep(self.case.fit(starts=8))
         self._expand(self.base, [one.name for one in effects()], SINGLES)
         self._refine(1)
         best = self._grown(self.base, 1)
@@ -89,7 +89,8 @@ class Search:
             best = self._grown(best, size)
         return self._pruned(best)
 
-    def _keep(self, one: Fitted) -> None:
+    def keep(self, one: Fitted) -> None:
+        """Remember a fit, if it is the best one of its effects."""
         key = frozenset(one.effects)
         known = self.fits.get(key)
         if known is None or one.loss(self.case.noise) < known.loss(self.case.noise):
@@ -106,7 +107,7 @@ class Search:
                 break
             chosen = [Effect(one, {}) for one in (*parent.effects, name)]
             fitted = self.case.fit(chosen, points=seeds[name][1], rounds=0)
-            self._keep(fitted)
+            self.keep(fitted)
             if is_explained(self.case, fitted, self.base):
                 enough = RIVAL * seeds[name][0]
 
@@ -129,7 +130,7 @@ class Search:
         for one in self.ranked(size)[:REFINED]:
             self.report(" + ".join(one.effects))
             chosen = [Effect(name, {}) for name in one.effects]
-            self._keep(self.case.fit(chosen, points=one.values[None], rounds=2))
+            self.keep(self.case.fit(chosen, points=one.values[None], rounds=2))
 
     def _grown(self, best: Fitted, size: int) -> Fitted:
         """Return the best hypothesis of a size if it is worth its effects, else the one before."""
@@ -148,7 +149,7 @@ class Search:
         for child in within:
             values = dict(zip(child.names, child.values, strict=True))
             point = np.array([[values[name] for name in parent.names]])
-            self._keep(self.case.refine(parent.effects, point)[0])
+            self.keep(self.case.refine(parent.effects, point)[0])
 
     def is_supported(self, one: Fitted, over: Fitted) -> bool:
         """Whether recordings held out agree that a hypothesis is better; so too where there is but one."""
@@ -156,6 +157,10 @@ class Search:
             return True
         scale = self.evidence().scale
         return is_supported(self.held_out(one), self.held_out(over), scale)
+
+    def known_held_out(self, one: Fitted) -> HeldOut | None:
+        """Return a hypothesis judged by recordings held out, if it was."""
+        return self._held_out.get(one.effects)
 
     def held_out(self, one: Fitted) -> HeldOut:
         """Return a hypothesis judged by recordings held out."""

@@ -1,0 +1,155 @@
+"""Where a hypothesis and the recordings disagree: runs, times, regions of the board, regimes, stages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.diagnosis import Finding, Kind
+from irt.diagnose.latent import Leftover, Source
+from irt.diagnose.screen import ROWS, Screen
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Simulated nulls, and the share of rows below which a place is not looked at.
+NULLS, FEWEST = 199, 0.02
+#: Chance above which a place is not spoken of, and places told of each kind at most.
+CLEAR, MOST = 0.05, 3
+#: Below this speed the marble is at rest [board edges a row]; a row near a turn is so many rows from it.
+_REST, _NEAR = 0.001, 2
+
+
+def locate(case: Case, fitted: Fitted) -> list[Finding]:
+    """Find the places where short windows leave more than noise does in simulated nulls.
+
+    A place's strength is its share of all that is left beyond noise; its p-value is the share of nulls in
+    which any place of any kind stands out as much, so that looking in many places is paid for.
+    """
+    screen = Screen(case, fitted, min(ROWS, *(len(one.knobs) for one in case.segments)))
+    squares, nulls = screen.squared(NULLS, case.seed)
+    beyond = squares - nulls.mean(axis=0)
+    total = max(float(beyond.sum()), 1e-300)
+    places = [(kind, what, mask) for kind, what, mask in _places(case, screen) if mask.mean() > FEWEST]
+    told, highest = [], np.zeros(NULLS)
+    for kind, what, mask in places:
+        sums = nulls[:, mask].sum(axis=1)
+        mean, spread = float(sums.mean()), max(float(sums.std()), 1e-12)
+        highest = np.maximum(highest, (sums - mean) / spread)
+        told.append(
+            (kind, what, float(beyond[mask].sum()) / total, (float(squares[mask].sum()) - mean) / spread)
+        )
+    findings = []
+    for kind, what, share, height in told:
+        chance = float((1 + (highest >= height).sum()) / (1 + NULLS))
+        findings.append(Finding(kind, what, min(max(share, 0.0), 1.0), chance))
+    return _strongest(findings)
+
+
+def stages(sources: Sequence[Source]) -> list[Finding]:
+    """Return what the leftover depends on, as findings: the likeliest variables, by their likelihood."""
+    clear = [one for one in sources if one.p_value <= CLEAR and one.gain > 0.0]
+    if not clear:
+        return []
+    most = clear[0].gain
+    return [
+        Finding(
+            "stage",
+            f"{_STAGES[one.stage]}: the leftover depends on {_VARIABLES[one.variable]}",
+            one.gain / most,
+            one.p_value,
+        )
+        for one in clear[:MOST]
+    ]
+
+
+def leftover_sources(case: Case, fitted: Fitted) -> list[Source]:
+    """Return on which variables the leftover of a hypothesis may depend, the likeliest first."""
+    return Leftover(case, fitted).sources(case.seed)
+
+
+_STAGES = {
+    "force": "between board and marble",
+    "command": "between command and board",
+    "camera": "between marble and picture",
+}
+_VARIABLES = {
+    "position": "the position on the board",
+    "velocity": "the velocity of the marble",
+    "command": "the command",
+    "command rate": "how fast the command changes",
+    "time": "the time since the recording began",
+    "jitter": "each command anew, as where delays differ from command to command",
+    "each row anew": "nothing that repeats from row to row",
+    "each run anew": "nothing that repeats from run to run",
+}
+
+
+def _places(case: Case, screen: Screen) -> Iterator[tuple[Kind, str, Mask]]:
+    """Yield the places looked at, with the rows of all windows that belong to them, (w * n,)."""
+    windows = screen.windows()
+    place = np.concatenate([one.place for one in windows])
+    velocity = np.concatenate([np.gradient(one.place, axis=0) for one in windows])
+    knobs = np.concatenate([one.knobs for one in windows])
+    turn = np.concatenate([one.turn for one in windows])
+    rows = np.concatenate([one.first + np.arange(len(one.place)) for one in windows])
+    run = np.concatenate([np.full(len(one.place), one.run) for one in windows])
+    for fold in np.unique(run):
+        yield "run", case.rig.recordings[fold].name, run == fold
+    quarters = np.linspace(0, rows.max() + 1, 5).astype(int)
+    for first, after in pairwise(quarters):
+        yield "time", f"rows {first} to {after - 1}", (rows >= first) & (rows < after)
+    yield from _regions(case, place)
+    yield from _regimes(case, place, velocity, knobs, turn)
+
+
+def _regions(case: Case, place: Array) -> Iterator[tuple[Kind, str, Mask]]:
+    board = case.rig.board
+    half = np.array([0.5, 0.5 * board.edge_y_m / board.edge_x_m])
+    cells = np.clip(np.floor((place / half + 1.0) * 1.5), 0, 2).astype(int)
+    across, along = ("left", "middle", "right"), ("near", "middle", "far")
+    for i, x in enumerate(across):
+        for j, y in enumerate(along):
+            what = "the middle of the board" if x == y == "middle" else f"{x} in x, {y} in y"
+            yield "region", what, (cells == [i, j]).all(axis=1)
+
+
+def _regimes(
+    case: Case, place: Array, velocity: Array, knobs: Array, turn: Array
+) -> Iterator[tuple[Kind, str, Mask]]:
+    board, radius = case.rig.board, case.rig.marble.radius_m
+    reach = (np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius) / board.edge_x_m
+    speed = np.linalg.norm(velocity, axis=1)
+    moving = speed > _REST
+    fast = np.asarray(speed > (float(np.median(speed[moving])) if moving.any() else np.inf))
+    at_wall = (np.abs(place) > reach - 0.01).any(axis=1)
+    reversal = np.zeros(len(knobs), dtype=bool)
+    signs = np.sign(turn)
+    for axis in (0, 1):
+        turned = np.flatnonzero(signs[1:, axis] * signs[:-1, axis] < 0.0) + 1
+        for shift in range(_NEAR + 1):
+            reversal[np.minimum(turned + shift, len(knobs) - 1)] = True
+    # A turn about y pushes along x, a turn about x against y.
+    uphill = (velocity * np.stack([knobs[:, 1], -knobs[:, 0]], axis=1)).sum(axis=1) < 0.0
+    yield "regime", "at the wall", at_wall
+    yield "regime", "at rest", ~moving & ~at_wall
+    yield "regime", "rolling slowly", np.asarray(moving & ~fast & ~at_wall)
+    yield "regime", "rolling fast", np.asarray(fast & ~at_wall)
+    yield "regime", "rolling uphill", moving & uphill & ~at_wall
+    yield "regime", "rolling downhill", moving & ~uphill & ~at_wall
+    yield "regime", "after the command turns back", reversal
+    yield "regime", "along x", moving & (np.abs(velocity[:, 0]) > 2.0 * np.abs(velocity[:, 1]))
+    yield "regime", "along y", moving & (np.abs(velocity[:, 1]) > 2.0 * np.abs(velocity[:, 0]))
+
+
+def _strongest(findings: Sequence[Finding]) -> list[Finding]:
+    """Return the findings that are clear, the strongest of each kind first."""
+    kept: list[Finding] = []
+    for kind in ("run", "time", "region", "regime"):
+        clear = [one for one in findings if one.kind == kind and one.p_value <= CLEAR]
+        kept += sorted(clear, key=lambda one: -one.strength)[:MOST]
+    return kept

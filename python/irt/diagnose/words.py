@@ -1,0 +1,94 @@
+"""The answer of a diagnosis in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from irt.catalogue import effect
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.diagnosis import NamedEffect
+
+#: Mean absolute value of a normal variable over its standard deviation.
+_MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
+#: Recordings, and rows in which the marble moves, below which little could have been shown.
+_FEW, _STILL = 3, 30
+
+
+def summary(effects: Sequence[NamedEffect], *, noise: float, before: float, after: float) -> str:
+    """Return the answer in one or two sentences; errors in board edges."""
+    floor = _MEAN_ABSOLUTE * noise
+    if not effects:
+        return (
+            f"The five parameters explain the recordings: held out, each is predicted to {_percent(before)} "
+            f"of the board's edge, and the tracker's noise alone makes {_percent(floor)}. No physics is "
+            "missing that these recordings could show."
+        )
+    named = " and ".join(_shown(one) for one in effects)
+    verb = "was" if len(effects) == 1 else "were"
+    ties = "".join(
+        f" These recordings do not tell {one.name} from {' or '.join(one.confusable_with)}."
+        for one in effects
+        if one.confusable_with
+    )
+    return (
+        f"{_capital(named)} {verb} left out: with it, recordings held out are predicted to {_percent(after)} "
+        f"of the board's edge instead of {_percent(before)}; the tracker's noise alone makes "
+        f"{_percent(floor)}.{ties}"
+    )
+
+
+def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
+    """Return what to record next, and why."""
+    tied = [one for one in effects if one.confusable_with]
+    if tied:
+        pairs = " and ".join(f"{one.name} from {' or '.join(one.confusable_with)}" for one in tied)
+        return f"To tell {pairs}, record the run that `irt suggest {rig}` designs for it, and diagnose again."
+    if effects:
+        names = " and ".join(one.name for one in effects)
+        return (
+            f"Nothing is left to tell apart; the run that `irt suggest {rig}` designs would sharpen the "
+            f"values of {names}."
+        )
+    return (
+        "Larger and faster commands, reversals and runs along the rim show more kinds of physics; the table "
+        "of what these recordings could have shown says which of them matter here."
+    )
+
+
+def notes(case: Case, best: Fitted) -> Iterator[str]:
+    """Say what else the user should know."""
+    if len(case.rig.recordings) == 1:
+        yield (
+            "There is one recording only: nothing could be held out, so the improvement is not proved. "
+            "Record at least three."
+        )
+    elif len(case.rig.recordings) < _FEW:
+        yield "Two recordings are few: an effect that both ask for may be chance. Record at least three."
+    moving = sum(
+        int((np.linalg.norm(np.diff(segment.observed, axis=0), axis=1) > 6.0 * case.noise).sum())
+        for segment in case.segments
+    )
+    if moving < _STILL:
+        yield (
+            f"The marble moves in {moving} rows only: these recordings could hardly have shown any effect. "
+            "See the table of what they could."
+        )
+
+
+def _shown(one: NamedEffect) -> str:
+    values = ", ".join(
+        f"{name} {parameter.value:.3g} {one.units.get(name, '')}".rstrip()
+        for name, parameter in one.parameters.items()
+    )
+    return f"{one.name} ({values})" if values else effect(one.name).name
+
+
+def _percent(error: float) -> str:
+    return f"{100.0 * error:.2g} %"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
