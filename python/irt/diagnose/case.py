@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effect
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
 from irt.fitting.problem import Problem, Refined, Solution, tracker_noise
@@ -38,6 +37,8 @@ class Fitted:
         Predicted minus observed for each segment [board edges], NaN where nothing was seen.
     noise : float
         Robust standard deviation of the residuals [board edges].
+    free : int
+        How many of the effects' parameters were fitted.
     solution : Solution or None
         All that the engine told, where it searched.
     """
@@ -47,6 +48,7 @@ class Fitted:
     values: Array
     residuals: tuple[Array, ...]
     noise: float
+    free: int
     solution: Solution | None = None
 
     def losses(self, scale: float) -> Array:
@@ -88,6 +90,8 @@ class Case:
         Of all draws.
     threads : int or None
         Of the engine.
+    held : mapping
+        Values at which parameters of effects are held, by effect and name; all others are fitted.
     """
 
     rig: Rig
@@ -97,6 +101,7 @@ class Case:
     time_scale: float | None
     seed: int
     threads: int | None
+    held: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, rig: Rig, *, seed: int = 0, threads: int | None = None) -> Case:
@@ -125,6 +130,14 @@ class Case:
         kept = tuple(segment for segment, stays in zip(self.segments, keep, strict=True) if stays)
         return replace(self, segments=kept, folds=self.folds[keep])
 
+    def holding(self, name: str, values: Mapping[str, float]) -> Case:
+        """Return the case with parameters of an effect held at these values."""
+        return replace(self, held={**self.held, name: values})
+
+    def named(self, names: Sequence[str]) -> list[Effect]:
+        """Return effects to be looked for."""
+        return [Effect(name, {}) for name in names]
+
     def problem(self, effects: Sequence[Effect], values: Array | None = None) -> Problem:
         """Return the problem of fitting the five parameters, from (5,) values, and those of effects."""
         return Problem.of(
@@ -134,6 +147,7 @@ class Case:
             values=values,
             time_scale=self.time_scale,
             noise=self.noise,
+            held=self.held,
             threads=self.threads,
         )
 
@@ -168,17 +182,18 @@ class Case:
             values=solution.values,
             residuals=tuple(solution.residuals),
             noise=robust_scale(solution.residuals),
+            free=_free(problem),
             solution=solution,
         )
 
     def refine(self, effects: Sequence[str], points: Array, *, iterations: int = 12) -> list[Fitted]:
         """Go from each of (k, n) points to the bottom of its valley."""
-        problem = self.problem([Effect(name, {}) for name in effects])
+        problem = self.problem(self.named(effects))
         return [_fitted(effects, problem, one) for one in problem.refine(points, iterations=iterations)]
 
     def judge(self, effects: Sequence[str], points: Array) -> list[Fitted]:
         """Say what each of (k, n) points leaves over: only start states are estimated."""
-        problem = self.problem([Effect(name, {}) for name in effects])
+        problem = self.problem(self.named(effects))
         return [_fitted(effects, problem, one) for one in problem.judge(points)]
 
     def model(self, fitted: Fitted) -> Model:
@@ -189,11 +204,6 @@ class Case:
             effects=[Effect(name, fitted.value_of(name)) for name in fitted.effects],
             time_step="continuous",
         )
-
-
-def free_parameters(name: str) -> int:
-    """Return how many parameters an effect of the catalogue has."""
-    return len(effect(name).parameters)
 
 
 def robust_scale(residuals: Sequence[Array]) -> float:
@@ -219,7 +229,13 @@ def memory(residuals: Sequence[Array], scale: float, lags: int = 20) -> float:
 
 def _fitted(effects: Sequence[str], problem: Problem, one: Refined) -> Fitted:
     residuals = tuple(one.residuals)
-    return Fitted(tuple(effects), problem.names, one.values, residuals, robust_scale(residuals))
+    noise, free = robust_scale(residuals), _free(problem)
+    return Fitted(tuple(effects), problem.names, one.values, residuals, noise, free)
+
+
+def _free(problem: Problem) -> int:
+    """Return how many parameters of effects a problem does not hold."""
+    return sum(int(np.isfinite(sought[:, 0]).sum()) for _, sought in problem.asked["effects"])
 
 
 def _loss(residual: Array, scale: float) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irt.catalogue import effects
-from irt.diagnose.case import TAIL, Case, Fitted, free_parameters, memory
+from irt.diagnose.case import TAIL, Case, Fitted, memory
 from irt.diagnose.screen import Screen
 
 #: An effect must explain this share of what noise alone would make, or it is too small to be told from the
@@ -67,18 +67,21 @@ class Evidence:
         """Return by how many nats one hypothesis is likelier than another."""
         return (over.loss(self.scale) - one.loss(self.scale)) / self.memory
 
-    def penalty(self, names: Sequence[str]) -> float:
-        """Return what adding effects costs [nats].
+    def penalty(self, one: Fitted) -> float:
+        """Return what the effects of a hypothesis cost [nats].
 
         Half a logarithm of the data for each parameter (BIC), and that of the catalogue for each choice.
         """
-        parameters = sum(free_parameters(name) for name in names)
-        choice = math.log(len(effects()))
-        return 0.5 * parameters * math.log(max(self.rows, math.e)) + len(names) * choice
+        return self.price(one.free, len(one.effects))
+
+    def price(self, parameters: int, choices: int) -> float:
+        """Return what so many parameters, and choices from the catalogue, cost [nats]."""
+        data, catalogue = math.log(max(self.rows, math.e)), math.log(len(effects()))
+        return 0.5 * parameters * data + choices * catalogue
 
     def margin(self, one: Fitted, over: Fitted) -> float:
         """Return by how many nats one hypothesis beats another, its additional effects paid for."""
-        return self.gain(one, over) - (self.penalty(one.effects) - self.penalty(over.effects))
+        return self.gain(one, over) - (self.penalty(one) - self.penalty(over))
 
     def is_better(self, one: Fitted, over: Fitted) -> bool:
         """Whether the additional effects of a hypothesis are worth naming."""

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from irt.diagnose.case import Case, Fitted
-from irt.diagnose.screen import Screen
+from irt.diagnose.screen import EARLIER, Screen, Window
+from irt.rig import PARAMETERS
+from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 
@@ -25,10 +27,20 @@ Array = NDArray[np.float64]
 LONGEST, SHORTEST = 24, 10
 #: Distance from the rim at which the marble is free [board edges].
 FREE = 0.012
+#: Speed a row below which the marble may be at rest, and misses beyond which a prediction is lost [noise].
+SLOW, ASTRAY = 1.0, 50.0
+#: Rows to either side through which observed paths are smoothed.
+_SMOOTH = 3
+#: How far apart commands arrive that differ in delay [rows].
+_SPREAD = 1.0
 #: Variances of the push tried, by the displacement that they make over that of the tracker's noise.
 _SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
+#: The 95 % point of a chi-squared variable of one degree of freedom.
+_CHI_SQUARED = 3.84
 #: Simulated nulls.
 NULLS = 99
+#: Name of delays that differ from command to command.
+JITTER = "jitter"
 #: Rows that count, at most: whole stretches, spread over the recordings.
 MOST_ROWS = 400
 
@@ -45,6 +57,8 @@ class Rows:
         How it moves [board edges a row].
     knobs, turn : (n, 2) arrays
         The command that holds [rad], and by how much it differs from the one before.
+    arriving : (n, 2) array
+        Mean square of the changes of the commands that may arrive in a row [rad squared].
     time : (n,) array
         Row of the recording.
     run : (n,) int array
@@ -57,6 +71,7 @@ class Rows:
     velocity: Array
     knobs: Array
     turn: Array
+    arriving: Array
     time: Array
     run: NDArray[np.int64]
     stretch: NDArray[np.int64]
@@ -95,12 +110,15 @@ class Leftover:
     case : Case
         The recordings.
     fitted : Fitted
-        The hypothesis.
+        The hypothesis. What the base model leaves over is seen in the motion as it was observed, however far
+        off that model is; what others leave over, in their predictions' misses.
     """
 
     def __init__(self, case: Case, fitted: Fitted) -> None:
         screen = Screen(case, fitted, min(LONGEST, *(len(one.knobs) for one in case.segments)))
-        self.rows, self._residual, self._fixed = _stretches(case, screen)
+        self.rows, self._residual, self._fixed = _stretches(
+            case, screen, weak=not fitted.effects, late=_lateness(case, fitted)
+        )
         self._noise = case.noise
 
     @property
@@ -118,8 +136,12 @@ class Leftover:
 
     def freed(self, axis: int, changes: Array) -> Array:
         """Take from (n, k) changes of a coordinate what start states and the five parameters could do."""
-        basis = np.linalg.qr(self._fixed[axis])[0]
+        basis = self._fixed[axis]
         return np.asarray(changes - basis @ (basis.T @ changes))
+
+    def explain(self, axis: int, changes: Array) -> None:
+        """Count (n, k) changes of a coordinate among what else could move the marble."""
+        self._fixed[axis] = np.linalg.qr(np.column_stack([self._fixed[axis], changes]))[0]
 
     def residual(self, axis: int) -> Array:
         """Return observed minus predicted for a coordinate, (n,) [board edges]."""
@@ -149,12 +171,41 @@ class Leftover:
                 best[name] = source
         return sorted(best.values(), key=lambda one: -one.gain)
 
+    @property
+    def turned(self) -> float:
+        """Root mean square of the changes of the commands [rad]."""
+        return max(float(np.sqrt((self.rows.turn**2).mean())), 1e-9)
+
+    def size_of_jitter(self) -> tuple[float, float, float]:
+        """Return the push that differing delays make, root mean square [board edges a row squared].
+
+        And the ends of its 95 % interval, where the likelihood has fallen by what chi-squared allows.
+        """
+        moved = [
+            self.moved(self.moved(np.diag(self.rows.arriving[:, 1 - axis] / self.turned**2)).T)
+            for axis in (0, 1)
+        ]
+
+        def likelihood(push: float) -> float:
+            gain = 0.0
+            for axis in (0, 1):
+                covariance = push**2 * moved[axis] + self._noise**2 * np.eye(self.count)
+                gain += float(_restricted(covariance, self._fixed[axis], self.residual(axis)[:, None])[0])
+            return gain
+
+        coarse = np.logspace(-6.0, -1.0, 26)
+        likeliest = coarse[np.argmax([likelihood(push) for push in coarse])]
+        pushes = likeliest * np.logspace(-0.3, 0.3, 41)
+        gains = np.array([likelihood(push) for push in pushes])
+        inside = pushes[gains > gains.max() - 0.5 * _CHI_SQUARED]
+        return float(pushes[gains.argmax()]), float(inside.min()), float(inside.max())
+
     def _kernels(self) -> list[tuple[str, str, Callable[[int], Array]]]:
         """Return variable, stage, and covariance (n, n) of unit size for each coordinate."""
         rows = self.rows
         speed = max(float(np.sqrt((rows.velocity**2).mean())), 1e-9)
         angle = max(float(np.sqrt((rows.knobs**2).mean())), 1e-9)
-        turned = max(float(np.sqrt((rows.turn**2).mean())), 1e-9)
+        turned = self.turned
         same = rows.run[:, None] == rows.run
 
         def alike(values: Array, length: float) -> Callable[[int], Array]:
@@ -169,7 +220,7 @@ class Leftover:
             *(("time", "force", alike(rows.time[:, None], length)) for length in (4.0, 15.0, 60.0)),
         ]
         # Commands of x turn the board about x: they push along y.
-        found.append(("jitter", "command", lambda axis: np.diag((rows.turn[:, 1 - axis] / turned) ** 2)))
+        found.append((JITTER, "command", lambda axis: np.diag(rows.arriving[:, 1 - axis] / turned**2)))
         found.append(("each row anew", "force", lambda _: np.eye(self.count)))
         found.append(
             ("each run anew", "force", lambda _: _squared_exponential(rows.time[:, None], 5.0) * same)
@@ -226,48 +277,159 @@ def _spread_out(count: int) -> NDArray[np.int64]:
     return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
 
 
-def _stretches(case: Case, screen: Screen) -> tuple[Rows, Array, Array]:
-    """Return rows, residuals (n, 2), and what else could move them, (2, n, f), away from the rim."""
+def _stretches(case: Case, screen: Screen, *, weak: bool, late: float) -> tuple[Rows, Array, list[Array]]:
+    """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it."""
     board, radius = case.rig.board, case.rig.marble.radius_m
     reach = (np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius) / board.edge_x_m
-    told: dict[str, list[Array]] = {key: [] for key in ("place", "velocity", "knobs", "turn", "time")}
-    runs: list[NDArray[np.int64]] = []
-    stretches, residuals, directions = [], [], []
+    pieces: list[_Piece] = []
     windows = screen.windows()
     for index in _spread_out(len(windows)):
-        window = windows[index]
-        if sum(len(one) for one in runs) >= MOST_ROWS:
+        if sum(len(piece.place) for piece in pieces) >= MOST_ROWS:
             break
-        free = (np.abs(window.place) < reach - FREE).all(axis=1) & np.isfinite(window.residual).all(axis=1)
-        free &= (np.abs(window.residual) < 50.0 * case.noise).all(axis=1)
-        stop = len(window.place) if free.all() else int(np.argmin(free))
-        if stop < SHORTEST:
-            continue
-        told["place"].append(window.place[:stop])
-        told["velocity"].append(np.gradient(window.place, axis=0)[:stop])
-        told["knobs"].append(window.knobs[:stop])
-        told["turn"].append(window.turn[:stop])
-        told["time"].append(window.first + np.arange(stop, dtype=np.float64))
-        runs.append(np.full(stop, window.run))
-        stretches.append(np.full(stop, index))
-        residuals.append(window.residual[:stop])
-        directions.append(window.of_base[:, :stop])
-    if not residuals:
-        empty = np.zeros((0, 2))
-        none = np.zeros(0, dtype=np.int64)
-        return Rows(empty, empty, empty, empty, np.zeros(0), none, none), empty, np.zeros((2, 0, 0))
-    joined = {key: np.concatenate(parts) for key, parts in told.items()}
-    rows = Rows(**joined, run=np.concatenate(runs), stretch=np.concatenate(stretches))
-    fixed = []
-    of_base = np.concatenate(directions, axis=1)
-    for axis in (0, 1):
-        columns = [one[:, axis] for one in of_base]
-        for stretch in np.unique(rows.stretch):
-            own = (rows.stretch == stretch).astype(np.float64)
-            columns += [own, own * (rows.time - rows.time[own > 0.0].mean())]
-        matrix = np.column_stack(columns)
-        kept = np.linalg.norm(matrix, axis=0) > 0.0
-        left, singular, _ = np.linalg.svd(matrix[:, kept], full_matrices=False)
-        fixed.append(left[:, singular > 1e-8 * singular.max()])
-    width = min(one.shape[1] for one in fixed)
-    return rows, np.concatenate(residuals), np.array([one[:, :width] for one in fixed])
+        window = windows[index]
+        piece = _observed(window, late, case.noise) if weak else _predicted(window, late)
+        free = (np.abs(piece.place) < reach - FREE).all(axis=1) & np.isfinite(piece.residual).all(axis=1)
+        if weak:
+            # A marble at rest feels a push no more than the friction that holds it.
+            free &= np.linalg.norm(piece.velocity, axis=1) > SLOW * case.noise
+        else:
+            free &= (np.abs(piece.residual) < ASTRAY * case.noise).all(axis=1)
+        first, stop = _longest(np.asarray(free))
+        if stop - first >= SHORTEST:
+            pieces.append(piece.cut(first, stop))
+    if not pieces:
+        empty, none = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+        return Rows(empty, empty, empty, empty, empty, np.zeros(0), none, none), empty, []
+    lengths = [len(piece.place) for piece in pieces]
+    rows = Rows(
+        place=np.concatenate([piece.place for piece in pieces]),
+        velocity=np.concatenate([piece.velocity for piece in pieces]),
+        knobs=np.concatenate([piece.knobs for piece in pieces]),
+        turn=np.concatenate([piece.turn for piece in pieces]),
+        arriving=np.concatenate([piece.arriving for piece in pieces]),
+        time=np.concatenate([piece.time for piece in pieces]),
+        run=np.repeat([piece.run for piece in pieces], lengths),
+        stretch=np.repeat(np.arange(len(pieces)), lengths),
+    )
+    shared = np.concatenate([piece.fixed for piece in pieces], axis=1)
+    fixed = [_basis(rows, [one[:, axis] for one in shared]) for axis in (0, 1)]
+    residuals = np.concatenate([piece.residual for piece in pieces])
+    return rows, residuals, fixed
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Rows of a window: as in `Rows`, with residuals (n, 2) and what else could move them, (f, n, 2)."""
+
+    run: int
+    place: Array
+    velocity: Array
+    knobs: Array
+    turn: Array
+    arriving: Array
+    time: Array
+    residual: Array
+    fixed: Array
+
+    def cut(self, first: int, stop: int) -> _Piece:
+        own = slice(first, stop)
+        return _Piece(
+            self.run,
+            self.place[own],
+            self.velocity[own],
+            self.knobs[own],
+            self.turn[own],
+            self.arriving[own],
+            self.time[own],
+            self.residual[own],
+            self.fixed[:, own],
+        )
+
+
+def _predicted(window: Window, late: float) -> _Piece:
+    """Return a window as the hypothesis predicts it: where that is near, the best view."""
+    return _Piece(
+        run=window.run,
+        place=window.place,
+        velocity=np.gradient(window.place, axis=0),
+        knobs=window.knobs,
+        turn=window.turn,
+        arriving=_arriving(window, late),
+        time=window.first + np.arange(len(window.place), dtype=np.float64),
+        residual=window.residual,
+        fixed=window.of_base,
+    )
+
+
+def _observed(window: Window, late: float, noise: float) -> _Piece:
+    """Return a window as it was observed, whatever the base model makes of it.
+
+    The motion itself is the residual: gears and rolling friction are among what else could move the marble.
+    """
+    seen = window.place + window.residual
+    path, velocity = _smoothed(seen)
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    friction = -velocity / np.maximum(speed, noise)
+    integral = _integrator(len(seen))
+    return _Piece(
+        run=window.run,
+        place=path,
+        velocity=velocity,
+        knobs=window.knobs,
+        turn=window.turn,
+        arriving=_arriving(window, late),
+        time=window.first + np.arange(len(path), dtype=np.float64),
+        residual=seen,
+        # A turn about y pushes along x, a turn about x along y.
+        fixed=np.array([integral @ window.knobs[:, ::-1], integral @ friction]),
+    )
+
+
+def _lateness(case: Case, fitted: Fitted) -> float:
+    """Return how late the commands of a hypothesis arrive on average [rows]."""
+    found = fitted.of_effects()
+    seconds = sum(found.get(name, 0.0) for name in ("delay.delay_s", "latency.latency_s"))
+    time_scale = case.time_scale or float(fitted.values[PARAMETERS.index("time_scale")])
+    return seconds / (time_scale * SUBSTEP_S)
+
+
+def _arriving(window: Window, late: float) -> Array:
+    """Return the mean square of the changes of the commands that may arrive in each row, (n, 2)."""
+    weights = np.exp(-0.5 * ((np.arange(EARLIER) - late) / _SPREAD) ** 2)
+    return np.asarray(np.einsum("k,nka->na", weights / weights.sum(), window.turned**2))
+
+
+def _smoothed(seen: Array) -> tuple[Array, Array]:
+    """Return path and velocity a row, (n, 2) each, by parabolas through seven rows around each."""
+    rows = np.arange(len(seen), dtype=np.float64)
+    path, velocity = np.full_like(seen, np.nan), np.full_like(seen, np.nan)
+    known = np.isfinite(seen).all(axis=1)
+    for row in range(len(seen)):
+        near = np.flatnonzero(known & (np.abs(rows - row) <= _SMOOTH))
+        if len(near) > 3:
+            powers = np.vander(rows[near] - row, 3, increasing=True)
+            told = np.linalg.lstsq(powers, seen[near])[0]
+            path[row], velocity[row] = told[0], told[1]
+    return path, velocity
+
+
+def _longest(free: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the longest stretch of free rows."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
+    if not len(edges):
+        return 0, 0
+    lengths = edges[1::2] - edges[::2]
+    best = int(lengths.argmax())
+    return int(edges[2 * best]), int(edges[2 * best + 1])
+
+
+def _basis(rows: Rows, columns: list[Array]) -> Array:
+    """Return an orthonormal basis of columns, and of the start states of all stretches, (n, f)."""
+    for stretch in np.unique(rows.stretch):
+        own = (rows.stretch == stretch).astype(np.float64)
+        columns = [*columns, own, own * (rows.time - rows.time[own > 0.0].mean())]
+    matrix = np.column_stack(columns)
+    kept = np.linalg.norm(matrix, axis=0) > 0.0
+    matrix = matrix[:, kept] / np.linalg.norm(matrix[:, kept], axis=0)
+    left, singular, _ = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(left[:, singular > 1e-8 * singular.max()])

@@ -135,15 +135,16 @@ def _regimes(
             reversal[np.minimum(turned + shift, len(knobs) - 1)] = True
     # A turn about y pushes along x, a turn about x against y.
     uphill = (velocity * np.stack([knobs[:, 1], -knobs[:, 0]], axis=1)).sum(axis=1) < 0.0
-    yield "regime", "at the wall", at_wall
-    yield "regime", "at rest", ~moving & ~at_wall
+    yield "regime", "at the wall", np.asarray(at_wall)
+    yield "regime", "at rest", np.asarray(~moving & ~at_wall)
     yield "regime", "rolling slowly", np.asarray(moving & ~fast & ~at_wall)
     yield "regime", "rolling fast", np.asarray(fast & ~at_wall)
-    yield "regime", "rolling uphill", moving & uphill & ~at_wall
-    yield "regime", "rolling downhill", moving & ~uphill & ~at_wall
+    yield "regime", "rolling uphill", np.asarray(moving & uphill & ~at_wall)
+    yield "regime", "rolling downhill", np.asarray(moving & ~uphill & ~at_wall)
     yield "regime", "after the command turns back", reversal
-    yield "regime", "along x", moving & (np.abs(velocity[:, 0]) > 2.0 * np.abs(velocity[:, 1]))
-    yield "regime", "along y", moving & (np.abs(velocity[:, 1]) > 2.0 * np.abs(velocity[:, 0]))
+    across = np.abs(velocity)
+    yield "regime", "along x", np.asarray(moving & (across[:, 0] > 2.0 * across[:, 1]))
+    yield "regime", "along y", np.asarray(moving & (across[:, 1] > 2.0 * across[:, 0]))
 
 
 def _strongest(findings: Sequence[Finding]) -> list[Finding]:

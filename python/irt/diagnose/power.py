@@ -42,7 +42,7 @@ def _of(case: Case, screen: Screen, name: str, evidence: Evidence) -> Iterator[P
         values, ladder = _ladder(parameters, index, alone=size is None, seed=case.seed)
         gains = screen.gains(name, values).reshape(SIZES, OTHERS)
         typical = np.median(gains, axis=1)
-        needed = max(evidence.penalty([name]), LEAST_SHARE * evidence.rows)
+        needed = max(evidence.price(len(parameters), 1), LEAST_SHARE * evidence.rows)
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
         # From where on all larger ones are seen too.
         hidden = np.flatnonzero(~seen)

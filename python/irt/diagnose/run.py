@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,15 @@ from numpy.typing import NDArray
 from irt.catalogue import effect
 from irt.diagnose import words
 from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
+from irt.diagnose.diagnosis import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
 from irt.diagnose.evidence import Evidence, is_explained
 from irt.diagnose.heldout import HeldOut
+from irt.diagnose.jitter import differing_delays
 from irt.diagnose.locate import leftover_sources, locate, stages
 from irt.diagnose.power import power
 from irt.diagnose.rivals import reason, rivals
 from irt.diagnose.search import Search
+from irt.diagnose.unlisted import confirmed
 from irt.fitting.fit import Progress
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
@@ -65,14 +68,26 @@ def diagnose(
     case = Case.of(rig, seed=seed, threads=threads)
     search = Search(case, report)
     best = search.run()
+    learned, jitter = None, None
+    if not is_explained(case, best, search.base):
+        report("delays that differ from command to command")
+        jitter = differing_delays(case, search.with_effect("delay"))
+        if jitter is None:
+            report("physics that the catalogue does not have")
+            learned = confirmed(search, best)
+    if jitter is not None:
+        best = jitter.mean
+    chosen = case
+    if learned is not None:
+        chosen, best, _ = learned
     report("where the mismatch is")
-    where = tuple(locate(case, search.base)) if best.effects else ()
+    where: tuple[Finding, ...] = tuple(locate(case, search.base)) if best.effects else ()
     if best.effects or not is_explained(case, best, search.base):
         where += tuple(stages(leftover_sources(case, search.base)))
     report("rivals")
-    tied = rivals(search, best)
+    tied = rivals(search, best) if learned is None and jitter is None else {}
     report("the proof")
-    found = _Found(search, best, tied)
+    found = _Found(search, chosen, best, tied, None if jitter is None else jitter.spread)
     if progress is not None:
         progress(_STEPS, _STEPS, "done")
     return found.diagnosis(where, seed=seed, seconds=time.perf_counter() - began)
@@ -85,14 +100,26 @@ class _Found:
     ----------
     search : Search
         All that was tried.
+    case : Case
+        The recordings, with what the chosen hypothesis holds.
     best : Fitted
         The hypothesis chosen.
     tied : dict
         Those that do as well, for each of its effects.
+    spread : Parameter or None
+        Standard deviation of the delays [s], where they differ from command to command.
     """
 
-    def __init__(self, search: Search, best: Fitted, tied: dict[str, list[Fitted]]) -> None:
-        self._search, self._case, self._best, self._tied = search, search.case, best, tied
+    def __init__(
+        self,
+        search: Search,
+        case: Case,
+        best: Fitted,
+        tied: dict[str, list[Fitted]],
+        spread: Parameter | None,
+    ) -> None:
+        self._search, self._case, self._best, self._tied = search, case, best, tied
+        self._spread = spread
         self._proofs = {one.effects: _proof(search, one) for one in (search.base, best)}
 
     def diagnosis(self, where: Sequence[Finding], *, seed: int, seconds: float) -> Diagnosis:
@@ -101,8 +128,12 @@ class _Found:
         told = _information(case, best)
         before, after = self._proofs[base.effects], self._proofs[best.effects]
         effects = tuple(self._named(name, told) for name in self._ordered())
+        if self._spread is not None:
+            effects = (self._jitter(effects[0]),)
         noise = best.noise if is_explained(case, best, base) else case.noise
         verdict = "missing" if effects else "sufficient"
+        if UNLISTED in best.effects:
+            verdict = "unlisted"
         base_heldout, final_heldout = _mean(before), _mean(after)
         return Diagnosis(
             verdict=verdict,  # type: ignore[arg-type]
@@ -124,7 +155,7 @@ class _Found:
                 _run(case, index, before[index], after[index]) for index in range(len(case.rig.recordings))
             ),
             power=() if effects else tuple(power(case, base, self._search.evidence())),
-            notes=tuple(words.notes(case, best)),
+            notes=tuple(words.notes(case, best, self._spread)),
             settings={"rig": str(case.rig.path), "recordings": len(case.rig.recordings)},
             seed=seed,
             seconds=seconds,
@@ -140,6 +171,17 @@ class _Found:
             return -rest.loss(scale) if rest is not None else -np.inf
 
         return sorted(self._best.effects, key=loss_without)
+
+    def _jitter(self, mean: NamedEffect) -> NamedEffect:
+        """Return delays that differ: their spread beside the mean, which alone is in the model."""
+        assert self._spread is not None
+        return replace(
+            mean,
+            name="delay_jitter",
+            stage=effect("delay_jitter").stage,
+            parameters={"sd_s": self._spread, "mean_s": mean.parameters["delay_s"]},
+            units={"sd_s": "s", "mean_s": "s"},
+        )
 
     def _named(self, name: str, told: Information) -> NamedEffect:
         without = self._search.fits.get(frozenset(self._best.effects) - {name})
@@ -182,7 +224,7 @@ class _Found:
                     effects=one.effects,
                     values=one.of_effects(),
                     gain=evidence.gain(one, search.base),
-                    penalty=evidence.penalty(one.effects),
+                    penalty=evidence.penalty(one),
                     noise=one.noise,
                     heldout_gain=None if held is None else self._heldout_gain(held),
                     outcome=_outcome(evidence, one, search.base, named=named, alike=alike),

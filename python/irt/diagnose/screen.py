@@ -31,6 +31,8 @@ _STEP = 1e-4
 _PART = 1e-3
 #: Draws of an effect with one, two, and more parameters.
 DRAWS = (32, 128, 512)
+#: Rows before a row whose commands a window tells.
+EARLIER = 10
 #: Physics updates are this many times longer than the engine's own.
 COARSENESS = 4.0
 #: Residuals beyond so many standard deviations count no more than these.
@@ -69,6 +71,8 @@ class Window:
         Observed minus predicted [board edges], NaN where nothing was seen.
     knobs, turn : (n, 2) arrays
         The command that holds [rad], and its difference from the one before.
+    turned : (n, EARLIER, 2) array
+        Those differences of this row and of rows before it.
     of_base : (5, n, 2) array
         Change of the prediction with each of the five parameters.
     """
@@ -79,6 +83,7 @@ class Window:
     residual: Array
     knobs: Array
     turn: Array
+    turned: Array
     of_base: Array
 
 
@@ -128,16 +133,17 @@ class Screen:
         found = []
         for i, first in enumerate(self._inputs.first):
             knobs = self._inputs.knobs[i]
-            before = knobs[first - 1] if first else np.zeros(2)
-            own = knobs[first : first + rows]
+            turns = np.concatenate([np.zeros((EARLIER - 1, 2)), np.diff(knobs, axis=0, prepend=0.0)])
+            earlier = np.arange(rows)[:, None] + EARLIER - 1 - np.arange(EARLIER)
             found.append(
                 Window(
                     run=int(self._runs[i]),
                     first=int(first),
                     place=self._predicted[i],
                     residual=self._observed[i] - self._predicted[i],
-                    knobs=own,
-                    turn=np.diff(own, axis=0, prepend=before[None]),
+                    knobs=knobs[first : first + rows],
+                    turn=turns[EARLIER - 1 :][first : first + rows],
+                    turned=turns[first + earlier],
                     of_base=of_base[:, i],
                 )
             )
@@ -295,11 +301,17 @@ def _drawn(parameters: tuple[EffectParameter, ...], size: int | None, count: int
 
     Where no parameter is the effect's size, small values are as frequent as large ones.
     """
-    from scipy.stats import qmc  # noqa: PLC0415
-
-    places = qmc.Sobol(len(parameters), seed=seed).random(count)
+    places = _filling(len(parameters), count, seed)
     spread = _uniform if size is not None and len(parameters) > 1 else _by_magnitude
     return np.stack([spread(one, places[:, index]) for index, one in enumerate(parameters)], axis=1)
+
+
+@functools.cache
+def _filling(dimensions: int, count: int, seed: int) -> Array:
+    """Return points that fill the unit cube, (count, dimensions)."""
+    from scipy.stats import qmc  # noqa: PLC0415
+
+    return np.asarray(qmc.Sobol(dimensions, seed=seed).random(count))
 
 
 def _uniform(one: EffectParameter, places: Array) -> Array:

@@ -158,6 +158,17 @@ class Search:
         scale = self.evidence().scale
         return is_supported(self.held_out(one), self.held_out(over), scale)
 
+    def with_effect(self, name: str) -> Fitted:
+        """Return the base model with one effect more, fitted."""
+        if frozenset({name}) not in self.fits:
+            self._expand(self.base, [name], 1)
+        return self.fits[frozenset({name})]
+
+    def remember(self, one: Fitted, held: HeldOut) -> None:
+        """Take a hypothesis among those tried, with what recordings held out say of it."""
+        self.fits[frozenset(one.effects)] = one
+        self._held_out[one.effects] = held
+
     def known_held_out(self, one: Fitted) -> HeldOut | None:
         """Return a hypothesis judged by recordings held out, if it was."""
         return self._held_out.get(one.effects)

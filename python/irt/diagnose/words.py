@@ -9,7 +9,9 @@ import numpy as np
 
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import NamedEffect
+from irt.diagnose.diagnosis import UNLISTED, NamedEffect
+from irt.diagnose.unlisted import formula
+from irt.model import Parameter
 
 #: Mean absolute value of a normal variable over its standard deviation.
 _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
@@ -58,8 +60,16 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     )
 
 
-def notes(case: Case, best: Fitted) -> Iterator[str]:
-    """Say what else the user should know."""
+def notes(case: Case, best: Fitted, spread: Parameter | None) -> Iterator[str]:
+    """Say what else the user should know; `spread` is the standard deviation of delays that differ [s]."""
+    if spread is not None:
+        yield (
+            f"Delays differ from command to command by {spread.value:.2g} s, so no simulation predicts a run "
+            "exactly: the model holds their mean alone. To see what the spread does, add the effect "
+            f"delay_jitter with sd_s = {spread.value:.2g} to model.toml."
+        )
+    if UNLISTED in best.effects:
+        yield f"What was learned, in SI units: {formula(best.value_of(UNLISTED))}."
     if len(case.rig.recordings) == 1:
         yield (
             "There is one recording only: nothing could be held out, so the improvement is not proved. "

@@ -155,6 +155,7 @@ class Problem:
         values: Array | None = None,
         time_scale: float | None = None,
         noise: float | None = None,
+        held: Mapping[str, Mapping[str, float]] | None = None,
         engine: Engine = "rolling",
         threads: int | None = None,
     ) -> Problem:
@@ -175,6 +176,8 @@ class Problem:
             Hold it at this value: what the stamps say.
         noise : float, optional
             The tracker's standard deviation [board edges]; by default it is estimated from the segments.
+        held : mapping, optional
+            Values at which parameters of effects are held, by effect and name.
         engine, threads
             As for `irt.rollouts`.
 
@@ -202,7 +205,8 @@ class Problem:
             "marble": (rig.marble.radius_m, rig.marble.mass_kg, rig.marble.damping_per_s),
             "parameters": parameters,
             "effects": [
-                (one.name, _sought(one, info.parameters)) for one, info in zip(effects, infos, strict=True)
+                (one.name, _sought(one, info.parameters, (held or {}).get(one.name, {})))
+                for one, info in zip(effects, infos, strict=True)
             ],
             "noise": noise,
             "engine": engine,
@@ -277,13 +281,23 @@ def tracker_noise(segments: Sequence[Segment]) -> float:
     return _labsim.tracker_noise([np.ascontiguousarray(segment.observed) for segment in segments])
 
 
-def _sought(chosen: Effect, parameters: Sequence[EffectParameter]) -> Array:
-    """Return low, high and start of the parameters of an effect, (p, 3); no start is NaN."""
+def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:
+    """Return low, high and start of the parameters of an effect, (p, 3); no start is NaN.
+
+    A parameter that is held has no ends, and its value as start.
+    """
     names = [parameter.name for parameter in parameters]
-    for name in chosen.parameters:
+    for name in (*chosen.parameters, *held):
         if name not in names:
             raise unknown_name(f"parameter of {chosen.name}", name, names)
-    return np.array([(one.low, one.high, chosen.parameters.get(one.name, np.nan)) for one in parameters])
+    return np.array(
+        [
+            (np.nan, np.nan, held[one.name])
+            if one.name in held
+            else (one.low, one.high, chosen.parameters.get(one.name, np.nan))
+            for one in parameters
+        ]
+    )
 
 
 def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]:

@@ -1,0 +1,54 @@
+"""Delays that differ from command to command: named and sized, never fitted as if they could be known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.latent import JITTER, Leftover
+from irt.model import Parameter
+from irt.rig import PARAMETERS
+from irt.rollouts import SUBSTEP_S
+
+#: By so many nats a differing delay must explain the leftover better than any other variable.
+CLEAR = 5.0
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Jitter:
+    """Delays that differ.
+
+    Attributes
+    ----------
+    mean : Fitted
+        The base model with the mean delay.
+    spread : Parameter
+        Standard deviation of the delays [s], with its 95 % interval.
+    """
+
+    mean: Fitted
+    spread: Parameter
+
+
+def differing_delays(case: Case, mean: Fitted) -> Jitter | None:
+    """Say whether what a mean delay leaves over is that delays differ.
+
+    If it is, the leftover push comes with each change of the command, in proportion to it, and never twice
+    the same. Other variables explain it less well.
+    """
+    leftover = Leftover(case, mean)
+    sources = leftover.sources(case.seed)
+    if len(sources) < 2 or sources[0].variable != JITTER or sources[0].gain < sources[1].gain + CLEAR:
+        return None
+    push, low, high = leftover.size_of_jitter()
+    time_scale = case.time_scale or float(mean.values[PARAMETERS.index("time_scale")])
+    row_s = time_scale * SUBSTEP_S
+    gear = float(np.mean(np.abs(mean.values[:2])))
+    edge_m = case.rig.board.edge_x_m / float(mean.values[PARAMETERS.index("observation_scale")])
+    # A command that comes late by one row leaves out the push of one row.
+    a_row = 5.0 / 7.0 * _GRAVITY * gear * leftover.turned * row_s**2 / edge_m
+    spread, low, high = (row_s * one / a_row for one in (push, low, high))
+    return Jitter(mean, Parameter(spread, low, high))
