@@ -48,7 +48,7 @@ def rollouts(
     knobs_before: npt.NDArray[np.float64],
     effects: Sequence[tuple[str, npt.NDArray[np.float64]]],
     seeds: npt.NDArray[np.uint64],
-    board: tuple[float, float, float, float],
+    board: tuple[float, float, float, float, float],
     marble: tuple[float, float, float],
     engine: str,
     continuous: bool,

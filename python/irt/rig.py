@@ -48,6 +48,9 @@ class Board:
         Normal speed after an impact on the rim over the speed before it, 0 to 1.
     wall_friction : float
         Coulomb coefficient between marble and rim.
+    sliding_friction : float
+        Coulomb coefficient between marble and board; it matters only while the marble slips, for some
+        milliseconds after it has met the rim.
 
     Raises
     ------
@@ -59,6 +62,7 @@ class Board:
     edge_y_m: float = 0.231
     wall_restitution: float = 0.0
     wall_friction: float = 0.25
+    sliding_friction: float = 0.25
 
     def __post_init__(self) -> None:
         # No table is ten metres long, but a board given in millimetres is 276.
@@ -66,6 +70,7 @@ class Board:
         _check("edge_y_m", self.edge_y_m, _TINY, 10.0, " m")
         _check("wall_restitution", self.wall_restitution, 0.0, 1.0)
         _check("wall_friction", self.wall_friction, 0.0, 1000.0)
+        _check("sliding_friction", self.sliding_friction, 0.0, 1000.0)
 
 
 @dataclass(frozen=True)

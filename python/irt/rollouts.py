@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -133,7 +134,7 @@ def rollouts(
         knobs_before=_pairs("knobs_before", knobs_before, count),
         effects=parameter_values(effects or (), count),
         seeds=_seeds(seed, count),
-        board=(board.edge_x_m, board.edge_y_m, board.wall_restitution, board.wall_friction),
+        board=astuple(board),
         marble=(marble.radius_m, marble.mass_kg, marble.damping_per_s),
         engine=engine,
         continuous=time_step == "continuous",

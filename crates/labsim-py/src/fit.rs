@@ -36,7 +36,7 @@ struct OwnedRecording {
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
-    board: [f64; 4],
+    board: [f64; 5],
     marble: [f64; 3],
     /// (5, 3): low, high and start of each parameter; a held one has no low end, and its value as start.
     parameters: Matrix<'py>,

@@ -8,12 +8,6 @@ pub const GRAVITY: f64 = 9.81;
 /// Length of a physics update (s); the paper's 4.17 ms.
 pub const SUBSTEP_S: f64 = 1.0 / 240.0;
 
-/// Coulomb coefficient between marble and board: the product of Bullet's two defaults of 0.5.
-///
-/// It matters only while the marble slips, which on these tilts is for some milliseconds after it
-/// has met a wall.
-pub const BOARD_FRICTION: f64 = 0.25;
-
 /// The board and its four rim walls.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Board {
@@ -25,6 +19,11 @@ pub struct Board {
     pub wall_restitution: f64,
     /// Coulomb coefficient between marble and rim.
     pub wall_friction: f64,
+    /// Coulomb coefficient between marble and board: the product of Bullet's two defaults of 0.5.
+    ///
+    /// It matters only while the marble slips, which on these tilts is for some milliseconds after it
+    /// has met a wall.
+    pub sliding_friction: f64,
 }
 
 impl Default for Board {
@@ -35,6 +34,7 @@ impl Default for Board {
             edge_y_m: 0.231,
             wall_restitution: 0.0,
             wall_friction: 0.25,
+            sliding_friction: 0.25,
         }
     }
 }
@@ -105,6 +105,13 @@ impl Rig {
         in_range(
             "wall_friction",
             board.wall_friction,
+            0.0,
+            1e3,
+            "a number of at least 0",
+        )?;
+        in_range(
+            "sliding_friction",
+            board.sliding_friction,
             0.0,
             1e3,
             "a number of at least 0",

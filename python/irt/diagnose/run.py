@@ -19,7 +19,7 @@ from irt.diagnose.jitter import differing_delays
 from irt.diagnose.locate import leftover_sources, locate, stages
 from irt.diagnose.power import power
 from irt.diagnose.rivals import reason, rivals
-from irt.diagnose.search import Search
+from irt.diagnose.search import Report, Search
 from irt.diagnose.unlisted import confirmed
 from irt.fitting.fit import Progress
 from irt.fitting.identifiability import unidentifiable, with_intervals
@@ -67,7 +67,43 @@ def diagnose(
 
     case = Case.of(rig, seed=seed, threads=threads)
     search = Search(case, report)
-    best = search.run()
+    try:
+        found = _found(search, report)
+    except KeyboardInterrupt as stopped:
+        raise Interrupted(search) from stopped
+    if progress is not None:
+        progress(_STEPS, _STEPS, "done")
+    return replace(found, seconds=time.perf_counter() - began)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C during a diagnosis.
+
+    Attributes
+    ----------
+    candidates : list of dict
+        The hypotheses that were tried until then, as in ``diagnosis.json``: no answer yet.
+    """
+
+    def __init__(self, search: Search) -> None:
+        super().__init__()
+        evidence = search.evidence() if search.fits else None
+        self.candidates = [
+            {
+                "effects": list(one.effects),
+                "values": one.of_effects(),
+                "gain": evidence.gain(one, search.base),
+                "penalty": evidence.penalty(one),
+                "noise": one.noise,
+            }
+            for one in search.fits.values()
+            if evidence is not None
+        ]
+
+
+def _found(search: Search, report: Report) -> Diagnosis:
+    """Search, locate, compare and prove."""
+    case, best = search.case, search.run()
     learned, jitter = None, None
     if not is_explained(case, best, search.base):
         report("delays that differ from command to command")
@@ -87,10 +123,7 @@ def diagnose(
     report("rivals")
     tied = rivals(search, best) if learned is None and jitter is None else {}
     report("the proof")
-    found = _Found(search, chosen, best, tied, None if jitter is None else jitter.spread)
-    if progress is not None:
-        progress(_STEPS, _STEPS, "done")
-    return found.diagnosis(where, seed=seed, seconds=time.perf_counter() - began)
+    return _Found(search, chosen, best, tied, None if jitter is None else jitter.spread).diagnosis(where)
 
 
 class _Found:
@@ -122,7 +155,7 @@ class _Found:
         self._spread = spread
         self._proofs = {one.effects: _proof(search, one) for one in (search.base, best)}
 
-    def diagnosis(self, where: Sequence[Finding], *, seed: int, seconds: float) -> Diagnosis:
+    def diagnosis(self, where: Sequence[Finding]) -> Diagnosis:
         """Put everything together."""
         case, base, best = self._case, self._search.base, self._best
         told = _information(case, best)
@@ -157,8 +190,8 @@ class _Found:
             power=() if effects else tuple(power(case, base, self._search.evidence())),
             notes=tuple(words.notes(case, best, self._spread)),
             settings={"rig": str(case.rig.path), "recordings": len(case.rig.recordings)},
-            seed=seed,
-            seconds=seconds,
+            seed=case.seed,
+            seconds=0.0,
         )
 
     def _ordered(self) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -196,12 +196,7 @@ class Problem:
         infos = [effect(one.name) for one in effects]
         all_of_effects = [parameter for info in infos for parameter in info.parameters]
         asked = {
-            "board": (
-                rig.board.edge_x_m,
-                rig.board.edge_y_m,
-                rig.board.wall_restitution,
-                rig.board.wall_friction,
-            ),
+            "board": astuple(rig.board),
             "marble": (rig.marble.radius_m, rig.marble.mass_kg, rig.marble.damping_per_s),
             "parameters": parameters,
             "effects": [

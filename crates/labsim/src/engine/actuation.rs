@@ -12,7 +12,7 @@ use pulp::Simd;
 use super::agenda::Timeline;
 use super::arrivals::Arrivals;
 use super::{Job, Setup};
-use crate::board::{BOARD_FRICTION, GRAVITY};
+use crate::board::GRAVITY;
 use crate::effects::{Acts, Any, acting};
 use crate::lanes::Lanes;
 use crate::motion::{Pair, Push};
@@ -21,6 +21,7 @@ use crate::motion::{Pair, Push};
 pub(super) struct Actuation<S: Simd> {
     gear: Pair<S>,
     rolling_friction: Lanes<S>,
+    sliding_friction: f64,
     damping_per_s: f64,
     clock: Vec<Any<S>>,
     knobs: Vec<Any<S>>,
@@ -66,6 +67,7 @@ impl<S: Simd> Actuation<S> {
                 lanes(&|job| job.parameters.gear_y),
             ],
             rolling_friction: lanes(&|job| job.parameters.rolling_friction),
+            sliding_friction: setup.rig.board.sliding_friction,
             damping_per_s: setup.rig.marble.damping_per_s,
             clock: effects(|acts| acts == Acts::OnClock),
             knobs: effects(|acts| matches!(acts, Acts::OnKnob { .. })),
@@ -201,7 +203,7 @@ impl<S: Simd> Actuation<S> {
             y: -(GRAVITY * (sin_x * cos_y) * length),
             normal,
             resistance: 5.0 / 7.0 * (self.rolling_friction * normal * length),
-            grip: BOARD_FRICTION * (normal * length),
+            grip: self.sliding_friction * (normal * length),
             damping: self.damping,
             length,
         }

@@ -35,7 +35,7 @@ use rapier3d_f64::prelude::*;
 
 use self::marble::Marble;
 use super::{Job, Setup};
-use crate::board::{BOARD_FRICTION, Rig, SUBSTEP_S};
+use crate::board::{Rig, SUBSTEP_S};
 use crate::effects::{Acts, acting};
 use crate::motion::Rims;
 
@@ -155,7 +155,7 @@ fn world(rig: &Rig) -> PhysicsWorld {
         world.insert(RigidBodyBuilder::fixed().translation(centre), wall);
     }
     let board = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
-    world.insert_collider(surface(board, BOARD_FRICTION, 0.0), None);
+    world.insert_collider(surface(board, rig.board.sliding_friction, 0.0), None);
     world
 }
 

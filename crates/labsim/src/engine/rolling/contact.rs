@@ -183,7 +183,7 @@ fn board_contact<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::board::{BOARD_FRICTION, GRAVITY, Rig, SUBSTEP_S};
+    use crate::board::{GRAVITY, Rig, SUBSTEP_S};
     use proptest::prelude::*;
     use pulp::Scalar;
 
@@ -216,7 +216,7 @@ mod tests {
                 y: lanes(0.0),
                 normal: lanes(g),
                 resistance: lanes(5.0 / 7.0 * resistance * g * h),
-                grip: lanes(BOARD_FRICTION * g * h),
+                grip: lanes(rig.board.sliding_friction * g * h),
                 damping: lanes(1.0),
                 length: lanes(h),
             };
