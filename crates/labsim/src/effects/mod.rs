@@ -62,6 +62,11 @@ pub(crate) trait Effect<S: Simd>: Sized {
     #[inline(always)]
     fn tilt(&self, _tilt: &mut Pair<S>) {}
 
+    /// [`Acts::OnMarble`]: how the board is tilted (rad) in the next seconds, first those of which there are
+    /// none, before row 0; then while the marbles are held, and in each substep before [`Effect::act`].
+    #[inline(always)]
+    fn pass(&mut self, _tilt: &Pair<S>, _length: Lanes<S>) {}
+
     /// [`Acts::OnMarble`]: what acts on the marbles in the next substep.
     #[inline(always)]
     fn act(&mut self, _marbles: &Marbles<S>, _push: &mut Push<S>) {}
@@ -117,6 +122,11 @@ macro_rules! catalogue {
             #[inline(always)]
             pub(crate) fn tilt(&self, tilt: &mut Pair<S>) {
                 match self { $(Self::$Type(effect) => effect.tilt(tilt)),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn pass(&mut self, tilt: &Pair<S>, length: Lanes<S>) {
+                match self { $(Self::$Type(effect) => effect.pass(tilt, length)),* }
             }
 
             #[inline(always)]
