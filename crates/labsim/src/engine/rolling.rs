@@ -311,7 +311,7 @@ mod tests {
     use super::*;
     use crate::board::Rig;
     use crate::drive::paper_drive;
-    use crate::effects::{About, Chosen, effects};
+    use crate::effects::{About, Chosen, known};
     use crate::engine::{Clock, Step};
     use crate::rollout::PerRollout;
 
@@ -372,9 +372,8 @@ mod tests {
             let ranges = about.parameters.iter().map(|one| one.range);
             ranges.map(|(low, high)| low + 0.4 * (high - low)).collect()
         };
-        let values: Vec<Vec<f64>> = effects().iter().map(|about| middle(about)).collect();
-        let chosen: Vec<Chosen<'_>> = effects()
-            .iter()
+        let values: Vec<Vec<f64>> = known().map(middle).collect();
+        let chosen: Vec<Chosen<'_>> = known()
             .zip(&values)
             .map(|(effect, values)| Chosen {
                 effect,
