@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.catalogue import effect, effects
+from irt import catalogue
+from irt.catalogue import effects
 from irt.errors import IrtError
 from irt.rig import Board, Marble
 from irt.rollouts import SUBSTEP_S, paper_drive, rollouts
@@ -201,7 +202,7 @@ def test_the_catalogue_tells_of_each_effect_what_a_report_needs():
 
 
 def test_what_the_catalogue_does_not_list_simulates_like_any_effect():
-    learned = effect("unlisted")
+    learned = catalogue.effect("unlisted")
     assert not learned.listed
     assert learned.name not in {one.name for one in effects()}
     neutral, pushed = (
