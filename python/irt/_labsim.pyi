@@ -34,6 +34,7 @@ def effects() -> list[
         str,
         str,
         list[str],
+        bool,
     ]
 ]: ...
 def rollouts(

@@ -64,6 +64,8 @@ class EffectInfo:
         What it does, when it matters, what it looks like in data.
     references : tuple of str
         Where to read more.
+    listed : bool
+        Whether the catalogue lists it. What it does not list simulates like any effect and is no hypothesis.
     """
 
     name: str
@@ -74,6 +76,7 @@ class EffectInfo:
     matters: str
     looks: str
     references: tuple[str, ...]
+    listed: bool
 
     @property
     def doc(self) -> str:
@@ -83,11 +86,11 @@ class EffectInfo:
 
 def effects() -> list[EffectInfo]:
     """List the catalogue of physical effects, in the order in which they act from command to picture."""
-    return list(_catalogue().values())
+    return [one for one in _known().values() if one.listed]
 
 
 def effect(name: str) -> EffectInfo:
-    """Return what the catalogue says of an effect.
+    """Return what the catalogue says of an effect, or the engine of one that it does not list.
 
     Raises
     ------
@@ -95,9 +98,9 @@ def effect(name: str) -> EffectInfo:
         If there is none of this name; the message lists those that are near.
     """
     try:
-        return _catalogue()[name]
+        return _known()[name]
     except KeyError:
-        raise unknown_name("effect", name, _catalogue()) from None
+        raise unknown_name("effect", name, _known()) from None
 
 
 def parameter_values(chosen: Sequence[Mapping[str, Any]], count: int) -> list[tuple[str, Array]]:
@@ -156,9 +159,9 @@ def _column(effect_name: str, name: str, value: Any, count: int) -> Array:
 
 
 @functools.cache
-def _catalogue() -> dict[str, EffectInfo]:
+def _known() -> dict[str, EffectInfo]:
     found = {}
-    for name, stage, equation, parameters, does, matters, looks, references in _labsim.effects():
+    for name, stage, equation, parameters, does, matters, looks, references, listed in _labsim.effects():
         found[name] = EffectInfo(
             name=name,
             stage=stage,
@@ -168,5 +171,6 @@ def _catalogue() -> dict[str, EffectInfo]:
             matters=matters,
             looks=looks,
             references=tuple(references),
+            listed=listed,
         )
     return found

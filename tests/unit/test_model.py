@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.catalogue import effects
+from irt.catalogue import effect, effects
 from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter, load_model, save_model
 from irt.rig import PARAMETERS, RANGES, Board, Marble, load_rig
@@ -217,7 +217,7 @@ def parameter(draw: st.DrawFn, low: float, high: float) -> tuple[Parameter, tupl
 @st.composite
 def models(draw: st.DrawFn) -> Model:
     drawn = [draw(parameter(*bounds)) for bounds in BOUNDS]
-    infos = draw(st.lists(st.sampled_from(effects()), max_size=2))
+    infos = draw(st.lists(st.sampled_from([*effects(), effect("unlisted")]), max_size=2))
     return Model(
         board=Board(draw(within(0.1, 10)), draw(within(0.1, 10)), draw(within(0, 1)), draw(within(0, 1000))),
         marble=Marble(draw(within(1e-9, 0.04)), draw(within(1e-9, 1000)), draw(within(0, 1000))),

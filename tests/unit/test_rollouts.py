@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from irt import catalogue
 from irt.catalogue import effects
 from irt.errors import IrtError
 from irt.rig import Board, Marble
@@ -198,6 +199,18 @@ def test_the_catalogue_tells_of_each_effect_what_a_report_needs():
     for effect in catalogue.values():
         assert effect.does in effect.doc
         assert effect.references
+
+
+def test_what_the_catalogue_does_not_list_simulates_like_any_effect():
+    learned = catalogue.effect("unlisted")
+    assert not learned.listed
+    assert learned.name not in {one.name for one in effects()}
+    neutral, pushed = (
+        rollouts(PAPER, paper_drive(20), effects=[{"name": learned.name, "push_1_x_m_per_s2": push}])
+        for push in (0.0, 0.1)
+    )
+    assert (neutral == rollouts(PAPER, paper_drive(20))).all()
+    assert (pushed[0, 10:, 0] > neutral[0, 10:, 0]).all()
 
 
 def test_other_threads_run_during_a_batch():

@@ -1,7 +1,7 @@
 //! The engine's catalogue of effects as plain Python values.
 
-use labsim::effects::effect;
-use labsim::{Chosen, effects};
+use labsim::Chosen;
+use labsim::effects::{apart, effect, effects};
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
@@ -20,7 +20,8 @@ type Parameter = (
     &'static str,
 );
 
-/// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references.
+/// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, and
+/// whether it is of the catalogue.
 type About = (
     &'static str,
     String,
@@ -30,14 +31,17 @@ type About = (
     &'static str,
     &'static str,
     Vec<&'static str>,
+    bool,
 );
 
-/// The catalogue of effects, in the order in which they act; see `irt.effects`.
+/// The catalogue of effects, in the order in which they act, and what stands apart; see `irt.effects`.
 #[pyfunction(name = "effects")]
 pub(crate) fn catalogue() -> Vec<About> {
-    effects()
-        .iter()
-        .map(|about| {
+    let listed = effects().iter().map(|about| (about, true));
+    let apart = apart().iter().map(|about| (about, false));
+    listed
+        .chain(apart)
+        .map(|(about, is_listed)| {
             let parameters = about.parameters.iter().map(|one| {
                 let ((low, high), (least, most)) = (one.range, one.allowed);
                 (
@@ -60,6 +64,7 @@ pub(crate) fn catalogue() -> Vec<About> {
                 about.matters,
                 about.looks,
                 about.references.to_vec(),
+                is_listed,
             )
         })
         .collect()

@@ -49,6 +49,17 @@ const fn taylor<const N: usize>(first: usize) -> [f64; N] {
     coefficients
 }
 
+/// Coefficients of the series of the inverse hyperbolic tangent in the square, over the number.
+const INVERSE_TANH: [f64; 8] = {
+    let mut coefficients = [1.0; 8];
+    let mut i = 1;
+    while i < 8 {
+        coefficients[i] = 1.0 / (2 * i + 1) as f64;
+        i += 1;
+    }
+    coefficients
+};
+
 impl<S: Simd> Lanes<S> {
     #[inline(always)]
     pub(crate) fn splat(simd: S, value: f64) -> Self {
@@ -179,6 +190,24 @@ impl<S: Simd> Lanes<S> {
             .fold(self.like(*highest), |sum, &coefficient| {
                 self.like(coefficient) + self * sum
             })
+    }
+
+    /// Cosine of any angle, to 1e-13 within some turns of zero.
+    #[inline(always)]
+    pub(crate) fn cos(self) -> Self {
+        use std::f64::consts::{PI, TAU};
+        let half = 0.5 * self - PI * (1.0 / TAU * self).round();
+        let sin = half * (half * half).polynomial(&SIN);
+        self.like(1.0) - 2.0 * (sin * sin)
+    }
+
+    /// Natural logarithm of a number from 1e-9 to 1, to 1e-13.
+    #[inline(always)]
+    pub(crate) fn ln_of_part(self) -> Self {
+        // Of the 64th root, which is near one, by the series of the inverse hyperbolic tangent.
+        let (one, root) = (self.like(1.0), (0..6).fold(self, |root, _| root.sqrt()));
+        let tangent = (root - one).over(root + one);
+        128.0 * (tangent * (tangent * tangent).polynomial(&INVERSE_TANH))
     }
 
     /// Exponential of a number that is not above zero, to 1e-11 of its value; below -25 it is zero.

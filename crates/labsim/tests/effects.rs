@@ -1,9 +1,10 @@
-//! What every effect of the catalogue keeps to, whatever its physics.
+//! What every effect that the engine knows keeps to, whatever its physics.
 
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
-use labsim::{About, Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase, effects};
+use labsim::effects::known;
+use labsim::{About, Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase};
 use proptest::prelude::*;
 
 const ROWS: usize = 60;
@@ -76,13 +77,12 @@ fn at_neutral_values_a_rollout_keeps_every_bit() {
     for change in [none, stamped] {
         for engine in ENGINES {
             let base = run(engine, &[], 1, change);
-            for effect in effects() {
+            for effect in known() {
                 let same = run(engine, &[chosen(effect, &effect.neutral())], 1, change);
                 assert_eq!(same, base, "{} in {engine:?}", effect.name);
             }
-            let neutral: Vec<Vec<f64>> = effects().iter().map(|effect| effect.neutral()).collect();
-            let all: Vec<Chosen<'_>> = effects()
-                .iter()
+            let neutral: Vec<Vec<f64>> = known().map(About::neutral).collect();
+            let all: Vec<Chosen<'_>> = known()
                 .zip(&neutral)
                 .map(|(effect, values)| chosen(effect, values))
                 .collect();
@@ -102,7 +102,7 @@ fn neighbours_that_are_not_neutral_do_not_matter() {
         LazyLock::new(|| parameters().into_iter().cycle().take(12).collect());
     for engine in ENGINES {
         let base = run(engine, &[], 1, |batch| batch.parameters = &CROWD);
-        for effect in effects() {
+        for effect in known() {
             let values: Vec<f64> = (0..CROWD.len())
                 .flat_map(|rollout| match rollout % 2 {
                     0 => effect.neutral(),
@@ -138,7 +138,7 @@ fn next_to_neutral_is_next_to_the_base() {
     let lively: fn(&mut Batch<'_>) = |batch| batch.rig = &LIVELY;
     for engine in ENGINES {
         let base = run(engine, &[], 1, lively);
-        for effect in effects() {
+        for effect in known() {
             for side in [1e-8, -1e-8] {
                 let values: Vec<f64> = effect
                     .parameters
@@ -167,7 +167,7 @@ fn next_to_neutral_is_next_to_the_base() {
 fn every_effect_shows() {
     for engine in ENGINES {
         let base = run(engine, &[], 1, |_| ());
-        for effect in effects() {
+        for effect in known() {
             let values = within(effect, |_| 0.9);
             let changed = run(engine, &[chosen(effect, &values)], 1, |_| ());
             assert_ne!(changed, base, "{} in {engine:?}", effect.name);
@@ -177,12 +177,8 @@ fn every_effect_shows() {
 
 #[test]
 fn company_and_threads_do_not_matter() {
-    let values: Vec<Vec<f64>> = effects()
-        .iter()
-        .map(|effect| within(effect, |_| 0.6))
-        .collect();
-    let all: Vec<Chosen<'_>> = effects()
-        .iter()
+    let values: Vec<Vec<f64>> = known().map(|effect| within(effect, |_| 0.6)).collect();
+    let all: Vec<Chosen<'_>> = known()
         .zip(&values)
         .map(|(effect, values)| chosen(effect, values))
         .collect();
@@ -223,7 +219,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
     fn rollouts_stay_finite_over_the_whole_box(places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool) {
-        for (number, effect) in effects().iter().enumerate() {
+        for (number, effect) in known().enumerate() {
             let values = within(effect, |i| {
                 let place = places[(number + i) % places.len()];
                 if corner { place.round() } else { place }
@@ -249,7 +245,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
     fn whatever_is_allowed_is_finite(places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool) {
-        for (number, effect) in effects().iter().enumerate() {
+        for (number, effect) in known().enumerate() {
             let values = allowed(effect, |i| {
                 let place = places[(number + i) % places.len()];
                 if corner { place.round() } else { place }
@@ -264,7 +260,7 @@ proptest! {
 
 #[test]
 fn engines_agree_while_no_rim_is_met() {
-    for effect in effects() {
+    for effect in known() {
         for place in [0.2, 0.8] {
             let values = within(effect, |_| place);
             let gentle: [Parameters; 1] = [[0.02, 0.02, 3e-4, 12.0, 1.0].into()];
@@ -297,7 +293,7 @@ fn engines_agree_while_no_rim_is_met() {
 
 #[test]
 fn the_catalogue_is_in_order() {
-    for effect in effects() {
+    for effect in known() {
         assert!(
             !effect.parameters.is_empty() && !effect.references.is_empty(),
             "{}",
@@ -317,10 +313,7 @@ fn the_catalogue_is_in_order() {
                 parameter.name
             );
         }
-        let twins = effects()
-            .iter()
-            .filter(|other| other.name == effect.name)
-            .count();
+        let twins = known().filter(|other| other.name == effect.name).count();
         assert_eq!(twins, 1, "{}", effect.name);
     }
 }

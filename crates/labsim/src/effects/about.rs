@@ -52,8 +52,8 @@ pub(crate) enum Acts {
     OnKnob { moves: bool },
     /// The board's angles.
     OnTilt,
-    /// What acts on the marble in each substep.
-    OnMarble,
+    /// What acts on the marble in each substep; it may depend on how late it is and how the board turns.
+    OnMarble { timed: bool },
     /// The rim.
     OnRims,
     /// Where the camera sees the marble.

@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push, TINY};
 pub(super) const ABOUT: About = About {
     name: "anisotropic_friction",
     stage: Stage::Contact,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "resistance = rolling_friction g |(v_along, ratio × v_across)|/|v|, along and across the grain",
     parameters: &[
         Parameter {

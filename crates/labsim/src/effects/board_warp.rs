@@ -21,7 +21,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
 pub(super) const ABOUT: About = About {
     name: "board_warp",
     stage: Stage::Board,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "height = (c_xx x² + 2 c_xy x y + c_yy y²)/2, acceleration = -g grad(height)",
     parameters: &[
         parameter("curvature_xx_per_m", "c_xx, curvature along x; positive as in a bowl"),

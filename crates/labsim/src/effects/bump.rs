@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "bump",
     stage: Stage::Board,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "height = h exp(-r²/(2 w²)), acceleration = -g grad(height)",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "where it is, along x"),

@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push, length};
 pub(super) const ABOUT: About = About {
     name: "eccentric_marble",
     stage: Stage::Contact,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "acceleration along the motion = 5/7 g × offset × sin(s/R + phase), s the way so far",
     parameters: &[
         Parameter {

@@ -13,7 +13,7 @@ const HALF_RIM_M: f64 = 1e-3;
 pub(super) const ABOUT: About = About {
     name: "friction_patch",
     stage: Stage::Contact,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "resistance = rolling_friction g × factor where |position - place| < radius",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "where its middle is, along x"),

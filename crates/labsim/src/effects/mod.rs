@@ -5,6 +5,9 @@
 //! [`catalogue!`](self) is in the order in which effects act, from the command to the picture, so a
 //! rollout does not depend on the order in which they are named.
 //!
+//! What stands apart at its end is no hypothesis: it simulates what a diagnosis learned and no effect of the
+//! catalogue explains.
+//!
 //! An effect whose parameters are neutral leaves every bit of a rollout as it is.
 
 #![expect(
@@ -62,6 +65,11 @@ pub(crate) trait Effect<S: Simd>: Sized {
     #[inline(always)]
     fn tilt(&self, _tilt: &mut Pair<S>) {}
 
+    /// [`Acts::OnMarble`]: how the board is tilted (rad) in the next seconds, first those of which there are
+    /// none, before row 0; then while the marbles are held, and in each substep before [`Effect::act`].
+    #[inline(always)]
+    fn pass(&mut self, _tilt: &Pair<S>, _length: Lanes<S>) {}
+
     /// [`Acts::OnMarble`]: what acts on the marbles in the next substep.
     #[inline(always)]
     fn act(&mut self, _marbles: &Marbles<S>, _push: &mut Push<S>) {}
@@ -82,12 +90,19 @@ pub(crate) trait Effect<S: Simd>: Sized {
 }
 
 macro_rules! catalogue {
-    ($($module:ident: $Type:ident),* $(,)?) => {
+    ($($module:ident: $Type:ident),* ; apart: $($apart:ident: $Apart:ident),*) => {
+        static CATALOGUE: &[&About] = &[$(&$module::ABOUT),*];
+        static APART: &[&About] = &[$(&$apart::ABOUT),*];
+
+        any! { $($module: $Type,)* $($apart: $Apart),* }
+    };
+}
+
+macro_rules! any {
+    ($($module:ident: $Type:ident),*) => {
         $(mod $module;)*
 
-        static CATALOGUE: &[&About] = &[$(&$module::ABOUT),*];
-
-        /// Any effect of the catalogue.
+        /// Any effect that the engine knows.
         pub(crate) enum Any<S: Simd> {
             $($Type($module::$Type<S>)),*
         }
@@ -97,7 +112,7 @@ macro_rules! catalogue {
                 $(if about.name == $module::ABOUT.name {
                     return Self::$Type($module::$Type::new(simd, rig, values));
                 })*
-                unreachable!("{} is of the catalogue", about.name)
+                unreachable!("{} is known", about.name)
             }
 
             pub(crate) fn late(&self, draw: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
@@ -117,6 +132,11 @@ macro_rules! catalogue {
             #[inline(always)]
             pub(crate) fn tilt(&self, tilt: &mut Pair<S>) {
                 match self { $(Self::$Type(effect) => effect.tilt(tilt)),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn pass(&mut self, tilt: &Pair<S>, length: Lanes<S>) {
+                match self { $(Self::$Type(effect) => effect.pass(tilt, length)),* }
             }
 
             #[inline(always)]
@@ -171,12 +191,23 @@ catalogue! {
     perspective: Perspective,
     lens_distortion: LensDistortion,
     camera_rotation: CameraRotation,
-    camera_offset: CameraOffset,
+    camera_offset: CameraOffset;
+    apart: unlisted: Unlisted
+}
+
+/// The catalogue, in the order in which effects act: the hypotheses about a rig.
+pub fn effects() -> &'static [&'static About] {
+    CATALOGUE
+}
+
+/// What simulates like an effect of the catalogue and is no hypothesis; it acts after those of its place.
+pub fn apart() -> &'static [&'static About] {
+    APART
 }
 
 /// Every effect that the engine knows, in the order in which they act.
-pub fn effects() -> &'static [&'static About] {
-    CATALOGUE
+pub fn known() -> impl Iterator<Item = &'static About> + Clone {
+    CATALOGUE.iter().chain(APART).copied()
 }
 
 /// The effect of a name.
@@ -184,12 +215,11 @@ pub fn effects() -> &'static [&'static About] {
 /// # Errors
 /// [`Error::Unknown`] lists the names that exist.
 pub fn effect(name: &str) -> Result<&'static About> {
-    let found = CATALOGUE.iter().find(|about| about.name == name);
-    found.copied().ok_or_else(|| Error::Unknown {
+    let found = known().find(|about| about.name == name);
+    found.ok_or_else(|| Error::Unknown {
         kind: "effect",
         name: name.to_owned(),
-        possible: CATALOGUE
-            .iter()
+        possible: known()
             .map(|about| about.name)
             .collect::<Vec<_>>()
             .join(", "),
@@ -198,11 +228,7 @@ pub fn effect(name: &str) -> Result<&'static About> {
 
 /// Effects sorted by when they act.
 pub(crate) fn in_order<'a>(chosen: &[Chosen<'a>]) -> Vec<Chosen<'a>> {
-    let place = |one: &Chosen<'_>| {
-        CATALOGUE
-            .iter()
-            .position(|about| about.name == one.effect.name)
-    };
+    let place = |one: &Chosen<'_>| known().position(|about| about.name == one.effect.name);
     let mut sorted = chosen.to_vec();
     sorted.sort_by_key(place);
     sorted

@@ -24,7 +24,7 @@ const DEPTH_M: f64 = 0.03;
 pub(super) const ABOUT: About = About {
     name: "point_field",
     stage: Stage::Field,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "acceleration = k d/(|d|² + (30 mm)²)^(3/2), d along the board from the marble to the point",
     parameters: &[
         place("x_m", "where the point is, along x"),

@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "quadratic_drag",
     stage: Stage::Air,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "dv/dt = -q |v| v",
     parameters: &[Parameter {
         name: "coefficient_per_m",

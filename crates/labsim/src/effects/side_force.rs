@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "side_force",
     stage: Stage::Contact,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "acceleration = k ẑ × w, w the rolling velocity",
     parameters: &[Parameter {
         name: "rate_per_s",

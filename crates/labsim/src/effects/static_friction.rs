@@ -13,7 +13,7 @@ const REST: f64 = 1e-6;
 pub(super) const ABOUT: About = About {
     name: "static_friction",
     stage: Stage::Contact,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "resistance = rolling_friction g × (ratio at rest, 1 in motion)",
     parameters: &[Parameter {
         name: "ratio",

@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "stribeck",
     stage: Stage::Contact,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "resistance = rolling_friction g (1 + strength exp(-|v|/v_s))",
     parameters: &[
         Parameter {

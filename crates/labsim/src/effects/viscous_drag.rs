@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "viscous_drag",
     stage: Stage::Contact,
-    acts: Acts::OnMarble,
+    acts: Acts::OnMarble { timed: false },
     equation: "dv/dt = -c v",
     parameters: &[Parameter {
         name: "rate_per_s",

@@ -147,7 +147,7 @@ impl Setup<'_> {
         !self.any(|acts| match acts {
             Acts::OnTilt | Acts::OnRims | Acts::OnPicture => false,
             Acts::OnKnob { moves } => moves,
-            Acts::OnArrival | Acts::OnClock | Acts::OnMarble | Acts::OnExposure => true,
+            Acts::OnArrival | Acts::OnClock | Acts::OnMarble { .. } | Acts::OnExposure => true,
         })
     }
 

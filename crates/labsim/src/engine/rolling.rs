@@ -163,13 +163,17 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
             effect.rims(&mut rims);
         }
         let actuation = Actuation::new(simd, setup, job);
+        let mut forces = effects(|acts| matches!(acts, Acts::OnMarble { .. }));
+        for effect in &mut forces {
+            effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
+        }
         Self {
             jobs,
             filler,
             rims,
             camera: Camera::new(simd, setup, &actuation, job),
             actuation,
-            forces: effects(|acts| acts == Acts::OnMarble),
+            forces,
         }
     }
 
@@ -207,6 +211,14 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
         if self.actuation.moves() {
             for substep in 0..substeps {
                 self.actuation.substep(row, substep);
+            }
+        }
+        if !self.forces.is_empty() {
+            let (jobs, filler) = (self.jobs, self.filler);
+            let job = |lane: usize| jobs.get(lane).unwrap_or(filler);
+            let length = f64::from(substeps) * self.actuation.length(row, job);
+            for effect in &mut self.forces {
+                effect.pass(&self.actuation.tilt, length);
             }
         }
     }
@@ -268,6 +280,7 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
         }
         let mut push = self.actuation.push;
         for effect in &mut self.forces {
+            effect.pass(&self.actuation.tilt, push.length);
             effect.act(marbles, &mut push);
         }
         let end = f64::from(index) + 1.0;
@@ -298,7 +311,7 @@ mod tests {
     use super::*;
     use crate::board::Rig;
     use crate::drive::paper_drive;
-    use crate::effects::{About, Chosen, effects};
+    use crate::effects::{About, Chosen, known};
     use crate::engine::{Clock, Step};
     use crate::rollout::PerRollout;
 
@@ -359,9 +372,8 @@ mod tests {
             let ranges = about.parameters.iter().map(|one| one.range);
             ranges.map(|(low, high)| low + 0.4 * (high - low)).collect()
         };
-        let values: Vec<Vec<f64>> = effects().iter().map(|about| middle(about)).collect();
-        let chosen: Vec<Chosen<'_>> = effects()
-            .iter()
+        let values: Vec<Vec<f64>> = known().map(middle).collect();
+        let chosen: Vec<Chosen<'_>> = known()
             .zip(&values)
             .map(|(effect, values)| Chosen {
                 effect,

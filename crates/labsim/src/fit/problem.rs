@@ -153,7 +153,11 @@ impl Problem<'_> {
         let has_memory = |acts: Acts| {
             matches!(
                 acts,
-                Acts::OnArrival | Acts::OnClock | Acts::OnKnob { .. } | Acts::OnExposure
+                Acts::OnArrival
+                    | Acts::OnClock
+                    | Acts::OnKnob { .. }
+                    | Acts::OnMarble { timed: true }
+                    | Acts::OnExposure
             )
         };
         self.effects.iter().any(|one| has_memory(one.effect.acts))

@@ -5,6 +5,7 @@ mod board;
 mod contact;
 mod sensing;
 mod timing;
+mod unlisted;
 
 use std::sync::atomic::AtomicBool;
 
@@ -34,6 +35,8 @@ struct Trial {
     velocity: [f64; 2],
     effects: Vec<(&'static str, Vec<f64>)>,
     seed: u64,
+    /// The row in which the marble is let go.
+    first: usize,
 }
 
 impl Trial {
@@ -48,6 +51,7 @@ impl Trial {
             velocity: [0.0; 2],
             effects: Vec::new(),
             seed: 0,
+            first: 0,
         }
     }
 
@@ -74,6 +78,8 @@ impl Trial {
         let parameters: Parameters = [1.0, 1.0, self.friction, SUBSTEPS as f64, 1.0].into();
         let batch = Batch {
             effects: &effects,
+            first: PerRollout::Shared(&[self.first]),
+            rows: self.commands.len() - self.first,
             start: PerRollout::Shared(&[self.start.map(|x| x / EDGE)]),
             start_velocity: PerRollout::Shared(&[self.velocity.map(|v| v / EDGE)]),
             seeds: PerRollout::Shared(&[self.seed]),

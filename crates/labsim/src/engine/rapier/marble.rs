@@ -63,6 +63,16 @@ impl<'a> Marble<'a> {
         let (body, _) = world.insert(body, ball);
         let simd = Scalar::new();
         let actuation = Actuation::new(simd, setup, |_| job);
+        let mut forces = acting(
+            simd,
+            rig,
+            setup.effects,
+            |acts| matches!(acts, Acts::OnMarble { .. }),
+            |_| job.rollout,
+        );
+        for effect in &mut forces {
+            effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
+        }
         Self {
             job,
             rig,
@@ -70,13 +80,7 @@ impl<'a> Marble<'a> {
             body,
             camera: Camera::new(simd, setup, &actuation, |_| job),
             actuation,
-            forces: acting(
-                simd,
-                rig,
-                setup.effects,
-                |acts| acts == Acts::OnMarble,
-                |_| job.rollout,
-            ),
+            forces,
             row: job.first,
             done: 0,
             substeps: 0,
@@ -92,8 +96,13 @@ impl<'a> Marble<'a> {
     pub(super) fn release(&mut self, bodies: &mut RigidBodySet) {
         for row in 0..self.job.first {
             self.begin_row(row);
-            for substep in 0..self.job.clock.step(row).substeps {
+            let (job, substeps) = (self.job, self.job.clock.step(row).substeps);
+            for substep in 0..substeps {
                 self.turn(row, substep);
+            }
+            let length = f64::from(substeps) * self.actuation.length(row, |_| job);
+            for effect in &mut self.forces {
+                effect.pass(&self.actuation.tilt, length);
             }
         }
         let one = |values: [f64; 2]| values.map(|value| Lanes::splat(Scalar::new(), value));
@@ -215,6 +224,7 @@ impl<'a> Marble<'a> {
         if !self.forces.is_empty() {
             let motion = self.motion(marble);
             for effect in &mut self.forces {
+                effect.pass(&self.actuation.tilt, push.length);
                 effect.act(&motion, &mut push);
             }
         }

@@ -1,0 +1,296 @@
+//! Waves of push and powers of the speed.
+
+use labsim::Engine;
+use labsim::board::GRAVITY;
+use labsim::effects::effect;
+use proptest::prelude::*;
+
+use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds, integral};
+
+/// Every parameter, neutral but for those named.
+fn values(named: &[(&str, f64)]) -> Vec<f64> {
+    let about = effect("unlisted").expect("it is known");
+    let value = |name: &str| named.iter().find(|(other, _)| *other == name);
+    let known = |name: &str| about.parameters.iter().any(|one| one.name == name);
+    assert!(named.iter().all(|(name, _)| known(name)), "{named:?}");
+    let of = about.parameters.iter();
+    of.map(|one| value(one.name).map_or(one.neutral, |(_, value)| *value))
+        .collect()
+}
+
+fn unlisted(trial: Trial, named: &[(&str, f64)]) -> Trial {
+    trial.with("unlisted", &values(named))
+}
+
+fn along_x(path: &[[f64; 2]]) -> Vec<f64> {
+    path.iter().map(|place| place[0]).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+
+    #[test]
+    fn a_marble_swings_in_the_trough_of_a_wave(push in 0.02..0.1_f64, wave in 10.0..40.0_f64) {
+        // -push sin(wave y) = push cos(wave y + 90°) on small ways.
+        let (start, rate) = (0.002, f64::sqrt(push * wave));
+        let named = [("push_3_y_m_per_s2", push), ("wave_3_y_per_m", wave), ("phase_3_rad", 0.5 * std::f64::consts::PI)];
+        for (engine, _) in ENGINES {
+            let path = unlisted(Trial { start: [0.0, start], ..Trial::level(40) }, &named).run(engine);
+            for (row, place) in path.iter().enumerate() {
+                // Velocities are half a substep ahead.
+                let t = ROW * row as f64 + SUBSTEP / 2.0;
+                assert_close(place[1], start * f64::cos(rate * t), 2e-5, &format!("row {row} in {engine:?}"));
+                assert_close(place[0], 0.0, 1e-9, "it pushes along y");
+            }
+        }
+    }
+
+    #[test]
+    fn a_standing_wave_takes_energy_and_gives_it_back(push in -0.05..0.05_f64, wave in 50.0..150.0_f64, phase in 0.0..6.2_f64) {
+        let (start, speed) = (-0.08, 0.12);
+        let work = |x: f64| push / wave * (f64::sin(wave * x + phase) - f64::sin(wave * start + phase));
+        let speeds = |x: f64| f64::sqrt(speed * speed + 2.0 * work(x));
+        let named = [("push_1_x_m_per_s2", push), ("wave_1_x_per_m", wave), ("phase_1_rad", phase)];
+        for (engine, _) in ENGINES {
+            let trial = Trial { start: [start, 0.0], velocity: [speed, 0.0], ..Trial::level(13) };
+            let way = along_x(&unlisted(trial, &named).run(engine));
+            assert_speeds(&way, speeds, 4e-3, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn waves_add_up_and_a_push_of_time_is_its_own_integral(
+        pushes in prop::array::uniform3(-0.1..0.1_f64), rates in prop::array::uniform3(-60.0..60.0_f64),
+        phases in prop::array::uniform3(0.0..6.2_f64),
+    ) {
+        let push = |t: f64| -> f64 { (0..3).map(|i| pushes[i] * f64::cos(rates[i] * t + phases[i])).sum() };
+        let named = [
+            ("push_1_x_m_per_s2", pushes[0]), ("rate_1_per_s", rates[0]), ("phase_1_rad", phases[0]),
+            ("push_2_x_m_per_s2", pushes[1]), ("rate_2_per_s", rates[1]), ("phase_2_rad", phases[1]),
+            ("push_3_x_m_per_s2", pushes[2]), ("rate_3_per_s", rates[2]), ("phase_3_rad", phases[2]),
+        ];
+        for (engine, within) in ENGINES {
+            let path = unlisted(Trial::level(10), &named).run(engine);
+            let (mut place, mut speed) = (0.0, 0.0);
+            for n in 0..9 * SUBSTEPS {
+                if n % SUBSTEPS == 0 {
+                    assert_close(path[n / SUBSTEPS][0], place, within, &format!("row {} in {engine:?}", n / SUBSTEPS));
+                }
+                speed += SUBSTEP * push(SUBSTEP * n as f64);
+                place += SUBSTEP * speed;
+            }
+            // The integral by time, from places that are as old as the velocities.
+            let end = 9.0 * ROW;
+            let way = integral(0.0, end, |t| (end - t) * push(t));
+            assert_close(path[9][0], way, 0.3 * end * SUBSTEP, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn a_wave_that_travels_as_the_marble_rolls_pushes_it_evenly_at_first(phase in 0.0..6.2_f64) {
+        // In the frame of the wave the marble stands still.
+        let (speed, wave, push) = (0.1, 30.0, 0.002);
+        let named = [
+            ("push_2_y_m_per_s2", push), ("wave_2_x_per_m", wave), ("rate_2_per_s", -speed * wave), ("phase_2_rad", phase),
+        ];
+        for (engine, within) in ENGINES {
+            let trial = Trial { velocity: [speed, 0.0], ..Trial::level(11) };
+            let path = unlisted(trial, &named).run(engine);
+            let n: f64 = 240.0;
+            let way = push * f64::cos(phase) * SUBSTEP * SUBSTEP * n * (n + 1.0) / 2.0;
+            assert_close(path[10][1], way, 2.0 * within, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn drag_with_the_first_and_second_power_is_that_of_the_catalogue(strength in 0.001..0.15_f64) {
+        let with = |effect, values: &[f64]| Trial { velocity: [0.04, 0.03], ..Trial::level(20) }.with(effect, values);
+        for (engine, within) in ENGINES {
+            let drag = |power| unlisted(Trial { velocity: [0.04, 0.03], ..Trial::level(20) },
+                &[("drag_strength", strength), ("drag_power", power)]).run(engine);
+            // Rapier damps a velocity once the marble has moved by it; 1/(1 + c h) is not quite the exponential.
+            let (later, rate) = (if engine == Engine::Rapier { 0.05 * SUBSTEP } else { 0.0 }, strength / 0.1);
+            for (power, law, parameter, steps) in [
+                (1.0, "viscous_drag", rate, 0.05 * rate * SUBSTEP),
+                (2.0, "quadratic_drag", rate / 0.1, 0.0),
+            ] {
+                let (found, expected) = (drag(power), with(law, &[parameter]).run(engine));
+                for (row, (found, expected)) in found.iter().zip(&expected).enumerate() {
+                    for axis in 0..2 {
+                        let what = format!("{law}, row {row} in {engine:?}");
+                        assert_close(found[axis], expected[axis], within + later + steps, &what);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn drag_slows_by_its_power(power in 0.0..4.0_f64, strength in 0.01..0.1_f64) {
+        prop_assume!((power - 1.0).abs() > 0.05);
+        let fall = strength / f64::powf(0.1, power);
+        let speed = |t: f64| {
+            let left = f64::powf(0.15, 1.0 - power) - (1.0 - power) * fall * t;
+            if left > 0.0 { f64::powf(left, 1.0 / (1.0 - power)) } else { 0.0 }
+        };
+        for (engine, _) in ENGINES {
+            let trial = Trial { velocity: [-0.15, 0.0], start: [0.1, 0.0], ..Trial::level(13) };
+            let path = unlisted(trial, &[("drag_strength", strength), ("drag_power", power)]).run(engine);
+            for (row, place) in path.iter().enumerate() {
+                let way = integral(0.0, ROW * row as f64, speed);
+                assert_close(0.1 - place[0], way, 0.15 * SUBSTEP, &format!("row {row} in {engine:?}"));
+            }
+        }
+    }
+
+    #[test]
+    fn a_negative_drag_of_power_zero_drives_evenly_and_leaves_a_resting_marble(strength in 0.01..0.05_f64) {
+        let named = [("drag_strength", -strength), ("drag_power", 0.0)];
+        for (engine, within) in ENGINES {
+            let trial = Trial { velocity: [0.03, -0.04], ..Trial::level(11) };
+            let path = unlisted(trial, &named).run(engine);
+            let n: f64 = 240.0;
+            let way = 0.05 + strength * SUBSTEP * SUBSTEP * n * (n + 1.0) / 2.0;
+            assert_close(path[10][0], 0.6 * way, 2.0 * within, &format!("x in {engine:?}"));
+            assert_close(path[10][1], -0.8 * way, 2.0 * within, &format!("y in {engine:?}"));
+            prop_assert_eq!(unlisted(Trial::level(4), &named).run(engine), vec![[0.0; 2]; 4]);
+        }
+    }
+
+    #[test]
+    fn a_side_push_turns_the_velocity_by_its_power(power in 0.0..4.0_f64, strength in 0.02..0.1_f64, left: bool) {
+        let (speed, sign) = (0.06, if left { 1.0 } else { -1.0 });
+        let rate = sign * strength * f64::powf(speed / 0.1, power) / speed;
+        for (engine, _) in ENGINES {
+            let trial = Trial { velocity: [speed, 0.0], ..Trial::level(15) };
+            let path = unlisted(trial, &[("side_strength", sign * strength), ("side_power", power)]).run(engine);
+            for (row, place) in path.iter().enumerate() {
+                let angle = rate * ROW * row as f64;
+                let what = format!("row {row} in {engine:?}");
+                assert_close(place[0], speed / rate * f64::sin(angle), speed * SUBSTEP + 1e-4, &what);
+                assert_close(place[1], speed / rate * (1.0 - f64::cos(angle)), speed * SUBSTEP + 1e-4, &what);
+            }
+        }
+    }
+
+    #[test]
+    fn a_push_that_is_ahead_of_a_lagging_board_by_its_lag_is_no_lag(time in 0.05..0.1_f64) {
+        let commands = (0..16).map(|row| if row < 3 { [0.0; 2] } else { [0.004, -0.006] }).collect();
+        let plain = Trial::of(commands);
+        for (engine, _) in ENGINES {
+            let lagging = plain.clone().with("lag", &[time]);
+            let ahead = unlisted(lagging.clone(), &[("rate_gain_x_s", time), ("rate_gain_y_s", time)]);
+            let (plain, lagging, ahead) = (plain.run(engine), lagging.run(engine), ahead.run(engine));
+            for axis in 0..2 {
+                assert_close(ahead[15][axis], plain[15][axis], 2e-4, &format!("axis {axis} in {engine:?}"));
+                prop_assert!((lagging[15][axis] - plain[15][axis]).abs() > 1e-3);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_board_that_jumps_gives_its_gain_at_once() {
+    let commands = (0..8)
+        .map(|row| [0.0, if row < 3 { 0.0 } else { 0.01 }])
+        .collect::<Vec<_>>();
+    for (engine, _) in ENGINES {
+        let plain = Trial::of(commands.clone());
+        let path = unlisted(plain.clone(), &[("rate_gain_y_s", 0.05)]).run(engine);
+        let way = path[7][0] - plain.run(engine)[7][0];
+        let expected = 5.0 / 7.0 * GRAVITY * 0.05 * 0.01 * 4.0 * ROW;
+        assert_close(way, expected, 0.02 * expected, &format!("{engine:?}"));
+    }
+}
+
+#[test]
+fn a_drag_of_power_zero_is_friction() {
+    // It stops a marble, and holds it against a push that is less.
+    let named = |push| {
+        [
+            ("drag_strength", 0.05),
+            ("drag_power", 0.0),
+            ("push_1_x_m_per_s2", push),
+        ]
+    };
+    for (engine, _) in ENGINES {
+        let trial = Trial {
+            velocity: [0.05, 0.0],
+            ..Trial::level(14)
+        };
+        let path = unlisted(trial, &named(0.0)).run(engine);
+        assert_close(
+            path[13][0],
+            0.05 * 0.05 / 0.1,
+            0.05 * SUBSTEP,
+            &format!("{engine:?}"),
+        );
+        assert_close(path[13][0], path[12][0], 1e-7, "it rests");
+        let held = unlisted(Trial::level(6), &named(0.04)).run(engine);
+        assert_close(held[5][0], 0.0, 1e-7, "it is held");
+        let moved = unlisted(Trial::level(6), &named(0.06)).run(engine);
+        assert!(moved[5][0] > 1e-3, "it is moved in {engine:?}");
+    }
+}
+
+#[test]
+fn a_window_continues_the_path_of_the_whole_run() {
+    let first = 9;
+    let commands: Vec<[f64; 2]> = (0..24)
+        .map(|row| {
+            let t = f64::from(row);
+            [0.01 * f64::sin(0.7 * t), 0.008 * f64::cos(0.5 * t)]
+        })
+        .collect();
+    // The row before the window is one substep, so that its way tells the velocity.
+    let durations: Vec<f64> = (0..24)
+        .map(|row| match row {
+            row if row == first - 1 => SUBSTEP,
+            row => 0.04 + 0.01 * (row % 3) as f64,
+        })
+        .collect();
+    let named = [
+        ("push_1_x_m_per_s2", 0.1),
+        ("wave_1_y_per_m", 30.0),
+        ("rate_1_per_s", 11.0),
+        ("phase_1_rad", 1.0),
+        ("push_2_y_m_per_s2", -0.1),
+        ("wave_2_x_per_m", -20.0),
+        ("rate_2_per_s", 17.0),
+        ("drag_strength", 0.05),
+        ("drag_power", 1.5),
+        ("side_strength", 0.03),
+        ("rate_gain_x_s", 0.05),
+        ("rate_gain_y_s", -0.03),
+    ];
+    let whole = Trial {
+        durations: Some(durations),
+        ..unlisted(Trial::of(commands), &named)
+    };
+    for moves in [false, true] {
+        let whole = if moves {
+            whole.clone().with("lag", &[0.1])
+        } else {
+            whole.clone()
+        };
+        for (engine, within) in [(Engine::Rolling, 1e-9), (Engine::Rapier, 1e-4)] {
+            let path = whole.run(engine);
+            let (before, start) = (path[first - 1], path[first]);
+            let velocity = [0, 1].map(|axis| (start[axis] - before[axis]) / SUBSTEP);
+            let window = Trial {
+                first,
+                start,
+                velocity,
+                ..whole.clone()
+            };
+            for (row, (found, expected)) in
+                window.run(engine).iter().zip(&path[first..]).enumerate()
+            {
+                for axis in 0..2 {
+                    let what = format!("row {row} of the window in {engine:?}");
+                    assert_close(found[axis], expected[axis], within, &what);
+                }
+            }
+        }
+    }
+}
