@@ -14,7 +14,8 @@ from irt.diagnose import words
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
 from irt.diagnose.evidence import Evidence, is_explained
-from irt.diagnose.heldout import HeldOut
+from irt.diagnose.grip import grips
+from irt.diagnose.heldout import HeldOut, hold_out
 from irt.diagnose.jitter import differing_delays
 from irt.diagnose.locate import leftover_sources, locate, stages
 from irt.diagnose.power import power
@@ -116,6 +117,10 @@ def _found(search: Search, report: Report) -> Diagnosis:
     chosen = case
     if learned is not None:
         chosen, best, _ = learned
+    report("how well the marble grips the board")
+    possible = grips(chosen, best)
+    if possible[0][0] is not chosen:
+        search.remember(possible[0][1], hold_out(*possible[0]))
     report("where the mismatch is")
     where: tuple[Finding, ...] = tuple(locate(case, search.base)) if best.effects else ()
     if best.effects or not is_explained(case, best, search.base):
@@ -123,7 +128,7 @@ def _found(search: Search, report: Report) -> Diagnosis:
     report("rivals")
     tied = rivals(search, best) if learned is None and jitter is None else {}
     report("the proof")
-    return _Found(search, chosen, best, tied, None if jitter is None else jitter.spread).diagnosis(where)
+    return _Found(search, possible, tied, None if jitter is None else jitter.spread).diagnosis(where)
 
 
 class _Found:
@@ -133,10 +138,8 @@ class _Found:
     ----------
     search : Search
         All that was tried.
-    case : Case
-        The recordings, with what the chosen hypothesis holds.
-    best : Fitted
-        The hypothesis chosen.
+    possible : sequence of (Case, Fitted)
+        The recordings, with what the chosen hypothesis holds, and that; then the same with other grips.
     tied : dict
         Those that do as well, for each of its effects.
     spread : Parameter or None
@@ -146,21 +149,24 @@ class _Found:
     def __init__(
         self,
         search: Search,
-        case: Case,
-        best: Fitted,
+        possible: Sequence[tuple[Case, Fitted]],
         tied: dict[str, list[Fitted]],
         spread: Parameter | None,
     ) -> None:
-        self._search, self._case, self._best, self._tied = search, case, best, tied
-        self._spread = spread
-        self._proofs = {one.effects: _proof(search, one) for one in (search.base, best)}
+        self._search, self._possible, self._tied, self._spread = search, possible, tied, spread
+        self._case, self._best = possible[0]
+        self._parameters = _joined([with_intervals(_information(*one)) for one in possible])
+        self._proofs = {
+            (): _proof(search, search.case, search.base),
+            self._best.effects: _proof(search, self._case, self._best),
+        }
 
     def diagnosis(self, where: Sequence[Finding]) -> Diagnosis:
         """Put everything together."""
         case, base, best = self._case, self._search.base, self._best
         told = _information(case, best)
         before, after = self._proofs[base.effects], self._proofs[best.effects]
-        effects = tuple(self._named(name, told) for name in self._ordered())
+        effects = tuple(self._named(name) for name in self._ordered())
         if self._spread is not None:
             effects = (self._jitter(effects[0]),)
         noise = best.noise if is_explained(case, best, base) else case.noise
@@ -174,12 +180,12 @@ class _Found:
             where=tuple(where),
             effects=effects,
             noise=noise,
-            base_mae=_free_run(case, base),
+            base_mae=_free_run(self._search.case, base),
             final_mae=_free_run(case, best),
             base_heldout_mae=base_heldout,
             final_heldout_mae=final_heldout,
-            base=_model(case, base, _information(case, base)),
-            model=_model(case, best, told),
+            base=_model(self._search.case, base, with_intervals(_information(self._search.case, base))),
+            model=_model(case, best, self._parameters),
             rivals=tuple(case.model(one) for alike in self._tied.values() for one in alike),
             unidentifiable=unidentifiable(told),
             suggestion=words.suggestion(effects, case.rig.path),
@@ -216,18 +222,17 @@ class _Found:
             units={"sd_s": "s", "mean_s": "s"},
         )
 
-    def _named(self, name: str, told: Information) -> NamedEffect:
+    def _named(self, name: str) -> NamedEffect:
         without = self._search.fits.get(frozenset(self._best.effects) - {name})
-        errors = _proof(self._search, without) if without is not None else {}
+        errors = {} if without is None else _proof(self._search, self._search.case, without)
         alike = self._tied.get(name, [])
         other_names = [_instead(self._best, one) for one in alike]
-        parameters = with_intervals(told)
         return NamedEffect(
             name=name,
             stage=effect(name).stage,
             parameters={
                 key.removeprefix(f"{name}."): one
-                for key, one in parameters.items()
+                for key, one in self._parameters.items()
                 if key.startswith(f"{name}.")
             },
             units=units(name),
@@ -292,9 +297,22 @@ def _information(case: Case, one: Fitted) -> Information:
     return Information.of(problem, one.values, problem.inform(one.values, case.noise))
 
 
-def _model(case: Case, one: Fitted, told: Information) -> Model:
+def _joined(told: Sequence[dict[str, Parameter]]) -> dict[str, Parameter]:
+    """Return the parameters of the first, with intervals that hold those of all."""
+    joined = {}
+    for name, one in told[0].items():
+        lows = [other[name].low for other in told]
+        highs = [other[name].high for other in told]
+        ends = [end for end in (*lows, *highs) if end is not None]
+        if len(ends) < len(lows) + len(highs):
+            joined[name] = one
+        else:
+            joined[name] = Parameter(one.value, min(*ends, one.value), max(*ends, one.value))
+    return joined
+
+
+def _model(case: Case, one: Fitted, parameters: dict[str, Parameter]) -> Model:
     """Return a hypothesis' model; its five parameters carry their intervals."""
-    parameters: dict[str, Parameter] = with_intervals(told)
     plain = case.model(one)
     return Model(
         board=plain.board,
@@ -307,9 +325,8 @@ def _model(case: Case, one: Fitted, told: Information) -> Model:
     )
 
 
-def _proof(search: Search, one: Fitted) -> dict[int, tuple[Array, float]]:
+def _proof(search: Search, case: Case, one: Fitted) -> dict[int, tuple[Array, float]]:
     """Return for each recording what a fit to the others predicts, and its mean absolute error."""
-    case = search.case
     several = len(np.unique(case.folds)) > 1
     fits = dict(zip(np.unique(case.folds), search.held_out(one).fits, strict=True)) if several else {}
     told = {}

@@ -188,8 +188,12 @@ class Drive:
     def digest(self) -> str:
         """Hash (SHA-256) of everything above: the name of the drive that a network file carries."""
         sha = hashlib.sha256()
+        board = asdict(self.board)
+        # Networks from before a rig could say so are for the default.
+        if board["sliding_friction"] == Board.sliding_friction:
+            del board["sliding_friction"]
         about = {
-            "board": asdict(self.board),
+            "board": board,
             "marble": asdict(self.marble),
             "ranges": {name: list(self.ranges[name]) for name in PARAMETERS},
             "start": self.start,
