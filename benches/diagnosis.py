@@ -3,8 +3,8 @@
     .venv/bin/python benches/diagnosis.py ../shared/rigs --out diagnosed
 
 A rig is a folder of recordings ``train-*.csv``, which a diagnosis sees, and ``test-*.csv``, which it does
-not. ``labels.json`` beside them is read only after all answers are written: ``kind`` (an effect, two, ``none``
-or ``outliers``, or ``unlisted_...``), and the errors ``base`` and ``oracle`` on the test runs.
+not. ``labels.json`` beside them is read only after all answers are written: ``kind`` (an effect, two,
+``none``, ``outliers`` or ``unlisted_...``), and the errors ``base`` and ``oracle`` on the test runs.
 """
 
 from __future__ import annotations

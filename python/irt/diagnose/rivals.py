@@ -7,7 +7,6 @@ import numpy as np
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.search import Search
-from irt.model import Effect
 
 #: Hypotheses closer than this are as good as each other [nats]: odds of about 150 to 1 would tell them apart.
 TIE = 5.0
@@ -49,4 +48,4 @@ def reason(case: Case, best: Fitted, other: Fitted, name: str, instead: str) -> 
 
 
 def _refined(case: Case, one: Fitted) -> Fitted:
-    return case.fit([Effect(name, {}) for name in one.effects], points=one.values[None], rounds=2)
+    return case.fit(case.named(one.effects), points=one.values[None], rounds=2)

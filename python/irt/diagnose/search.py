@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effects
 from irt.diagnose.case import Case, Fitted
+from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
 from irt.diagnose.screen import ROWS, Screen
-from irt.model import Effect
 
 Array = NDArray[np.float64]
 
@@ -61,26 +61,28 @@ class Search:
 
     def ranked(self, size: int) -> list[Fitted]:
         """Return the hypotheses of so many effects, the best first."""
-        found = [one for names, one in self.fits.items() if len(names) == size]
+        found = [one for names, one in self.fits.items() if len(names) == size and UNLISTED not in names]
         return sorted(found, key=lambda one: (one.loss(self.case.noise), one.effects))
 
     def evidence(self) -> Evidence:
         """Return the yardstick for what was tried so far."""
         return Evidence.of(self.case, list(self.fits.values()))
 
-    def run(self) -> Fitted:
-        """Search, and return the best hypothesis."""
+    def singles(self) -> Fitted:
+        """Try one effect at a time, and return the best hypothesis."""
         self.report("the five parameters")
         self.keep(self.case.fit(starts=8))
         self._expand(self.base, [one.name for one in effects()], SINGLES)
         self._refine(1)
-        best = self._grown(self.base, 1)
+        return self._grown(self.base, 1)
+
+    def larger(self, best: Fitted) -> Fitted:
+        """Try more effects together, and return the best hypothesis."""
         for size in range(2, MOST_EFFECTS + 1):
             if len(best.effects) < size - 1 or is_explained(self.case, best, self.base):
                 break
-            for parent, count in zip(
-                self.ranked(size - 1), PARTNERS if size == 2 else PARTNERS[:1], strict=False
-            ):
+            counts = PARTNERS if size == 2 else PARTNERS[:1]
+            for parent, count in zip(self.ranked(size - 1), counts, strict=False):
                 others = [one.name for one in effects() if one.name not in parent.effects]
                 self._expand(parent, others, count)
                 if is_explained(self.case, self.ranked(size)[0], self.base):
@@ -105,7 +107,7 @@ class Search:
             self.report(" + ".join([*parent.effects, name]))
             if enough is not None and seeds[name][0] < enough:
                 break
-            chosen = [Effect(one, {}) for one in (*parent.effects, name)]
+            chosen = self.case.named((*parent.effects, name))
             fitted = self.case.fit(chosen, points=seeds[name][1], rounds=0)
             self.keep(fitted)
             if is_explained(self.case, fitted, self.base):
@@ -129,7 +131,7 @@ class Search:
         """Refine the best hypotheses of a size."""
         for one in self.ranked(size)[:REFINED]:
             self.report(" + ".join(one.effects))
-            chosen = [Effect(name, {}) for name in one.effects]
+            chosen = self.case.named(one.effects)
             self.keep(self.case.fit(chosen, points=one.values[None], rounds=2))
 
     def _grown(self, best: Fitted, size: int) -> Fitted:

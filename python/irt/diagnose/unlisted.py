@@ -132,13 +132,18 @@ def confirmed(search: Search, best: Fitted) -> tuple[Case, Fitted, tuple[Term, .
         kept, before, held_before = (fixed, fitted, terms), fitted, held
     if kept is None:
         return None
-    evidence = Evidence.of(case, [*search.fits.values(), kept[1]])
-    if best.effects and evidence.margin(kept[1], best) <= 0.0:
-        return None
-    if best.effects and not is_supported(held_before, search.held_out(best), evidence.scale):
-        return None
     search.remember(kept[1], held_before)
-    return kept
+    return kept if is_preferred(search, kept[1], best) else None
+
+
+def is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
+    """Whether what was learned beats the catalogue's best hypothesis, and recordings held out agree."""
+    if not best.effects:
+        return True
+    evidence = search.evidence()
+    if evidence.margin(learned, best) <= 0.0:
+        return False
+    return is_supported(search.held_out(learned), search.held_out(best), evidence.scale)
 
 
 def formula(values: dict[str, float]) -> str:

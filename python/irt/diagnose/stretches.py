@@ -1,0 +1,229 @@
+"""Stretches of recordings in which pushes alone move the marble: away from the rim, and not at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.screen import EARLIER, Screen, Window
+from irt.rig import PARAMETERS
+from irt.rollouts import SUBSTEP_S
+
+Array = NDArray[np.float64]
+
+#: Rows of a stretch, at most and at least.
+LONGEST, SHORTEST = 24, 10
+#: Distance from the rim at which the marble is free [board edges].
+FREE = 0.012
+#: Speed a row below which the marble may be at rest, and misses beyond which a prediction is lost [noise].
+SLOW, ASTRAY = 1.0, 50.0
+#: Rows to either side through which observed paths are smoothed.
+_SMOOTH = 3
+#: How far apart commands arrive that differ in delay [rows].
+_SPREAD = 1.0
+#: Rows that count, at most: whole stretches, spread over the recordings.
+MOST_ROWS = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of all stretches, n of them.
+
+    Attributes
+    ----------
+    place : (n, 2) array
+        Where the marble is [board edges].
+    velocity : (n, 2) array
+        How it moves [board edges a row].
+    knobs, turn : (n, 2) arrays
+        The command that holds [rad], and by how much it differs from the one before.
+    arriving : (n, 2) array
+        Mean square of the changes of the commands that may arrive in a row [rad squared].
+    time : (n,) array
+        Row of the recording.
+    run : (n,) int array
+        Which recording.
+    stretch : (n,) int array
+        Which stretch.
+    """
+
+    place: Array
+    velocity: Array
+    knobs: Array
+    turn: Array
+    arriving: Array
+    time: Array
+    run: NDArray[np.int64]
+    stretch: NDArray[np.int64]
+
+
+def integrator(rows: int) -> Array:
+    """Return how a push in row j moves the marble by row i, (rows, rows): half of it in the row itself."""
+    late = np.arange(rows)[:, None] - np.arange(rows)
+    return np.where(late > 0, late - 0.5, 0.0)
+
+
+def _spread_out(count: int) -> NDArray[np.int64]:
+    """Return indices in an order in which any first few are spread over all of them: the golden section's."""
+    return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
+
+
+def stretches(case: Case, screen: Screen, *, weak: bool, late: float) -> tuple[Rows, Array, list[Array]]:
+    """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it."""
+    board, radius = case.rig.board, case.rig.marble.radius_m
+    reach = (np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius) / board.edge_x_m
+    pieces: list[_Piece] = []
+    windows = screen.windows()
+    for index in _spread_out(len(windows)):
+        if sum(len(piece.place) for piece in pieces) >= MOST_ROWS:
+            break
+        window = windows[index]
+        piece = _observed(window, late, case.noise) if weak else _predicted(window, late)
+        free = (np.abs(piece.place) < reach - FREE).all(axis=1) & np.isfinite(piece.residual).all(axis=1)
+        if weak:
+            # A marble at rest feels a push no more than the friction that holds it.
+            free &= np.linalg.norm(piece.velocity, axis=1) > SLOW * case.noise
+        else:
+            free &= (np.abs(piece.residual) < ASTRAY * case.noise).all(axis=1)
+        first, stop = _longest(np.asarray(free))
+        if stop - first >= SHORTEST:
+            pieces.append(piece.cut(first, stop))
+    if not pieces:
+        empty, none = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
+        return Rows(empty, empty, empty, empty, empty, np.zeros(0), none, none), empty, []
+    lengths = [len(piece.place) for piece in pieces]
+    rows = Rows(
+        place=np.concatenate([piece.place for piece in pieces]),
+        velocity=np.concatenate([piece.velocity for piece in pieces]),
+        knobs=np.concatenate([piece.knobs for piece in pieces]),
+        turn=np.concatenate([piece.turn for piece in pieces]),
+        arriving=np.concatenate([piece.arriving for piece in pieces]),
+        time=np.concatenate([piece.time for piece in pieces]),
+        run=np.repeat([piece.run for piece in pieces], lengths),
+        stretch=np.repeat(np.arange(len(pieces)), lengths),
+    )
+    shared = np.concatenate([piece.fixed for piece in pieces], axis=1)
+    fixed = [_basis(rows, [one[:, axis] for one in shared]) for axis in (0, 1)]
+    residuals = np.concatenate([piece.residual for piece in pieces])
+    return rows, residuals, fixed
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """Rows of a window: as in `Rows`, with residuals (n, 2) and what else could move them, (f, n, 2)."""
+
+    run: int
+    place: Array
+    velocity: Array
+    knobs: Array
+    turn: Array
+    arriving: Array
+    time: Array
+    residual: Array
+    fixed: Array
+
+    def cut(self, first: int, stop: int) -> _Piece:
+        own = slice(first, stop)
+        return _Piece(
+            self.run,
+            self.place[own],
+            self.velocity[own],
+            self.knobs[own],
+            self.turn[own],
+            self.arriving[own],
+            self.time[own],
+            self.residual[own],
+            self.fixed[:, own],
+        )
+
+
+def _predicted(window: Window, late: float) -> _Piece:
+    """Return a window as the hypothesis predicts it: where that is near, the best view."""
+    return _Piece(
+        run=window.run,
+        place=window.place,
+        velocity=np.gradient(window.place, axis=0),
+        knobs=window.knobs,
+        turn=window.turn,
+        arriving=_arriving(window, late),
+        time=window.first + np.arange(len(window.place), dtype=np.float64),
+        residual=window.residual,
+        fixed=window.of_base,
+    )
+
+
+def _observed(window: Window, late: float, noise: float) -> _Piece:
+    """Return a window as it was observed, whatever the base model makes of it.
+
+    The motion itself is the residual: gears and rolling friction are among what else could move the marble.
+    """
+    seen = window.place + window.residual
+    path, velocity = _smoothed(seen)
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    friction = -velocity / np.maximum(speed, noise)
+    integral = integrator(len(seen))
+    return _Piece(
+        run=window.run,
+        place=path,
+        velocity=velocity,
+        knobs=window.knobs,
+        turn=window.turn,
+        arriving=_arriving(window, late),
+        time=window.first + np.arange(len(path), dtype=np.float64),
+        residual=seen,
+        # A turn about y pushes along x, a turn about x along y.
+        fixed=np.array([integral @ window.knobs[:, ::-1], integral @ friction]),
+    )
+
+
+def lateness(case: Case, fitted: Fitted) -> float:
+    """Return how late the commands of a hypothesis arrive on average [rows]."""
+    found = fitted.of_effects()
+    seconds = sum(found.get(name, 0.0) for name in ("delay.delay_s", "latency.latency_s"))
+    time_scale = case.time_scale or float(fitted.values[PARAMETERS.index("time_scale")])
+    return seconds / (time_scale * SUBSTEP_S)
+
+
+def _arriving(window: Window, late: float) -> Array:
+    """Return the mean square of the changes of the commands that may arrive in each row, (n, 2)."""
+    weights = np.exp(-0.5 * ((np.arange(EARLIER) - late) / _SPREAD) ** 2)
+    return np.asarray(np.einsum("k,nka->na", weights / weights.sum(), window.turned**2))
+
+
+def _smoothed(seen: Array) -> tuple[Array, Array]:
+    """Return path and velocity a row, (n, 2) each, by parabolas through seven rows around each."""
+    rows = np.arange(len(seen), dtype=np.float64)
+    path, velocity = np.full_like(seen, np.nan), np.full_like(seen, np.nan)
+    known = np.isfinite(seen).all(axis=1)
+    for row in range(len(seen)):
+        near = np.flatnonzero(known & (np.abs(rows - row) <= _SMOOTH))
+        if len(near) > 3:
+            powers = np.vander(rows[near] - row, 3, increasing=True)
+            told = np.linalg.lstsq(powers, seen[near])[0]
+            path[row], velocity[row] = told[0], told[1]
+    return path, velocity
+
+
+def _longest(free: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the longest stretch of free rows."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
+    if not len(edges):
+        return 0, 0
+    lengths = edges[1::2] - edges[::2]
+    best = int(lengths.argmax())
+    return int(edges[2 * best]), int(edges[2 * best + 1])
+
+
+def _basis(rows: Rows, columns: list[Array]) -> Array:
+    """Return an orthonormal basis of columns, and of the start states of all stretches, (n, f)."""
+    for stretch in np.unique(rows.stretch):
+        own = (rows.stretch == stretch).astype(np.float64)
+        columns = [*columns, own, own * (rows.time - rows.time[own > 0.0].mean())]
+    matrix = np.column_stack(columns)
+    kept = np.linalg.norm(matrix, axis=0) > 0.0
+    matrix = matrix[:, kept] / np.linalg.norm(matrix[:, kept], axis=0)
+    left, singular, _ = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(left[:, singular > 1e-8 * singular.max()])
