@@ -3,8 +3,8 @@
     .venv/bin/python benches/hide_effects.py hidden --rigs 100 --nulls 0.3 --seed 1
 
 Recordings are simulated by rapier in 3-D; a fit runs on the rolling engine. So in a null rig the engines
-differ too. Magnitudes are drawn log-uniformly from what shows at all to the end of the catalogue's range, noise from
-0.2 to 0.6 mm; every third rig with an effect has two.
+differ too. Magnitudes are drawn log-uniformly from what shows at all to the end of the catalogue's range,
+noise from 0.2 to 0.6 mm; every third rig with an effect has two.
 """
 
 from __future__ import annotations

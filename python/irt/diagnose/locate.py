@@ -12,6 +12,7 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Finding, Kind
 from irt.diagnose.latent import Leftover, Source
 from irt.diagnose.screen import ROWS, Screen
+from irt.diagnose.unlisted import Term
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -51,20 +52,40 @@ def locate(case: Case, fitted: Fitted) -> list[Finding]:
 
 
 def stages(sources: Sequence[Source]) -> list[Finding]:
-    """Return what the leftover depends on, as findings: the likeliest variables, by their likelihood."""
-    clear = [one for one in sources if one.p_value <= CLEAR and one.gain > 0.0]
-    if not clear:
-        return []
-    most = clear[0].gain
+    """Return the stages that could make the leftover, each with the variable that it would depend on.
+
+    A flexible push or shift at each stage is compared by restricted likelihood; the strength is the logarithm
+    of that over the best one's, so that stages that explain alike look alike.
+    """
+    clear = [one for one in sources if one.p_value <= CLEAR and one.gain > 0.0 and one.variable in _VARIABLES]
+    best: dict[str, Source] = {}
+    for one in clear:
+        best.setdefault(one.stage, one)
     return [
         Finding(
             "stage",
-            f"{_STAGES[one.stage]}: the leftover depends on {_VARIABLES[one.variable]}",
-            one.gain / most,
+            f"{_STAGES[one.stage]}: what is left would depend on {_VARIABLES[one.variable]}",
+            one.gain / clear[0].gain,
             one.p_value,
         )
-        for one in clear[:MOST]
+        for one in best.values()
     ]
+
+
+def variables(terms: Sequence[Term], sources: Sequence[Source]) -> list[Finding]:
+    """Return on which variables a learned push depends, with the share of the leftover that it explains."""
+    found = []
+    for variable in dict.fromkeys(term.variable for term in terms):
+        chances = [one.p_value for one in sources if one.variable == variable]
+        found.append(
+            Finding(
+                _KINDS[variable],
+                f"the leftover push depends on {variable}: {_VARIABLES[variable]}",
+                min(1.0, sum(term.explained for term in terms if term.variable == variable)),
+                min(chances, default=CLEAR),
+            )
+        )
+    return found
 
 
 def leftover_sources(case: Case, fitted: Fitted) -> list[Source]:
@@ -83,10 +104,8 @@ _VARIABLES = {
     "command": "the command",
     "command rate": "how fast the command changes",
     "time": "the time since the recording began",
-    "jitter": "each command anew, as where delays differ from command to command",
-    "each row anew": "nothing that repeats from row to row",
-    "each run anew": "nothing that repeats from run to run",
 }
+_KINDS: dict[str, Kind] = {"position": "region", "velocity": "regime", "time": "time", "command": "stage"}
 
 
 def _places(case: Case, screen: Screen) -> Iterator[tuple[Kind, str, Mask]]:

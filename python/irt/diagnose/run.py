@@ -15,10 +15,10 @@ from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
 from irt.diagnose.jitter import differing_delays
-from irt.diagnose.locate import leftover_sources, locate, stages
+from irt.diagnose.locate import leftover_sources, locate, stages, variables
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Report, Search
-from irt.diagnose.unlisted import confirmed, is_preferred
+from irt.diagnose.unlisted import Term, confirmed, is_preferred
 from irt.fitting.fit import Progress
 from irt.model import Parameter
 from irt.rig import Rig
@@ -108,7 +108,12 @@ def _found(search: Search, report: Report) -> Diagnosis:
     report("where the mismatch is")
     where: tuple[Finding, ...] = ()
     if best.effects or not is_explained(case, best, search.base):
-        where = (*locate(search.case, search.base), *stages(leftover_sources(search.case, search.base)))
+        sources = leftover_sources(search.case, search.base)
+        where = (
+            *variables(answer.terms, sources),
+            *locate(search.case, search.base),
+            *stages(sources),
+        )
     report("rivals")
     tied = rivals(search, best) if answer.is_of_catalogue else {}
     report("the proof")
@@ -117,11 +122,15 @@ def _found(search: Search, report: Report) -> Diagnosis:
 
 @dataclass(frozen=True, eq=False)
 class _Answer:
-    """The hypothesis chosen, the case with what it holds, and the spread of delays where they differ [s]."""
+    """The hypothesis chosen, and the case with what it holds.
+
+    With the spread of delays where they differ [s], and the terms of what was learned.
+    """
 
     case: Case
     best: Fitted
     spread: Parameter | None = None
+    terms: tuple[Term, ...] = ()
 
     @property
     def is_of_catalogue(self) -> bool:
@@ -143,7 +152,7 @@ def _searched(search: Search, report: Report) -> _Answer:
         return jittering
     report("physics that the catalogue does not have")
     found = confirmed(search, best)
-    learned = None if found is None else _Answer(*found[:2])
+    learned = None if found is None else _Answer(found[0], found[1], terms=found[2])
     if learned is not None and is_explained(learned.case, learned.best, search.base):
         return learned
     best = search.larger(best)

@@ -19,7 +19,7 @@ from irt.diagnose.case import Case, Fitted
 from irt.residual import Segment
 from irt.rig import PARAMETERS, RANGES
 from irt.rollouts import rollouts
-from irt.start_state import Inputs, estimate_start_states
+from irt.start_state import Inputs, estimate_start_states, simulate
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,9 @@ class Screen:
         self._at_rest = np.array([case.rig.start == "rest" and first == 0 for first in self._inputs.first])
         self._states = estimate_start_states(self._model, self._inputs, self._observed, guess)
         self._states[self._at_rest, 2:] = 0.0
-        self._predicted = self._simulated(self._states)
+        self._predicted = simulate(self._model, self._inputs, self._states)
+        # What changes is taken from what is simulated as coarsely.
+        self._coarse = self._simulated(self._states)
         residual = self._observed - self._predicted
         self._known = np.isfinite(residual)
         scale = max(case.noise, 1.4826 * float(np.nanmedian(np.abs(residual))))
@@ -207,7 +209,7 @@ class Screen:
         windows, count = len(self._states), len(drawn)
         added = {"name": name, **{key: np.repeat(drawn[:, i], windows) for i, key in enumerate(keys)}}
         predicted = self._simulated(np.tile(self._states, (count, 1)), added=added)
-        return (predicted.reshape(count, -1) - self._predicted.ravel()).reshape(count, -1)
+        return (predicted.reshape(count, -1) - self._coarse.ravel()).reshape(count, -1)
 
     def _state_directions(self) -> Array:
         """Return orthonormal changes of each window by its start state, (w, 4, n * 2); zeros for none."""
@@ -217,7 +219,7 @@ class Screen:
             moved = self._states.copy()
             step = _STEP if axis < 2 else _STEP / self._step_s()
             moved[:, axis] += np.where(moved[:, axis] > 0.0, -step, step)
-            change = (self._simulated(moved) - self._predicted) / _STEP
+            change = (self._simulated(moved) - self._coarse) / _STEP
             found[:, axis] = (change * self._weights).reshape(windows, -1)
         found[self._at_rest, 2:] = 0.0
         return _orthonormal(found)
@@ -229,7 +231,7 @@ class Screen:
             moved = self._model.values
             step = _PART * max(abs(moved[index]), _PART * (RANGES[name][1] - RANGES[name][0]))
             moved[index] += step
-            changes.append((self._simulated(self._states, values=moved) - self._predicted).ravel() / step)
+            changes.append((self._simulated(self._states, values=moved) - self._coarse).ravel() / step)
         return np.array(changes)
 
     def _simulated(

@@ -1,0 +1,117 @@
+"""Rigs with hidden physics, diagnosed: named by its name, modelled, and proved on runs held out."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import irt
+from irt.catalogue import effect
+from irt.recording import Recording
+from irt.rig import RANGES, Board, Marble, Rig
+
+TRUTH = (0.06, 0.05, 4e-4, 15.0, 1.03)
+NOISE = 1e-3
+FLOOR = NOISE * np.sqrt(2 / np.pi)
+
+
+def hidden(*effects, engine="rolling", runs=5, rows=90, seed=3):
+    """Return a rig whose recordings have these effects."""
+    random = np.random.default_rng(seed)
+    recordings = []
+    for index in range(runs):
+        time = np.arange(rows)[:, None, None] / rows
+        waves = np.sin(2 * np.pi * (time * random.uniform(0.7, 5.0, (2, 3)) + random.random((2, 3))))
+        knobs = (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
+        start = random.uniform(-0.1, 0.1, 2)
+        marble = irt.rollouts([TRUTH], knobs, effects=effects, start=start, engine=engine, seed=[index])[0]
+        marble = marble + NOISE * random.standard_normal(marble.shape)
+        recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble))
+    return Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), tuple(recordings))
+
+
+def names(found):
+    """Return the effects named, each with those it is confused with."""
+    return [{one.name, *one.confusable_with} for one in found.effects]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "engine"),
+    [
+        ("backlash", {"width_x_rad": 0.03, "width_y_rad": 0.05}, "rapier"),
+        ("bump", {"x_m": 0.02, "y_m": -0.01, "height_m": 3e-4, "width_m": 0.02}, "rolling"),
+        ("perspective", {"slope_x": 0.15, "slope_y": -0.1}, "rapier"),
+    ],
+)
+def test_one_effect_is_named_and_modelled(name, values, engine):
+    found = irt.diagnose(hidden({"name": name, **values}, engine=engine))
+    assert found.verdict == "missing"
+    assert len(found.effects) == 1
+    assert name in names(found)[0]
+    assert found.final_heldout_mae < 1.5 * FLOOR < 0.7 * found.base_heldout_mae
+    if found.effects[0].name == name:
+        (one,) = found.effects
+        for key, value in values.items():
+            width = one.parameters[key].high - one.parameters[key].low
+            assert abs(one.parameters[key].value - value) < max(2.0 * width, 0.1 * abs(value))
+    assert {one.kind for one in found.where} >= {"run", "regime"}
+
+
+def test_two_effects_are_both_named():
+    planted = (
+        {"name": "tilt_bias", "bias_x_rad": 0.001, "bias_y_rad": -0.0015},
+        {"name": "viscous_drag", "rate_per_s": 0.8},
+    )
+    found = irt.diagnose(hidden(*planted))
+    assert sorted(one.name for one in found.effects) == ["tilt_bias", "viscous_drag"]
+    assert found.final_heldout_mae < 1.5 * FLOOR
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_where_nothing_is_hidden_nothing_is_named(seed):
+    found = irt.diagnose(hidden(seed=seed))
+    assert (found.verdict, found.effects, found.where) == ("sufficient", (), ())
+    assert {one.effect for one in found.power} >= {"lag", "bump", "parallax"}
+    seen = [one for one in found.power if one.least is not None]
+    assert seen
+    assert all(0.0 < one.least <= one.largest for one in seen)
+
+
+def test_wild_rows_are_no_physics():
+    rig = hidden(runs=6)
+    random = np.random.default_rng(0)
+    wild = []
+    for one in rig.recordings:
+        marble = one.marble.copy()
+        jumps = random.choice(np.arange(1, len(marble)), 4, replace=False)
+        marble[jumps] = random.uniform(-0.4, 0.4, (4, 2))
+        wild.append(replace(one, marble=marble))
+    assert irt.diagnose(replace(rig, recordings=tuple(wild))).verdict == "sufficient"
+
+
+def test_physics_without_a_name_is_learned_and_simulates():
+    planted = {
+        "name": "unlisted",
+        "push_1_x_m_per_s2": 0.02,
+        "wave_1_x_per_m": 110.0,
+        "push_2_y_m_per_s2": 0.02,
+        "wave_2_y_per_m": 110.0,
+    }
+    found = irt.diagnose(hidden(planted, runs=6))
+    assert found.verdict == "unlisted"
+    assert [one.name for one in found.effects] == ["unlisted"]
+    assert any("position" in one.what for one in found.where if one.kind == "region")
+    assert found.final_heldout_mae < 0.5 * found.base_heldout_mae
+    assert [one.name for one in found.model.effects] == ["unlisted"]
+
+
+def test_delays_that_differ_are_named_and_not_fitted():
+    found = irt.diagnose(
+        hidden({"name": "delay", "delay_s": 0.12}, {"name": "delay_jitter", "sd_s": 0.05}, runs=6, rows=120)
+    )
+    assert [one.name for one in found.effects] == ["delay_jitter"]
+    spread = found.effects[0].parameters["sd_s"]
+    assert 0.02 < spread.value < 0.12
+    assert "delay_jitter" not in [one.name for one in found.model.effects]
+    assert effect("delay_jitter").stage == found.effects[0].stage

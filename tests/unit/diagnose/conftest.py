@@ -1,0 +1,42 @@
+"""A case with whatever is planted in it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from irt.diagnose.case import Case
+from irt.recording import Recording
+from irt.rig import RANGES, Board, Marble, Rig
+from irt.rollouts import rollouts
+
+TRUTH = (0.06, 0.05, 4e-4, 15.0, 1.03)
+NOISE = 1e-3
+
+Plant = Callable[..., Case]
+
+
+@pytest.fixture
+def plant() -> Plant:
+    """Return what makes a case of runs with hidden effects, under sums of sinusoids."""
+
+    def planted(
+        effects: Sequence[Mapping[str, Any]] = (), *, runs: int = 4, rows: int = 80, seed: int = 0
+    ) -> Case:
+        random = np.random.default_rng(seed)
+        recordings = []
+        for index in range(runs):
+            time = np.arange(rows)[:, None, None] / rows
+            waves = np.sin(2 * np.pi * (time * random.uniform(0.7, 5.0, (2, 3)) + random.random((2, 3))))
+            knobs = (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
+            marble = rollouts(
+                [TRUTH], knobs, effects=effects, start=random.uniform(-0.1, 0.1, 2), seed=[index]
+            )[0]
+            marble = marble + NOISE * random.standard_normal(marble.shape)
+            recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble))
+        rig = Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), tuple(recordings))
+        return Case.of(rig)
+
+    return planted

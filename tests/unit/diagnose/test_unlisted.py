@@ -1,0 +1,72 @@
+"""What the leftover depends on, and what is learned of it."""
+
+import numpy as np
+import pytest
+
+from irt.catalogue import effect
+from irt.diagnose.diagnosis import UNLISTED
+from irt.diagnose.latent import Leftover
+from irt.diagnose.unlisted import formula, learn, library
+
+
+def wave(**changes):
+    values = {"push_1_x_m_per_s2": 0.02, "wave_1_x_per_m": 100.0, "phase_1_rad": 0.5, **changes}
+    return {"name": UNLISTED, **values}
+
+
+def test_a_wave_over_the_board_is_found_with_its_length(plant):
+    case = plant([wave()], runs=6)
+    (first, *_) = library(case, case.fit())
+    assert first.variable == "position"
+    assert np.hypot(first.values["wave_1_x_per_m"], first.values["wave_1_y_per_m"]) == pytest.approx(
+        100.0, rel=0.1
+    )
+
+
+def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
+    gust = {"name": UNLISTED, "push_1_y_m_per_s2": 0.02, "rate_1_per_s": 9.0}
+    case = plant([gust], runs=6)
+    (first, *_) = library(case, case.fit())
+    assert first.variable == "time"
+    time_scale = case.fit().values[3]
+    # Without stamps time is known up to the time scale.
+    assert first.values["rate_1_per_s"] * time_scale == pytest.approx(9.0 * 15.0, rel=0.1)
+
+
+def test_drag_is_a_power_of_the_speed(plant):
+    case = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6)
+    (first, *_) = library(case, case.fit())
+    assert first.variable == "velocity"
+    assert first.values["drag_strength"] > 0.0
+    assert first.values["drag_power"] in {0.5, 1.0, 1.5}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_teaches_nothing(plant, seed):
+    case = plant(runs=6, seed=seed)
+    assert library(case, case.fit()) == []
+
+
+def test_what_is_learned_simulates_and_leaves_noise(plant):
+    case = plant([wave()], runs=6)
+    base = case.fit()
+    fixed, _, fitted = learn(case, base)[0]
+    assert fitted.noise < 1.3 * case.noise < base.noise
+    values = fitted.value_of(UNLISTED)
+    assert set(values) == {one.name for one in effect(UNLISTED).parameters}
+    assert set(fixed.held[UNLISTED]) < set(values)
+    assert values["push_2_x_m_per_s2"] == 0.0
+    assert "cos(" in formula(values)
+
+
+def test_the_likeliest_source_of_a_wave_is_the_position(plant):
+    case = plant([wave()], runs=6)
+    sources = Leftover(case, case.fit()).sources(0)
+    repeatable = [one for one in sources if one.variable in {"position", "velocity", "command", "time"}]
+    assert repeatable[0].variable == "position"
+    assert repeatable[0].p_value == 0.01
+
+
+def test_noise_has_no_source(plant):
+    case = plant(runs=6)
+    assert all(one.p_value > 0.01 or one.gain == 0.0 for one in Leftover(case, case.fit()).sources(0))
