@@ -16,7 +16,7 @@ from irt.fitting.least_squares import stamped_time_scale
 from irt.model import Model
 from irt.recording import save_recording
 from irt.residual import segments
-from irt.rig import PARAMETERS, Rig
+from irt.rig import Rig
 from irt.rollouts import SUBSTEP_S
 from irt.suggest.criterion import Criterion
 from irt.suggest.excitations import Excitation, Limits, as_recorded
@@ -118,8 +118,7 @@ def suggest(
     if not 0.0 < noise < math.inf:
         raise IrtError(f"noise: expected a standard deviation above 0 [board edges], got {noise}")
     stamped = stamped_time_scale(rig)
-    time_scale = models[0].values[PARAMETERS.index("time_scale")] if stamped is None else stamped
-    limits = Limits.of(rig, float(time_scale) * SUBSTEP_S)
+    limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
     if not limits.amplitude.any():
         raise IrtError(f"{rig.path}: no recording moves a knob, so that nothing shows how far one may turn")
     cut = segments(rig)

@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 #: The worth of a nat about parameters beside the logarithm of nats between hypotheses.
 _SHARPEN = 0.02
+#: What a single step along an open direction must change to count, over the tracker's noise.
+_FAINT = 0.5
 #: Rollouts that are simulated together, at most: more would fill the memory.
 _TOGETHER = 20_000
 
@@ -144,8 +146,15 @@ class Criterion:
 
     def _learnt(self, hypothesis: Hypothesis, one: Expected) -> tuple[Array, Array]:
         """Return nats about the parameters (e,), and how much of each deviation remains (e, n)."""
-        slopes = one.slopes / np.sqrt(self.noise**2 + one.variance)[:, None]
         count = len(hypothesis.deviations)
+        slopes = one.slopes.copy()
+        # Along what recordings leave open a step is repeated many times over, and with it what whole updates
+        # make of an impact: a search would hunt for that.
+        repeated = np.where(hypothesis.steps < 1.0, 1.0 / hypothesis.steps, 0.0)
+        faint = _FAINT * self.noise * repeated[:, None]
+        known = slopes[:, :count]
+        slopes[:, :count] = np.sign(known) * np.maximum(np.abs(known) - faint, 0.0)
+        slopes /= np.sqrt(self.noise**2 + one.variance)[:, None]
         covariance = np.linalg.inv(np.eye(slopes.shape[1]) + slopes @ slopes.swapaxes(1, 2))
         # The start's place is no knowledge about the rig: its block is left out after the inverse.
         covariance = covariance[:, :count, :count]

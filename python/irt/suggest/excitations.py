@@ -38,8 +38,8 @@ class Limits:
         Largest change of each knob from row to row [rad].
     rows : int
         Length of a run.
-    step_s : float
-        Time of a row [s].
+    step_s : float or None
+        Time of a row [s], where stamps tell it.
     starts : (k, 2) array
         Where a run may start [board edges].
     """
@@ -47,12 +47,12 @@ class Limits:
     amplitude: Array
     rate: Array
     rows: int
-    step_s: float
+    step_s: float | None
     starts: Array
 
     @classmethod
-    def of(cls, rig: Rig, step_s: float) -> Limits:
-        """Return what the recordings of a rig show, where a row lasts so long [s]."""
+    def of(cls, rig: Rig, step_s: float | None) -> Limits:
+        """Return what the recordings of a rig show, a row lasting so long [s] if that is known."""
         knobs = [recording.knobs for recording in rig.recordings]
         # At rest the knobs are level before row 0, so that the first command is a change too.
         before = [np.zeros((1, 2)) if rig.start == "rest" else one[:1] for one in knobs]
@@ -64,6 +64,10 @@ class Limits:
             step_s=step_s,
             starts=_starts(rig),
         )
+
+    def lasting(self, rows: float) -> str:
+        """Return how long so many rows are, in words: without stamps nobody knows the seconds."""
+        return f"{rows:.0f} rows" if self.step_s is None else f"{rows * self.step_s:.2g} s"
 
     def kept(self, wanted: Array) -> Array:
         """Return the commands (n, 2) that come nearest to those wanted: level at first, within all limits."""
@@ -131,7 +135,7 @@ def as_recorded(rig: Rig, limits: Limits) -> list[Excitation]:
         for signs in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)):
             # A turn about x drives along y, and the other way round.
             mirrored = recording.marble[0] * [signs[1], signs[0]]
-            words = f"the commands of {recording.name}, mirrored" if min(signs) < 0.0 else recording.name
+            words = f"the commands of {recording.name} again" + (", mirrored" if min(signs) < 0.0 else "")
             found.append(Excitation("as recorded", words, knobs * signs, mirrored))
     return found
 
@@ -155,8 +159,8 @@ def _multisine(genes: Array, limits: Limits) -> tuple[Array, str]:
     sines = weights * np.sin(2.0 * np.pi * cycles * time + phases)
     # Lines of the two knobs interleave: what one axis does to the other shows at frequencies of its own.
     shape = np.stack([sines[:, ::2].sum(axis=1), sines[:, 1::2].sum(axis=1)], axis=1)
-    run_s = limits.rows * limits.step_s
-    words = f"a sum of sines with periods from {run_s / highest:.2g} to {run_s / lowest:.2g} s"
+    shortest, longest = limits.lasting(limits.rows / highest), limits.lasting(limits.rows / lowest)
+    words = f"a sum of sines with periods from {shortest} to {longest}"
     return shape / np.maximum(np.abs(shape).max(axis=0), 1e-12), words
 
 
@@ -168,7 +172,7 @@ def _steps(genes: Array, limits: Limits) -> tuple[Array, str]:
     number = np.arange(limits.rows) // hold
     half = len(levels) // 2
     shape = np.stack([levels[number % half], levels[half + number % half]], axis=1)
-    return shape, f"a step every {hold * limits.step_s:.2g} s"
+    return shape, f"a step every {limits.lasting(hold)}"
 
 
 def _chirp(genes: Array, limits: Limits) -> tuple[Array, str]:
@@ -176,8 +180,8 @@ def _chirp(genes: Array, limits: Limits) -> tuple[Array, str]:
     first, last = (slow, fast) if genes[_REST] < 0.5 else (fast, slow)
     time = np.arange(limits.rows) / limits.rows
     angle = 2.0 * np.pi * (first * time + 0.5 * (last - first) * time**2)
-    run_s = limits.rows * limits.step_s
-    words = f"a sine whose period goes from {run_s / first:.2g} to {run_s / last:.2g} s"
+    begins, ends = limits.lasting(limits.rows / first), limits.lasting(limits.rows / last)
+    words = f"a sine whose period goes from {begins} to {ends}"
     turned = 2.0 * np.pi * genes[_REST + 1 : _REST + 3]
     return np.sin(angle[:, None] + turned), words
 
@@ -190,7 +194,7 @@ def _reversals(genes: Array, limits: Limits) -> tuple[Array, str]:
     later = int(4 * genes[_SECOND] * _BELOW)
     shape = np.stack([pattern[number % 4], pattern[(number + later) % 4]], axis=1)
     signs = np.where(genes[_REST : _REST + 2] < 0.5, 1.0, -1.0)
-    return shape * signs, f"holds of {hold * limits.step_s:.2g} s with reversals"
+    return shape * signs, f"holds of {limits.lasting(hold)} with reversals"
 
 
 def _mirrored(genes: Array, limits: Limits) -> tuple[Array, str]:
@@ -204,7 +208,7 @@ def _creep(genes: Array, limits: Limits) -> tuple[Array, str]:
     cycles = 1.0 + 5.0 * genes[_FIRST]
     phase = cycles * np.arange(limits.rows)[:, None] / limits.rows + genes[_REST : _REST + 2] * genes[_SECOND]
     shape = 2.0 * np.abs(2.0 * ((phase + 0.25) % 1.0) - 1.0) - 1.0
-    return -shape, f"slow small ramps to and fro every {limits.rows * limits.step_s / cycles:.2g} s"
+    return -shape, f"slow small ramps to and fro every {limits.lasting(limits.rows / cycles)}"
 
 
 def _coast(genes: Array, limits: Limits) -> tuple[Array, str]:
@@ -218,7 +222,7 @@ def _coast(genes: Array, limits: Limits) -> tuple[Array, str]:
     shape = np.stack([levels[number // 2 % half], levels[half + number // 2 % half]], axis=1)
     shape = shape * (signs * (within < push))[:, None]
     largest = np.maximum(np.abs(shape).max(axis=0), 1e-12)
-    words = f"pushes of {push * limits.step_s:.2g} s, each followed by {rest * limits.step_s:.2g} s level"
+    words = f"pushes of {limits.lasting(push)}, each followed by {limits.lasting(rest)} level"
     return shape / largest, words
 
 

@@ -24,7 +24,7 @@ _UNKNOWN = 1.0 / np.sqrt(12.0)
 #: Moves up to this share of a parameter's value multiply it, larger ones are added.
 _PROPORTIONAL = 0.5
 #: Parameters are moved by their standard deviation, between these shares of their ranges.
-_LEAST, _MOST = 1e-6, 0.005
+_LEAST, _MOST = 1e-6, 0.05
 #: How far a marble that is laid down by hand lies from where it should [board edges].
 PLACED = 0.01
 #: Further draws of whatever an effect draws at random.

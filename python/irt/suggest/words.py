@@ -69,11 +69,9 @@ def _play(run: Excitation, limits: Limits) -> str:
     x, y = run.start
     centred = np.hypot(x, y) < _CENTRE
     where = "in the centre" if centred else f"at x {x:.3f}, y {y:.3f} board edges from the centre"
-    seconds = len(run.commands) * limits.step_s
-    return (
-        f"Lay the marble down at rest {where}, the knobs level, and play {len(run.commands)} rows "
-        f"({seconds:.3g} s): {run.words}."
-    )
+    rows = len(run.commands)
+    lasts = "" if limits.step_s is None else f" ({limits.lasting(rows)})"
+    return f"Lay the marble down at rest {where}, the knobs level, and play {rows} rows{lasts}: {run.words}."
 
 
 def _pair(pair: Separation, tried: int) -> Iterator[str]:
