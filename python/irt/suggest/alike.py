@@ -17,7 +17,7 @@ from irt.suggest.excitations import Excitation
 
 #: What a refit may leave of the difference of models that are alike: this share of the tracker's noise, or
 #: what the engine's whole updates make of one motion at two speeds [board edges].
-_ALIKE, _ENGINE = 0.1, 5e-5
+_ALIKE, _ENGINE = 0.03, 6e-5
 
 
 def alike(criterion: Criterion, rig: Rig, pair: tuple[int, int], runs: Sequence[Excitation]) -> bool:
