@@ -155,7 +155,12 @@ def _suggestion(
         for index, (a, b) in enumerate(criterion.pairs)
     )
     gain, random_gain = float(best.gain[0, 0]), float(random.gain[:, 0].mean())
-    remaining = dict(zip(hypotheses[0].names, best.remaining[0].tolist(), strict=True))
+    unknown = np.abs(hypotheses[0].deviations).max(axis=0) > 0.0
+    remaining = {
+        name: share
+        for name, share, free in zip(hypotheses[0].names, best.remaining[0].tolist(), unknown, strict=True)
+        if free
+    }
     at_wall = float(best.at_wall[0])
     return Suggestion(
         commands=run.commands,

@@ -76,6 +76,8 @@ class Hypothesis:
         Share of each move by which slopes are taken.
     allowed : (n, 2) array
         The values that physics allows.
+    held : dict
+        Values of parameters that no recording is asked about, by effect and name.
     """
 
     model: Model
@@ -84,6 +86,7 @@ class Hypothesis:
     deviations: Array
     steps: Array
     allowed: Array
+    held: dict[str, dict[str, float]]
 
     @classmethod
     def of(
@@ -97,8 +100,15 @@ class Hypothesis:
         threads: int | None,
     ) -> Hypothesis:
         """Return a model with what segments of a rig's recordings tell about it."""
+        held = _held(model)
         problem = Problem.of(
-            rig, segments, effects=model.effects, time_scale=time_scale, noise=noise, threads=threads
+            rig,
+            segments,
+            effects=model.effects,
+            time_scale=time_scale,
+            noise=noise,
+            held=held,
+            threads=threads,
         )
         of_effects = [
             one.parameters.get(parameter.name, parameter.neutral)
@@ -123,6 +133,7 @@ class Hypothesis:
             deviations=deviations,
             steps=np.minimum(1.0, _MOST / deviation),
             allowed=problem.allowed,
+            held=held,
         )
 
     @property
@@ -171,6 +182,19 @@ class Hypothesis:
             at_wall=self._at_wall(centre.reshape(len(runs), -1, 2)),
         )
 
+    def paths(self, runs: Sequence[Excitation], *, finer: int = 1, threads: int | None) -> Array:
+        """Return the paths of runs, (e, 2n), with updates so many times finer than the engine's."""
+        alone = self._simulated(
+            runs,
+            self.values[None],
+            places=np.zeros((1, 2)),
+            seeds=np.zeros(1, dtype=np.int64),
+            step_s=None,
+            finer=finer,
+            threads=threads,
+        )
+        return alone[:, 0]
+
     def _moved(self, moves: Array) -> Array:
         """Return the parameters after each of (f, n) moves, their logarithms in proportion.
 
@@ -196,6 +220,7 @@ class Hypothesis:
         seeds: NDArray[np.int64],
         step_s: float | None,
         threads: int | None,
+        finer: int = 1,
     ) -> Array:
         """Return the paths of each run under each of q variants, (e, q, 2n)."""
         count, rows = len(runs) * len(varied), len(runs[0].commands)
@@ -208,7 +233,7 @@ class Hypothesis:
             column += len(keys)
         starts = np.array([run.start for run in runs])[:, None] + places
         reach = _INSIDE * self._reach()
-        updates = max(1, round(float(self.values[PARAMETERS.index("time_scale")])))
+        updates = finer * max(1, round(float(self.values[PARAMETERS.index("time_scale")])))
         paths = rollouts(
             parameters[:, : len(PARAMETERS)],
             np.repeat(np.array([run.commands for run in runs]), len(varied), axis=0),
@@ -233,3 +258,20 @@ class Hypothesis:
     def _at_wall(self, paths: Array) -> Array:
         margin = _AT_WALL_M / self.model.board.edge_x_m
         return np.asarray((np.abs(paths) > self._reach() - margin).any(axis=2).mean(axis=1))
+
+
+def _held(model: Model) -> dict[str, dict[str, float]]:
+    """Return the parameters of effects that are no unknowns.
+
+    What a model leaves out is neutral; and what was learned of physics without a name has more parameters
+    than recordings could tell apart.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for one in model.effects:
+        info = effect(one.name)
+        found[one.name] = {
+            parameter.name: one.parameters.get(parameter.name, parameter.neutral)
+            for parameter in info.parameters
+            if not info.listed or parameter.name not in one.parameters
+        }
+    return found
