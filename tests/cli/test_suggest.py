@@ -38,6 +38,14 @@ def models(tmp_path: Path, rig: Path) -> tuple[Path, Path]:
     return paths[0], paths[1]
 
 
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search less: how good the outcome is belongs to other tests."""
+    search = import_module("irt.suggest.search")
+    monkeypatch.setattr(search, "_DRAWN", 6)
+    monkeypatch.setattr(search, "_ROUNDS", 2)
+
+
 def test_commands_ready_to_play_and_what_they_are_for(irt, tmp_path: Path, rig: Path, models) -> None:
     out = tmp_path / "next.csv"
     status, said, err = irt("suggest", rig, "--models", *models, "--out", out, "--threads", "1")

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from irt.catalogue import effect
+from irt.diagnose.diagnosis import UNLISTED
 from irt.suggest.excitations import Excitation, Limits
 from irt.suggest.separation import Separation
 
@@ -62,7 +63,8 @@ def sentences(
 
 def label(effects: Sequence[str]) -> str:
     """Return the effects of a model in words."""
-    return " with ".join(name.replace("_", " ") for name in effects) or "nothing left out"
+    named = ["physics without a name" if name == UNLISTED else name.replace("_", " ") for name in effects]
+    return " with ".join(named) or "nothing left out"
 
 
 def _play(run: Excitation, limits: Limits) -> str:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,14 @@ def told(lagging: Rig, lag_or_delay: tuple[Model, Model]) -> Suggestion:
     return suggest(lagging, lag_or_delay, NOISE, threads=1)
 
 
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Search less where the outcome does not depend on how good it is."""
+    search = import_module("irt.suggest.search")
+    monkeypatch.setattr(search, "_DRAWN", 6)
+    monkeypatch.setattr(search, "_ROUNDS", 2)
+
+
 def test_a_lag_is_told_from_a_delay_several_times_better_than_by_runs_as_recorded(told: Suggestion) -> None:
     [pair] = told.separation
     assert (pair.first, pair.second, pair.alike) == (("lag",), ("delay",), False)
@@ -98,6 +107,7 @@ def test_viscous_is_told_from_quadratic_drag() -> None:
     assert pair.nats > 3.0 * pair.random_nats
 
 
+@pytest.mark.usefixtures("quick")
 def test_no_drive_tells_a_delay_from_a_latency_and_other_means_are_named() -> None:
     rig = rig_with(DELAY)
     other = Model.from_rig(
@@ -117,6 +127,7 @@ def test_no_drive_tells_a_delay_from_a_latency_and_other_means_are_named() -> No
     assert "sharpens the parameters" in text
 
 
+@pytest.mark.usefixtures("quick")
 def test_two_fits_of_the_same_physics_are_not_told_apart() -> None:
     rig = rig_with()
     moved = Model.from_rig(
@@ -168,6 +179,7 @@ def test_every_member_of_a_family_can_be_played(family: str) -> None:
     assert len(places) == 2
 
 
+@pytest.mark.usefixtures("quick")
 def test_a_knob_that_never_moved_stays_level() -> None:
     rig = rig_with()
     still = [
@@ -178,6 +190,7 @@ def test_a_knob_that_never_moved_stays_level() -> None:
     assert not suggest(rig, [model_of(rig)], NOISE, threads=1).commands[:, 1].any()
 
 
+@pytest.mark.usefixtures("quick")
 def test_runs_start_where_recordings_do() -> None:
     rig = rig_with(start=(0.1, -0.05))
     found = suggest(rig, [model_of(rig)], NOISE, threads=1)
@@ -185,6 +198,7 @@ def test_runs_start_where_recordings_do() -> None:
     assert "at x 0.1" in found.sentences[0]
 
 
+@pytest.mark.usefixtures("quick")
 def test_recordings_with_stamps_get_commands_with_stamps(tmp_path: Path) -> None:
     stamps = np.arange(ROWS) * 20.0 / 240.0
     rig = rig_with()
@@ -200,14 +214,16 @@ def test_recordings_with_stamps_get_commands_with_stamps(tmp_path: Path) -> None
     np.testing.assert_allclose(back.stamps, stamps)
 
 
-def test_the_seed_decides_and_the_number_of_threads_does_not(lagging: Rig, lag_or_delay, told) -> None:
-    again = suggest(lagging, lag_or_delay, NOISE, threads=2)
-    np.testing.assert_array_equal(again.commands, told.commands)
-    assert (again.separation, again.sentences) == (told.separation, told.sentences)
+@pytest.mark.usefixtures("quick")
+def test_the_seed_decides_and_the_number_of_threads_does_not(lagging: Rig, lag_or_delay) -> None:
+    one, two = (suggest(lagging, lag_or_delay, NOISE, threads=threads) for threads in (1, 2))
+    np.testing.assert_array_equal(one.commands, two.commands)
+    assert (one.separation, one.sentences) == (two.separation, two.sentences)
     other = suggest(lagging, lag_or_delay, NOISE, seed=1, threads=1)
-    assert not np.array_equal(other.commands, told.commands)
+    assert not np.array_equal(other.commands, one.commands)
 
 
+@pytest.mark.usefixtures("quick")
 def test_progress_is_told(lagging: Rig, lag_or_delay) -> None:
     calls: list[tuple[int, int, str]] = []
     suggest(lagging, lag_or_delay[:1], NOISE, threads=1, progress=lambda *call: calls.append(call))
