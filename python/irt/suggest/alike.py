@@ -53,10 +53,9 @@ def _refits(
         Recording(f"{number}", Path(f"{number}"), run.commands, path.reshape(rows, 2), stamps)
         for number, (run, path) in enumerate(zip(runs, paths, strict=True))
     )
-    imagined = replace(rig, start="rest", recordings=played)
     problem = Problem.of(
-        imagined,
-        segments(imagined),
+        replace(second.model, start="rest"),
+        segments(replace(rig, start="rest", recordings=played)),
         effects=second.model.effects,
         time_scale=criterion.time_scale,
         noise=criterion.noise,

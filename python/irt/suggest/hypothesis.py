@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +101,9 @@ class Hypothesis:
     ) -> Hypothesis:
         """Return a model with what segments of a rig's recordings tell about it."""
         held = _held(model)
+        # The model's own board: a diagnosis may have found that the marble grips it otherwise than assumed.
         problem = Problem.of(
-            rig,
+            replace(model, start=rig.start),
             segments,
             effects=model.effects,
             time_scale=time_scale,
