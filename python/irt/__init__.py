@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from irt.residual import Evaluation, evaluate
     from irt.rig import Board, Marble, Rig, load_rig
     from irt.rollouts import paper_drive, rollouts
+    from irt.suggest import Suggestion, suggest
     from irt.tuning import tune
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "Parameter",
     "Recording",
     "Rig",
+    "Suggestion",
     "diagnose",
     "effects",
     "evaluate",
@@ -45,6 +47,7 @@ __all__ = [
     "rollouts",
     "save_model",
     "save_recording",
+    "suggest",
     "tune",
 ]
 
@@ -56,6 +59,7 @@ _HOMES = {
     "irt.residual": ("Evaluation", "evaluate"),
     "irt.rig": ("Board", "Marble", "Rig", "load_rig"),
     "irt.rollouts": ("paper_drive", "rollouts"),
+    "irt.suggest": ("Suggestion", "suggest"),
     "irt.tuning": ("tune",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

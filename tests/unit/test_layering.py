@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 LAYERS = (
     "cli",
     "report",
+    "suggest",
     "diagnose",
     "tuning",
     "fitting",

@@ -1,0 +1,81 @@
+"""`irt suggest`: the next run to record."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from irt.cli.inputs import whole
+from irt.errors import IrtError
+
+if TYPE_CHECKING:
+    from irt.fitting.fit import Progress
+    from irt.model import Model
+    from irt.rig import Rig
+
+NAME = "suggest"
+HELP = "design the next run: the one that best tells the remaining hypotheses apart"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `irt suggest`."""
+    parser.add_argument("rig", metavar="RIG", type=Path, help="a folder of recordings (*.csv)")
+    parser.add_argument(
+        "--models",
+        metavar="MODEL",
+        type=Path,
+        nargs="+",
+        help="model.toml of each hypothesis, the likeliest first; one alone is sharpened (default: what a "
+        "diagnosis of the rig leaves, which takes minutes)",
+    )
+    parser.add_argument(
+        "--out",
+        metavar="CSV",
+        type=Path,
+        default=Path("suggest.csv"),
+        help="the commands to play, with the marble's start in row 0 (default: suggest.csv)",
+    )
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the search (default: 0)")
+    parser.add_argument(
+        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+    )
+    parser.epilog = "example:\n  irt suggest my-rig --models delay.toml lag.toml --out suggest.csv"
+
+
+def run(args: argparse.Namespace) -> None:
+    """Design the run, write its commands, and say what it is for."""
+    from irt.cli.progress import progress_bar
+    from irt.files import atomic_path
+    from irt.rig import load_rig
+    from irt.suggest import suggest
+
+    rig = load_rig(args.rig)
+    if args.out.resolve().parent == args.rig.resolve():
+        raise IrtError(
+            f"{args.out}: in the rig's folder it would be read as one of its recordings; name another place "
+            "with --out"
+        )
+    # Opened beforehand: a diagnosis takes minutes, and a file that cannot be written is known at once.
+    with atomic_path(args.out) as beside, progress_bar() as progress:
+        known, models, noise = _hypotheses(rig, args, progress)
+        found = suggest(rig, models, noise, seed=args.seed, threads=args.threads, progress=progress)
+        found.save(beside)
+    for sentence in (*known, *found.sentences):
+        print(sentence)
+    print(f"\nwrote {args.out}: play it, put the recording into {args.rig}, and diagnose again")
+
+
+def _hypotheses(
+    rig: Rig, args: argparse.Namespace, progress: Progress
+) -> tuple[list[str], list[Model], float]:
+    """Return what a diagnosis says, the models to tell apart, and the tracker's noise [board edges]."""
+    from irt.diagnose import diagnose
+    from irt.fitting.problem import tracker_noise
+    from irt.model import load_model
+    from irt.residual import segments
+
+    if args.models is not None:
+        return [], [load_model(path) for path in args.models], tracker_noise(segments(rig))
+    diagnosis = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
+    return [diagnosis.summary], [diagnosis.model, *diagnosis.rivals], diagnosis.noise

@@ -1,0 +1,185 @@
+"""The next run to record: what best tells hypotheses apart, and then sharpens their parameters."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.files import PathLike
+from irt.fitting.fit import Progress
+from irt.fitting.least_squares import stamped_time_scale
+from irt.model import Model
+from irt.recording import save_recording
+from irt.residual import segments
+from irt.rig import Rig
+from irt.rollouts import SUBSTEP_S
+from irt.suggest.criterion import Criterion
+from irt.suggest.excitations import Excitation, Limits, as_recorded
+from irt.suggest.hypothesis import Hypothesis
+from irt.suggest.search import Found, Search
+from irt.suggest.separation import Separation
+from irt.suggest.words import sentences
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Suggestion:
+    """A run to record next.
+
+    Attributes
+    ----------
+    commands : (n, 2) array
+        Knob angles [rad].
+    start : (2,) array
+        Where the marble rests at row 0 [board edges].
+    stamps : (n,) array or None
+        Time of each row [s] where the rig's recordings have stamps.
+    family : str
+        Kind of excitation, in words.
+    separation : tuple of Separation
+        One for each pair of models.
+    gain, random_gain : float
+        What the run tells about the first model's parameters [nats], and what one like those recorded does.
+    remaining : dict
+        Interval of each parameter of the first model after the run over that before it.
+    at_wall : float
+        Share of rows in which the marble is expected at a wall.
+    tried : int
+        Excitations that were compared.
+    sentences : tuple of str
+        What to record and why, in plain words.
+    """
+
+    commands: Array
+    start: Array
+    stamps: Array | None
+    family: str
+    separation: tuple[Separation, ...]
+    gain: float
+    random_gain: float
+    remaining: dict[str, float]
+    at_wall: float
+    tried: int
+    sentences: tuple[str, ...]
+
+    def save(self, path: PathLike) -> None:
+        """Write the commands as a CSV file ready to play, the start in row 0.
+
+        Raises
+        ------
+        IrtError
+            If the file cannot be written.
+        """
+        marble = np.full_like(self.commands, np.nan)
+        marble[0] = self.start
+        save_recording(path, self.commands, marble, self.stamps)
+
+
+def suggest(
+    rig: Rig,
+    models: Sequence[Model],
+    noise: float,
+    *,
+    seed: int = 0,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Suggestion:
+    """Design the run that best tells models apart, and then sharpens their parameters.
+
+    Parameters
+    ----------
+    rig : Rig
+        Its recordings say what the knobs can do, how long runs are, where they start, and how well the
+        models' parameters are known.
+    models : sequence of Model
+        The final model of a diagnosis, then its rivals; with one alone its parameters are sharpened.
+    noise : float
+        The tracker's standard deviation [board edges].
+    seed : int
+        Of all draws. The same seed gives the same bits for any number of threads.
+    threads : int, optional
+        Of the engine; default one for each core.
+    progress : callable, optional
+        Called with (done, total, text).
+
+    Raises
+    ------
+    IrtError
+        If there is no model, the noise is none, or the recordings never moved a knob.
+    """
+    if not models:
+        raise IrtError("models: expected at least one")
+    if not 0.0 < noise < math.inf:
+        raise IrtError(f"noise: expected a standard deviation above 0 [board edges], got {noise}")
+    stamped = stamped_time_scale(rig)
+    limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
+    if not limits.amplitude.any():
+        raise IrtError(f"{rig.path}: no recording moves a knob, so that nothing shows how far one may turn")
+    cut = segments(rig)
+    criterion = Criterion(
+        hypotheses=tuple(
+            Hypothesis.of(rig, model, cut, noise, time_scale=stamped, threads=threads) for model in models
+        ),
+        noise=noise,
+        time_scale=stamped,
+        threads=threads,
+    )
+    recorded = as_recorded(rig, limits)
+    found = Search(criterion, rig, limits, seed, progress).run(recorded)
+    return _suggestion(criterion, limits, found, recorded)
+
+
+def _suggestion(
+    criterion: Criterion, limits: Limits, found: Found, recorded: Sequence[Excitation]
+) -> Suggestion:
+    """Return what was found, judged with the engine's own updates beside runs like those recorded."""
+    run, hypotheses = found.best, criterion.hypotheses
+    best, random = criterion.worth([run]), criterion.worth(recorded)
+    separation = tuple(
+        Separation(
+            first=hypotheses[a].effects,
+            second=hypotheses[b].effects,
+            distance=float(best.distance[0, index]),
+            nats=float(best.nats[0, index]),
+            random_distance=float(random.distance[:, index].mean()),
+            random_nats=float(random.nats[:, index].mean()),
+            most_nats=float(found.most_nats[index]),
+            alike=bool(found.alike[index]),
+        )
+        for index, (a, b) in enumerate(criterion.pairs)
+    )
+    gain, random_gain = float(best.gain[0, 0]), float(random.gain[:, 0].mean())
+    unknown = np.abs(hypotheses[0].deviations).max(axis=0) > 0.0
+    remaining = {
+        name: share
+        for name, share, free in zip(hypotheses[0].names, best.remaining[0].tolist(), unknown, strict=True)
+        if free
+    }
+    at_wall = float(best.at_wall[0])
+    return Suggestion(
+        commands=run.commands,
+        start=run.start,
+        stamps=criterion.stamps(limits.rows),
+        family=run.family,
+        separation=separation,
+        gain=gain,
+        random_gain=random_gain,
+        remaining=remaining,
+        at_wall=at_wall,
+        tried=found.tried,
+        sentences=sentences(
+            run,
+            limits,
+            separation=separation,
+            tried=found.tried,
+            gains=(gain, random_gain),
+            remaining=remaining,
+            at_wall=at_wall,
+        ),
+    )

@@ -1,0 +1,85 @@
+"""Whether two models predict the same whatever is played: the one refitted to what the other does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effect
+from irt.fitting.problem import Problem
+from irt.recording import Recording
+from irt.residual import segments
+from irt.rig import PARAMETERS, Rig
+from irt.suggest.criterion import Criterion
+from irt.suggest.excitations import Excitation
+from irt.suggest.hypothesis import Hypothesis
+
+Array = NDArray[np.float64]
+
+_COMMON = len(PARAMETERS)
+#: What may be left between models that are alike: this share of the tracker's noise, or rounding [edges].
+_ALIKE, _ROUNDED = 0.01, 2e-5
+#: With updates this many times finer a command that comes late and a picture that is old give one path; the
+#: engine's own are so long that where in an update a command falls makes a difference.
+_FINER = 16
+
+
+def alike(criterion: Criterion, rig: Rig, pair: tuple[int, int], runs: Sequence[Excitation]) -> bool:
+    """Whether the second hypothesis of a pair, refitted without noise, does what the first does in all runs.
+
+    Slopes alone cannot tell: two models may lie far apart along what recordings leave open.
+    """
+    first, second = (criterion.hypotheses[index] for index in pair)
+    own = first.paths(runs, finer=_FINER, threads=criterion.threads)
+    renamed = replace(second, values=np.append(first.values[:_COMMON], _renamed(first, second)))
+    left = own - renamed.paths(runs, finer=_FINER, threads=criterion.threads)
+    # The median: a marble that all but reaches a wall may be on either side in one run, whatever the physics.
+    same = float(np.median(np.sqrt((left**2).mean(axis=1)))) < _ROUNDED
+    return same or _refits(criterion, rig, first, second, runs)
+
+
+def _refits(
+    criterion: Criterion, rig: Rig, first: Hypothesis, second: Hypothesis, runs: Sequence[Excitation]
+) -> bool:
+    """Whether a refit of the second to what the first predicts of runs leaves nothing."""
+    paths = first.expected(runs, criterion.step_s, threads=criterion.threads).paths
+    rows = len(runs[0].commands)
+    stamps = criterion.stamps(rows)
+    played = tuple(
+        Recording(f"{number}", Path(f"{number}"), run.commands, path.reshape(rows, 2), stamps)
+        for number, (run, path) in enumerate(zip(runs, paths, strict=True))
+    )
+    problem = Problem.of(
+        replace(second.model, start="rest"),
+        segments(replace(rig, start="rest", recordings=played)),
+        effects=second.model.effects,
+        time_scale=criterion.time_scale,
+        noise=criterion.noise,
+        held=second.held,
+        threads=criterion.threads,
+    )
+    # From its own values, and from where the first one is: the way along what is left open may be long.
+    points = np.stack([second.values, np.append(first.values[:_COMMON], second.values[_COMMON:])])
+    refitted = [np.concatenate(at.residuals) for at in problem.refine(points, iterations=30)]
+    least = min(float(np.sqrt(np.nanmean(residual**2))) for residual in refitted)
+    return least < max(_ALIKE * criterion.noise, _ROUNDED)
+
+
+def _renamed(first: Hypothesis, second: Hypothesis) -> Array:
+    """Return values of the second one's effects, from the first one's where those have the same units."""
+    rest = dict(zip(first.names[_COMMON:], first.values[_COMMON:].tolist(), strict=True))
+    found = dict(zip(second.names[_COMMON:], second.values[_COMMON:].tolist(), strict=True))
+    for name in [name for name in found if name in rest]:
+        found[name] = rest.pop(name)
+    for own in [one for one in second.effects if one not in first.effects]:
+        units = [one.unit for one in effect(own).parameters]
+        for other in [one for one in first.effects if one not in second.effects]:
+            if units == [one.unit for one in effect(other).parameters]:
+                values = [rest[f"{other}.{one.name}"] for one in effect(other).parameters]
+                names = [f"{own}.{one.name}" for one in effect(own).parameters]
+                found |= dict(zip(names, values, strict=True))
+    return np.array(list(found.values()))
