@@ -50,10 +50,10 @@ const fn taylor<const N: usize>(first: usize) -> [f64; N] {
 }
 
 /// Coefficients of the series of the inverse hyperbolic tangent in the square, over the number.
-const INVERSE_TANH: [f64; 8] = {
-    let mut coefficients = [1.0; 8];
+const INVERSE_TANH: [f64; 9] = {
+    let mut coefficients = [1.0; 9];
     let mut i = 1;
-    while i < 8 {
+    while i < 9 {
         coefficients[i] = 1.0 / (2 * i + 1) as f64;
         i += 1;
     }
@@ -357,6 +357,18 @@ mod tests {
             let bound = if steepest == SMALL_ANGLE { 4e-16 } else { 5e-14 };
             prop_assert!((sin.to_array()[0] - angle.sin()).abs() <= bound);
             prop_assert!((cos.to_array()[0] - angle.cos()).abs() <= bound);
+        }
+
+        #[test]
+        fn the_cosine_of_any_angle_has_thirteen_digits(angle in -20.0..20.0_f64, turns in 0.0..1e4_f64) {
+            prop_assert!((of(angle).cos().to_array()[0] - angle.cos()).abs() <= 2e-13);
+            let far = angle + std::f64::consts::TAU * turns.round();
+            prop_assert!((of(far).cos().to_array()[0] - far.cos()).abs() <= 4e-11);
+        }
+
+        #[test]
+        fn the_logarithm_of_a_part_has_thirteen_digits(ln in -20.7..0.0_f64) {
+            prop_assert!((of(ln.exp()).ln_of_part().to_array()[0] - ln.exp().ln()).abs() <= 1e-13);
         }
 
         #[test]
