@@ -65,14 +65,16 @@ class Leftover:
     case : Case
         The recordings.
     fitted : Fitted
-        The hypothesis. What the base model leaves over is seen in the motion as it was observed, however far
-        off that model is; what others leave over, in their predictions' misses.
+        The hypothesis.
+    weak : bool
+        Whether to take the motion as it was observed, and gears and friction for unknown, however far off the
+        predictions are: right for the base model alone. Else what the predictions miss is looked at.
     """
 
-    def __init__(self, case: Case, fitted: Fitted) -> None:
+    def __init__(self, case: Case, fitted: Fitted, *, weak: bool = False) -> None:
         screen = Screen(case, fitted, min(LONGEST, *(len(one.knobs) for one in case.segments)))
         self.rows, self._residual, self._fixed = stretches(
-            case, screen, weak=not fitted.effects, late=lateness(case, fitted)
+            case, screen, weak=weak, late=lateness(case, fitted)
         )
         self._noise = case.noise
 

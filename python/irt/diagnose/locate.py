@@ -25,14 +25,15 @@ CLEAR, MOST = 0.05, 3
 _REST, _NEAR = 0.001, 2
 
 
-def locate(case: Case, fitted: Fitted) -> list[Finding]:
+def locate(case: Case, fitted: Fitted, noise: float) -> list[Finding]:
     """Find the places where short windows leave more than noise does in simulated nulls.
 
-    A place's strength is its share of all that is left beyond noise; its p-value is the share of nulls in
-    which any place of any kind stands out as much, so that looking in many places is paid for.
+    The noise [board edges] is that of the tracker. A place's strength is its share of all that is left beyond
+    it; its p-value is the share of nulls in which any place of any kind stands out as much, so that looking in
+    many places is paid for.
     """
     screen = Screen(case, fitted, min(ROWS, *(len(one.knobs) for one in case.segments)))
-    squares, nulls = screen.squared(NULLS, case.seed)
+    squares, nulls = screen.squared(NULLS, case.seed, noise)
     beyond = squares - nulls.mean(axis=0)
     total = max(float(beyond.sum()), 1e-300)
     places = [(kind, what, mask) for kind, what, mask in _places(case, screen) if mask.mean() > FEWEST]

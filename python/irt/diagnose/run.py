@@ -111,7 +111,7 @@ def _found(search: Search, report: Report) -> Diagnosis:
         sources = leftover_sources(search.case, search.base)
         where = (
             *variables(answer.terms, sources),
-            *locate(search.case, search.base),
+            *locate(search.case, search.base, search.evidence().scale),
             *stages(sources),
         )
     report("rivals")

@@ -161,14 +161,14 @@ class Screen:
         seen = self._known.reshape(windows, -1).sum(axis=1)
         return np.asarray((left**2).sum(axis=1) / np.maximum(seen - 4, 1))
 
-    def squared(self, nulls: int, seed: int) -> tuple[Array, Array]:
-        """Return squared residuals of each row of all windows in units of the tracker's variance, (w * n,).
+    def squared(self, nulls: int, seed: int, scale: float) -> tuple[Array, Array]:
+        """Return squared residuals of each row of all windows in units of a variance, (w * n,).
 
         And the same of simulated noise in the same windows, (nulls, w * n): both freed of what start states
         and the five parameters could do.
         """
         noise = np.random.default_rng(seed).standard_normal((nulls, self._residual.size))
-        told = np.concatenate([self._residual[None] / self._case.noise, self._freed(noise)])
+        told = np.concatenate([self._residual[None] / scale, self._freed(noise)])
         rows = (np.clip(told, -_CLIP, _CLIP) ** 2).reshape(nulls + 1, -1, 2).sum(axis=2)
         return rows[0], rows[1:]
 

@@ -66,7 +66,7 @@ def library(case: Case, parent: Fitted) -> list[Term]:
     Each is the one that explains most of what those before it leave; the list ends where the next would
     explain no more than chance does in a library of this size.
     """
-    leftover = Leftover(case, parent)
+    leftover = Leftover(case, parent, weak=not parent.effects)
     if not leftover.count:
         return []
     scale = float(parent.values[PARAMETERS.index("observation_scale")])

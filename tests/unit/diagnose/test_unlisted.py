@@ -34,7 +34,7 @@ def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
 
 
 def test_drag_is_a_power_of_the_speed(plant):
-    case = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6)
+    case = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6, rows=120)
     (first, *_) = library(case, case.fit())
     assert first.variable == "velocity"
     assert first.values["drag_strength"] > 0.0
