@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -154,4 +153,4 @@ def _write(path: Path, knobs: Array, seen: Array) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

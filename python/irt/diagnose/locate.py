@@ -29,8 +29,8 @@ def locate(case: Case, fitted: Fitted, noise: float) -> list[Finding]:
     """Find the places where short windows leave more than noise does in simulated nulls.
 
     The noise [board edges] is that of the tracker. A place's strength is its share of all that is left beyond
-    it; its p-value is the share of nulls in which any place of any kind stands out as much, so that looking in
-    many places is paid for.
+    it; its p-value is the share of nulls in which any place of any kind stands out as much, so that looking
+    in many places is paid for.
     """
     screen = Screen(case, fitted, min(ROWS, *(len(one.knobs) for one in case.segments)))
     squares, nulls = screen.squared(NULLS, case.seed, noise)

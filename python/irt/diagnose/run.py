@@ -19,9 +19,10 @@ from irt.diagnose.locate import leftover_sources, locate, stages, variables
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Report, Search
 from irt.diagnose.unlisted import Term, confirmed, is_preferred
+from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.model import Parameter
-from irt.rig import Rig
+from irt.rig import Rig, load_rig
 
 Array = NDArray[np.float64]
 
@@ -32,14 +33,14 @@ _STEPS = 120
 
 
 def diagnose(
-    rig: Rig, *, seed: int = 0, threads: int | None = None, progress: Progress | None = None
+    rig: Rig | PathLike, *, seed: int = 0, threads: int | None = None, progress: Progress | None = None
 ) -> Diagnosis:
     """Fit, locate the mismatch, name the missing physics, model it, and prove it on recordings held out.
 
     Parameters
     ----------
-    rig : Rig
-        The recordings; a rig of one recording can be diagnosed, but not proved.
+    rig : Rig or path
+        The recordings, or their folder; a rig of one recording can be diagnosed, but not proved.
     seed : int
         Of all draws. The same seed gives the same answer for any number of threads.
     threads : int, optional
@@ -50,9 +51,10 @@ def diagnose(
     Raises
     ------
     IrtError
-        If some recordings are stamped and others not, or nothing was seen.
+        If the rig is not as it must be, some recordings are stamped and others not, or nothing was seen.
     """
     began = time.perf_counter()
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
     steps = 0
 
     def report(text: str) -> None:

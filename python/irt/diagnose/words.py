@@ -45,6 +45,11 @@ def summary(effects: Sequence[NamedEffect], *, noise: float, before: float, afte
 def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     """Return what to record next, and why."""
     tied = [one for one in effects if one.confusable_with]
+    if any({one.name, *one.confusable_with} == {"delay", "latency"} for one in tied):
+        return (
+            "No drive of the knobs tells delay from latency: put a lamp into the picture that is switched "
+            "with a command, or a sensor of the board's tilt beside the camera."
+        )
     if tied:
         pairs = " and ".join(f"{one.name} from {' or '.join(one.confusable_with)}" for one in tied)
         return f"To tell {pairs}, record the run that `irt suggest {rig}` designs for it, and diagnose again."
@@ -60,8 +65,13 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     )
 
 
-def notes(case: Case, best: Fitted, spread: Parameter | None) -> Iterator[str]:
+def notes(case: Case, best: Fitted, spread: Parameter | None, *, explained: bool) -> Iterator[str]:
     """Say what else the user should know; `spread` is the standard deviation of delays that differ [s]."""
+    if not explained and spread is None:
+        yield (
+            f"The predictions still miss by {best.noise / case.noise:.1f} times the tracker's scatter: part "
+            "of the mismatch was not found, or does not repeat from run to run."
+        )
     if spread is not None:
         yield (
             f"Delays differ from command to command by {spread.value:.2g} s, so no simulation predicts a run "

@@ -1,0 +1,109 @@
+"""`irt diagnose` as a user runs it."""
+
+import json
+
+import numpy as np
+import pytest
+
+from irt.diagnose.search import Search
+from irt.model import load_model
+from irt.residual import evaluate
+from irt.rig import PARAMETERS, load_rig
+from irt.rollouts import rollouts
+
+TRUTH = [[0.06, 0.05, 4e-4, 15.0, 1.03]]
+PARALLAX = {"name": "parallax", "height_m_per_rad": 0.5}
+
+
+@pytest.fixture
+def lab(write_rig):
+    """Return what writes a rig of four runs with these effects."""
+
+    def write(*effects, runs=4, rows=60):
+        random = np.random.default_rng(5)
+        recordings = {}
+        for index in range(runs):
+            time = np.arange(rows)[:, None, None] / rows
+            waves = np.sin(2 * np.pi * (time * random.uniform(0.7, 4.0, (2, 3)) + random.random((2, 3))))
+            knobs = (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
+            marble = rollouts(TRUTH, knobs, effects=effects)[0]
+            recordings[f"run-{index}"] = knobs, marble + 1e-3 * random.standard_normal(marble.shape)
+        return write_rig(recordings)
+
+    return write
+
+
+def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
+    rig, out = lab(PARALLAX), tmp_path / "results" / "deep"
+    done = irt("diagnose", rig, "--out", out)
+    assert (done.status, done.err) == (0, "")
+    told = json.loads((out / "diagnosis.json").read_text())
+    assert told["verdict"] == "missing"
+    assert set(told) >= {"summary", "where", "effects", "fit", "parameters", "unidentifiable", "suggestion"}
+    (effect,) = told["effects"]
+    assert effect["name"] == "parallax"
+    assert effect["stage"] == "sensing"
+    height = effect["parameters"]["height_m_per_rad"]
+    assert height["low"] <= height["value"] <= height["high"]
+    assert height["unit"] == "m/rad"
+    assert effect["heldout_mae_with"] < 0.5 * effect["heldout_mae_without"]
+    assert set(told["fit"]) == {"noise", "base_mae", "final_mae", "base_heldout_mae", "final_heldout_mae"}
+    assert set(told["parameters"]) == set(PARAMETERS)
+    for place in told["where"]:
+        assert place["kind"] in {"stage", "time", "region", "regime", "run"}
+        assert 0.0 <= place["strength"] <= 1.0
+        assert 0.0 < place["p_value"] <= 0.05
+    model = load_model(out / "model.toml")
+    assert evaluate(model, load_rig(rig).recordings).free_run.mae == told["fit"]["final_mae"]
+    assert "parallax" in (out / "report.html").read_text()
+    assert told["summary"] in done.out
+    assert f"wrote {out / 'model.toml'}, {out / 'diagnosis.json'} and {out / 'report.html'}" in done.out
+
+
+def test_the_same_seed_says_the_same_for_any_number_of_threads(irt, lab, tmp_path):
+    rig = lab(PARALLAX, runs=3)
+    answers = []
+    for threads in ("1", "2"):
+        assert (
+            irt("diagnose", rig, "--out", tmp_path / threads, "--threads", threads, "--seed", "7").status == 0
+        )
+        answers.append(json.loads((tmp_path / threads / "diagnosis.json").read_text()))
+        del answers[-1]["settings"]["seconds"]
+    assert answers[0] == answers[1]
+
+
+def test_one_recording_is_not_proved(irt, lab, tmp_path):
+    done = irt("diagnose", lab(PARALLAX, runs=1), "--out", tmp_path / "out")
+    assert done.status == 0
+    assert "the improvement is not proved" in done.out
+
+
+def test_a_marble_that_never_moves_shows_nothing(irt, write_rig, tmp_path):
+    still = np.zeros((40, 2)) + [0.1, -0.05] + 1e-3 * np.random.default_rng(0).standard_normal((40, 2))
+    rig = write_rig({f"run-{i}": (1e-4 * np.ones((40, 2)), still) for i in range(3)})
+    done = irt("diagnose", rig, "--out", tmp_path / "out")
+    assert (done.status, done.err) == (0, "")
+    assert "could hardly have shown any effect" in done.out
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == "sufficient"
+
+
+def test_ctrl_c_leaves_what_is_known(irt, lab, tmp_path, monkeypatch):
+    def stop(self, best):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Search, "_grown", stop)
+    monkeypatch.setattr("irt.diagnose.search.SINGLES", 2)
+    done = irt("diagnose", lab(PARALLAX, runs=3), "--out", tmp_path / "out")
+    assert done.status == 130
+    told = json.loads((tmp_path / "out" / "candidates.json").read_text())
+    assert told["interrupted"] is True
+    assert [] in [one["effects"] for one in told["candidates"]]
+    assert len(told["candidates"]) > 1
+    assert not (tmp_path / "out" / "diagnosis.json").exists()
+
+
+def test_no_rig_is_one_clear_line(irt, tmp_path):
+    done = irt("diagnose", tmp_path / "none")
+    assert done.status == 1
+    assert done.err.count("\n") == 1
+    assert "no such folder" in done.err
