@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from irt.diagnose.search import Search
+from irt.diagnose import search
 from irt.model import load_model
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, load_rig
@@ -91,8 +91,8 @@ def test_ctrl_c_leaves_what_is_known(irt, lab, tmp_path, monkeypatch):
     def stop(self, best):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Search, "_grown", stop)
-    monkeypatch.setattr("irt.diagnose.search.SINGLES", 2)
+    monkeypatch.setattr(search.Search, "_grown", stop)
+    monkeypatch.setattr(search, "SINGLES", 2)
     done = irt("diagnose", lab(PARALLAX, runs=3), "--out", tmp_path / "out")
     assert done.status == 130
     told = json.loads((tmp_path / "out" / "candidates.json").read_text())

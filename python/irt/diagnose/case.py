@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.catalogue import effect
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
 from irt.fitting.problem import Problem, Refined, Solution, tracker_noise
@@ -19,6 +20,8 @@ Array = NDArray[np.float64]
 
 #: Degrees of freedom of the Student-t likelihood, as in the engine's fit.
 TAIL = 4.0
+#: A value may leave its range by this share of it and still be plausible.
+SPARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,20 @@ class Fitted:
     def loss(self, scale: float) -> float:
         """Return the Student-t negative log-likelihood of all segments, up to a constant."""
         return float(self.losses(scale).sum())
+
+    @property
+    def outside(self) -> int:
+        """How many parameters of effects lie outside the values that the catalogue finds plausible."""
+        ranges = {
+            f"{name}.{one.name}": (one.low, one.high)
+            for name in self.effects
+            for one in effect(name).parameters
+        }
+        found = self.of_effects().items()
+        spare = {key: SPARE * (high - low) for key, (low, high) in ranges.items()}
+        return sum(
+            not ranges[key][0] - spare[key] <= value <= ranges[key][1] + spare[key] for key, value in found
+        )
 
     def of_effects(self) -> dict[str, float]:
         """Return the values of the effects' parameters by ``effect.parameter``."""

@@ -22,6 +22,8 @@ FORGETFUL, NOISE_LIKE = 1.5, 1.1
 #: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
 #: a moment too late or meets a corner otherwise goes elsewhere from there, and no physics is missing.
 WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
+#: What a value outside the range that the catalogue finds plausible costs [nats].
+IMPLAUSIBLE = 10.0
 #: Mean Student-t loss of a normal residual at its own scale.
 _OF_NOISE = float(
     0.5
@@ -70,9 +72,10 @@ class Evidence:
     def penalty(self, one: Fitted) -> float:
         """Return what the effects of a hypothesis cost [nats].
 
-        Half a logarithm of the data for each parameter (BIC), and that of the catalogue for each choice.
+        Half a logarithm of the data for each parameter (BIC), that of the catalogue for each choice, and more
+        for values outside the catalogue's ranges.
         """
-        return self.price(one.free, len(one.effects))
+        return self.price(one.free, len(one.effects)) + IMPLAUSIBLE * one.outside
 
     def price(self, parameters: int, choices: int) -> float:
         """Return what so many parameters, and choices from the catalogue, cost [nats]."""

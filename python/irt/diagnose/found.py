@@ -98,12 +98,10 @@ class Found:
 
     def _ordered(self) -> list[str]:
         """Return the effects, the most important first: without which the rest explains least."""
-        fits = self._search.fits
         scale = self._search.evidence().scale
 
         def loss_without(name: str) -> float:
-            rest = fits.get(frozenset(self._best.effects) - {name})
-            return -rest.loss(scale) if rest is not None else -np.inf
+            return -self._search.without(self._best, name).loss(scale)
 
         return sorted(self._best.effects, key=loss_without)
 
@@ -119,8 +117,8 @@ class Found:
         )
 
     def _named(self, name: str) -> NamedEffect:
-        without = self._search.fits.get(frozenset(self._best.effects) - {name})
-        errors = {} if without is None else _proof(self._search, self._search.case, without)
+        without = self._search.without(self._best, name)
+        errors = _proof(self._search, self._search.case, without)
         alike = self._tied.get(name, [])
         other_names = [_instead(self._best, one) for one in alike]
         return NamedEffect(
@@ -132,7 +130,7 @@ class Found:
                 if key.startswith(f"{name}.")
             },
             units=units(name),
-            heldout_mae_without=_mean(errors) if errors else float("nan"),
+            heldout_mae_without=_mean(errors),
             heldout_mae_with=_mean(self._proofs[self._best.effects]),
             confusable_with=tuple(other_names),
             reason=" ".join(

@@ -13,7 +13,9 @@ from irt.rig import PARAMETERS
 from irt.rollouts import SUBSTEP_S
 
 #: By so many nats a differing delay must explain the leftover better than any other variable.
-CLEAR = 5.0
+CLEAR = 3.0
+#: Rows of the stretches looked at: in short ones other causes go less astray, long ones show smaller spreads.
+STRETCHES = (24, 60)
 _GRAVITY = 9.81
 
 
@@ -39,10 +41,16 @@ def differing_delays(case: Case, mean: Fitted) -> Jitter | None:
     If it is, the leftover push comes with each change of the command, in proportion to it, and never twice
     the same. Other variables explain it less well.
     """
-    leftover = Leftover(case, mean)
-    sources = leftover.sources(case.seed)
-    if len(sources) < 2 or sources[0].variable != JITTER or sources[0].gain < sources[1].gain + CLEAR:
-        return None
+    for longest in STRETCHES:
+        leftover = Leftover(case, mean, longest=longest)
+        sources = leftover.sources(case.seed)
+        if len(sources) > 1 and sources[0].variable == JITTER and sources[0].gain > sources[1].gain + CLEAR:
+            return Jitter(mean, _spread(case, mean, leftover))
+    return None
+
+
+def _spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:
+    """Return the standard deviation of the delays [s], with its 95 % interval."""
     push, low, high = leftover.size_of_jitter()
     time_scale = case.time_scale or float(mean.values[PARAMETERS.index("time_scale")])
     row_s = time_scale * SUBSTEP_S
@@ -51,4 +59,4 @@ def differing_delays(case: Case, mean: Fitted) -> Jitter | None:
     # A command that comes late by one row leaves out the push of one row.
     a_row = 5.0 / 7.0 * _GRAVITY * gear * leftover.turned * row_s**2 / edge_m
     spread, low, high = (row_s * one / a_row for one in (push, low, high))
-    return Jitter(mean, Parameter(spread, low, high))
+    return Parameter(spread, low, high)

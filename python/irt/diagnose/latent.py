@@ -69,10 +69,12 @@ class Leftover:
     weak : bool
         Whether to take the motion as it was observed, and gears and friction for unknown, however far off the
         predictions are: right for the base model alone. Else what the predictions miss is looked at.
+    longest : int
+        Rows of a stretch, at most: long ones show small pushes, if the predictions do not go astray.
     """
 
-    def __init__(self, case: Case, fitted: Fitted, *, weak: bool = False) -> None:
-        screen = Screen(case, fitted, min(LONGEST, *(len(one.knobs) for one in case.segments)))
+    def __init__(self, case: Case, fitted: Fitted, *, weak: bool = False, longest: int = LONGEST) -> None:
+        screen = Screen(case, fitted, min(longest, *(len(one.knobs) for one in case.segments)))
         self.rows, self._residual, self._fixed = stretches(
             case, screen, weak=weak, late=lateness(case, fitted)
         )

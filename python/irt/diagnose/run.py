@@ -18,7 +18,7 @@ from irt.diagnose.jitter import differing_delays
 from irt.diagnose.locate import leftover_sources, locate, stages, variables
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Report, Search
-from irt.diagnose.unlisted import Term, confirmed, is_preferred
+from irt.diagnose.unlisted import Term, confirmed
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.model import Parameter
@@ -140,10 +140,10 @@ class _Answer:
 
 
 def _searched(search: Search, report: Report) -> _Answer:
-    """Choose a hypothesis: one effect, delays that differ, something unlisted, several effects.
+    """Choose a hypothesis: one effect, delays that differ, several effects, something unlisted.
 
-    What leaves noise ends the search. Several effects come last because they take longest; what was learned
-    then has to beat them.
+    What leaves noise ends the search. What was learned comes last and has to beat the catalogue: two terms of
+    a library can stand for two effects that have names.
     """
     case, best = search.case, search.singles()
     if is_explained(case, best, search.base):
@@ -152,19 +152,17 @@ def _searched(search: Search, report: Report) -> _Answer:
     jittering = _jittering(search, report) if late else None
     if jittering is not None:
         return jittering
-    report("physics that the catalogue does not have")
-    found = confirmed(search, best)
-    learned = None if found is None else _Answer(found[0], found[1], terms=found[2])
-    if learned is not None and is_explained(learned.case, learned.best, search.base):
-        return learned
     best = search.larger(best)
-    if not is_explained(case, best, search.base):
-        jittering = None if late else _jittering(search, report)
-        if jittering is not None:
-            return jittering
-        if learned is not None and is_preferred(search, learned.best, best):
-            return learned
-    return _Answer(case, best)
+    if is_explained(case, best, search.base):
+        return _Answer(case, best)
+    jittering = None if late else _jittering(search, report)
+    if jittering is not None:
+        return jittering
+    report("physics that the catalogue does not have")
+    learned = confirmed(search, best)
+    if learned is None:
+        return _Answer(case, best)
+    return _Answer(learned[0], learned[1], terms=learned[2])
 
 
 def _jittering(search: Search, report: Report) -> _Answer | None:

@@ -37,6 +37,8 @@ EARLIER = 10
 COARSENESS = 4.0
 #: Residuals beyond so many standard deviations count no more than these.
 _CLIP = 4.0
+#: Share of a parameter's range over which its changes are taken for straight lines.
+_STRAIGHT = 0.02
 #: Smallest size drawn, as a share of the largest.
 _LEAST = 1e-3
 
@@ -182,6 +184,8 @@ class Screen:
             count = DRAWS[min(len(parameters), len(DRAWS)) - 1]
         size = size_of(name)
         drawn = _drawn(parameters, size, count, self._case.seed)
+        if size is None:
+            drawn = np.concatenate([self._straight(name), drawn])
         changed = self._freed(self._changes(name, drawn))
         along, length = changed @ self._residual, (changed**2).sum(axis=1)
         if size is None:
@@ -197,6 +201,18 @@ class Screen:
             gain = 2.0 * factor * along - factor**2 * length
         order = np.argsort(-gain, kind="stable")
         return Draws(drawn[order], gain[order] / max(self.squares, 1e-300))
+
+    def _straight(self, name: str) -> Array:
+        """Return the values that explain most if changes add up and are straight lines, (1, p)."""
+        parameters = effect(name).parameters
+        neutral = np.array([one.neutral for one in parameters])
+        if not np.isfinite(neutral).all():
+            return np.zeros((0, len(parameters)))
+        low, high = np.array([(one.low, one.high) for one in parameters]).T
+        steps = _STRAIGHT * np.where(high - neutral >= neutral - low, high - neutral, low - neutral)
+        changed = self._freed(self._changes(name, neutral + np.diag(steps)))
+        factors = np.linalg.lstsq(changed.T, self._residual)[0]
+        return np.asarray(np.clip(neutral + factors * steps, low, high))[None]
 
     def gains(self, name: str, values: Array) -> Array:
         """Return by how many nats (k, p) values of an effect, were they true, raise the likelihood, (k,)."""

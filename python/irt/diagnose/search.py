@@ -21,8 +21,10 @@ Array = NDArray[np.float64]
 HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
 #: Draws taken from each horizon as start points of a fit.
 SEEDS = 1
-#: Effects fitted alone, and as partners of the best of those, the second and the third.
-SINGLES, PARTNERS = 10, (6, 4, 3)
+#: Effects fitted alone, and as partners of the best of those and of the second.
+SINGLES, PARTNERS = 10, (6, 4)
+#: Effects tried in the place of each one of the best hypothesis.
+SWAPS = 4
 #: Hypotheses of each size that are refined.
 REFINED = 3
 #: Once a hypothesis leaves nothing to explain, others are fitted if they explained this share of its share.
@@ -88,6 +90,7 @@ class Search:
                 if is_explained(self.case, self.ranked(size)[0], self.base):
                     break
             self._refine(size)
+            self._swap(self.ranked(size)[0])
             best = self._grown(best, size)
         return self._pruned(best)
 
@@ -127,6 +130,13 @@ class Search:
             found[name] = max(float(one.explained[0]) for one in draws), points
         return found
 
+    def _swap(self, one: Fitted) -> None:
+        """Try others in the place of each effect of a hypothesis: what came first may only have stood in."""
+        for name in one.effects:
+            others = [other.name for other in effects() if other.name not in one.effects]
+            self._expand(self.without(one, name), others, SWAPS)
+        self._refine(len(one.effects))
+
     def _refine(self, size: int) -> None:
         """Refine the best hypotheses of a size."""
         for one in self.ranked(size)[:REFINED]:
@@ -145,13 +155,23 @@ class Search:
             return best
         return ranked[0] if self.is_supported(ranked[0], best) else best
 
+    def without(self, one: Fitted, name: str) -> Fitted:
+        """Return a hypothesis without one of its effects, fitted from where it led if need be."""
+        rest = [other for other in one.effects if other != name]
+        if frozenset(rest) not in self.fits:
+            self._refine_within(one, rest)
+        return self.fits[frozenset(rest)]
+
+    def _refine_within(self, one: Fitted, names: Sequence[str]) -> None:
+        """Refine some of the effects of a hypothesis from where it led."""
+        own = [key for key in one.names if "." not in key or key.split(".")[0] in names]
+        values = dict(zip(one.names, one.values, strict=True))
+        self.keep(self.case.refine(names, np.array([[values[key] for key in own]]))[0])
+
     def _returned(self, parent: Fitted, children: Sequence[Fitted]) -> None:
-        """Refine a hypothesis from where larger ones led: it must not lose for want of a good start."""
-        within = [one for one in children if set(parent.effects) < set(one.effects)][:1]
-        for child in within:
-            values = dict(zip(child.names, child.values, strict=True))
-            point = np.array([[values[name] for name in parent.names]])
-            self.keep(self.case.refine(parent.effects, point)[0])
+        """Refine a hypothesis from where a larger one led: it must not lose for want of a good start."""
+        for child in [one for one in children if set(parent.effects) < set(one.effects)][:1]:
+            self._refine_within(child, parent.effects)
 
     def is_supported(self, one: Fitted, over: Fitted) -> bool:
         """Whether recordings held out agree that a hypothesis is better; so too where there is but one."""
@@ -186,10 +206,7 @@ class Search:
     def _pruned(self, best: Fitted) -> Fitted:
         """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
         for name in best.effects:
-            rest = frozenset(best.effects) - {name}
-            without = self.fits.get(rest)
-            if without is None:
-                continue
+            without = self.without(best, name)
             if not self.evidence().is_better(best, without):
                 return self._pruned(without)
         return best

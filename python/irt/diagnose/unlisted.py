@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.evidence import Evidence
+from irt.diagnose.evidence import Evidence, excess
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.latent import Leftover
 from irt.diagnose.search import Search
@@ -34,6 +34,8 @@ SHORTEST_M, SHORTEST_ROWS = 0.02, 4.0
 POWERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 #: What a term must explain [nats]: its parameters, and that it is the best of a few thousand.
 WORTH = 25.0
+#: Effects are believed if they leave no more than this share of the base model's mismatch.
+TRUSTED = 0.1
 #: Speed at which the strength of a power law is given [m/s].
 _AT = 0.1
 
@@ -133,12 +135,17 @@ def confirmed(search: Search, best: Fitted) -> tuple[Case, Fitted, tuple[Term, .
     if kept is None:
         return None
     search.remember(kept[1], held_before)
-    return kept if is_preferred(search, kept[1], best) else None
+    return kept if _is_preferred(search, kept[1], best) else None
 
 
-def is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
-    """Whether what was learned beats the catalogue's best hypothesis, and recordings held out agree."""
+def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
+    """Whether what was learned beats the catalogue's best hypothesis, and recordings held out agree.
+
+    Effects that leave much of the mismatch are not believed: a wrong name is worse than none.
+    """
     if not best.effects:
+        return True
+    if excess(search.case, best) > TRUSTED * excess(search.case, search.base):
         return True
     evidence = search.evidence()
     if evidence.margin(learned, best) <= 0.0:
