@@ -14,6 +14,7 @@ from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
 from irt.diagnose.screen import ROWS, Screen
+from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
@@ -164,8 +165,8 @@ class Search:
 
     def _refine_within(self, one: Fitted, names: Sequence[str]) -> None:
         """Refine some of the effects of a hypothesis from where it led."""
-        own = [key for key in one.names if "." not in key or key.split(".")[0] in names]
         values = dict(zip(one.names, one.values, strict=True))
+        own = [*PARAMETERS, *(key for name in names for key in values if key.startswith(f"{name}."))]
         self.keep(self.case.refine(names, np.array([[values[key] for key in own]]))[0])
 
     def _returned(self, parent: Fitted, children: Sequence[Fitted]) -> None:
