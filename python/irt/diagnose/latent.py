@@ -74,7 +74,7 @@ class Leftover:
     """
 
     def __init__(self, case: Case, fitted: Fitted, *, weak: bool = False, longest: int = LONGEST) -> None:
-        screen = Screen(case, fitted, min(longest, *(len(one.knobs) for one in case.segments)))
+        screen = Screen(case, fitted, longest)
         self.rows, self._residual, self._fixed = stretches(
             case, screen, weak=weak, late=lateness(case, fitted)
         )

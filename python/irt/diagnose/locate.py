@@ -32,7 +32,7 @@ def locate(case: Case, fitted: Fitted, noise: float) -> list[Finding]:
     it; its p-value is the share of nulls in which any place of any kind stands out as much, so that looking
     in many places is paid for.
     """
-    screen = Screen(case, fitted, min(ROWS, *(len(one.knobs) for one in case.segments)))
+    screen = Screen(case, fitted, ROWS)
     squares, nulls = screen.squared(NULLS, case.seed, noise)
     beyond = squares - nulls.mean(axis=0)
     total = max(float(beyond.sum()), 1e-300)

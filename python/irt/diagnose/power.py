@@ -28,7 +28,7 @@ def power(case: Case, base: Fitted, evidence: Evidence) -> list[Power]:
     To first order: what an effect of this size changes, beyond what the base model could do as well, against
     the threshold of naming it.
     """
-    screen = Screen(case, base, min(len(one.knobs) for one in case.segments))
+    screen = Screen(case, base, max(len(one.knobs) for one in case.segments))
     return [told for info in effects() for told in _of(case, screen, info.name, evidence)]
 
 

@@ -38,8 +38,8 @@ def reason(case: Case, best: Fitted, other: Fitted, name: str, instead: str) -> 
     size = float(np.sqrt(np.nanmean(between**2))) / case.noise
     if {effect(name).name, effect(instead).name} == {"delay", "latency"}:
         why = (
-            "a marble that starts at rest is seen to move alike whether the command comes late or the "
-            "picture does; only what is timed by itself would tell, as a lamp switched with a command"
+            "the marble is seen to move alike whether the command comes late or the picture does; only what "
+            "is timed by itself would tell, as a lamp switched with a command"
         )
     else:
         why = "these commands do not excite what is different about them"

@@ -99,11 +99,12 @@ class Screen:
     fitted : Fitted
         The hypothesis.
     rows : int
-        Of a window; a recording's last rows that fill none are left out.
+        Of a window, at most those of the longest segment; last rows that fill none are left out.
     """
 
     def __init__(self, case: Case, fitted: Fitted, rows: int = ROWS) -> None:
         self._case, self._model = case, case.model(fitted)
+        rows = min(rows, max(len(segment.knobs) for segment in case.segments))
         self._inputs, self._observed, guess, self._runs = _cut(case, rows)
         self._at_rest = np.array([case.rig.start == "rest" and first == 0 for first in self._inputs.first])
         self._states = estimate_start_states(self._model, self._inputs, self._observed, guess)
