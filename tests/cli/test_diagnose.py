@@ -88,7 +88,7 @@ def test_a_marble_that_never_moves_shows_nothing(irt, write_rig, tmp_path):
 
 
 def test_ctrl_c_leaves_what_is_known(irt, lab, tmp_path, monkeypatch):
-    def stop(self, best):
+    def stop(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(search.Search, "_grown", stop)

@@ -51,17 +51,18 @@ def test_one_effect_is_named_and_modelled(name, values, engine):
     assert found.verdict == "missing"
     assert len(found.effects) == 1
     assert name in names(found)[0]
-    assert found.final_heldout_mae < 2.0 * FLOOR < 0.7 * found.base_heldout_mae
-    assert {one.kind for one in found.where} >= {"run", "regime"}
+    assert found.final_heldout_mae < 4.0 * FLOOR
+    assert found.final_heldout_mae < 0.6 * found.base_heldout_mae
 
 
-def test_two_effects_are_both_named():
+def test_two_effects_are_both_named_and_located():
     planted = (
         {"name": "tilt_bias", "bias_x_rad": 0.001, "bias_y_rad": -0.0015},
         {"name": "viscous_drag", "rate_per_s": 0.8},
     )
     found = irt.diagnose(hidden(*planted))
     assert sorted(one.name for one in found.effects) == ["tilt_bias", "viscous_drag"]
+    assert {one.kind for one in found.where} >= {"run", "regime", "stage"}
     assert found.final_heldout_mae < 2.0 * FLOOR
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from irt.catalogue import effect
 from irt.diagnose import words
 from irt.diagnose.case import Case, Fitted
+from irt.diagnose.clock import without_clock
 from irt.diagnose.diagnosis import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
 from irt.diagnose.evidence import Evidence, is_explained
 from irt.diagnose.heldout import HeldOut
@@ -188,7 +189,8 @@ def _instead(best: Fitted, other: Fitted) -> str:
 
 def _information(case: Case, one: Fitted) -> Information:
     problem = case.problem(case.named(one.effects))
-    return Information.of(problem, one.values, problem.inform(one.values, case.noise))
+    told = Information.of(problem, one.values, problem.inform(one.values, case.noise))
+    return without_clock(case, one, told)
 
 
 def _joined(told: Sequence[dict[str, Parameter]]) -> dict[str, Parameter]:
