@@ -15,6 +15,7 @@ __all__ = [
     "fit",
     "inform",
     "paper_drive",
+    "refine",
     "rollouts",
     "tracker_noise",
 ]

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use labsim::board::{BOARD_FRICTION, GRAVITY, SUBSTEP_S};
+use labsim::board::{GRAVITY, SUBSTEP_S};
 use labsim::{Batch, Engine, Parameters, PerRollout, Rig};
 
 /// One marble under a command that does not change, observed after each update, in metres.
@@ -225,7 +225,7 @@ fn walls_return_their_part_of_the_normal_velocity() {
         for restitution in [0.3, 0.6, 0.9] {
             let (path, touch) = impact(restitution, 0.0, speed);
             // It still spins forwards, so the board brakes it from the first update on.
-            let braking = BOARD_FRICTION * GRAVITY * SUBSTEP_S;
+            let braking = Rig::default().board.sliding_friction * GRAVITY * SUBSTEP_S;
             let what = format!("restitution {restitution} at {speed} m/s");
             let returned = velocity(&path, 0, touch) - braking;
             assert_near(&what, returned, -restitution * speed, 0.002);

@@ -114,7 +114,8 @@ const FORCE: f64 = 7.0 / 5.0;
 
 struct Wave<S: Simd> {
     push: Pair<S>,
-    wave: Pair<S>,
+    /// Radians a metre along x and y.
+    vector: Pair<S>,
     rate: Lanes<S>,
     phase: Lanes<S>,
 }
@@ -147,7 +148,7 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         let (waves, rest) = values.split_at(18);
         let waves = waves.chunks_exact(6).map(|one| Wave {
             push: [one[0], one[1]],
-            wave: [one[2], one[3]],
+            vector: [one[2], one[3]],
             rate: one[4],
             phase: one[5],
         });
@@ -188,7 +189,7 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         let (zero, one) = (push.length.like(0.0), push.length.like(1.0));
         let (mut x, mut y) = (zero, zero);
         for term in &self.waves {
-            let angle = term.wave[0] * marbles.x + term.wave[1] * marbles.y;
+            let angle = term.vector[0] * marbles.x + term.vector[1] * marbles.y;
             let impulse = FORCE * ((angle + term.rate * self.time + term.phase).cos() * push.length);
             x = x + impulse * term.push[0];
             y = y + impulse * term.push[1];
