@@ -278,9 +278,9 @@ fn a_window_continues_the_path_of_the_whole_run() {
             let (before, start) = (path[first - 1], path[first]);
             let velocity = [0, 1].map(|axis| (start[axis] - before[axis]) / SUBSTEP);
             let window = Trial {
-                first,
                 start,
                 velocity,
+                first,
                 ..whole.clone()
             };
             for (row, (found, expected)) in
