@@ -4,13 +4,15 @@
 
 A rig is a folder of recordings ``train-*.csv``, which a diagnosis sees, and ``test-*.csv``, which it does
 not. ``labels.json`` beside them is read only after all answers are written: ``kind`` (an effect, two,
-``none``, ``outliers`` or ``unlisted_...``), and the errors ``base`` and ``oracle`` on the test runs.
+``none``, ``outliers`` or ``unlisted_...``), the errors ``base`` and ``oracle`` on the test runs, and the
+``truth``.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import multiprocessing
 import shutil
 import tempfile
@@ -25,6 +27,12 @@ import numpy as np
 import irt
 
 NOTHING = ("none", "outliers")
+#: What other labels call our parameters, and the factor to our unit.
+ALIASES = {
+    "rolling_friction": ("c_rr", 1.0),
+    "time_scale": ("dt", 240.0),
+    "observation_scale": ("scale", 1.0),
+}
 
 
 def main() -> None:
@@ -93,8 +101,28 @@ def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> dict[str, 
         "base": label["base"],
         "oracle": label["oracle"],
         "closed": (label["base"] - final) / (label["base"] - label["oracle"]),
+        "intervals": intervals(told, label["truth"]),
         "seconds": told["bench_seconds"],
     }
+
+
+def intervals(told: dict[str, Any], truth: dict[str, Any]) -> dict[str, bool]:
+    """Return for each parameter, of the base and of effects rightly named, whether its interval holds."""
+    held = {}
+    for name, one in told["parameters"].items():
+        alias, factor = ALIASES.get(name, (name, 1.0))
+        held[name] = _holds(one, truth[name] if name in truth else factor * truth[alias])
+    hidden = {one["name"]: one for one in truth.get("effects", [])}
+    for effect in told["effects"]:
+        for name, one in effect["parameters"].items():
+            if effect["name"] in hidden:
+                held[f"{effect['name']}.{name}"] = _holds(one, hidden[effect["name"]][name])
+    return held
+
+
+def _holds(one: dict[str, Any], value: float) -> bool:
+    low, high = (math.nan if end is None else end for end in (one["low"], one["high"]))
+    return not (value < low or value > high)
 
 
 def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
@@ -104,7 +132,7 @@ def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
     single = [row for row in rows if len(row["kind"]) == 1 and row not in nothing and row not in unlisted]
     pairs = [row for row in rows if len(row["kind"]) == 2]
 
-    def rate(what: str, among: list[dict[str, Any]], good: list[dict[str, Any]]) -> str:
+    def rate(what: str, among: list[Any], good: list[Any]) -> str:
         return f"{what:<46} {len(good):>3} of {len(among):>3}" + (
             f"  {100.0 * len(good) / len(among):.0f} %" if among else ""
         )
@@ -121,6 +149,8 @@ def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
         if closed:
             middle, low = np.median(closed), np.quantile(closed, 0.1)
             yield f"{what + ': median, 10th percentile':<46} {middle:.3f}, {low:.3f}"
+    held = [holds for row in rows for holds in row["intervals"].values()]
+    yield rate("95 % intervals that hold the truth", held, [holds for holds in held if holds])
     seconds = [row["seconds"] for row in rows]
     yield f"{'seconds a rig: median, largest':<46} {np.median(seconds):.1f}, {np.max(seconds):.1f}"
     for row in rows:

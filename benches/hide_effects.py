@@ -4,7 +4,7 @@
 
 Recordings are simulated by rapier in 3-D; a fit runs on the rolling engine. So in a null rig the engines
 differ too. Magnitudes are drawn log-uniformly from what shows at all to the end of the catalogue's range,
-noise from 0.2 to 0.6 mm; every third rig with an effect has two.
+noise from 0.2 to 0.6 mm, most of it white; every third rig with an effect has two.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ import irt
 from irt.diagnose.case import Case
 from irt.diagnose.screen import size_of
 from irt.files import write_atomic
+from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
 ROWS, TRAIN, TEST = 120, 8, 4
 #: Smallest size drawn, as a share of the largest, and what the marble has to miss its way by [noise].
 SMALLEST, SHOWS = 0.05, 3.0
-#: Drawn run by run, it cannot be repeated: `irt.rollouts` would need the draws of the recordings.
-LEFT_OUT = ("command_quantisation",)
+#: Kinds of tracker noise, and how often each is drawn: white; a tenth of its samples five times as large;
+#: each sample carrying on half of the one before.
+NOISE = {"white": 0.6, "heavy": 0.2, "coloured": 0.2}
 
 
 def main() -> None:
@@ -53,7 +55,7 @@ def hide(folder: Path, random: np.random.Generator, nulls: float, pairs: float) 
     """Write one rig; return its label."""
     folder.mkdir(parents=True, exist_ok=True)
     count = 0 if random.random() < nulls else 2 if random.random() < pairs else 1
-    names = [info.name for info in irt.effects() if info.name not in LEFT_OUT]
+    names = [info.name for info in irt.effects()]
     while True:
         values = np.array(
             [
@@ -71,17 +73,18 @@ def hide(folder: Path, random: np.random.Generator, nulls: float, pairs: float) 
         alone = [_simulated(values, knobs, [one]) for one in effects]
         if all(float(np.abs(one - plain).mean()) > SHOWS * noise for one in alone):
             break
-    start = random.normal(0.0, noise, (TRAIN + TEST, ROWS, 2))
-    for index, seen in enumerate(paths + start):
-        kind = f"train-{index + 1}" if index < TRAIN else f"test-{index + 1 - TRAIN}"
-        _write(folder / f"{kind}.csv", knobs[index], seen)
+    kind = str(random.choice(list(NOISE), p=list(NOISE.values())))
+    for index, seen in enumerate(paths + noise * _noise(kind, random)):
+        name = f"train-{index + 1}" if index < TRAIN else f"test-{index + 1 - TRAIN}"
+        _write(folder / f"{name}.csv", knobs[index], seen)
     write_atomic(folder / "rig.toml", "[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
     tests = [irt.load_recording(path) for path in sorted(folder.glob("test-*.csv"))]
     errors = [np.abs(paths[TRAIN + i] - test.marble).mean() for i, test in enumerate(tests)]
     return {
         "kind": [one["name"] for one in effects] if count == 2 else effects[0]["name"] if count else "none",
-        "truth": {"parameters": values.tolist(), "effects": effects},
+        "truth": {**dict(zip(PARAMETERS, values.tolist(), strict=True)), "effects": effects},
         "sigma": noise,
+        "noise": kind,
         "base": _base(folder, tests),
         "oracle": float(np.mean(errors)),
     }
@@ -99,6 +102,17 @@ def _simulated(values: Array, knobs: Array, effects: list[dict[str, Any]]) -> Ar
     return irt.rollouts(
         np.tile(values, (len(knobs), 1)), knobs, engine="rapier", effects=effects, seed=np.arange(len(knobs))
     )
+
+
+def _noise(kind: str, random: np.random.Generator) -> Array:
+    """Draw tracker noise (TRAIN + TEST, ROWS, 2) of unit standard deviation, but for its outliers."""
+    drawn = random.normal(size=(TRAIN + TEST, ROWS, 2))
+    if kind == "heavy":
+        drawn[random.random(drawn.shape) < 0.1] *= 5.0
+    if kind == "coloured":
+        for row in range(1, ROWS):
+            drawn[:, row] = 0.5 * drawn[:, row - 1] + np.sqrt(0.75) * drawn[:, row]
+    return drawn
 
 
 def _drawn(name: str, random: np.random.Generator) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from irt.rollouts import rollouts
 
 TRUTH = [[0.06, 0.05, 4e-4, 15.0, 1.03]]
 PARALLAX = {"name": "parallax", "height_m_per_rad": 0.5}
+TWO = (PARALLAX, {"name": "viscous_drag", "rate_per_s": 0.5})
 
 
 @pytest.fixture
@@ -73,9 +74,21 @@ def test_the_same_seed_says_the_same_for_any_number_of_threads(irt, lab, tmp_pat
 
 
 def test_one_recording_is_not_proved(irt, lab, tmp_path):
-    done = irt("diagnose", lab(PARALLAX, runs=1), "--out", tmp_path / "out")
-    assert done.status == 0
+    done = irt("diagnose", lab(*TWO, runs=1, rows=200), "--out", tmp_path / "out")
+    assert (done.status, done.err) == (0, "")
     assert "the improvement is not proved" in done.out
+    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert told["verdict"] == "missing"
+    assert told["fit"]["final_heldout_mae"] is None
+    assert told["fit"]["final_mae"] < 0.5 * told["fit"]["base_mae"]
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for sentence in (
+        "Proof: runs held out",
+        "fitted to the other runs.",
+        "Runs held out are",
+        "held out, each",
+    ):
+        assert sentence not in page
 
 
 def test_a_marble_that_never_moves_shows_nothing(irt, write_rig, tmp_path):

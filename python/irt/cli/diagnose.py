@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -88,15 +87,4 @@ def _answer(found: Diagnosis) -> Iterator[str]:
 
 
 def _json(content: dict[str, Any]) -> str:
-    return f"{json.dumps(_finite(content), indent=2, allow_nan=False)}\n"
-
-
-def _finite(content: Any) -> Any:
-    """Return content with null for what JSON has no number for."""
-    if isinstance(content, dict):
-        return {key: _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    if isinstance(content, float) and not math.isfinite(content):
-        return None
-    return content
+    return f"{json.dumps(content, indent=2, allow_nan=False)}\n"

@@ -223,9 +223,14 @@ class Diagnosis:
     seed: int
     seconds: float
 
+    @property
+    def is_held_out(self) -> bool:
+        """Whether errors are those on recordings that were held out: with one recording there are none."""
+        return math.isfinite(self.final_heldout_mae)
+
     def as_dict(self) -> dict[str, Any]:
-        """Return what ``diagnosis.json`` holds."""
-        return {
+        """Return what ``diagnosis.json`` holds; what has no number is None."""
+        content = {
             "verdict": self.verdict,
             "summary": self.summary,
             "where": [
@@ -261,6 +266,7 @@ class Diagnosis:
             "notes": list(self.notes),
             "settings": {**self.settings, "seed": self.seed, "seconds": self.seconds},
         }
+        return {name: _finite(value) for name, value in content.items()}
 
 
 def units(name: str) -> dict[str, str]:
@@ -288,3 +294,14 @@ def _parameter(one: Parameter) -> dict[str, float | None]:
     """Return value and interval; JSON has no infinity, so an open end is null."""
     told = {"value": one.value, "low": one.low, "high": one.high}
     return {key: None if value is None or math.isinf(value) else value for key, value in told.items()}
+
+
+def _finite(content: Any) -> Any:
+    """Return content with null for what JSON has no number for."""
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [_finite(value) for value in content]
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content

@@ -70,10 +70,16 @@ class Found:
         verdict = "missing" if effects else "sufficient"
         if UNLISTED in best.effects:
             verdict = "unlisted"
-        base_heldout, final_heldout = _mean(before), _mean(after)
+        base_heldout, final_heldout = self._heldout(before), self._heldout(after)
         return Diagnosis(
             verdict=verdict,  # type: ignore[arg-type]
-            summary=words.summary(effects, noise=noise, before=base_heldout, after=final_heldout),
+            summary=words.summary(
+                effects,
+                noise=noise,
+                before=_mean(before),
+                after=_mean(after),
+                heldout=len(case.rig.recordings) > 1,
+            ),
             where=tuple(where),
             effects=effects,
             noise=noise,
@@ -131,14 +137,19 @@ class Found:
                 if key.startswith(f"{name}.")
             },
             units=units(name),
-            heldout_mae_without=_mean(errors),
-            heldout_mae_with=_mean(self._proofs[self._best.effects]),
+            heldout_mae_without=self._heldout(errors),
+            heldout_mae_with=self._heldout(self._proofs[self._best.effects]),
             confusable_with=tuple(other_names),
             reason=" ".join(
                 reason(self._case, self._best, one, name, other)
                 for one, other in zip(alike, other_names, strict=True)
             ),
         )
+
+    @staticmethod
+    def _heldout(errors: dict[int, tuple[Array, float]]) -> float:
+        """Return the mean of errors on recordings held out; no number where there is one recording alone."""
+        return _mean(errors) if len(errors) > 1 else float("nan")
 
     def _heldout_gain(self, held: HeldOut) -> float:
         evidence = self._search.evidence()
@@ -159,7 +170,7 @@ class Found:
                     gain=evidence.gain(one, search.base),
                     penalty=evidence.penalty(one),
                     noise=one.noise,
-                    heldout_gain=None if held is None else self._heldout_gain(held),
+                    heldout_gain=self._heldout_gain(held) if held is not None and held.judged else None,
                     outcome=_outcome(evidence, one, search.base, named=named, alike=alike),
                 )
             )
@@ -222,9 +233,11 @@ def _model(case: Case, one: Fitted, parameters: dict[str, Parameter]) -> Model:
 
 
 def _proof(search: Search, case: Case, one: Fitted) -> dict[int, tuple[Array, float]]:
-    """Return for each recording what a fit to the others predicts, and its mean absolute error."""
-    several = len(np.unique(case.folds)) > 1
-    fits = dict(zip(np.unique(case.folds), search.held_out(one).fits, strict=True)) if several else {}
+    """Return for each recording what a fit to the others predicts, and its mean absolute error.
+
+    Where there are no others, it is the fit to it that predicts.
+    """
+    fits = dict(zip(np.unique(case.folds), search.held_out(one).fits, strict=False))
     told = {}
     for index, recording in enumerate(case.rig.recordings):
         evaluation = evaluate(case.model(fits.get(index, one)), [recording]).runs[0]

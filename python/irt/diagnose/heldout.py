@@ -17,7 +17,7 @@ ITERATIONS = 8
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A hypothesis, judged by recordings that its fit has not seen.
+    """A hypothesis, judged by recordings that its fit has not seen: by none, where there is one alone.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ def hold_out(case: Case, fitted: Fitted) -> HeldOut:
     """Refit a hypothesis without each fold in turn, and judge it by that."""
     fits, judged = [], []
     folds = np.unique(case.folds)
-    for fold in folds:
+    for fold in folds if len(folds) > 1 else ():
         rest = case.only([other for other in folds if other != fold])
         fit = rest.refine(fitted.effects, fitted.values[None], iterations=ITERATIONS)[0]
         fits.append(fit)
@@ -51,9 +51,10 @@ def is_supported(one: HeldOut, over: HeldOut, scale: float) -> bool:
     """Whether recordings that were not seen agree that one hypothesis is better.
 
     It must be better on all of them together, on most of them, and still without the one that gains most: an
-    effect that a single recording asks for may be that recording's mishap.
+    effect that a single recording asks for may be that recording's mishap. Where nothing could be held out,
+    nothing speaks against it.
     """
     gains = over.losses(scale) - one.losses(scale)
-    return bool(
+    return not len(gains) or bool(
         gains.sum() > 0.0 and (gains > 0.0).mean() > 0.5 and (len(gains) < 3 or gains.sum() > gains.max())
     )

@@ -175,11 +175,8 @@ class Search:
             self._refine_within(child, parent.effects)
 
     def is_supported(self, one: Fitted, over: Fitted) -> bool:
-        """Whether recordings held out agree that a hypothesis is better; so too where there is but one."""
-        if len(np.unique(self.case.folds)) < 2:
-            return True
-        scale = self.evidence().scale
-        return is_supported(self.held_out(one), self.held_out(over), scale)
+        """Whether recordings held out agree that a hypothesis is better."""
+        return is_supported(self.held_out(one), self.held_out(over), self.evidence().scale)
 
     def with_effect(self, name: str) -> Fitted:
         """Return the base model with one effect more, fitted."""

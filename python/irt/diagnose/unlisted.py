@@ -178,6 +178,20 @@ def formula(values: dict[str, float]) -> str:
     return "a = " + " + ".join(parts)
 
 
+def variables(values: dict[str, float]) -> list[str]:
+    """Return on what the learned push depends: position, time, speed."""
+    pushing = [
+        slot
+        for slot in range(1, WAVES + 1)
+        if any(values[f"push_{slot}_{axis}_m_per_s2"] != 0.0 for axis in "xy")
+    ]
+    over_board = any(values[f"wave_{slot}_{axis}_per_m"] != 0.0 for slot in pushing for axis in "xy")
+    over_time = any(values[f"rate_{slot}_per_s"] != 0.0 for slot in pushing)
+    by_speed = values["drag_strength"] != 0.0 or values["side_strength"] != 0.0
+    asked = {"position": over_board, "time": over_time, "speed": by_speed}
+    return [name for name, depends in asked.items() if depends]
+
+
 class _View:
     """A leftover in metres and seconds, against which terms are laid."""
 

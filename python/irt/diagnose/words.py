@@ -7,10 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED, NamedEffect
-from irt.diagnose.unlisted import formula
+from irt.diagnose.unlisted import formula, variables
 from irt.model import Parameter
 
 #: Mean absolute value of a normal variable over its standard deviation.
@@ -19,26 +18,44 @@ _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 _FEW, _STILL = 3, 30
 
 
-def summary(effects: Sequence[NamedEffect], *, noise: float, before: float, after: float) -> str:
-    """Return the answer in one or two sentences; errors in board edges."""
-    floor = _MEAN_ABSOLUTE * noise
+def summary(
+    effects: Sequence[NamedEffect], *, noise: float, before: float, after: float, heldout: bool
+) -> str:
+    """Return the answer in one or two sentences.
+
+    Parameters
+    ----------
+    effects : sequence of NamedEffect
+        What was left out.
+    noise : float
+        Standard deviation of the tracker [board edges].
+    before, after : float
+        Mean absolute error of the base model and of the final one [board edges].
+    heldout : bool
+        Whether these are errors on recordings that the models were not fitted to.
+    """
+    floor = _percent(_MEAN_ABSOLUTE * noise)
     if not effects:
-        return (
-            f"The five parameters explain the recordings: held out, each is predicted to {_percent(before)} "
-            f"of the board's edge, and the tracker's noise alone makes {_percent(floor)}. No physics is "
-            "missing that these recordings could show."
+        explained = (
+            f"recordings: held out, each is predicted to {_percent(before)}"
+            if heldout
+            else f"recording: it is fitted to {_percent(before)}"
         )
-    named = " and ".join(_shown(one) for one in effects)
-    verb = "was" if len(effects) == 1 else "were"
+        return (
+            f"The five parameters explain the {explained} of the board's edge, and the tracker's noise alone "
+            f"makes {floor}. No physics is missing that these recordings could show."
+        )
+    one = len(effects) == 1
+    named = f"{' and '.join(_shown(one) for one in effects)} {'was' if one else 'were'} left out"
+    better = "recordings held out are predicted" if heldout else "the only recording is fitted"
     ties = "".join(
         f" These recordings do not tell {one.name} from {' or '.join(one.confusable_with)}."
         for one in effects
         if one.confusable_with
     )
     return (
-        f"{_capital(named)} {verb} left out: with it, recordings held out are predicted to {_percent(after)} "
-        f"of the board's edge instead of {_percent(before)}; the tracker's noise alone makes "
-        f"{_percent(floor)}.{ties}"
+        f"{_capital(named)}: with {'it' if one else 'them'}, {better} to {_percent(after)} of the board's "
+        f"edge instead of {_percent(before)}; the tracker's noise alone makes {floor}.{ties}"
     )
 
 
@@ -99,11 +116,14 @@ def notes(case: Case, best: Fitted, spread: Parameter | None, *, explained: bool
 
 
 def _shown(one: NamedEffect) -> str:
+    if one.name == UNLISTED:
+        depends = " and ".join(variables({name: told.value for name, told in one.parameters.items()}))
+        return f"a push that the catalogue does not have and that depends on {depends}"
     values = ", ".join(
         f"{name} {parameter.value:.3g} {one.units.get(name, '')}".rstrip()
         for name, parameter in one.parameters.items()
     )
-    return f"{one.name} ({values})" if values else effect(one.name).name
+    return f"{one.name} ({values})" if values else one.name
 
 
 def _percent(error: float) -> str:

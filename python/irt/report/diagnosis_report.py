@@ -109,7 +109,7 @@ def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
     edge = rig.board.edge_x_m
     before, after = diagnosis.base_heldout_mae, diagnosis.final_heldout_mae
     mean, proof = "mean error on runs held out, of the board's edge", "to which no model was fitted"
-    if math.isnan(before) or math.isnan(after):
+    if not diagnosis.is_held_out:
         before, after = diagnosis.base_mae, diagnosis.final_mae
         mean, proof = "mean error on the runs given, of the board's edge", "none could be held out"
     floor = mean_absolute(diagnosis.noise)
@@ -149,6 +149,8 @@ def _add_motion(page: Page, folder: Path, rig: Rig, diagnosis: Diagnosis) -> Non
     page.paragraph(
         f"{hardest.recording} is the run that the {model} predicts worst. Each run was predicted "
         f"{_how(rig)}, by a model fitted to the other runs."
+        if diagnosis.is_held_out
+        else f"The run was predicted {_how(rig)}, by a model fitted to it."
     )
     stills, over_time = [], []
     for side in shown:
@@ -195,11 +197,16 @@ def _over_time(
 def _add_proof(page: Page, folder: Path, rig: Rig, diagnosis: Diagnosis) -> None:
     """Add the errors on runs held out, as a table and from above."""
     shown = sides(diagnosis)
-    page.heading("Proof: runs held out")
-    page.paragraph(
+    page.heading("Proof: runs held out" if diagnosis.is_held_out else "No proof: one recording only")
+    by = (
         "Each run was predicted by models that were fitted to the other runs alone: a model that only "
-        f"retraces what it was given fails here. Predictions are made {_how(rig)}. An error is the mean of "
-        "|x| and |y| over all rows of the run."
+        "retraces what it was given fails here."
+        if diagnosis.is_held_out
+        else "The run was predicted by models that were fitted to it, so this shows how well they retrace "
+        "it and no more. With three recordings or more each is predicted by a fit to the others."
+    )
+    page.paragraph(
+        f"{by} Predictions are made {_how(rig)}. An error is the mean of |x| and |y| over all rows of a run."
     )
     tables.add_runs(page, diagnosis)
     pictures = []
@@ -230,7 +237,7 @@ def _add_place(page: Page, folder: Path, diagnosis: Diagnosis) -> None:
             Picture(
                 path,
                 f"Where on the board, {side.label}: the typical error while the recorded marble was in a "
-                "cell, over all runs held out. 1 is the tracker's noise; empty cells were never visited.",
+                "cell, over all runs. 1 is the tracker's noise; empty cells were never visited.",
             )
         )
     page.paragraph(
@@ -248,7 +255,7 @@ def _errors(folder: Path, diagnosis: Diagnosis, shown: Sequence[Side]) -> list[P
     for number in range(min(len(shown), len(runs))):
         path = folder / f"errors-{number + 1}.svg"
         plot_errors(path, runs[number :: len(shown)], shown, _noise(diagnosis), top=top)
-        pictures.append(Picture(path, "When: the error along each run held out, on a logarithmic scale."))
+        pictures.append(Picture(path, "When: the error along each run, on a logarithmic scale."))
     return pictures
 
 

@@ -56,10 +56,11 @@ def add_effects(page: Page, diagnosis: Diagnosis) -> None:
             _explain(page, info)
         _add_values(page, one, info)
         without, with_it = one.heldout_mae_without, one.heldout_mae_with
-        page.paragraph(
-            f"Runs held out are {percent(without)} of the edge off without it, all else fitted anew, and "
-            f"{percent(with_it)} with it: {times_less(without, with_it)}."
-        )
+        if diagnosis.is_held_out:
+            page.paragraph(
+                f"Runs held out are {percent(without)} of the edge off without it, all else fitted anew, and "
+                f"{percent(with_it)} with it: {times_less(without, with_it)}."
+            )
         _add_rivals(page, one, known)
         if info is not None and info.references:
             page.paragraph(f"To read more: {'; '.join(info.references)}.")
@@ -99,12 +100,13 @@ def _explain(page: Page, info: EffectInfo) -> None:
 
 
 def _add_values(page: Page, one: NamedEffect, info: EffectInfo | None) -> None:
-    """Add the fitted values of an effect."""
-    if not one.parameters:
+    """Add the fitted values of an effect; of what was learned, those that say something."""
+    said = {name: value for name, value in one.parameters.items() if info is not None or value.value != 0.0}
+    if not said:
         return
     rows = [
         [labelled(name, one.units.get(name, "")), with_interval(value)]
-        for name, value in list(one.parameters.items())[:_MOST_PARAMETERS]
+        for name, value in list(said.items())[:_MOST_PARAMETERS]
     ]
     if info is None:
         page.table("Fitted value and 95 % interval", ["parameter", "value"], rows)
@@ -113,13 +115,11 @@ def _add_values(page: Page, one: NamedEffect, info: EffectInfo | None) -> None:
         page.table(
             "Fitted value and 95 % interval, given that the named physics is right",
             ["parameter", "value", "searched", "what it is"],
-            [row + _searched(about.get(name)) for name, row in zip(one.parameters, rows, strict=False)],
+            [row + _searched(about.get(name)) for name, row in zip(said, rows, strict=False)],
             words=(3,),
         )
-    if len(one.parameters) > _MOST_PARAMETERS:
-        page.paragraph(
-            f"The first {_MOST_PARAMETERS} of {len(one.parameters)} numbers; all are in model.toml."
-        )
+    if len(said) > _MOST_PARAMETERS:
+        page.paragraph(f"The first {_MOST_PARAMETERS} of {len(said)} numbers; all are in model.toml.")
 
 
 def _searched(parameter: EffectParameter | None) -> list[str]:
@@ -138,7 +138,7 @@ def _add_rivals(page: Page, one: NamedEffect, known: Mapping[str, EffectInfo]) -
 
 
 def add_runs(page: Page, diagnosis: Diagnosis) -> None:
-    """Add the errors on each run held out."""
+    """Add the errors on each run, held out where there are several."""
     floor = mean_absolute(diagnosis.noise)
     compared = diagnosis.verdict != "sufficient"
     header = ["recording", "length", *(["before", "after", "error"] if compared else ["simulated"])]
@@ -147,19 +147,19 @@ def add_runs(page: Page, diagnosis: Diagnosis) -> None:
         (run.recording, f"{run.times[-1] - run.times[0]:.1f} s", run.base_mae, run.final_mae)
         for run in diagnosis.runs
     ]
-    for name, length, before, after in [
-        *every,
-        ("all", "", diagnosis.base_heldout_mae, diagnosis.final_heldout_mae),
-    ]:
+    if diagnosis.is_held_out:
+        every.append(("all", "", diagnosis.base_heldout_mae, diagnosis.final_heldout_mae))
+    for name, length, before, after in every:
         errors = [percent(before)]
         if compared:
             errors += [percent(after), times_less(before, after)]
         rows.append([name, length, *errors, percent(floor)])
+    which = "runs held out" if diagnosis.is_held_out else "the run fitted"
     page.table(
-        "Mean absolute error on runs held out, in percent of the board's long edge",
+        f"Mean absolute error on {which}, in percent of the board's long edge",
         [*header, "tracker's noise"],
         rows,
-        total=True,
+        total=diagnosis.is_held_out,
     )
 
 

@@ -2,7 +2,8 @@
 
 import pytest
 
-from irt.diagnose.diagnosis import NamedEffect
+from irt import catalogue
+from irt.diagnose.diagnosis import UNLISTED, NamedEffect
 from irt.diagnose.words import suggestion, summary
 from irt.model import Parameter
 
@@ -13,18 +14,38 @@ def effect(name="backlash", ties=()):
 
 
 def test_the_answer_names_effect_value_and_gain():
-    told = summary([effect()], noise=0.001, before=0.04, after=0.002)
+    told = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
     for words in ("backlash", "width_x_rad 0.031 rad", "0.2 %", "4 %", "0.08 %"):
         assert words.lower() in told.lower()
 
 
 def test_a_tie_is_said():
-    told = summary([effect("delay", ("latency",))], noise=0.001, before=0.04, after=0.002)
+    told = summary([effect("delay", ("latency",))], noise=0.001, before=0.04, after=0.002, heldout=True)
     assert "do not tell delay from latency" in told
 
 
+def test_one_recording_is_fitted_and_not_predicted():
+    told = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=False)
+    assert "held out" not in told
+    assert "the only recording is fitted" in told
+    assert "held out" not in summary([], noise=0.001, before=0.001, after=0.001, heldout=False)
+
+
+def test_what_was_learned_is_told_by_what_it_depends_on():
+    values = {one.name: one.neutral for one in catalogue.effect(UNLISTED).parameters}
+    values |= {"push_1_x_m_per_s2": 0.1, "wave_1_x_per_m": 90.0, "drag_strength": 0.2}
+    learned = NamedEffect(
+        UNLISTED, "force", {name: Parameter(value) for name, value in values.items()}, {}, 0.04, 0.002
+    )
+    told = summary([learned], noise=0.001, before=0.04, after=0.002, heldout=True)
+    assert "depends on position and speed was left out" in told
+    assert "rate_1" not in told
+
+
 def test_nothing_missing_claims_no_more_than_was_shown():
-    assert "that these recordings could show" in summary([], noise=0.001, before=0.001, after=0.001)
+    assert "that these recordings could show" in summary(
+        [], noise=0.001, before=0.001, after=0.001, heldout=True
+    )
 
 
 @pytest.mark.parametrize(
