@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 __all__ = [
     "ENGINES",
+    "GRAVITY",
     "PARAMETERS",
     "SUBSTEP_S",
     "__version__",
@@ -24,6 +25,7 @@ __version__: Final[str]
 ENGINES: Final[list[str]]
 PARAMETERS: Final[list[str]]
 SUBSTEP_S: Final[float]
+GRAVITY: Final[float]
 
 def effects() -> list[
     tuple[

@@ -185,6 +185,12 @@ class Model:
         """The parameters' values, (5,), in the order of `PARAMETERS`."""
         return np.array([self.parameters[name].value for name in PARAMETERS])
 
+    @property
+    def reach(self) -> NDArray[np.float64]:
+        """How far from the centre the marble's centre is seen at most, (2,) [board edges]."""
+        room = np.array([self.board.edge_x_m, self.board.edge_y_m]) / 2.0 - self.marble.radius_m
+        return np.asarray(room / self.board.edge_x_m * self.parameters["observation_scale"].value)
+
 
 def load_model(path: PathLike) -> Model:
     """Read a model that `save_model` wrote, or a person.

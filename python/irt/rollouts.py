@@ -19,6 +19,8 @@ Engine = Literal["rolling", "rapier"]
 TimeStep = Literal["rounded", "continuous"]
 
 SUBSTEP_S: float = _labsim.SUBSTEP_S
+#: Acceleration of free fall in the simulation [m/s^2].
+GRAVITY: float = _labsim.GRAVITY
 
 
 class HasBoardAndMarble(Protocol):

@@ -116,9 +116,7 @@ def estimate_start_states(model: Model, inputs: Inputs, observed: Array, guess: 
     (w, 4) array
         As the states of `simulate`.
     """
-    board, radius = model.board, model.marble.radius_m
-    room = np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius
-    reach = np.append(room / board.edge_x_m * model.parameters["observation_scale"].value, [np.inf, np.inf])
+    reach = np.append(model.reach, [np.inf, np.inf])
 
     def linearise(states: Array) -> tuple[Array, Array]:
         return _linearise(model, inputs, observed, states)

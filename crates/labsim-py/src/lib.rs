@@ -34,6 +34,7 @@ mod _labsim {
             labsim::Engine::ALL.map(|(name, _)| name).to_vec(),
         )?;
         module.add("PARAMETERS", labsim::parameters::NAMES.to_vec())?;
+        module.add("GRAVITY", labsim::board::GRAVITY)?;
         module.add("SUBSTEP_S", labsim::board::SUBSTEP_S)
     }
 }

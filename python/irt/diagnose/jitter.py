@@ -2,50 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.latent import JITTER, Leftover
 from irt.model import Parameter
 from irt.rig import PARAMETERS
-from irt.rollouts import SUBSTEP_S
+from irt.rollouts import GRAVITY, SUBSTEP_S
 
 #: By so many nats a differing delay must explain the leftover better than any other variable.
 CLEAR = 3.0
 #: Rows of the stretches looked at: in short ones other causes go less astray, long ones show smaller spreads.
 STRETCHES = (24, 60)
-_GRAVITY = 9.81
 
 
-@dataclass(frozen=True)
-class Jitter:
-    """Delays that differ.
+def differing_delays(case: Case, mean: Fitted, price: float) -> Parameter | None:
+    """Return the standard deviation of the delays [s], if they differ, with its 95 % interval.
 
-    Attributes
-    ----------
-    mean : Fitted
-        The base model with the mean delay.
-    spread : Parameter
-        Standard deviation of the delays [s], with its 95 % interval.
-    """
-
-    mean: Fitted
-    spread: Parameter
-
-
-def differing_delays(case: Case, mean: Fitted) -> Jitter | None:
-    """Say whether what a mean delay leaves over is that delays differ.
-
-    If it is, the leftover push comes with each change of the command, in proportion to it, and never twice
-    the same. Other variables explain it less well.
+    If they do, the push that a mean delay leaves over comes with each change of the command, in proportion to
+    it, and never twice the same. Other variables explain it less well, and it is worth its price [nats].
     """
     for longest in STRETCHES:
         leftover = Leftover(case, mean, longest=longest)
         sources = leftover.sources(case.seed)
-        if len(sources) > 1 and sources[0].variable == JITTER and sources[0].gain > sources[1].gain + CLEAR:
-            return Jitter(mean, _spread(case, mean, leftover))
+        if len(sources) < 2 or sources[0].variable != JITTER:
+            continue
+        if sources[0].gain > max(price, sources[1].gain + CLEAR):
+            return _spread(case, mean, leftover)
     return None
 
 
@@ -57,6 +40,6 @@ def _spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:
     gear = float(np.mean(np.abs(mean.values[:2])))
     edge_m = case.rig.board.edge_x_m / float(mean.values[PARAMETERS.index("observation_scale")])
     # A command that comes late by one row leaves out the push of one row.
-    a_row = 5.0 / 7.0 * _GRAVITY * gear * leftover.turned * row_s**2 / edge_m
+    a_row = 5.0 / 7.0 * GRAVITY * gear * leftover.turned * row_s**2 / edge_m
     spread, low, high = (row_s * one / a_row for one in (push, low, high))
     return Parameter(spread, low, high)

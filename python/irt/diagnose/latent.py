@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from irt.diagnose.case import Case, Fitted
-from irt.diagnose.screen import Screen
-from irt.diagnose.stretches import LONGEST, SHORTEST, integrator, lateness, stretches
+from irt.diagnose.stretches import LONGEST, SHORTEST, integrator, stretches
 
 Array = NDArray[np.float64]
 
@@ -74,10 +73,7 @@ class Leftover:
     """
 
     def __init__(self, case: Case, fitted: Fitted, *, weak: bool = False, longest: int = LONGEST) -> None:
-        screen = Screen(case, fitted, longest)
-        self.rows, self._residual, self._fixed = stretches(
-            case, screen, weak=weak, late=lateness(case, fitted)
-        )
+        self.rows, self._residual, self._fixed = stretches(case, fitted, longest, weak=weak)
         self._noise = case.noise
 
     @property
@@ -112,7 +108,7 @@ class Leftover:
             return []
         random = np.random.default_rng(seed)
         nulls = self._noise * random.standard_normal((self.count, NULLS))
-        self._plain = [
+        plain = [
             _restricted(
                 self._noise**2 * np.eye(self.count),
                 self._fixed[axis],
@@ -120,7 +116,9 @@ class Leftover:
             )
             for axis in (0, 1)
         ]
-        told = [(name, stage, *self._of(kernel, stage, nulls)) for name, stage, kernel in self._kernels()]
+        told = [
+            (name, stage, *self._of(kernel, stage, nulls, plain)) for name, stage, kernel in self._kernels()
+        ]
         highest = np.max([null for *_, null, _ in told], axis=0)
         best: dict[str, Source] = {}
         for name, stage, gain, _, push in told:
@@ -188,8 +186,13 @@ class Leftover:
         found.append(("command", "camera", alike(rows.knobs / angle, 1.0)))
         return found
 
-    def _of(self, kernel: Callable[[int], Array], stage: str, nulls: Array) -> tuple[float, Array, float]:
-        """Return gain over noise alone, the same of nulls, and the size of the push."""
+    def _of(
+        self, kernel: Callable[[int], Array], stage: str, nulls: Array, plain: list[Array]
+    ) -> tuple[float, Array, float]:
+        """Return gain over noise alone, the same of nulls, and the size of the push.
+
+        Of noise alone `plain` is the likelihood, for each axis.
+        """
         gains, of_nulls = np.zeros(len(_SIZES) + 1), np.zeros((len(_SIZES) + 1, nulls.shape[1]))
         units = []
         for axis in (0, 1):
@@ -198,10 +201,9 @@ class Leftover:
             scale = self._noise**2 / max(float(np.mean(np.diag(moved))), 1e-300)
             units.append(scale * float(np.mean(np.diag(unit))))
             data = np.column_stack([self.residual(axis), nulls])
-            plain = self._plain[axis]
             for index, size in enumerate(_SIZES, start=1):
                 covariance = size * scale * moved + self._noise**2 * np.eye(self.count)
-                told = _restricted(covariance, self._fixed[axis], data) - plain
+                told = _restricted(covariance, self._fixed[axis], data) - plain[axis]
                 gains[index] += told[0]
                 of_nulls[index] += told[1:]
         best = int(gains.argmax())

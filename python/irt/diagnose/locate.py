@@ -36,7 +36,11 @@ def locate(case: Case, fitted: Fitted, noise: float) -> list[Finding]:
     squares, nulls = screen.squared(NULLS, case.seed, noise)
     beyond = squares - nulls.mean(axis=0)
     total = max(float(beyond.sum()), 1e-300)
-    places = [(kind, what, mask) for kind, what, mask in _places(case, screen) if mask.mean() > FEWEST]
+    places = [
+        (kind, what, mask)
+        for kind, what, mask in _places(case, case.model(fitted).reach, screen)
+        if mask.mean() > FEWEST
+    ]
     told, highest = [], np.zeros(NULLS)
     for kind, what, mask in places:
         sums = nulls[:, mask].sum(axis=1)
@@ -109,7 +113,7 @@ _VARIABLES = {
 _KINDS: dict[str, Kind] = {"position": "region", "velocity": "regime", "time": "time", "command": "stage"}
 
 
-def _places(case: Case, screen: Screen) -> Iterator[tuple[Kind, str, Mask]]:
+def _places(case: Case, reach: Array, screen: Screen) -> Iterator[tuple[Kind, str, Mask]]:
     """Yield the places looked at, with the rows of all windows that belong to them, (w * n,)."""
     windows = screen.windows()
     place = np.concatenate([one.place for one in windows])
@@ -124,7 +128,7 @@ def _places(case: Case, screen: Screen) -> Iterator[tuple[Kind, str, Mask]]:
     for first, after in pairwise(quarters):
         yield "time", f"rows {first} to {after - 1}", (rows >= first) & (rows < after)
     yield from _regions(case, place)
-    yield from _regimes(case, place, velocity, knobs, turn)
+    yield from _regimes(reach, place, velocity, knobs, turn)
 
 
 def _regions(case: Case, place: Array) -> Iterator[tuple[Kind, str, Mask]]:
@@ -139,10 +143,8 @@ def _regions(case: Case, place: Array) -> Iterator[tuple[Kind, str, Mask]]:
 
 
 def _regimes(
-    case: Case, place: Array, velocity: Array, knobs: Array, turn: Array
+    reach: Array, place: Array, velocity: Array, knobs: Array, turn: Array
 ) -> Iterator[tuple[Kind, str, Mask]]:
-    board, radius = case.rig.board, case.rig.marble.radius_m
-    reach = (np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius) / board.edge_x_m
     speed = np.linalg.norm(velocity, axis=1)
     moving = speed > _REST
     fast = np.asarray(speed > (float(np.median(speed[moving])) if moving.any() else np.inf))

@@ -5,9 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding
 from irt.diagnose.evidence import is_explained
@@ -23,8 +20,6 @@ from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.model import Parameter
 from irt.rig import Rig, load_rig
-
-Array = NDArray[np.float64]
 
 #: Effects that look like delays that differ, by their mean.
 LATE = ("delay", "lag", "latency", "clock_drift")
@@ -167,5 +162,6 @@ def _searched(search: Search, report: Report) -> _Answer:
 
 def _jittering(search: Search, report: Report) -> _Answer | None:
     report("delays that differ from command to command")
-    jitter = differing_delays(search.case, search.with_effect("delay"))
-    return None if jitter is None else _Answer(search.case, jitter.mean, jitter.spread)
+    mean = search.with_effect("delay")
+    spread = differing_delays(search.case, mean, search.evidence().price(2, 1))
+    return None if spread is None else _Answer(search.case, mean, spread)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
@@ -13,6 +14,7 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
+from irt.diagnose.impacts import between_impacts, shows
 from irt.diagnose.screen import ROWS, Screen
 from irt.rig import PARAMETERS
 
@@ -175,8 +177,15 @@ class Search:
             self._refine_within(child, parent.effects)
 
     def is_supported(self, one: Fitted, over: Fitted) -> bool:
-        """Whether recordings held out agree that a hypothesis is better."""
+        """Whether recordings held out agree that a hypothesis is better, and the marble between impacts."""
+        if not shows(self.between_impacts, one, over):
+            return False
         return is_supported(self.held_out(one), self.held_out(over), self.evidence().scale)
+
+    @functools.cached_property
+    def between_impacts(self) -> Case:
+        """The recordings without all that is near the rim."""
+        return between_impacts(self.case, self.base)
 
     def with_effect(self, name: str) -> Fitted:
         """Return the base model with one effect more, fitted."""

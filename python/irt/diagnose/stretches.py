@@ -71,10 +71,10 @@ def _spread_out(count: int) -> NDArray[np.int64]:
     return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
 
 
-def stretches(case: Case, screen: Screen, *, weak: bool, late: float) -> tuple[Rows, Array, list[Array]]:
+def stretches(case: Case, fitted: Fitted, longest: int, *, weak: bool) -> tuple[Rows, Array, list[Array]]:
     """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it."""
-    board, radius = case.rig.board, case.rig.marble.radius_m
-    reach = (np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius) / board.edge_x_m
+    reach, late = case.model(fitted).reach, lateness(case, fitted)
+    screen = Screen(case, fitted, longest)
     pieces: list[_Piece] = []
     windows = screen.windows()
     for index in _spread_out(len(windows)):

@@ -9,7 +9,7 @@ in the weak form: no derivative of a noisy position is taken), and stay if recor
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess
 from irt.diagnose.heldout import hold_out, is_supported
+from irt.diagnose.impacts import shows
 from irt.diagnose.latent import Leftover
 from irt.diagnose.search import Search
 from irt.rig import PARAMETERS
@@ -126,7 +127,8 @@ def confirmed(search: Search, best: Fitted) -> tuple[Case, Fitted, tuple[Term, .
     before, held_before = base, search.held_out(base)
     for fixed, terms, fitted in learn(case, base):
         evidence = Evidence.of(case, [*search.fits.values(), fitted])
-        if not evidence.is_better(fitted, before):
+        between = replace(search.between_impacts, held=fixed.held)
+        if not evidence.is_better(fitted, before) or not shows(between, fitted, base):
             break
         held = hold_out(fixed, fitted)
         if not is_supported(held, held_before, evidence.scale):

@@ -4,13 +4,18 @@
 use std::sync::atomic::AtomicBool;
 
 use super::Problem;
+use super::coordinates::Coordinates;
 use super::descent::{Pace, minimise};
 use super::shooting::{Point, Shooting};
 use super::slopes::Look;
+use super::windows::Windows;
 use crate::error::Result;
 
 /// Start states tried with each step.
 const VARIANTS: usize = 4;
+/// First rows by which start states are found before whole stretches refine them, and steps for each.
+const HEADS: [usize; 2] = [12, 36];
+const HEAD_ITERATIONS: usize = 4;
 
 /// Where values have led.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,14 +50,12 @@ impl Problem<'_> {
         };
         let (coordinates, whole) = self.around(first, cancel)?;
         let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
-        let mut starts = Vec::with_capacity(values.len());
+        let mut begun = Vec::with_capacity(values.len());
         for values in values {
             self.check_values(values)?;
-            starts.push(Point {
-                z: coordinates.to_z(values),
-                states: whole.guesses(),
-            });
+            begun.push(coordinates.to_z(values));
         }
+        let starts = self.begun(&coordinates, &whole, begun, cancel)?;
         let pace = Pace {
             iterations,
             look: Look::Both,
@@ -66,5 +69,44 @@ impl Problem<'_> {
             residuals: self.residuals(&whole, &end.residual),
         });
         Ok(refined.collect())
+    }
+
+    /// Points with the start states that the first rows tell, then some more: a guess that is a little off
+    /// ends at the rim in a stretch that never meets it, and no slope leads away from there.
+    fn begun(
+        &self,
+        coordinates: &Coordinates,
+        whole: &Windows,
+        values: Vec<Vec<f64>>,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Point>> {
+        let with = |z, states| Point { z, states };
+        let mut points: Vec<Point> = values
+            .into_iter()
+            .map(|z| with(z, whole.guesses()))
+            .collect();
+        if whole.all.iter().all(|window| window.at_rest) {
+            return Ok(points);
+        }
+        let pace = Pace {
+            iterations: HEAD_ITERATIONS,
+            look: Look::Both,
+            variants: VARIANTS,
+            held: true,
+        };
+        for rows in HEADS.into_iter().filter(|rows| *rows < whole.rows) {
+            let heads = Windows::heads(self, rows);
+            let shooting = Shooting::new(self, coordinates, &heads, 1.0, cancel);
+            let starts: Vec<Point> = points
+                .into_iter()
+                .map(|point| with(point.z, heads.inherited(whole, &point.states)))
+                .collect();
+            let ends = minimise(&shooting, &starts, self.tracker_noise(), pace, &|_| ())?;
+            points = ends
+                .into_iter()
+                .map(|end| with(end.point.z, whole.inherited(&heads, &end.point.states)))
+                .collect();
+        }
+        Ok(points)
     }
 }

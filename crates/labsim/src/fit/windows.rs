@@ -52,13 +52,7 @@ pub(super) struct Windows {
 impl Windows {
     /// Cuts stretches into windows of at most `rows` rows; a stretch's last one may be shorter.
     pub(super) fn cut(problem: &Problem<'_>, rows: usize) -> Self {
-        let mut windows = Self {
-            all: Vec::new(),
-            lengths: Vec::new(),
-            observed: Vec::new(),
-            known: Vec::new(),
-            rows,
-        };
+        let mut windows = Self::none(rows);
         for stretch in problem.stretches {
             for begin in (0..stretch.rows).step_by(rows) {
                 windows.push(problem, stretch, begin, rows.min(stretch.rows - begin));
@@ -66,6 +60,26 @@ impl Windows {
         }
         windows.lengths.sort_by_key(|(rows, _)| Reverse(*rows));
         windows
+    }
+
+    /// The first rows of each stretch, at most `rows` of them.
+    pub(super) fn heads(problem: &Problem<'_>, rows: usize) -> Self {
+        let mut windows = Self::none(rows);
+        for stretch in problem.stretches {
+            windows.push(problem, stretch, 0, rows.min(stretch.rows));
+        }
+        windows.lengths.sort_by_key(|(rows, _)| Reverse(*rows));
+        windows
+    }
+
+    fn none(rows: usize) -> Self {
+        Self {
+            all: Vec::new(),
+            lengths: Vec::new(),
+            observed: Vec::new(),
+            known: Vec::new(),
+            rows,
+        }
     }
 
     fn push(&mut self, problem: &Problem<'_>, stretch: &Stretch, begin: usize, rows: usize) {

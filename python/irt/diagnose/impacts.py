@@ -1,0 +1,122 @@
+"""Whether an effect shows between impacts, where no engine's contact solver has a say.
+
+How a marble leaves a rim differs a little from engine to engine and from wall to wall. From there on it goes
+elsewhere, and something in the catalogue will follow it: so what an effect explains after impacts alone is no
+reason to name it. Between impacts physics is known to the digits of the tracker.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effect
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.evidence import Evidence
+from irt.residual import Segment
+from irt.rollouts import rollouts
+
+Array = NDArray[np.float64]
+
+#: Rows of a stretch, at least, and distance from the rim at which the marble is free [board edges].
+SHORTEST, FREE = 10, 0.012
+#: Share of the range from which on a law of impacts is told from how an engine solves contacts: rapier's
+#: walls without restitution are fitted as 0.05 to 0.11 of it.
+LEAST_OF_IMPACTS = 0.15
+
+
+def between_impacts(case: Case, fitted: Fitted) -> Case:
+    """Return the case with those stretches alone in which the marble cannot have met the rim."""
+    reach = case.model(fitted).reach - FREE
+    pieces: list[Segment] = []
+    folds: list[int] = []
+    for segment, fold in zip(case.segments, case.folds, strict=True):
+        for first, stop in _runs(_is_free(segment.observed, reach)):
+            if stop - first >= SHORTEST:
+                pieces.append(_cut(segment, first, stop))
+                folds.append(int(fold))
+    return replace(case, segments=tuple(pieces), folds=np.array(folds, dtype=np.int64))
+
+
+def shows(between: Case, one: Fitted, over: Fitted) -> bool:
+    """Whether stretches between impacts ask for the effects that a hypothesis has more than another.
+
+    What acts in impacts alone can show nowhere else: there the size must be beyond what engines differ by.
+    """
+    added = [name for name in one.effects if name not in over.effects]
+    if all(acts_on_impacts_alone(name) for name in added):
+        return all(_size(one, name) > LEAST_OF_IMPACTS for name in added)
+    if not between.segments:
+        return False
+    # Each from where the other led, too: the gain must not be one of a better start.
+    less = _refitted(between, over, [over, one])
+    more = _refitted(between, one, [one, less])
+    return Evidence.of(between, [more, less]).margin(more, less) > 0.0
+
+
+def _refitted(case: Case, one: Fitted, begun: Sequence[Fitted]) -> Fitted:
+    """Refit a hypothesis from where some have led; what they do not have it has of its own."""
+    known = dict(zip(one.names, one.values, strict=True))
+    points = [{**known, **dict(zip(other.names, other.values, strict=True))} for other in begun]
+    fits = case.refine(one.effects, np.array([[point[name] for name in one.names] for point in points]))
+    return min(fits, key=lambda fit: fit.loss(case.noise))
+
+
+@functools.cache
+def acts_on_impacts_alone(name: str) -> bool:
+    """Whether an effect changes nothing in a run that stays away from the rim."""
+    parameters = effect(name).parameters
+    if not all(np.isfinite(one.neutral) for one in parameters):
+        return False
+    knobs = 0.05 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
+    base = np.array([[0.05, 0.05, 0.0005, 20.0, 1.0]])
+    strong = {one.name: one.low + 0.4 * (one.high - one.low) for one in parameters}
+    changed = rollouts(base, knobs, effects=[{"name": name, **strong}], seed=1)
+    return bool(np.array_equal(changed, rollouts(base, knobs, seed=1)))
+
+
+def _size(one: Fitted, name: str) -> float:
+    """Return how far the values of an effect are from neutral, the farthest, as a share of their ranges."""
+    values = one.value_of(name)
+    return max(
+        abs(values[parameter.name] - parameter.neutral) / (parameter.high - parameter.low)
+        for parameter in effect(name).parameters
+    )
+
+
+def _is_free(observed: Array, reach: Array) -> NDArray[np.bool_]:
+    """Whether the marble was nowhere near the rim from the row before to the row after, (n,)."""
+    rows = np.arange(len(observed))
+    known = np.isfinite(observed).all(axis=1)
+    if not known.any():
+        return np.zeros(len(observed), dtype=bool)
+    path = np.stack([np.interp(rows, rows[known], observed[known, axis]) for axis in (0, 1)], axis=1)
+    steps = np.abs(np.diff(path, axis=0))
+    still = np.zeros((1, 2))
+    farthest = np.abs(path) + np.maximum(np.concatenate([still, steps]), np.concatenate([steps, still]))
+    return np.asarray((farthest < reach).all(axis=1))
+
+
+def _runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first row and end of each run of free rows."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
+    return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
+
+
+def _cut(segment: Segment, first: int, stop: int) -> Segment:
+    """Return rows of a segment, with the commands before them."""
+    own = slice(first, stop)
+    whole = segment.run_knobs is None
+    return replace(
+        segment,
+        first_row=segment.first_row + first,
+        knobs=segment.knobs[own],
+        durations=None if segment.durations is None else segment.durations[own],
+        observed=segment.observed[own],
+        run_knobs=segment.knobs if whole else segment.run_knobs,
+        run_durations=segment.durations if whole else segment.run_durations,
+    )
