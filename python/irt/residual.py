@@ -62,6 +62,21 @@ class Segment:
     run_knobs: Array | None = None
     run_durations: Array | None = None
 
+    def cut(self, first: int, stop: int) -> Segment:
+        """Return some of its rows, with the commands before them; how the marble begins is not known."""
+        own, whole = slice(first, stop), self.run_knobs is None
+        return Segment(
+            recording=self.recording,
+            first_row=self.first_row + first,
+            knobs=self.knobs[own],
+            durations=None if self.durations is None else self.durations[own],
+            observed=self.observed[own],
+            start=np.full(2, np.nan),
+            start_velocity=np.full(2, np.nan),
+            run_knobs=self.knobs if whole else self.run_knobs,
+            run_durations=self.durations if whole else self.run_durations,
+        )
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -205,7 +220,7 @@ def predict(model: Model, stretches: Sequence[Segment]) -> list[Array]:
     predicted: dict[int, Array] = {}
     for indices in _batches(stretches):
         batch = [stretches[i] for i in indices]
-        paths = simulate(model, _inputs(batch, model), _states(batch))
+        paths = simulate(model, inputs_of(batch, whole=bool(model.effects)), _states(batch))
         predicted.update(zip(indices, paths, strict=True))
     return [predicted[i] for i in range(len(stretches))]
 
@@ -328,7 +343,7 @@ def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
 
 def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
     """Return the (w, 4) start states that the first rows of segments of one length tell."""
-    inputs = replace(_inputs(batch, model), rows=rows)
+    inputs = replace(inputs_of(batch, whole=bool(model.effects)), rows=rows)
     observed = np.array([segment.observed[:rows] for segment in batch])
     return estimate_start_states(model, inputs, observed, _states(batch))
 
@@ -341,9 +356,8 @@ def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
     return list(batches.values())
 
 
-def _inputs(batch: Sequence[Segment], model: Model) -> Inputs:
-    """Return the commands of segments of one length, of their whole recordings if the model has a memory."""
-    whole = bool(model.effects)
+def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
+    """Return the commands of segments of one length, with those of their whole recordings or alone."""
     runs = [
         (segment.run_knobs, segment.run_durations, segment.first_row)
         if whole and segment.run_knobs is not None

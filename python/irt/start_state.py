@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,16 +52,28 @@ class Inputs:
 
     def repeated(self, times: int) -> Inputs:
         """Return each window so many times."""
-        return Inputs(
-            knobs=np.repeat(self.knobs, times, axis=0),
-            durations=None if self.durations is None else np.repeat(self.durations, times, axis=0),
-            first=np.repeat(self.first, times),
-            issued=np.repeat(self.issued, times),
-            rows=self.rows,
-        )
+        return self._taken(np.repeat(np.arange(len(self.first)), times))
+
+    def tiled(self, times: int) -> Inputs:
+        """Return all windows so many times, one set after another."""
+        return self._taken(np.tile(np.arange(len(self.first)), times))
+
+    def _taken(self, windows: NDArray[np.int64]) -> Inputs:
+        durations = None if self.durations is None else self.durations[windows]
+        return Inputs(self.knobs[windows], durations, self.first[windows], self.issued[windows], self.rows)
 
 
-def simulate(model: Model, inputs: Inputs, states: Array) -> Array:
+def simulate(
+    model: Model,
+    inputs: Inputs,
+    states: Array,
+    *,
+    values: Array | None = None,
+    added: Mapping[str, Any] | None = None,
+    substeps: int | None = None,
+    seed: NDArray[np.int64] | int = 0,
+    threads: int | None = None,
+) -> Array:
     """Simulate windows of one length, each from its own start state.
 
     Parameters
@@ -70,6 +84,16 @@ def simulate(model: Model, inputs: Inputs, states: Array) -> Array:
         What is commanded in w windows of n rows.
     states : (w, 4) array
         Start states: x, y [board edges] and their rates [board edges per second of simulated time].
+    values : (5,) array, optional
+        Parameters in the place of the model's.
+    added : mapping, optional
+        An effect beside the model's, or in the place of the one with its name; its values may be (w,) arrays.
+    substeps : int, optional
+        Physics updates a row; by default as many as the time scale says.
+    seed : int or (w,) array
+        Of what effects draw.
+    threads : int, optional
+        As for `irt.rollouts`.
 
     Returns
     -------
@@ -77,20 +101,28 @@ def simulate(model: Model, inputs: Inputs, states: Array) -> Array:
         Predicted positions [board edges], the start in row 0.
     """
     moving = model.start == "moving"
+    effects: list[Mapping[str, Any]] = [
+        {"name": effect.name, **effect.parameters}
+        for effect in model.effects
+        if added is None or effect.name != added["name"]
+    ]
     return rollouts(
-        np.tile(model.values, (len(states), 1)),
+        np.tile(model.values if values is None else values, (len(states), 1)),
         inputs.knobs,
         rig=model,
-        effects=[{"name": effect.name, **effect.parameters} for effect in model.effects],
+        effects=effects if added is None else [*effects, added],
         start=states[:, :2],
         start_velocity=states[:, 2:],
         durations=inputs.durations,
         time_step=model.time_step,
+        substeps=None if substeps is None else np.full(len(states), substeps),
         first=inputs.first,
         issued=inputs.issued,
         rows=inputs.rows,
         # Who starts in motion has held the knobs somewhere: the first command is the best guess.
         knobs_before=inputs.knobs[:, 0] if moving else None,
+        seed=seed,
+        threads=threads,
     )
 
 

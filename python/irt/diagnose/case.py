@@ -12,14 +12,14 @@ from irt.catalogue import effect
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
 from irt.fitting.problem import Problem, Refined, Solution, tracker_noise
+from irt.fitting.robust import deviation, student_t
 from irt.model import Effect, Model
 from irt.residual import Segment, segments
 from irt.rig import PARAMETERS, Rig
+from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 
-#: Degrees of freedom of the Student-t likelihood, as in the engine's fit.
-TAIL = 4.0
 #: A value may leave its range by this share of it and still be plausible.
 SPARE = 0.25
 
@@ -42,8 +42,6 @@ class Fitted:
         Robust standard deviation of the residuals [board edges].
     free : int
         How many of the effects' parameters were fitted.
-    solution : Solution or None
-        All that the engine told, where it searched.
     """
 
     effects: tuple[str, ...]
@@ -52,11 +50,18 @@ class Fitted:
     residuals: tuple[Array, ...]
     noise: float
     free: int
-    solution: Solution | None = None
+
+    @classmethod
+    def of(cls, effects: Sequence[str], problem: Problem, found: Solution | Refined) -> Fitted:
+        """Return what the engine found for a problem."""
+        residuals = tuple(found.residuals)
+        noise = deviation(np.concatenate([residual.ravel() for residual in residuals]))
+        free = sum(int(np.isfinite(sought[:, 0]).sum()) for _, sought in problem.asked["effects"])
+        return cls(tuple(effects), problem.names, found.values, residuals, noise, free)
 
     def losses(self, scale: float) -> Array:
         """Return the Student-t negative log-likelihood of each segment, up to a constant, (s,)."""
-        return np.array([_loss(residual, scale) for residual in self.residuals])
+        return np.array([np.nansum(student_t(residual / scale)) for residual in self.residuals])
 
     def loss(self, scale: float) -> float:
         """Return the Student-t negative log-likelihood of all segments, up to a constant."""
@@ -151,17 +156,12 @@ class Case:
         """Return the case with parameters of an effect held at these values."""
         return replace(self, held={**self.held, name: values})
 
-    def named(self, names: Sequence[str]) -> list[Effect]:
-        """Return effects to be looked for."""
-        return [Effect(name, {}) for name in names]
-
-    def problem(self, effects: Sequence[Effect], values: Array | None = None) -> Problem:
-        """Return the problem of fitting the five parameters, from (5,) values, and those of effects."""
+    def problem(self, effects: Sequence[str]) -> Problem:
+        """Return the problem of fitting the five parameters and those of effects."""
         return Problem.of(
             self.rig,
             self.segments,
-            effects=effects,
-            values=values,
+            effects=[Effect(name, {}) for name in effects],
             time_scale=self.time_scale,
             noise=self.noise,
             held=self.held,
@@ -170,9 +170,8 @@ class Case:
 
     def fit(
         self,
-        effects: Sequence[Effect] = (),
+        effects: Sequence[str] = (),
         *,
-        values: Array | None = None,
         points: Array | None = None,
         starts: int = 8,
         rounds: int = 3,
@@ -181,37 +180,27 @@ class Case:
 
         Parameters
         ----------
-        effects : sequence of Effect
-            What is added; parameters that have no value are looked for over their ranges.
-        values : (5,) array, optional
-            Where half of the draw begins.
+        effects : sequence of str
+            What is added.
         points : (k, n) array, optional
             Where to begin instead.
         starts, rounds : int
             How thoroughly.
         """
-        problem = self.problem(effects, values)
+        problem = self.problem(effects)
         with located(f"{self.rig.path}"):
             solution = problem.fit(points=points, starts=starts, seed=self.seed, rounds=rounds)
-        return Fitted(
-            effects=tuple(one.name for one in effects),
-            names=problem.names,
-            values=solution.values,
-            residuals=tuple(solution.residuals),
-            noise=robust_scale(solution.residuals),
-            free=_free(problem),
-            solution=solution,
-        )
+        return Fitted.of(effects, problem, solution)
 
     def refine(self, effects: Sequence[str], points: Array, *, iterations: int = 12) -> list[Fitted]:
         """Go from each of (k, n) points to the bottom of its valley."""
-        problem = self.problem(self.named(effects))
-        return [_fitted(effects, problem, one) for one in problem.refine(points, iterations=iterations)]
+        problem = self.problem(effects)
+        return [Fitted.of(effects, problem, one) for one in problem.refine(points, iterations=iterations)]
 
     def judge(self, effects: Sequence[str], points: Array) -> list[Fitted]:
         """Say what each of (k, n) points leaves over: only start states are estimated."""
-        problem = self.problem(self.named(effects))
-        return [_fitted(effects, problem, one) for one in problem.judge(points)]
+        problem = self.problem(effects)
+        return [Fitted.of(effects, problem, one) for one in problem.judge(points)]
 
     def model(self, fitted: Fitted) -> Model:
         """Return the model of a hypothesis."""
@@ -222,11 +211,14 @@ class Case:
             time_step="continuous",
         )
 
+    def row_s(self, fitted: Fitted) -> float:
+        """Return how long a row lasts [s]: what stamps say, else what a hypothesis does."""
+        own = fitted.values[PARAMETERS.index("time_scale")]
+        return float(own if self.time_scale is None else self.time_scale) * SUBSTEP_S
 
-def robust_scale(residuals: Sequence[Array]) -> float:
-    """Return the standard deviation of residuals [board edges] by their median, whatever a few rows say."""
-    values = np.abs(np.concatenate([residual.ravel() for residual in residuals]))
-    return float(1.4826 * np.nanmedian(values))
+    def edge_m(self, fitted: Fitted) -> float:
+        """Return how far the marble goes on the board while it is seen to go one edge [m]."""
+        return float(self.rig.board.edge_x_m / fitted.values[PARAMETERS.index("observation_scale")])
 
 
 def memory(residuals: Sequence[Array], scale: float, lags: int = 20) -> float:
@@ -242,19 +234,3 @@ def memory(residuals: Sequence[Array], scale: float, lags: int = 20) -> float:
     if products[0] <= 0.0:
         return 1.0
     return max(1.0, float((1.0 + 2.0 * np.cumsum(products[1:]) / products[0]).max()))
-
-
-def _fitted(effects: Sequence[str], problem: Problem, one: Refined) -> Fitted:
-    residuals = tuple(one.residuals)
-    noise, free = robust_scale(residuals), _free(problem)
-    return Fitted(tuple(effects), problem.names, one.values, residuals, noise, free)
-
-
-def _free(problem: Problem) -> int:
-    """Return how many parameters of effects a problem does not hold."""
-    return sum(int(np.isfinite(sought[:, 0]).sum()) for _, sought in problem.asked["effects"])
-
-
-def _loss(residual: Array, scale: float) -> float:
-    squares = residual[np.isfinite(residual)] ** 2
-    return float(0.5 * (TAIL + 1.0) * np.log1p(squares / (TAIL * scale * scale)).sum())

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from irt.catalogue import effects
-from irt.diagnose.case import TAIL, Case, Fitted, memory
+from irt.diagnose.case import Case, Fitted, memory
 from irt.diagnose.screen import Screen
+from irt.fitting.robust import OF_NORMAL
 
 #: An effect must explain this share of what noise alone would make, or it is too small to be told from the
 #: engine's own imperfections.
@@ -24,17 +25,6 @@ FORGETFUL, NOISE_LIKE = 1.5, 1.1
 WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
 #: What a value outside the range that the catalogue finds plausible costs [nats].
 IMPLAUSIBLE = 10.0
-#: Mean Student-t loss of a normal residual at its own scale.
-_OF_NOISE = float(
-    0.5
-    * (TAIL + 1.0)
-    * np.trapezoid(
-        np.log1p(np.linspace(-8.0, 8.0, 4001) ** 2 / TAIL)
-        * np.exp(-0.5 * np.linspace(-8.0, 8.0, 4001) ** 2)
-        / math.sqrt(2.0 * math.pi),
-        np.linspace(-8.0, 8.0, 4001),
-    )
-)
 
 
 @dataclass(frozen=True)
@@ -108,4 +98,4 @@ def excess(case: Case, one: Fitted) -> float:
 
 
 def _noise_loss(one: Fitted) -> float:
-    return _OF_NOISE * sum(int(np.isfinite(residual).sum()) for residual in one.residuals)
+    return OF_NORMAL * sum(int(np.isfinite(residual).sum()) for residual in one.residuals)

@@ -199,7 +199,7 @@ def _instead(best: Fitted, other: Fitted) -> str:
 
 
 def _information(case: Case, one: Fitted) -> Information:
-    problem = case.problem(case.named(one.effects))
+    problem = case.problem(one.effects)
     told = Information.of(problem, one.values, problem.inform(one.values, case.noise))
     return without_clock(case, one, told)
 

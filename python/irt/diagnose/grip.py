@@ -26,7 +26,7 @@ def grips(case: Case, best: Fitted) -> list[tuple[Case, Fitted]]:
         for grip in OTHERS:
             board = replace(case.rig.board, sliding_friction=grip)
             other = replace(case, rig=replace(case.rig, board=board))
-            fitted = other.fit(other.named(best.effects), points=best.values[None], rounds=1)
+            fitted = other.fit(best.effects, points=best.values[None], rounds=1)
             tried.append((other, fitted))
     scale = max(case.noise, min(one.noise for _, one in tried))
     losses = [one.loss(scale) for _, one in tried]

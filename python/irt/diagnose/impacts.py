@@ -37,7 +37,7 @@ def between_impacts(case: Case, fitted: Fitted) -> Case:
     for segment, fold in zip(case.segments, case.folds, strict=True):
         for first, stop in _runs(_is_free(segment.observed, reach)):
             if stop - first >= SHORTEST:
-                pieces.append(_cut(segment, first, stop))
+                pieces.append(segment.cut(first, stop))
                 folds.append(int(fold))
     return replace(case, segments=tuple(pieces), folds=np.array(folds, dtype=np.int64))
 
@@ -105,18 +105,3 @@ def _runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first row and end of each run of free rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
     return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
-
-
-def _cut(segment: Segment, first: int, stop: int) -> Segment:
-    """Return rows of a segment, with the commands before them."""
-    own = slice(first, stop)
-    whole = segment.run_knobs is None
-    return replace(
-        segment,
-        first_row=segment.first_row + first,
-        knobs=segment.knobs[own],
-        durations=None if segment.durations is None else segment.durations[own],
-        observed=segment.observed[own],
-        run_knobs=segment.knobs if whole else segment.run_knobs,
-        run_durations=segment.durations if whole else segment.run_durations,
-    )

@@ -7,8 +7,7 @@ import numpy as np
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.latent import JITTER, Leftover
 from irt.model import Parameter
-from irt.rig import PARAMETERS
-from irt.rollouts import GRAVITY, SUBSTEP_S
+from irt.rollouts import GRAVITY
 
 #: By so many nats a differing delay must explain the leftover better than any other variable.
 CLEAR = 3.0
@@ -35,11 +34,9 @@ def differing_delays(case: Case, mean: Fitted, price: float) -> Parameter | None
 def _spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:
     """Return the standard deviation of the delays [s], with its 95 % interval."""
     push, low, high = leftover.size_of_jitter()
-    time_scale = case.time_scale or float(mean.values[PARAMETERS.index("time_scale")])
-    row_s = time_scale * SUBSTEP_S
+    row_s = case.row_s(mean)
     gear = float(np.mean(np.abs(mean.values[:2])))
-    edge_m = case.rig.board.edge_x_m / float(mean.values[PARAMETERS.index("observation_scale")])
     # A command that comes late by one row leaves out the push of one row.
-    a_row = 5.0 / 7.0 * GRAVITY * gear * leftover.turned * row_s**2 / edge_m
+    a_row = 5.0 / 7.0 * GRAVITY * gear * leftover.turned * row_s**2 / case.edge_m(mean)
     spread, low, high = (row_s * one / a_row for one in (push, low, high))
     return Parameter(spread, low, high)

@@ -48,4 +48,4 @@ def reason(case: Case, best: Fitted, other: Fitted, name: str, instead: str) -> 
 
 
 def _refined(case: Case, one: Fitted) -> Fitted:
-    return case.fit(case.named(one.effects), points=one.values[None], rounds=2)
+    return case.fit(one.effects, points=one.values[None], rounds=2)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect
 from irt.diagnose.case import Case, Fitted
-from irt.residual import Segment
+from irt.fitting.robust import deviation
+from irt.residual import Segment, inputs_of
 from irt.rig import PARAMETERS, RANGES
-from irt.rollouts import rollouts
+from irt.rollouts import SUBSTEP_S, rollouts
 from irt.start_state import Inputs, estimate_start_states, simulate
 
 Array = NDArray[np.float64]
@@ -114,7 +115,7 @@ class Screen:
         self._coarse = self._simulated(self._states)
         residual = self._observed - self._predicted
         self._known = np.isfinite(residual)
-        scale = max(case.noise, 1.4826 * float(np.nanmedian(np.abs(residual))))
+        scale = max(case.noise, deviation(residual))
         self._weights = np.where(
             self._known, 1.0 / np.maximum(1.0, np.abs(np.nan_to_num(residual)) / (_CLIP * scale)), 0.0
         )
@@ -255,29 +256,16 @@ class Screen:
         self, states: Array, *, values: Array | None = None, added: dict[str, Any] | None = None
     ) -> Array:
         """Simulate all windows, once or more, from (k * w, 4) states: (k * w, n, 2)."""
-        inputs = _tiled(self._inputs, len(states) // len(self._states))
-        present = [
-            {"name": one.name, **one.parameters}
-            for one in self._model.effects
-            if added is None or one.name != added["name"]
-        ]
-        parameters = self._model.values if values is None else values
         # Long updates: what matters is what changes, and by how much.
         substeps = max(1, round(self._model.values[PARAMETERS.index("time_scale")] / COARSENESS))
-        return rollouts(
-            np.tile(parameters, (len(states), 1)),
-            inputs.knobs,
-            rig=self._model,
-            effects=present if added is None else [*present, added],
-            start=states[:, :2],
-            start_velocity=states[:, 2:],
-            durations=inputs.durations,
-            time_step=self._model.time_step,
-            substeps=None if inputs.durations is not None else np.full(len(states), substeps),
-            first=inputs.first,
-            issued=inputs.issued,
-            rows=inputs.rows,
-            knobs_before=inputs.knobs[:, 0] if self._model.start == "moving" else None,
+        inputs = self._inputs.tiled(len(states) // len(self._states))
+        return simulate(
+            self._model,
+            inputs,
+            states,
+            values=values,
+            added=added,
+            substeps=None if self._inputs.durations is not None else substeps,
             seed=inputs.first,
             threads=self._case.threads,
         )
@@ -293,7 +281,7 @@ class Screen:
     def _step_s(self) -> float:
         if self._inputs.durations is not None:
             return float(np.median(self._inputs.durations))
-        return float(self._model.values[PARAMETERS.index("time_scale")]) / 240.0
+        return float(self._model.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
 
 
 @functools.cache
@@ -362,51 +350,21 @@ def _orthonormal(directions: Array) -> Array:
     return found
 
 
-def _tiled(inputs: Inputs, count: int) -> Inputs:
-    """Return all windows so many times, one set after another."""
-    return Inputs(
-        knobs=np.tile(inputs.knobs, (count, 1, 1)),
-        durations=None if inputs.durations is None else np.tile(inputs.durations, (count, 1)),
-        first=np.tile(inputs.first, count),
-        issued=np.tile(inputs.issued, count),
-        rows=inputs.rows,
-    )
-
-
 def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array, NDArray[np.int64]]:
     """Return commands, positions (w, n, 2), guesses of start states (w, 4) and folds of windows."""
-    pieces: list[tuple[Segment, int]] = []
+    pieces: list[Segment] = []
     folds: list[int] = []
     for segment, fold in zip(case.segments, case.folds, strict=True):
         pieces += [
-            (segment, first)
+            segment.cut(first, first + rows)
             for first in range(0, len(segment.knobs) - rows + 1, rows)
             if np.isfinite(segment.observed[first : first + rows]).all(axis=1).sum() >= rows // 2
         ]
         folds += [int(fold)] * (len(pieces) - len(folds))
-    runs = [
-        (segment.knobs, segment.durations, first)
-        if segment.run_knobs is None
-        else (segment.run_knobs, segment.run_durations, segment.first_row + first)
-        for segment, first in pieces
-    ]
-    longest = max(len(knobs) for knobs, _, _ in runs)
-    knobs = np.array([np.concatenate([one, np.zeros((longest - len(one), 2))]) for one, _, _ in runs])
-    durations = None
-    if runs[0][1] is not None:
-        durations = np.array(
-            [np.concatenate([one, np.ones(longest - len(one))]) for _, one, _ in runs if one is not None]
-        )
-    inputs = Inputs(
-        knobs=knobs,
-        durations=durations,
-        first=np.array([first for _, _, first in runs]),
-        issued=np.array([len(one) for one, _, _ in runs]),
-        rows=rows,
-    )
-    observed = np.array([segment.observed[first : first + rows] for segment, first in pieces])
+    observed = np.array([piece.observed for piece in pieces])
     middle = float(np.mean(case.rig.ranges["time_scale"])) if case.time_scale is None else case.time_scale
-    return inputs, observed, _guesses(observed, middle / 240.0), np.array(folds)
+    guesses = _guesses(observed, middle * SUBSTEP_S)
+    return inputs_of(pieces, whole=True), observed, guesses, np.array(folds)
 
 
 def _guesses(observed: Array, step_s: float) -> Array:

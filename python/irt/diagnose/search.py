@@ -113,8 +113,7 @@ class Search:
             self.report(" + ".join([*parent.effects, name]))
             if enough is not None and seeds[name][0] < enough:
                 break
-            chosen = self.case.named((*parent.effects, name))
-            fitted = self.case.fit(chosen, points=seeds[name][1], rounds=0)
+            fitted = self.case.fit((*parent.effects, name), points=seeds[name][1], rounds=0)
             self.keep(fitted)
             if is_explained(self.case, fitted, self.base):
                 enough = RIVAL * seeds[name][0]
@@ -144,8 +143,7 @@ class Search:
         """Refine the best hypotheses of a size."""
         for one in self.ranked(size)[:REFINED]:
             self.report(" + ".join(one.effects))
-            chosen = self.case.named(one.effects)
-            self.keep(self.case.fit(chosen, points=one.values[None], rounds=2))
+            self.keep(self.case.fit(one.effects, points=one.values[None], rounds=2))
 
     def _grown(self, best: Fitted, size: int) -> Fitted:
         """Return the best hypothesis of a size if it is worth its effects, else the one before."""

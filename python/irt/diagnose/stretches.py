@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.screen import EARLIER, Screen, Window
-from irt.rig import PARAMETERS
-from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 
@@ -183,8 +181,7 @@ def lateness(case: Case, fitted: Fitted) -> float:
     """Return how late the commands of a hypothesis arrive on average [rows]."""
     found = fitted.of_effects()
     seconds = sum(found.get(name, 0.0) for name in ("delay.delay_s", "latency.latency_s"))
-    time_scale = case.time_scale or float(fitted.values[PARAMETERS.index("time_scale")])
-    return seconds / (time_scale * SUBSTEP_S)
+    return seconds / case.row_s(fitted)
 
 
 def _arriving(window: Window, late: float) -> Array:

@@ -23,7 +23,6 @@ from irt.diagnose.impacts import shows
 from irt.diagnose.latent import Leftover
 from irt.diagnose.search import Search
 from irt.rig import PARAMETERS
-from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 
@@ -72,9 +71,7 @@ def library(case: Case, parent: Fitted) -> list[Term]:
     leftover = Leftover(case, parent, weak=not parent.effects)
     if not leftover.count:
         return []
-    scale = float(parent.values[PARAMETERS.index("observation_scale")])
-    time_scale = case.time_scale or float(parent.values[PARAMETERS.index("time_scale")])
-    view = _View(leftover, case.rig.board.edge_x_m / scale, time_scale * SUBSTEP_S)
+    view = _View(leftover, case.edge_m(parent), case.row_s(parent))
     chosen: list[Term] = []
     while len(chosen) < WAVES:
         terms = [*view.waves_over_board(), *view.waves_over_time()]
@@ -112,7 +109,7 @@ def learn(case: Case, base: Fitted) -> list[tuple[Case, tuple[Term, ...], Fitted
             before = found[-1][2]
             known = {**values, **{k: v for k, v in before.value_of(UNLISTED).items() if v != neutral[k]}}
             points.append([*before.values[: len(PARAMETERS)], *known.values()])
-        fitted = fixed.fit(fixed.named([UNLISTED]), points=np.array(points), rounds=1)
+        fitted = fixed.fit([UNLISTED], points=np.array(points), rounds=1)
         found.append((fixed, tuple(terms[:count]), fitted))
     return found
 

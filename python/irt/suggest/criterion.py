@@ -20,7 +20,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.case import TAIL
+from irt.fitting.robust import student_t
 from irt.rollouts import SUBSTEP_S
 from irt.suggest.excitations import Excitation
 from irt.suggest.hypothesis import Expected, Hypothesis
@@ -141,7 +141,7 @@ class Criterion:
         normal = np.eye(slopes.shape[1]) + slopes @ slopes.swapaxes(1, 2)
         moves = np.asarray(np.linalg.solve(normal, slopes @ whitened[:, :, None]), dtype=np.float64)
         left: Array = whitened - (moves.swapaxes(1, 2) @ slopes)[:, 0]
-        nats = np.add(_loss(left), _loss(moves[:, :, 0]))
+        nats = student_t(left).sum(axis=1) + student_t(moves[:, :, 0]).sum(axis=1)
         return np.asarray(np.sqrt((left**2).mean(axis=1))), nats
 
     def _learnt(self, hypothesis: Hypothesis, one: Expected) -> tuple[Array, Array]:
@@ -163,8 +163,3 @@ class Criterion:
         after = np.einsum("fn,efg,gn->en", moves, covariance, moves)
         before = np.maximum((moves**2).sum(axis=0), 1e-300)
         return gain, np.sqrt(np.where(before > 1e-299, after / before, 1.0))
-
-
-def _loss(values: Array) -> Array:
-    """Return the negative log-likelihood of Student's t for each row, in nats."""
-    return np.asarray(0.5 * (TAIL + 1.0) * np.log1p(values**2 / TAIL).sum(axis=1))

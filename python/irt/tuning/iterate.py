@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 
 from irt.fitting.fit import Progress
+from irt.fitting.robust import deviation
 from irt.tuning.drive import Drive
 from irt.tuning.tunenet import TuneNet
 
@@ -20,8 +21,6 @@ STEP_DECAY = 0.85
 #: A row is a slip of the tracker if it lies this many typical distances from the median of five rows around
 #: it, and this far [board edges].
 _SPIKE, _SPIKE_EDGES = 8.0, 0.02
-#: Standard deviation of a normal variable over its median absolute deviation.
-_MAD_TO_SD = 1.4826
 #: No camera sees better than this [board edges].
 _FINEST = 1e-6
 
@@ -103,8 +102,7 @@ class Tuner:
     def noise_left(self, parameters: Array, observed: Sequence[Array], threads: int | None = None) -> float:
         """Return the robust standard deviation [board edges] of what (5,) parameters leave of a target."""
         proposed = self.drive.simulate(parameters[None], threads)
-        left = np.abs(self._left_over(_missing(proposed, observed), observed))
-        return max(_MAD_TO_SD * float(np.median(left)), _FINEST)
+        return max(deviation(self._left_over(_missing(proposed, observed), observed)), _FINEST)
 
     def _difference(self, proposed: Sequence[Array], missing: Sequence[Array]) -> Array:
         """Estimated (k, 5) differences of the scaled parameters, target minus proposal."""

@@ -16,8 +16,8 @@ OTHERS = {"bump": {"width_m": 0.04}, "eccentric_marble": {"phase_rad": 1.0}}
 
 def test_without_stamps_the_truth_lies_within_the_intervals_whatever_time_scale_came_out(plant):
     case = plant([DRAG], rows=120, runs=6)
-    fitted = case.fit(case.named(["viscous_drag"]))
-    problem = case.problem(case.named(fitted.effects))
+    fitted = case.fit(["viscous_drag"])
+    problem = case.problem(fitted.effects)
     told = Information.of(problem, fitted.values, problem.inform(fitted.values, case.noise))
     known = without_clock(case, fitted, told)
     low, high = intervals(known)
