@@ -52,7 +52,9 @@ class Found:
     ) -> None:
         self._search, self._possible, self._tied, self._spread = search, possible, tied, spread
         self._case, self._best = possible[0]
-        self._parameters = _joined([with_intervals(_information(*one)) for one in possible])
+        told = [_information(*one) for one in possible]
+        self._unidentifiable = unidentifiable(told[0])
+        self._parameters = _joined([with_intervals(one) for one in told])
         self._proofs = {
             (): _proof(search, search.case, search.base),
             self._best.effects: _proof(search, self._case, self._best),
@@ -61,12 +63,12 @@ class Found:
     def diagnosis(self, where: Sequence[Finding]) -> Diagnosis:
         """Put everything together."""
         case, base, best = self._case, self._search.base, self._best
-        told = _information(case, best)
+        explained = is_explained(case, best, base)
         before, after = self._proofs[base.effects], self._proofs[best.effects]
         effects = tuple(self._named(name) for name in self._ordered())
         if self._spread is not None:
             effects = (self._jitter(effects[0]),)
-        noise = best.noise if is_explained(case, best, base) else case.noise
+        noise = best.noise if explained else case.noise
         verdict = "missing" if effects else "sufficient"
         if UNLISTED in best.effects:
             verdict = "unlisted"
@@ -90,14 +92,14 @@ class Found:
             base=_model(self._search.case, base, with_intervals(_information(self._search.case, base))),
             model=_model(case, best, self._parameters),
             rivals=tuple(case.model(one) for alike in self._tied.values() for one in alike),
-            unidentifiable=unidentifiable(told),
+            unidentifiable=self._unidentifiable,
             suggestion=words.suggestion(effects, case.rig.path),
             candidates=self._candidates(),
             runs=tuple(
                 _run(case, index, before[index], after[index]) for index in range(len(case.rig.recordings))
             ),
             power=() if effects else tuple(power(case, base, self._search.evidence())),
-            notes=tuple(words.notes(case, best, self._spread, explained=is_explained(case, best, base))),
+            notes=tuple(words.notes(case, best, self._spread, explained=explained)),
             settings={"rig": str(case.rig.path), "recordings": len(case.rig.recordings)},
             seed=case.seed,
             seconds=0.0,
@@ -128,6 +130,7 @@ class Found:
         errors = _proof(self._search, self._search.case, without)
         alike = self._tied.get(name, [])
         other_names = [_instead(self._best, one) for one in alike]
+        pairs = zip(alike, other_names, strict=True)
         return NamedEffect(
             name=name,
             stage=effect(name).stage,
@@ -140,10 +143,7 @@ class Found:
             heldout_mae_without=self._heldout(errors),
             heldout_mae_with=self._heldout(self._proofs[self._best.effects]),
             confusable_with=tuple(other_names),
-            reason=" ".join(
-                reason(self._case, self._best, one, name, other)
-                for one, other in zip(alike, other_names, strict=True)
-            ),
+            reason=" ".join(reason(self._case, self._best, one, name, other) for one, other in pairs),
         )
 
     @staticmethod
@@ -151,8 +151,9 @@ class Found:
         """Return the mean of errors on recordings held out; no number where there is one recording alone."""
         return _mean(errors) if len(errors) > 1 else float("nan")
 
-    def _heldout_gain(self, held: HeldOut) -> float:
-        evidence = self._search.evidence()
+    def _heldout_gain(self, held: HeldOut | None, evidence: Evidence) -> float | None:
+        if held is None or not held.judged:
+            return None
         base = self._search.held_out(self._search.base)
         return float((base.losses(evidence.scale) - held.losses(evidence.scale)).sum()) / evidence.memory
 
@@ -160,20 +161,18 @@ class Found:
         search, evidence = self._search, self._search.evidence()
         named = set(self._best.effects)
         alike = {one.effects for tied in self._tied.values() for one in tied}
-        told = []
-        for one in search.fits.values():
-            held = search.known_held_out(one)
-            told.append(
-                Candidate(
-                    effects=one.effects,
-                    values=one.of_effects(),
-                    gain=evidence.gain(one, search.base),
-                    penalty=evidence.penalty(one),
-                    noise=one.noise,
-                    heldout_gain=self._heldout_gain(held) if held is not None and held.judged else None,
-                    outcome=_outcome(evidence, one, search.base, named=named, alike=alike),
-                )
+        told = [
+            Candidate(
+                effects=one.effects,
+                values=one.of_effects(),
+                gain=evidence.gain(one, search.base),
+                penalty=evidence.penalty(one),
+                noise=one.noise,
+                heldout_gain=self._heldout_gain(search.known_held_out(one), evidence),
+                outcome=_outcome(evidence, one, search.base, named=named, alike=alike),
             )
+            for one in search.fits.values()
+        ]
         return tuple(sorted(told, key=lambda one: one.penalty - one.gain))
 
 
@@ -189,7 +188,7 @@ def _outcome(
     if not evidence.is_better(one, base):
         return "no better than the base model"
     if named < set(one.effects):
-        return "adds nothing that recordings held out confirm"
+        return "adds nothing that recordings held out, and the marble between impacts, confirm"
     return "explains less"
 
 

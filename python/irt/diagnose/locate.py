@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Finding, Kind
-from irt.diagnose.latent import Leftover, Source
+from irt.diagnose.latent import Source
 from irt.diagnose.screen import ROWS, Screen
 from irt.diagnose.unlisted import Term
 
@@ -56,8 +56,8 @@ def locate(case: Case, fitted: Fitted, noise: float) -> list[Finding]:
     return _strongest(findings)
 
 
-def stages(sources: Sequence[Source]) -> list[Finding]:
-    """Return the stages that could make the leftover, each with the variable that it would depend on.
+def stages(case: Case, fitted: Fitted, sources: Sequence[Source]) -> list[Finding]:
+    """Return the stages that could make the leftover, the variable that it would depend on, and its size.
 
     A flexible push or shift at each stage is compared by restricted likelihood; the strength is the logarithm
     of that over the best one's, so that stages that explain alike look alike.
@@ -69,12 +69,21 @@ def stages(sources: Sequence[Source]) -> list[Finding]:
     return [
         Finding(
             "stage",
-            f"{_STAGES[one.stage]}: what is left would depend on {_VARIABLES[one.variable]}",
+            f"{_STAGES[one.stage]}: what is left would depend on {_VARIABLES[one.variable]}, "
+            f"{_size(case, fitted, one)}",
             one.gain / clear[0].gain,
             one.p_value,
         )
         for one in best.values()
     ]
+
+
+def _size(case: Case, fitted: Fitted, source: Source) -> str:
+    """Return how large a push or a shift of the picture is, root mean square."""
+    metres = source.push * case.edge_m(fitted)
+    if source.stage == "camera":
+        return f"a shift of {1000.0 * metres:.2g} mm"
+    return f"a push of {metres / case.row_s(fitted) ** 2:.2g} m/s²"
 
 
 def variables(terms: Sequence[Term], sources: Sequence[Source]) -> list[Finding]:
@@ -91,11 +100,6 @@ def variables(terms: Sequence[Term], sources: Sequence[Source]) -> list[Finding]
             )
         )
     return found
-
-
-def leftover_sources(case: Case, fitted: Fitted) -> list[Source]:
-    """Return on which variables the leftover of a hypothesis may depend, the likeliest first."""
-    return Leftover(case, fitted).sources(case.seed)
 
 
 _STAGES = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irt.catalogue import effect
+from irt.catalogue import effect, effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.search import Search
 
@@ -18,18 +18,39 @@ def rivals(search: Search, best: Fitted) -> dict[str, list[Fitted]]:
     """Return for each effect of a hypothesis those that have another in its place and do as well."""
     found: dict[str, list[Fitted]] = {}
     for name in best.effects:
-        rest = frozenset(best.effects) - {name}
-        others = [
-            one
-            for names, one in list(search.fits.items())
-            if len(names) == len(best.effects) and rest <= names and name not in names
-        ]
-        for other in others:
-            if search.evidence().gain(best, other) < NEAR:
-                search.keep(_refined(search.case, other))
-        tied = [search.fits[frozenset(one.effects)] for one in others]
+        for other in _namesakes(name, best):
+            # With the same numbers in the same places: what is the same by another name must not lose by how
+            # a descent went.
+            names = tuple(other if one == name else one for one in best.effects)
+            (renamed,) = search.case.judge(names, best.values[None])
+            if search.evidence().gain(best, renamed) < NEAR:
+                search.keep(renamed)
+        for one in _instead(search, best, name):
+            if search.evidence().gain(best, one) < NEAR:
+                search.keep(search.case.fit(one.effects, points=one.values[None], rounds=2))
+        tied = _instead(search, best, name)
         found[name] = [one for one in tied if search.evidence().margin(best, one) < TIE]
     return found
+
+
+def _instead(search: Search, best: Fitted, name: str) -> list[Fitted]:
+    """Return the hypotheses that have something else in the place of an effect."""
+    rest = frozenset(best.effects) - {name}
+    return [
+        one
+        for names, one in search.fits.items()
+        if len(names) == len(best.effects) and rest <= names and name not in names
+    ]
+
+
+def _namesakes(name: str, best: Fitted) -> list[str]:
+    """Return effects whose parameters have the same units, one by one."""
+    units = [parameter.unit for parameter in effect(name).parameters]
+    return [
+        info.name
+        for info in effects()
+        if info.name not in best.effects and [parameter.unit for parameter in info.parameters] == units
+    ]
 
 
 def reason(case: Case, best: Fitted, other: Fitted, name: str, instead: str) -> str:
@@ -45,7 +66,3 @@ def reason(case: Case, best: Fitted, other: Fitted, name: str, instead: str) -> 
         why = "these commands do not excite what is different about them"
     alike = f"to {size:.1f} times the tracker's scatter"
     return f"{name} and {instead} predict these recordings alike, {alike}: {why}."
-
-
-def _refined(case: Case, one: Fitted) -> Fitted:
-    return case.fit(one.effects, points=one.values[None], rounds=2)

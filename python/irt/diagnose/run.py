@@ -12,7 +12,8 @@ from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
 from irt.diagnose.jitter import differing_delays
-from irt.diagnose.locate import leftover_sources, locate, stages, variables
+from irt.diagnose.latent import Leftover
+from irt.diagnose.locate import locate, stages, variables
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Report, Search
 from irt.diagnose.unlisted import Term, confirmed
@@ -105,11 +106,11 @@ def _found(search: Search, report: Report) -> Diagnosis:
     report("where the mismatch is")
     where: tuple[Finding, ...] = ()
     if best.effects or not is_explained(case, best, search.base):
-        sources = leftover_sources(search.case, search.base)
+        sources = Leftover(search.case, search.base).sources(search.case.seed)
         where = (
             *variables(answer.terms, sources),
             *locate(search.case, search.base, search.evidence().scale),
-            *stages(sources),
+            *stages(search.case, search.base, sources),
         )
     report("rivals")
     tied = rivals(search, best) if answer.is_of_catalogue else {}

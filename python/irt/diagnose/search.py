@@ -151,10 +151,21 @@ class Search:
         ranked, best = self.ranked(size), self.fits[frozenset(best.effects)]
         if not ranked or not self.evidence().is_better(ranked[0], best):
             return best
+        best = self._thorough(best, ranked[0])
+        if not self.evidence().is_better(ranked[0], best):
+            return best
         left, before = excess(self.case, ranked[0]), excess(self.case, best)
         if best.effects and left > (1.0 - WORTH) * before:
             return best
         return ranked[0] if self.is_supported(ranked[0], best) else best
+
+    def _thorough(self, parent: Fitted, child: Fitted) -> Fitted:
+        """Fit a hypothesis once more, from where it led and from where a larger one did, and look around."""
+        values = dict(zip(child.names, child.values, strict=True))
+        within = [values.get(name, value) for name, value in zip(parent.names, parent.values, strict=True)]
+        points = np.array([parent.values, within])
+        self.keep(self.case.fit(parent.effects, points=points, rounds=2))
+        return self.fits[frozenset(parent.effects)]
 
     def without(self, one: Fitted, name: str) -> Fitted:
         """Return a hypothesis without one of its effects, fitted from where it led if need be."""
