@@ -99,7 +99,15 @@ class Found:
                 _run(case, index, before[index], after[index]) for index in range(len(case.rig.recordings))
             ),
             power=() if effects else tuple(power(case, base, self._search.evidence())),
-            notes=tuple(words.notes(case, best, self._spread, explained=explained)),
+            notes=tuple(
+                words.notes(
+                    case,
+                    best,
+                    self._spread,
+                    explained=explained,
+                    explained_between=self._search.is_explained_between(best),
+                )
+            ),
             settings={"rig": str(case.rig.path), "recordings": len(case.rig.recordings)},
             seed=case.seed,
             seconds=0.0,

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.evidence import Evidence
+from irt.diagnose.case import Case, Fitted, memory
+from irt.diagnose.evidence import FORGETFUL, NOISE_LIKE, Evidence
 from irt.residual import Segment
 from irt.rollouts import rollouts
 
@@ -24,18 +24,28 @@ Array = NDArray[np.float64]
 
 #: Rows of a stretch, at least, and distance from the rim at which the marble is free [board edges].
 SHORTEST, FREE = 10, 0.012
+#: Change of a path that is rounding [board edges].
+_NOTHING = 1e-12
+#: Share of rows that lie farther out than where the marble is taken to turn back: outliers do.
+OUTERMOST = 0.005
 #: Share of the range from which on a law of impacts is told from how an engine solves contacts: rapier's
 #: walls without restitution are fitted as 0.05 to 0.11 of it.
 LEAST_OF_IMPACTS = 0.15
 
 
 def between_impacts(case: Case, fitted: Fitted) -> Case:
-    """Return the case with those stretches alone in which the marble cannot have met the rim."""
-    reach = case.model(fitted).reach - FREE
+    """Return the case with those stretches alone in which the marble cannot have met the rim.
+
+    The rim is where a hypothesis has it, or where the marble turns back: a picture may be shifted or bent.
+    """
+    seen = np.concatenate([segment.observed for segment in case.segments])
+    reach = case.model(fitted).reach
+    low = np.maximum(-reach, np.nanquantile(seen, OUTERMOST, axis=0)) + FREE
+    high = np.minimum(reach, np.nanquantile(seen, 1.0 - OUTERMOST, axis=0)) - FREE
     pieces: list[Segment] = []
     folds: list[int] = []
     for segment, fold in zip(case.segments, case.folds, strict=True):
-        for first, stop in _runs(_is_free(segment.observed, reach)):
+        for first, stop in _runs(_is_free(segment.observed, low, high)):
             if stop - first >= SHORTEST:
                 pieces.append(segment.cut(first, stop))
                 folds.append(int(fold))
@@ -45,11 +55,12 @@ def between_impacts(case: Case, fitted: Fitted) -> Case:
 def shows(between: Case, one: Fitted, over: Fitted) -> bool:
     """Whether stretches between impacts ask for the effects that a hypothesis has more than another.
 
-    What acts in impacts alone can show nowhere else: there the size must be beyond what engines differ by.
+    What acts in impacts alone can show nowhere else. Where a rim is engines agree on; but what throws a
+    marble back must be beyond what they differ by.
     """
     added = [name for name in one.effects if name not in over.effects]
     if all(acts_on_impacts_alone(name) for name in added):
-        return all(_size(one, name) > LEAST_OF_IMPACTS for name in added)
+        return all(effect(name).stage != "contact" or _size(one, name) > LEAST_OF_IMPACTS for name in added)
     if not between.segments:
         return False
     # Each from where the other led, too: the gain must not be one of a better start.
@@ -66,9 +77,19 @@ def _refitted(case: Case, one: Fitted, begun: Sequence[Fitted]) -> Fitted:
     return min(fits, key=lambda fit: fit.loss(case.noise))
 
 
+def is_explained_between(between: Case, one: Fitted) -> bool:
+    """Whether nothing but noise is left between impacts: then no effect is missing that acts there."""
+    if not between.segments:
+        return False
+    refitted = _refitted(between, one, [one])
+    return (
+        memory(refitted.residuals, refitted.noise) < FORGETFUL and refitted.noise < NOISE_LIKE * between.noise
+    )
+
+
 @functools.cache
 def acts_on_impacts_alone(name: str) -> bool:
-    """Whether an effect changes nothing in a run that stays away from the rim."""
+    """Whether an effect changes nothing away from the rim, but where a run is seen to begin."""
     parameters = effect(name).parameters
     if not all(np.isfinite(one.neutral) for one in parameters):
         return False
@@ -76,7 +97,7 @@ def acts_on_impacts_alone(name: str) -> bool:
     base = np.array([[0.05, 0.05, 0.0005, 20.0, 1.0]])
     strong = {one.name: one.low + 0.4 * (one.high - one.low) for one in parameters}
     changed = rollouts(base, knobs, effects=[{"name": name, **strong}], seed=1)
-    return bool(np.array_equal(changed, rollouts(base, knobs, seed=1)))
+    return bool(np.ptp(changed - rollouts(base, knobs, seed=1), axis=1).max() < _NOTHING)
 
 
 def _size(one: Fitted, name: str) -> float:
@@ -88,8 +109,8 @@ def _size(one: Fitted, name: str) -> float:
     )
 
 
-def _is_free(observed: Array, reach: Array) -> NDArray[np.bool_]:
-    """Whether the marble was nowhere near the rim from the row before to the row after, (n,)."""
+def _is_free(observed: Array, low: Array, high: Array) -> NDArray[np.bool_]:
+    """Whether the marble was well inside from the row before to the row after, (n,)."""
     rows = np.arange(len(observed))
     known = np.isfinite(observed).all(axis=1)
     if not known.any():
@@ -97,8 +118,8 @@ def _is_free(observed: Array, reach: Array) -> NDArray[np.bool_]:
     path = np.stack([np.interp(rows, rows[known], observed[known, axis]) for axis in (0, 1)], axis=1)
     steps = np.abs(np.diff(path, axis=0))
     still = np.zeros((1, 2))
-    farthest = np.abs(path) + np.maximum(np.concatenate([still, steps]), np.concatenate([steps, still]))
-    return np.asarray((farthest < reach).all(axis=1))
+    step = np.maximum(np.concatenate([still, steps]), np.concatenate([steps, still]))
+    return np.asarray(((path - step > low) & (path + step < high)).all(axis=1))
 
 
 def _runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -10,6 +10,9 @@ from irt.diagnose.search import Search
 
 #: Hypotheses closer than this are as good as each other [nats]: odds of about 150 to 1 would tell them apart.
 TIE = 5.0
+#: With the same numbers in the same places two effects are one by another name if most predictions differ by
+#: less than this share of the tracker's noise: where in an update a command falls is no physics.
+SAME = 0.1
 #: Hypotheses this near are refined before they are compared [nats].
 NEAR = 60.0
 
@@ -18,18 +21,20 @@ def rivals(search: Search, best: Fitted) -> dict[str, list[Fitted]]:
     """Return for each effect of a hypothesis those that have another in its place and do as well."""
     found: dict[str, list[Fitted]] = {}
     for name in best.effects:
+        same: set[tuple[str, ...]] = set()
         for other in _namesakes(name, best):
-            # With the same numbers in the same places: what is the same by another name must not lose by how
-            # a descent went.
             names = tuple(other if one == name else one for one in best.effects)
             (renamed,) = search.case.judge(names, best.values[None])
-            if search.evidence().gain(best, renamed) < NEAR:
+            if _between(renamed, best) < SAME * search.case.noise:
                 search.keep(renamed)
+                same.add(search.fits[frozenset(names)].effects)
         for one in _instead(search, best, name):
             if search.evidence().gain(best, one) < NEAR:
                 search.keep(search.case.fit(one.effects, points=one.values[None], rounds=2))
         tied = _instead(search, best, name)
-        found[name] = [one for one in tied if search.evidence().margin(best, one) < TIE]
+        found[name] = [
+            one for one in tied if one.effects in same or search.evidence().margin(best, one) < TIE
+        ]
     return found
 
 
@@ -41,6 +46,12 @@ def _instead(search: Search, best: Fitted, name: str) -> list[Fitted]:
         for names, one in search.fits.items()
         if len(names) == len(best.effects) and rest <= names and name not in names
     ]
+
+
+def _between(one: Fitted, other: Fitted) -> float:
+    """Return by how much two hypotheses' predictions differ, the median [board edges]."""
+    pairs = zip(one.residuals, other.residuals, strict=True)
+    return float(np.nanmedian(np.abs(np.concatenate([(a - b).ravel() for a, b in pairs]))))
 
 
 def _namesakes(name: str, best: Fitted) -> list[str]:

@@ -149,7 +149,7 @@ def _searched(search: Search, report: Report) -> _Answer:
     if jittering is not None:
         return jittering
     best = search.larger(best)
-    if is_explained(case, best, search.base):
+    if is_explained(case, best, search.base) or search.is_explained_between(best):
         return _Answer(case, best)
     jittering = None if late else _jittering(search, report)
     if jittering is not None:

@@ -14,7 +14,12 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
-from irt.diagnose.impacts import between_impacts, shows
+from irt.diagnose.impacts import (
+    acts_on_impacts_alone,
+    between_impacts,
+    is_explained_between,
+    shows,
+)
 from irt.diagnose.screen import ROWS, Screen
 from irt.rig import PARAMETERS
 
@@ -86,6 +91,9 @@ class Search:
         for size in range(2, MOST_EFFECTS + 1):
             if len(best.effects) < size - 1 or is_explained(self.case, best, self.base):
                 break
+            if self.is_explained_between(best):
+                best = self._with_impacts(best)
+                break
             counts = PARTNERS if size == 2 else PARTNERS[:1]
             for parent, count in zip(self.ranked(size - 1), counts, strict=False):
                 others = [one.name for one in effects() if one.name not in parent.effects]
@@ -97,6 +105,18 @@ class Search:
             best = self._grown(best, size)
         return self._pruned(best)
 
+    def is_explained_between(self, one: Fitted) -> bool:
+        """Whether nothing is left between impacts, so that what is left is how the marble meets the rim."""
+        return is_explained_between(self.between_impacts, one)
+
+    def _with_impacts(self, best: Fitted) -> Fitted:
+        """Try a law of impacts beside a hypothesis that leaves nothing between them."""
+        names = [info.name for info in effects() if acts_on_impacts_alone(info.name)]
+        self._expand(best, [name for name in names if name not in best.effects], len(names))
+        size = len(best.effects) + 1
+        self._refine(size)
+        return self._grown(best, size)
+
     def keep(self, one: Fitted) -> None:
         """Remember a fit, if it is the best one of its effects."""
         key = frozenset(one.effects)
@@ -104,9 +124,9 @@ class Search:
         if known is None or one.loss(self.case.noise) < known.loss(self.case.noise):
             self.fits[key] = one
 
-    def _expand(self, parent: Fitted, names: Iterable[str], count: int) -> None:
+    def _expand(self, parent: Fitted, names: Sequence[str], count: int) -> None:
         """Fit a parent with one effect more: those first that would explain most of what it leaves over."""
-        seeds = self.seeds(parent, names)
+        seeds = self.seeds(parent, names) if names else {}
         ranked = sorted(seeds, key=lambda name: -seeds[name][0])[:count]
         enough: float | None = None
         for name in ranked:
@@ -223,6 +243,6 @@ class Search:
         """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
         for name in best.effects:
             without = self.without(best, name)
-            if not self.evidence().is_better(best, without):
+            if not self.evidence().is_better(best, without) or not self.is_supported(best, without):
                 return self._pruned(without)
         return best

@@ -82,12 +82,30 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     )
 
 
-def notes(case: Case, best: Fitted, spread: Parameter | None, *, explained: bool) -> Iterator[str]:
-    """Say what else the user should know; `spread` is the standard deviation of delays that differ [s]."""
-    if not explained and spread is None:
+def notes(
+    case: Case, best: Fitted, spread: Parameter | None, *, explained: bool, explained_between: bool
+) -> Iterator[str]:
+    """Say what else the user should know.
+
+    Parameters
+    ----------
+    case, best
+        The recordings, and the hypothesis chosen.
+    spread : Parameter or None
+        Standard deviation of delays that differ [s].
+    explained, explained_between : bool
+        Whether the hypothesis leaves nothing but noise: everywhere, and between impacts.
+    """
+    if not explained and explained_between:
         yield (
-            f"The predictions still miss by {best.noise / case.noise:.1f} times the tracker's scatter: part "
-            "of the mismatch was not found, or does not repeat from run to run."
+            "Between impacts nothing but noise is left; what is left begins where the marble meets the rim. "
+            "How exactly it leaves a wall is no better known than that."
+        )
+    elif not explained and spread is None:
+        yield (
+            f"The predictions miss by {max(best.noise / case.noise, 1.0):.1f} times the tracker's scatter, "
+            "and what is left does not look like noise: part of the mismatch was not found, or does not "
+            "repeat from run to run."
         )
     if spread is not None:
         yield (

@@ -15,8 +15,9 @@ def refined(case, names, values):
     return case.refine(names, np.array([*TRUTH, *values])[None])[0]
 
 
-def test_restitution_alone_acts_in_impacts_alone():
-    assert [one.name for one in effects() if acts_on_impacts_alone(one.name)] == ["wall_restitution"]
+def test_how_and_where_a_marble_is_thrown_back_shows_in_impacts_alone():
+    found = {one.name for one in effects() if acts_on_impacts_alone(one.name)}
+    assert found == {"wall_restitution", "camera_offset"}
 
 
 def test_stretches_keep_away_from_the_rim(plant):
@@ -63,6 +64,12 @@ def test_a_rebound_must_be_larger_than_what_engines_differ_by(plant):
     assert shows(between, refined(case, ["wall_restitution"], [0.6]), base)
     (small,) = case.judge(["wall_restitution"], np.array([*TRUTH, 0.05])[None])
     assert not shows(between, small, base)
+
+
+def test_a_shifted_picture_shows_by_where_the_rim_is(plant):
+    case = plant([{"name": "camera_offset", "x_edges": 0.01, "y_edges": 0.0}], runs=6, rows=120)
+    base = refined(case, [], [])
+    assert shows(between_impacts(case, base), refined(case, ["camera_offset"], [0.01, 0.0]), base)
 
 
 def test_nothing_shows_where_the_marble_never_leaves_the_rim(plant):
