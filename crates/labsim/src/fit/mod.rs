@@ -10,6 +10,7 @@ mod coordinates;
 mod descent;
 mod information;
 mod normal;
+mod polish;
 mod problem;
 mod refine;
 mod robust;
@@ -27,8 +28,9 @@ pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
 
 use self::coordinates::Coordinates;
-use self::descent::{Pace, minimise};
-use self::search::{Candidate, Search};
+
+use self::descent::{End, Pace, minimise};
+use self::search::Search;
 use self::shooting::{Point, Shooting};
 use self::slopes::Look;
 use self::windows::Windows;
@@ -141,7 +143,7 @@ impl Problem<'_> {
         let scale = robust::scale(&best.residual, &search.whole.known);
         let noise = scale * (count / (count - unknowns).max(1.0)).sqrt();
         let information = information::inform(&shooting, &best.point, noise)?;
-        let estimate = |one: &Candidate| Estimate {
+        let estimate = |one: &End| Estimate {
             values: coordinates.to_values(&one.point.z),
             states: self.of_stretches(&search.whole, |i| one.point.states[i]),
             path: one.path.iter().map(|z| coordinates.to_values(z)).collect(),

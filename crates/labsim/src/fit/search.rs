@@ -11,7 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::coordinates::{Coordinates, TIME};
-use super::descent::{End, Pace, loss, minimise, search_nearby};
+use super::descent::{End, Pace, loss, minimise};
+use super::polish::{FAMILY_ITERATIONS, SETTLE_ITERATIONS};
 use super::problem::Problem;
 use super::robust;
 use super::shooting::{Point, Shooting};
@@ -23,32 +24,16 @@ use crate::error::{Error, Result};
 /// Rows of the windows, stage after stage, and iterations spent on each; whole stretches come last.
 const HORIZONS: [(usize, usize); 2] = [(24, 7), (60, 6)];
 const WHOLE_ITERATIONS: usize = 12;
-const FAMILY_ITERATIONS: usize = 6;
-const SETTLE_ITERATIONS: usize = 5;
 /// Start states tried with each step.
 const VARIANTS: usize = 4;
 /// So many rounds even where noise alone seems to be left.
 const FEWEST_ROUNDS: usize = 2;
-/// Batches drawn of the best one's surroundings in each round.
-const NEARBY_ROUNDS: usize = 3;
 /// Physics updates on the way to whole stretches are this many times longer than the engine's.
 pub(super) const COARSENESS: f64 = 5.0;
-/// A whole number of physics updates is taken where the log-likelihood does not fall by more.
-const TIE: f64 = 0.5;
 /// Residuals this many times the tracker's noise may be noise, which is estimated too.
 const NOISE_LIKE: f64 = 1.06;
 /// The search ends where noise is left and a round changes the log-likelihood by less.
 const LITTLE: f64 = 3.0;
-
-/// Where a start point has led.
-#[derive(Debug, Clone)]
-pub(super) struct Candidate {
-    pub(super) point: Point,
-    /// Over the whole stretches (board edges).
-    pub(super) residual: Vec<f64>,
-    /// Coordinates on the way, the start point first.
-    pub(super) path: Vec<Vec<f64>>,
-}
 
 /// The recordings of one fit, and what the search has cost so far.
 pub(super) struct Search<'a> {
@@ -102,7 +87,7 @@ impl<'a> Search<'a> {
         &self,
         points: &[Vec<f64>],
         settings: &Settings,
-    ) -> Result<(Coordinates, Vec<Candidate>)> {
+    ) -> Result<(Coordinates, Vec<End>)> {
         let (coordinates, starts) = match points.first() {
             Some(first) => {
                 let (coordinates, _) = self.problem.around(first, self.cancel)?;
@@ -143,18 +128,18 @@ impl<'a> Search<'a> {
     }
 
     /// Whether what a candidate leaves over is no more than the tracker's noise.
-    fn is_explained(&self, candidate: &Candidate) -> bool {
+    fn is_explained(&self, candidate: &End) -> bool {
         robust::scale(&candidate.residual, &self.whole.known) < NOISE_LIKE * self.noise
     }
 
     /// By how much the log-likelihood of one candidate exceeds that of another.
-    fn gain(&self, one: &Candidate, other: &Candidate) -> f64 {
+    fn gain(&self, one: &End, other: &End) -> f64 {
         let losses = self.losses(&[&one.residual, &other.residual]);
         losses[1] - losses[0]
     }
 
     /// Refines start points in longer and longer windows, and the better half in whole stretches.
-    fn descend(&self, coordinates: &Coordinates, starts: Vec<Vec<f64>>) -> Result<Vec<Candidate>> {
+    fn descend(&self, coordinates: &Coordinates, starts: Vec<Vec<f64>>) -> Result<Vec<End>> {
         let mut shorter: Option<Windows> = None;
         let count = starts.len();
         let mut ends: Vec<End> = starts
@@ -199,8 +184,7 @@ impl<'a> Search<'a> {
         for (end, residual) in ends.iter_mut().zip(residuals) {
             end.residual = residual;
         }
-        let mut candidates =
-            self.ranked(coordinates, ends.into_iter().map(Candidate::from).collect());
+        let mut candidates = self.ranked(coordinates, ends);
         candidates.truncate(count);
         let rest = candidates.split_off(count.div_ceil(2));
         let mut candidates = self.refined(coordinates, candidates, WHOLE_ITERATIONS)?;
@@ -209,120 +193,19 @@ impl<'a> Search<'a> {
     }
 
     /// Refines candidates over whole stretches.
-    fn refined(
+    pub(super) fn refined(
         &self,
         coordinates: &Coordinates,
-        candidates: Vec<Candidate>,
+        candidates: Vec<End>,
         iterations: usize,
-    ) -> Result<Vec<Candidate>> {
+    ) -> Result<Vec<End>> {
         let pace = Pace {
             iterations,
             look: Look::Both,
             variants: VARIANTS,
             held: false,
         };
-        let ends = candidates.into_iter().map(End::from).collect();
-        let ends = self.minimised(coordinates, &self.whole, ends, pace, 1.0)?;
-        Ok(ends.into_iter().map(Candidate::from).collect())
-    }
-
-    /// Refines members of a candidate's family: the same motion in other numbers of physics updates.
-    ///
-    /// Without walls the members differ by the length of an update alone; with them a little more. Those
-    /// within the ranges come first.
-    fn family(
-        &self,
-        coordinates: &Coordinates,
-        candidate: &Candidate,
-        count: usize,
-    ) -> Result<Vec<Candidate>> {
-        let (bottom, top) = coordinates.time_scales().unwrap_or((1.0, 0.0));
-        let (bottom, top) = (bottom.ceil() as usize, top.floor() as usize);
-        let members = (bottom..=top).filter_map(|updates| {
-            let z = coordinates.along_time(&candidate.point.z, updates as f64)?;
-            is_within(coordinates, &z).then_some(z)
-        });
-        let mut members: Vec<Vec<f64>> = members.collect();
-        let inside = |z: &Vec<f64>| coordinates.excess(z).iter().all(|excess| *excess == 0.0);
-        if members.iter().any(inside) {
-            members.retain(inside);
-        }
-        let points: Vec<Point> = members
-            .into_iter()
-            .map(|z| Point {
-                z,
-                states: candidate.point.states.clone(),
-            })
-            .collect();
-        let shooting = self.shooting(coordinates, &self.whole, 1.0);
-        let residuals = self.counted(&shooting, |shooting| shooting.residuals(&points))?;
-        let member = |(point, residual): (Point, Vec<f64>)| {
-            let mut path = candidate.path.clone();
-            path.push(point.z.clone());
-            Candidate {
-                point,
-                residual,
-                path,
-            }
-        };
-        let members = points.into_iter().zip(residuals).map(member).collect();
-        let mut members = self.ranked(coordinates, members);
-        members.truncate(count);
-        self.refined(coordinates, members, FAMILY_ITERATIONS)
-    }
-
-    /// Looks around a candidate for a better one, and refines that.
-    fn settled(
-        &self,
-        coordinates: &Coordinates,
-        mut candidate: Candidate,
-        random: &mut ChaCha8Rng,
-    ) -> Result<Candidate> {
-        let shooting = self.shooting(coordinates, &self.whole, 1.0);
-        candidate.point = self.counted(&shooting, |shooting| {
-            search_nearby(
-                shooting,
-                candidate.point.clone(),
-                self.noise,
-                NEARBY_ROUNDS,
-                random,
-            )
-        })?;
-        candidate.path.push(candidate.point.z.clone());
-        Ok(self
-            .refined(coordinates, vec![candidate], SETTLE_ITERATIONS)?
-            .remove(0))
-    }
-
-    /// Moves to a whole number of physics updates, if the recordings have nothing against it: there a
-    /// model does the same whether it rounds the time scale, as in the paper, or not.
-    fn rounded(&self, coordinates: &Coordinates, candidate: Candidate) -> Result<Candidate> {
-        let time_scale = coordinates.to_values(&candidate.point.z)[TIME]
-            .round()
-            .max(1.0);
-        let Some(z) = coordinates.along_time(&candidate.point.z, time_scale) else {
-            return Ok(candidate);
-        };
-        let point = Point {
-            z: z.clone(),
-            states: candidate.point.states.clone(),
-        };
-        let shooting = self.shooting(coordinates, &self.whole, 1.0);
-        let points = std::slice::from_ref(&point);
-        let residual = self
-            .counted(&shooting, |shooting| shooting.residuals(points))?
-            .remove(0);
-        let losses = self.losses(&[&candidate.residual, &residual]);
-        if losses[1] > losses[0] + TIE || !is_within(coordinates, &z) {
-            return Ok(candidate);
-        }
-        let mut path = candidate.path;
-        path.push(z);
-        Ok(Candidate {
-            point,
-            residual,
-            path,
-        })
+        self.minimised(coordinates, &self.whole, candidates, pace, 1.0)
     }
 
     /// Whether the first symmetry holds until a wall is met: neither stamps nor damping forbid it.
@@ -330,14 +213,14 @@ impl<'a> Search<'a> {
         coordinates.find(TIME).is_some() && self.problem.rig.marble.damping_per_s == 0.0
     }
 
-    fn ranked(&self, coordinates: &Coordinates, candidates: Vec<Candidate>) -> Vec<Candidate> {
+    pub(super) fn ranked(&self, coordinates: &Coordinates, candidates: Vec<End>) -> Vec<End> {
         let residuals: Vec<&[f64]> = candidates
             .iter()
             .map(|one| one.residual.as_slice())
             .collect();
         let scale = self.best_scale(&residuals);
         let shooting = self.shooting(coordinates, &self.whole, 1.0);
-        let mut ranked: Vec<(f64, Candidate)> = candidates
+        let mut ranked: Vec<(f64, End)> = candidates
             .into_iter()
             .map(|one| (loss(&shooting, &one.point.z, &one.residual, scale), one))
             .collect();
@@ -346,7 +229,7 @@ impl<'a> Search<'a> {
     }
 
     /// The losses of residuals, at the scale of those that fit best.
-    fn losses(&self, residuals: &[&[f64]]) -> Vec<f64> {
+    pub(super) fn losses(&self, residuals: &[&[f64]]) -> Vec<f64> {
         let scale = self.best_scale(residuals);
         residuals
             .iter()
@@ -417,44 +300,4 @@ impl<'a> Search<'a> {
         }
         Ok(minimised)
     }
-}
-
-impl From<End> for Candidate {
-    fn from(
-        End {
-            point,
-            residual,
-            path,
-        }: End,
-    ) -> Self {
-        Self {
-            point,
-            residual,
-            path,
-        }
-    }
-}
-
-impl From<Candidate> for End {
-    fn from(
-        Candidate {
-            point,
-            residual,
-            path,
-        }: Candidate,
-    ) -> Self {
-        Self {
-            point,
-            residual,
-            path,
-        }
-    }
-}
-
-fn is_within(coordinates: &Coordinates, z: &[f64]) -> bool {
-    let clipped = coordinates.clip(z);
-    clipped
-        .iter()
-        .zip(z)
-        .all(|(clipped, z)| (clipped - z).abs() < 1e-9)
 }
