@@ -28,6 +28,10 @@ from irt.rollouts import SUBSTEP_S
 Array = NDArray[np.float64]
 
 
+#: Scatter, in units of the tracker's, above which a model that lacks nothing known is not called sufficient.
+LOST = 2.5
+
+
 class Found:
     """What a search found, to be put into words and numbers.
 
@@ -64,13 +68,15 @@ class Found:
         """Put everything together."""
         case, base, best = self._case, self._search.base, self._best
         explained = is_explained(case, best, base)
+        between = self._search.is_explained_between(best)
         before, after = self._proofs[base.effects], self._proofs[best.effects]
         effects = tuple(self._named(name) for name in self._ordered())
         if self._spread is not None:
             effects = (self._jitter(effects[0]),)
         noise = best.noise if explained else case.noise
         verdict = "missing" if effects else "sufficient"
-        if UNLISTED in best.effects:
+        lost = not effects and not explained and not between and best.noise > LOST * case.noise
+        if UNLISTED in best.effects or lost:
             verdict = "unlisted"
         base_heldout, final_heldout = self._heldout(before), self._heldout(after)
         return Diagnosis(
@@ -81,6 +87,7 @@ class Found:
                 before=_mean(before),
                 after=_mean(after),
                 heldout=len(case.rig.recordings) > 1,
+                explained=explained or between,
             ),
             where=tuple(where),
             effects=effects,
@@ -105,7 +112,7 @@ class Found:
                     best,
                     self._spread,
                     explained=explained,
-                    explained_between=self._search.is_explained_between(best),
+                    explained_between=between,
                 )
             ),
             settings={"rig": str(case.rig.path), "recordings": len(case.rig.recordings)},

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 SHORTEST, FREE = 10, 0.012
 #: Change of a path that is rounding [board edges].
 _NOTHING = 1e-12
+#: How far from its place a shifted or bent picture may show the rim [board edges].
+SHIFTED = 0.1
 #: Share of rows that lie farther out than where the marble is taken to turn back: outliers do.
 OUTERMOST = 0.005
 #: Share of the range from which on a law of impacts is told from how an engine solves contacts: rapier's
@@ -36,12 +38,14 @@ LEAST_OF_IMPACTS = 0.15
 def between_impacts(case: Case, fitted: Fitted) -> Case:
     """Return the case with those stretches alone in which the marble cannot have met the rim.
 
-    The rim is where a hypothesis has it, or where the marble turns back: a picture may be shifted or bent.
+    The rim is where a hypothesis has it, or near there where the marble turns back: a picture may be shifted
+    or bent.
     """
     seen = np.concatenate([segment.observed for segment in case.segments])
     reach = case.model(fitted).reach
-    low = np.maximum(-reach, np.nanquantile(seen, OUTERMOST, axis=0)) + FREE
-    high = np.minimum(reach, np.nanquantile(seen, 1.0 - OUTERMOST, axis=0)) - FREE
+    lowest, highest = np.nanquantile(seen, [OUTERMOST, 1.0 - OUTERMOST], axis=0)
+    low = np.where(lowest < SHIFTED - reach, np.maximum(-reach, lowest), -reach) + FREE
+    high = np.where(highest > reach - SHIFTED, np.minimum(reach, highest), reach) - FREE
     pieces: list[Segment] = []
     folds: list[int] = []
     for segment, fold in zip(case.segments, case.folds, strict=True):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
 #: Draws taken from each horizon as start points of a fit.
 SEEDS = 1
-#: Effects fitted alone, and as partners of the best of those and of the second.
+#: Effects fitted alone before all are, and as partners of the best of those and of the second.
 SINGLES, PARTNERS = 10, (6, 4)
 #: Effects tried in the place of each one of the best hypothesis.
 SWAPS = 4
@@ -82,14 +82,22 @@ class Search:
         """Try one effect at a time, and return the best hypothesis."""
         self.report("the five parameters")
         self.keep(self.case.fit(starts=8))
-        self._expand(self.base, [one.name for one in effects()], SINGLES)
-        self._refine(1)
-        return self._grown(self.base, 1)
+        seeds = self.seeds(self.base, [one.name for one in effects()])
+        ranked = sorted(seeds, key=lambda name: -seeds[name][0])
+        best = self.base
+        for names in (ranked[:SINGLES], ranked[SINGLES:]):
+            self._fit(self.base, {name: seeds[name] for name in names})
+            self._refine(1)
+            best = self._grown(self.base, 1)
+            if is_explained(self.case, best, self.base) or self.is_explained_between(best):
+                break
+        return best
 
     def larger(self, best: Fitted) -> Fitted:
         """Try more effects together, and return the best hypothesis."""
         for size in range(2, MOST_EFFECTS + 1):
-            if len(best.effects) < size - 1 or is_explained(self.case, best, self.base):
+            # Two effects may show together where neither does alone; a third one needs two.
+            if size > max(2, len(best.effects) + 1) or is_explained(self.case, best, self.base):
                 break
             if self.is_explained_between(best):
                 best = self._with_impacts(best)
@@ -125,11 +133,15 @@ class Search:
             self.fits[key] = one
 
     def _expand(self, parent: Fitted, names: Sequence[str], count: int) -> None:
-        """Fit a parent with one effect more: those first that would explain most of what it leaves over."""
+        """Fit a parent with one effect more: of those that would explain most of what it leaves over."""
         seeds = self.seeds(parent, names) if names else {}
         ranked = sorted(seeds, key=lambda name: -seeds[name][0])[:count]
+        self._fit(parent, {name: seeds[name] for name in ranked})
+
+    def _fit(self, parent: Fitted, seeds: Mapping[str, tuple[float, Array]]) -> None:
+        """Fit a parent with one effect more, each in turn; once one explains all, only its rivals."""
         enough: float | None = None
-        for name in ranked:
+        for name in seeds:
             self.report(" + ".join([*parent.effects, name]))
             if enough is not None and seeds[name][0] < enough:
                 break

@@ -36,6 +36,8 @@ POWERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 WORTH = 25.0
 #: Effects are believed if they leave no more than this share of the base model's mismatch.
 TRUSTED = 0.1
+#: Effects that are believed give way only to what leaves so much of what they do.
+HALF = 0.5
 #: Speed at which the strength of a power law is given [m/s].
 _AT = 0.1
 
@@ -147,7 +149,9 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
     if excess(search.case, best) > TRUSTED * excess(search.case, search.base):
         return True
     evidence = search.evidence()
-    if evidence.margin(learned, best) <= 0.0:
+    if evidence.margin(learned, best) <= 0.0 or excess(search.case, learned) > HALF * excess(
+        search.case, best
+    ):
         return False
     return is_supported(search.held_out(learned), search.held_out(best), evidence.scale)
 

@@ -19,7 +19,13 @@ _FEW, _STILL = 3, 30
 
 
 def summary(
-    effects: Sequence[NamedEffect], *, noise: float, before: float, after: float, heldout: bool
+    effects: Sequence[NamedEffect],
+    *,
+    noise: float,
+    before: float,
+    after: float,
+    heldout: bool,
+    explained: bool = True,
 ) -> str:
     """Return the answer in one or two sentences.
 
@@ -33,16 +39,23 @@ def summary(
         Mean absolute error of the base model and of the final one [board edges].
     heldout : bool
         Whether these are errors on recordings that the models were not fitted to.
+    explained : bool
+        Whether noise is all that is left.
     """
     floor = _percent(_MEAN_ABSOLUTE * noise)
     if not effects:
-        explained = (
+        told = (
             f"recordings: held out, each is predicted to {_percent(before)}"
             if heldout
             else f"recording: it is fitted to {_percent(before)}"
         )
+        if not explained:
+            return (
+                f"Nothing that is known explains what the five parameters leave of the {told} of the board's "
+                f"edge, and the tracker's noise alone makes {floor}."
+            )
         return (
-            f"The five parameters explain the {explained} of the board's edge, and the tracker's noise alone "
+            f"The five parameters explain the {told} of the board's edge, and the tracker's noise alone "
             f"makes {floor}. No physics is missing that these recordings could show."
         )
     one = len(effects) == 1

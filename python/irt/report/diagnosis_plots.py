@@ -73,7 +73,7 @@ class Side:
 
 def sides(diagnosis: Diagnosis) -> tuple[Side, ...]:
     """Return what there is to compare: a model to which nothing was added has no after."""
-    if diagnosis.verdict == "sufficient":
+    if not diagnosis.effects:
         return (Side("simulated", style.TUNED, "base"),)
     return Side("before", style.UNTUNED, "base"), Side("after", style.TUNED, "final")
 

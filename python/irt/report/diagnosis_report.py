@@ -114,7 +114,7 @@ def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
         mean, proof = "mean error on the runs given, of the board's edge", "none could be held out"
     floor = mean_absolute(diagnosis.noise)
     noise = (percent(floor), f"the tracker's noise: no model can do better ({millimetres(floor, edge)})")
-    if diagnosis.verdict == "sufficient":
+    if not diagnosis.effects:
         return [(percent(before), f"{mean} ({millimetres(before, edge)})"), noise]
     return [
         (percent(before), f"before: {mean} ({millimetres(before, edge)}), the best fit of five parameters"),

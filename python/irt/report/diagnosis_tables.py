@@ -140,7 +140,7 @@ def _add_rivals(page: Page, one: NamedEffect, known: Mapping[str, EffectInfo]) -
 def add_runs(page: Page, diagnosis: Diagnosis) -> None:
     """Add the errors on each run, held out where there are several."""
     floor = mean_absolute(diagnosis.noise)
-    compared = diagnosis.verdict != "sufficient"
+    compared = bool(diagnosis.effects)
     header = ["recording", "length", *(["before", "after", "error"] if compared else ["simulated"])]
     rows = []
     every = [
@@ -208,7 +208,7 @@ def add_parameters(page: Page, diagnosis: Diagnosis) -> None:
     """Add the five parameters of both models, and what the recordings do not say about them."""
     page.heading("The parameters")
     base, final = diagnosis.base.parameters, diagnosis.model.parameters
-    compared = diagnosis.verdict != "sufficient"
+    compared = bool(diagnosis.effects)
     page.table(
         "Value and 95 % interval, given that the model's physics is right",
         ["parameter", *(["before", "after"] if compared else ["value"])],

@@ -31,6 +31,12 @@ def test_one_recording_is_fitted_and_not_predicted():
     assert "held out" not in summary([], noise=0.001, before=0.001, after=0.001, heldout=False)
 
 
+def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
+    told = summary([], noise=0.001, before=0.04, after=0.04, heldout=True, explained=False)
+    assert "No physics is missing" not in told
+    assert "Nothing that is known explains" in told
+
+
 def test_what_was_learned_is_told_by_what_it_depends_on():
     values = {one.name: one.neutral for one in catalogue.effect(UNLISTED).parameters}
     values |= {"push_1_x_m_per_s2": 0.1, "wave_1_x_per_m": 90.0, "drag_strength": 0.2}
