@@ -21,6 +21,7 @@ LAYERS = (
     "tuning",
     "fitting",
     "residual",
+    "segments",
     "start_state",
     "rollouts",
     "model",

@@ -10,9 +10,10 @@ import pytest
 from irt.errors import IrtError
 from irt.model import Effect, Model
 from irt.recording import Recording
-from irt.residual import evaluate, free_run_error, predict, segments, windowed_error
+from irt.residual import evaluate, free_run_error, predict, windowed_error
 from irt.rig import RANGES, Board, Marble, Rig, load_rig
 from irt.rollouts import rollouts
+from irt.segments import segments
 
 VALUES = (0.07, 0.06, 0.0005, 24.0, 1.0)
 OTHER = (0.05, 0.07, 0.0003, 24.0, 1.0)

@@ -73,7 +73,7 @@ def _hypotheses(
     from irt.diagnose import diagnose
     from irt.fitting.problem import tracker_noise
     from irt.model import load_model
-    from irt.residual import segments
+    from irt.segments import segments
 
     if args.models is not None:
         return [], [load_model(path) for path in args.models], tracker_noise(segments(rig))

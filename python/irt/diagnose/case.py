@@ -14,9 +14,9 @@ from irt.fitting.least_squares import stamped_time_scale
 from irt.fitting.problem import Problem, Refined, Solution, tracker_noise
 from irt.fitting.robust import deviation, student_t
 from irt.model import Effect, Model
-from irt.residual import Segment, segments
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S
+from irt.segments import Segment, segments
 
 Array = NDArray[np.float64]
 

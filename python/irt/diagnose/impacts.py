@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted, memory
 from irt.diagnose.evidence import FORGETFUL, NOISE_LIKE, Evidence
-from irt.residual import Segment
 from irt.rollouts import rollouts
+from irt.segments import Segment
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from irt.catalogue import EffectParameter, effect
 from irt.diagnose.case import Case, Fitted
 from irt.fitting.robust import deviation
-from irt.residual import Segment, inputs_of
 from irt.rig import PARAMETERS, RANGES
 from irt.rollouts import SUBSTEP_S, rollouts
+from irt.segments import Segment, inputs_of
 from irt.start_state import Inputs, estimate_start_states, simulate
 
 Array = NDArray[np.float64]

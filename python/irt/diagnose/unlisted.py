@@ -146,12 +146,10 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
     """
     if not best.effects:
         return True
-    if excess(search.case, best) > TRUSTED * excess(search.case, search.base):
+    evidence, left = search.evidence(), excess(search.case, best)
+    if left > TRUSTED * excess(search.case, search.base):
         return True
-    evidence = search.evidence()
-    if evidence.margin(learned, best) <= 0.0 or excess(search.case, learned) > HALF * excess(
-        search.case, best
-    ):
+    if evidence.margin(learned, best) <= 0.0 or excess(search.case, learned) > HALF * left:
         return False
     return is_supported(search.held_out(learned), search.held_out(best), evidence.scale)
 

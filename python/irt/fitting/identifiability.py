@@ -18,9 +18,9 @@ from irt.fitting.information import Information
 from irt.fitting.problem import Problem
 from irt.fitting.sentences import SMALL
 from irt.model import Model, Parameter
-from irt.residual import Segment
 from irt.rig import PARAMETERS
 from irt.rollouts import Engine
+from irt.segments import Segment
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem
 from irt.model import Effect, Model
-from irt.residual import segments
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S, Engine
+from irt.segments import segments
 
 Array = NDArray[np.float64]
 

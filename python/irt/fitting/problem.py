@@ -17,8 +17,8 @@ from irt.rollouts import Engine
 
 if TYPE_CHECKING:
     from irt.model import Effect, Model
-    from irt.residual import Segment
     from irt.rig import Rig
+    from irt.segments import Segment
 
 Array = NDArray[np.float64]
 

@@ -24,8 +24,9 @@ from irt.report.plots import (
     plot_paths,
 )
 from irt.report.words import UNITS, percent, versions, with_interval
-from irt.residual import Evaluation, RunEvaluation, evaluate, segments
+from irt.residual import Evaluation, RunEvaluation, evaluate
 from irt.rig import PARAMETERS, Rig
+from irt.segments import segments
 
 _METHODS = {"irt": "IRT", "least-squares": "least squares"}
 _COLOURS = (style.TUNED, style.SECOND, style.THIRD)

@@ -15,9 +15,9 @@ from irt.fitting.fit import Progress
 from irt.fitting.least_squares import stamped_time_scale
 from irt.model import Model
 from irt.recording import save_recording
-from irt.residual import segments
 from irt.rig import Rig
 from irt.rollouts import SUBSTEP_S
+from irt.segments import segments
 from irt.suggest.criterion import Criterion
 from irt.suggest.excitations import Excitation, Limits, as_recorded
 from irt.suggest.hypothesis import Hypothesis

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from irt.catalogue import effect
 from irt.fitting.problem import Problem
 from irt.recording import Recording
-from irt.residual import segments
 from irt.rig import PARAMETERS, Rig
+from irt.segments import segments
 from irt.suggest.criterion import Criterion
 from irt.suggest.excitations import Excitation
 from irt.suggest.hypothesis import Hypothesis

@@ -12,9 +12,9 @@ from irt.catalogue import effect
 from irt.errors import IrtError
 from irt.fitting.problem import Problem
 from irt.model import Model
-from irt.residual import Segment
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import rollouts
+from irt.segments import Segment
 from irt.suggest.excitations import Excitation
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ from pathlib import Path
 from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
-from irt.residual import Segment, segments
 from irt.rig import Rig
 from irt.rollouts import Engine
+from irt.segments import Segment, segments
 from irt.tuning.drive import Drive, is_paper_drive
 from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain
 from irt.tuning.tunenet import NetworkFile, load_network

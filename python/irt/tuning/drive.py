@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.fitting.least_squares import stamped_time_scale
-from irt.residual import Segment
 from irt.rig import PARAMETERS, RANGES, Board, Marble, Rig, Start
 from irt.rollouts import Engine, paper_drive, rollouts
+from irt.segments import Segment
 
 Array = NDArray[np.float64]
 

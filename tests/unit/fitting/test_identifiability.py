@@ -11,8 +11,8 @@ from irt.fitting.identifiability import estimates, intervals
 from irt.fitting.information import Information
 from irt.fitting.sentences import SYMMETRIES, unidentifiable
 from irt.model import Model
-from irt.residual import segments
 from irt.rig import PARAMETERS, RANGES
+from irt.segments import segments
 
 VALUES = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
 ENDS = np.array([RANGES[name] for name in PARAMETERS])

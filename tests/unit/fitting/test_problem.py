@@ -8,8 +8,8 @@ import pytest
 from irt.errors import IrtError
 from irt.fitting.problem import Problem, tracker_noise
 from irt.model import Effect
-from irt.residual import segments
 from irt.rig import PARAMETERS
+from irt.segments import segments
 
 
 @pytest.mark.parametrize("sd", [1e-4, 1e-3, 1e-2])
