@@ -183,7 +183,7 @@ class Search:
         ranked, best = self.ranked(size), self.fits[frozenset(best.effects)]
         if not ranked or not self.evidence().is_better(ranked[0], best):
             return best
-        best = self._thorough(best, ranked[0])
+        best = self.thorough(best, ranked[0])
         if not self.evidence().is_better(ranked[0], best):
             return best
         left, before = excess(self.case, ranked[0]), excess(self.case, best)
@@ -191,7 +191,7 @@ class Search:
             return best
         return ranked[0] if self.is_supported(ranked[0], best) else best
 
-    def _thorough(self, parent: Fitted, child: Fitted) -> Fitted:
+    def thorough(self, parent: Fitted, child: Fitted) -> Fitted:
         """Fit a hypothesis once more, from where it led and from where a larger one did, and look around."""
         values = dict(zip(child.names, child.values, strict=True))
         within = [values.get(name, value) for name, value in zip(parent.names, parent.values, strict=True)]

@@ -1,0 +1,40 @@
+"""What a search tries, and what it takes for one thing by two names."""
+
+import numpy as np
+import pytest
+
+from irt.diagnose import search
+from irt.diagnose.rivals import rivals
+from irt.diagnose.search import Search
+
+
+@pytest.fixture
+def begun(plant):
+    """Return what begins a search of a case with these effects."""
+
+    def begin(*effects, **case):
+        found = Search(plant(effects, **case), lambda text: None)
+        found.keep(found.case.fit(starts=8))
+        return found
+
+    return begin
+
+
+def test_an_effect_that_the_screen_did_not_see_is_tried_in_the_end(begun, monkeypatch):
+    monkeypatch.setattr(search, "SINGLES", 0)
+    found = begun({"name": "viscous_drag", "rate_per_s": 0.5})
+    assert found.singles().effects == ("viscous_drag",)
+
+
+def test_a_late_command_and_a_late_picture_are_one_thing_by_two_names(begun):
+    found = begun({"name": "latency", "latency_s": 0.15})
+    best = found.with_effect("latency")
+    assert "delay" in {one.effects[0] for one in rivals(found, best)["latency"]}
+
+
+def test_a_hypothesis_is_begun_where_a_larger_one_led(begun):
+    found = begun({"name": "lag", "time_constant_s": 0.2})
+    lost = found.case.refine(["lag"], np.append(found.base.values, 1.5)[None], iterations=1)[0]
+    found.keep(lost)
+    right = found.case.fit(["lag", "viscous_drag"])
+    assert found.thorough(lost, right).loss(found.case.noise) < lost.loss(found.case.noise) - 10.0
