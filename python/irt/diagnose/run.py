@@ -144,7 +144,8 @@ def _searched(search: Search, report: Report) -> _Answer:
     case, best = search.case, search.singles()
     if is_explained(case, best, search.base):
         return _Answer(case, best)
-    late = bool(best.effects) and best.effects[0] in LATE
+    likeliest = search.ranked(1)[0]
+    late = likeliest.effects[0] in LATE and search.evidence().is_better(likeliest, search.base)
     jittering = _jittering(search, report) if late else None
     if jittering is not None:
         return jittering
