@@ -64,7 +64,7 @@ def shows(between: Case, one: Fitted, over: Fitted) -> bool:
     """
     added = [name for name in one.effects if name not in over.effects]
     if all(acts_on_impacts_alone(name) for name in added):
-        return all(effect(name).stage != "contact" or _size(one, name) > LEAST_OF_IMPACTS for name in added)
+        return all(not is_law_of_impacts(name) or _size(one, name) > LEAST_OF_IMPACTS for name in added)
     if not between.segments:
         return False
     # Each from where the other led, too: the gain must not be one of a better start.
@@ -102,6 +102,11 @@ def acts_on_impacts_alone(name: str) -> bool:
     strong = {one.name: one.low + 0.4 * (one.high - one.low) for one in parameters}
     changed = rollouts(base, knobs, effects=[{"name": name, **strong}], seed=1)
     return bool(np.ptp(changed - rollouts(base, knobs, seed=1), axis=1).max() < _NOTHING)
+
+
+def is_law_of_impacts(name: str) -> bool:
+    """Whether an effect says how a marble leaves the rim, and not where that is."""
+    return acts_on_impacts_alone(name) and effect(name).stage == "contact"
 
 
 def _size(one: Fitted, name: str) -> float:

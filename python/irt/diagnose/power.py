@@ -12,6 +12,12 @@ from irt.catalogue import EffectParameter, effect, effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Power
 from irt.diagnose.evidence import LEAST_SHARE, Evidence
+from irt.diagnose.impacts import (
+    LEAST_OF_IMPACTS,
+    acts_on_impacts_alone,
+    between_impacts,
+    is_law_of_impacts,
+)
 from irt.diagnose.screen import Screen, size_of
 
 Array = NDArray[np.float64]
@@ -26,13 +32,22 @@ def power(case: Case, base: Fitted, evidence: Evidence) -> list[Power]:
     """Return the smallest size of each effect of the catalogue that these recordings would have shown.
 
     To first order: what an effect of this size changes, beyond what the base model could do as well, against
-    the threshold of naming it.
+    the threshold of naming it. As for naming, what counts is between impacts, but for effects that act in
+    impacts alone.
     """
-    screen = Screen(case, base, max(len(one.knobs) for one in case.segments))
-    return [told for info in effects() for told in _of(case, screen, info.name, evidence)]
+    between = between_impacts(case, base)
+    lengths = [len(one.knobs) for one in between.segments]
+    whole = Screen(case, base, max(len(one.knobs) for one in case.segments))
+    # Half of the stretches are longer, and cut.
+    apart = Screen(between, base, int(np.median(lengths))) if lengths else None
+    return [
+        told
+        for info in effects()
+        for told in _of(case, whole if acts_on_impacts_alone(info.name) else apart, info.name, evidence)
+    ]
 
 
-def _of(case: Case, screen: Screen, name: str, evidence: Evidence) -> Iterator[Power]:
+def _of(case: Case, screen: Screen | None, name: str, evidence: Evidence) -> Iterator[Power]:
     parameters = effect(name).parameters
     size = size_of(name)
     for index in range(len(parameters)) if size is None else (size,):
@@ -40,10 +55,14 @@ def _of(case: Case, screen: Screen, name: str, evidence: Evidence) -> Iterator[P
         if not math.isfinite(one.neutral):
             continue
         values, ladder = _ladder(parameters, index, alone=size is None, seed=case.seed)
-        gains = screen.gains(name, values).reshape(SIZES, OTHERS)
+        gains = np.zeros((SIZES, OTHERS))
+        if screen is not None:
+            gains = screen.gains(name, values).reshape(SIZES, OTHERS)
         typical = np.median(gains, axis=1)
         needed = max(evidence.price(len(parameters), 1), LEAST_SHARE * evidence.rows)
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
+        if is_law_of_impacts(name):
+            seen &= np.abs(ladder - one.neutral) > LEAST_OF_IMPACTS * (one.high - one.low)
         # From where on all larger ones are seen too.
         hidden = np.flatnonzero(~seen)
         first = 0 if len(hidden) == 0 else int(hidden[-1]) + 1
