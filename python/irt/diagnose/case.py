@@ -81,6 +81,11 @@ class Fitted:
             not ranges[key][0] - spare[key] <= value <= ranges[key][1] + spare[key] for key, value in found
         )
 
+    def begun_at(self, other: Fitted) -> Array:
+        """Return where another hypothesis led, (n,): its values where it has them, else their own."""
+        known = dict(zip(other.names, other.values, strict=True))
+        return np.array([known.get(name, value) for name, value in zip(self.names, self.values, strict=True)])
+
     def of_effects(self) -> dict[str, float]:
         """Return the values of the effects' parameters by ``effect.parameter``."""
         return dict(zip(self.names[len(PARAMETERS) :], self.values[len(PARAMETERS) :].tolist(), strict=True))

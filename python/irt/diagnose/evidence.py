@@ -84,12 +84,17 @@ class Evidence:
 
 def is_explained(case: Case, one: Fitted, base: Fitted) -> bool:
     """Whether what is left over is about noise, or next to nothing of the base model's mismatch."""
-    if memory(one.residuals, one.noise) < FORGETFUL and one.noise < NOISE_LIKE * case.noise:
+    if is_noise(case, one):
         return True
     if excess(case, one) < max(LEFT_SHARE * excess(case, base), LEFT_NOISE * _noise_loss(one)):
         return True
     misfits = Screen(case, one, WINDOW_ROWS).misfits()
     return bool(np.median(misfits) < TYPICAL and (misfits > ASTRAY).mean() < FEW)
+
+
+def is_noise(case: Case, one: Fitted) -> bool:
+    """Whether what is left over forgets as noise does, and is no larger than the tracker's."""
+    return memory(one.residuals, one.noise) < FORGETFUL and one.noise < NOISE_LIKE * case.noise
 
 
 def excess(case: Case, one: Fitted) -> float:

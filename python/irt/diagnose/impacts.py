@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.diagnose.case import Case, Fitted, memory
-from irt.diagnose.evidence import FORGETFUL, NOISE_LIKE, Evidence
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.evidence import Evidence, is_noise
+from irt.diagnose.stretches import FREE, SHORTEST, runs
 from irt.rollouts import rollouts
 from irt.segments import Segment
 
 Array = NDArray[np.float64]
 
-#: Rows of a stretch, at least, and distance from the rim at which the marble is free [board edges].
-SHORTEST, FREE = 10, 0.012
 #: Change of a path that is rounding [board edges].
 _NOTHING = 1e-12
 #: How far from its place a shifted or bent picture may show the rim [board edges].
@@ -49,7 +48,7 @@ def between_impacts(case: Case, fitted: Fitted) -> Case:
     pieces: list[Segment] = []
     folds: list[int] = []
     for segment, fold in zip(case.segments, case.folds, strict=True):
-        for first, stop in _runs(_is_free(segment.observed, low, high)):
+        for first, stop in runs(_is_free(segment.observed, low, high)):
             if stop - first >= SHORTEST:
                 pieces.append(segment.cut(first, stop))
                 folds.append(int(fold))
@@ -75,9 +74,7 @@ def shows(between: Case, one: Fitted, over: Fitted) -> bool:
 
 def _refitted(case: Case, one: Fitted, begun: Sequence[Fitted]) -> Fitted:
     """Refit a hypothesis from where some have led; what they do not have it has of its own."""
-    known = dict(zip(one.names, one.values, strict=True))
-    points = [{**known, **dict(zip(other.names, other.values, strict=True))} for other in begun]
-    fits = case.refine(one.effects, np.array([[point[name] for name in one.names] for point in points]))
+    fits = case.refine(one.effects, np.array([one.begun_at(other) for other in begun]))
     return min(fits, key=lambda fit: fit.loss(case.noise))
 
 
@@ -85,10 +82,7 @@ def is_explained_between(between: Case, one: Fitted) -> bool:
     """Whether nothing but noise is left between impacts: then no effect is missing that acts there."""
     if not between.segments:
         return False
-    refitted = _refitted(between, one, [one])
-    return (
-        memory(refitted.residuals, refitted.noise) < FORGETFUL and refitted.noise < NOISE_LIKE * between.noise
-    )
+    return is_noise(between, _refitted(between, one, [one]))
 
 
 @functools.cache
@@ -129,9 +123,3 @@ def _is_free(observed: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     still = np.zeros((1, 2))
     step = np.maximum(np.concatenate([still, steps]), np.concatenate([steps, still]))
     return np.asarray(((path - step > low) & (path + step < high)).all(axis=1))
-
-
-def _runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first row and end of each run of free rows."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
-    return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]

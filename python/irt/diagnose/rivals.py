@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irt.catalogue import effect, effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.search import Search
+
+Array = NDArray[np.float64]
 
 #: Hypotheses closer than this are as good as each other [nats]: odds of about 150 to 1 would tell them apart.
 TIE = 5.0
@@ -25,7 +28,7 @@ def rivals(search: Search, best: Fitted) -> dict[str, list[Fitted]]:
         for other in _namesakes(name, best):
             names = tuple(other if one == name else one for one in best.effects)
             (renamed,) = search.case.judge(names, best.values[None])
-            if _between(renamed, best) < SAME * search.case.noise:
+            if np.nanmedian(np.abs(_between(renamed, best))) < SAME * search.case.noise:
                 search.keep(renamed)
                 same.add(search.fits[frozenset(names)].effects)
         for one in _instead(search, best, name):
@@ -48,10 +51,10 @@ def _instead(search: Search, best: Fitted, name: str) -> list[Fitted]:
     ]
 
 
-def _between(one: Fitted, other: Fitted) -> float:
-    """Return by how much two hypotheses' predictions differ, the median [board edges]."""
+def _between(one: Fitted, other: Fitted) -> Array:
+    """Return by how much two hypotheses' predictions differ, all coordinates in a row [board edges]."""
     pairs = zip(one.residuals, other.residuals, strict=True)
-    return float(np.nanmedian(np.abs(np.concatenate([(a - b).ravel() for a, b in pairs]))))
+    return np.concatenate([(a - b).ravel() for a, b in pairs])
 
 
 def _namesakes(name: str, best: Fitted) -> list[str]:
@@ -66,8 +69,7 @@ def _namesakes(name: str, best: Fitted) -> list[str]:
 
 def reason(case: Case, best: Fitted, other: Fitted, name: str, instead: str) -> str:
     """Say why two hypotheses cannot be told apart, with the size of what is between them."""
-    between = np.concatenate([(a - b).ravel() for a, b in zip(best.residuals, other.residuals, strict=True)])
-    size = float(np.sqrt(np.nanmean(between**2))) / case.noise
+    size = float(np.sqrt(np.nanmean(_between(best, other) ** 2))) / case.noise
     if {effect(name).name, effect(instead).name} == {"delay", "latency"}:
         why = (
             "the marble is seen to move alike whether the command comes late or the picture does; only what "

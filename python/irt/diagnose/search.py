@@ -193,9 +193,7 @@ class Search:
 
     def thorough(self, parent: Fitted, child: Fitted) -> Fitted:
         """Fit a hypothesis once more, from where it led and from where a larger one did, and look around."""
-        values = dict(zip(child.names, child.values, strict=True))
-        within = [values.get(name, value) for name, value in zip(parent.names, parent.values, strict=True)]
-        points = np.array([parent.values, within])
+        points = np.array([parent.values, parent.begun_at(child)])
         self.keep(self.case.fit(parent.effects, points=points, rounds=2))
         return self.fits[frozenset(parent.effects)]
 

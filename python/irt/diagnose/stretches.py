@@ -204,14 +204,15 @@ def _smoothed(seen: Array) -> tuple[Array, Array]:
     return path, velocity
 
 
-def _longest(free: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the longest stretch of free rows."""
+def runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return first row and end of each run of free rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
-    if not len(edges):
-        return 0, 0
-    lengths = edges[1::2] - edges[::2]
-    best = int(lengths.argmax())
-    return int(edges[2 * best]), int(edges[2 * best + 1])
+    return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
+
+
+def _longest(free: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return the longest run of free rows."""
+    return max(runs(free), key=lambda run: run[1] - run[0], default=(0, 0))
 
 
 def _basis(rows: Rows, columns: list[Array]) -> Array:

@@ -28,7 +28,6 @@ pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
 
 use self::coordinates::Coordinates;
-
 use self::descent::{End, Pace, minimise};
 use self::search::Search;
 use self::shooting::{Point, Shooting};
