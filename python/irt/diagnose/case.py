@@ -224,18 +224,3 @@ class Case:
     def edge_m(self, fitted: Fitted) -> float:
         """Return how far the marble goes on the board while it is seen to go one edge [m]."""
         return float(self.rig.board.edge_x_m / fitted.values[PARAMETERS.index("observation_scale")])
-
-
-def memory(residuals: Sequence[Array], scale: float, lags: int = 20) -> float:
-    """Return how many rows it takes until residuals forget: their integrated autocorrelation time, 1 or more.
-
-    White noise has 1. So many rows of what a wrong model leaves over say as much as one row of noise would.
-    """
-    products = np.zeros(lags + 1)
-    for residual in residuals:
-        kept = np.nan_to_num(np.clip(residual / scale, -3.0, 3.0))
-        for lag in range(min(lags + 1, len(kept))):
-            products[lag] += float((kept[lag:] * kept[: len(kept) - lag]).sum())
-    if products[0] <= 0.0:
-        return 1.0
-    return max(1.0, float((1.0 + 2.0 * np.cumsum(products[1:]) / products[0]).max()))

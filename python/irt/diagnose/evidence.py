@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from irt.catalogue import effects
-from irt.diagnose.case import Case, Fitted, memory
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.colour import carried, fresh, memory, seeming
 from irt.diagnose.screen import Screen
 from irt.fitting.robust import OF_NORMAL
 
@@ -93,8 +94,15 @@ def is_explained(case: Case, one: Fitted, base: Fitted) -> bool:
 
 
 def is_noise(case: Case, one: Fitted) -> bool:
-    """Whether what is left over forgets as noise does, and is no larger than the tracker's."""
-    return memory(one.residuals, one.noise) < FORGETFUL and one.noise < NOISE_LIKE * case.noise
+    """Whether what is left over forgets as noise does, and is no larger than the tracker's.
+
+    A tracker that smooths its picture remembers the row before, and only that: freed of it, its noise has no
+    memory. What a model lacks carries on for many rows. Such noise also changes less from row to row, so that
+    the recordings alone let the tracker seem better than it is.
+    """
+    share = carried(one.residuals, one.noise)
+    new, size = fresh(one.residuals, share)
+    return memory(new, size) < FORGETFUL and one.noise < NOISE_LIKE * seeming(share) * case.noise
 
 
 def excess(case: Case, one: Fitted) -> float:

@@ -16,6 +16,7 @@ from irt.diagnose.diagnosis import UNLISTED, Candidate, Diagnosis, Finding, Name
 from irt.diagnose.evidence import Evidence, is_explained
 from irt.diagnose.heldout import HeldOut
 from irt.diagnose.power import power
+from irt.diagnose.resampled import with_scatter
 from irt.diagnose.rivals import reason
 from irt.diagnose.search import Search
 from irt.fitting.identifiability import unidentifiable, with_intervals
@@ -56,7 +57,7 @@ class Found:
     ) -> None:
         self._search, self._possible, self._tied, self._spread = search, possible, tied, spread
         self._case, self._best = possible[0]
-        told = [_information(*one) for one in possible]
+        told = [_information(*one, search.held_out(self._best)) for one in possible]
         self._unidentifiable = unidentifiable(told[0])
         self._parameters = _joined([with_intervals(one) for one in told])
         self._proofs = {
@@ -79,6 +80,7 @@ class Found:
         if UNLISTED in best.effects or lost:
             verdict = "unlisted"
         base_heldout, final_heldout = self._heldout(before), self._heldout(after)
+        base_told = _information(self._search.case, base, self._search.held_out(base))
         return Diagnosis(
             verdict=verdict,  # type: ignore[arg-type]
             summary=words.summary(
@@ -96,7 +98,7 @@ class Found:
             final_mae=_free_run(case, best),
             base_heldout_mae=base_heldout,
             final_heldout_mae=final_heldout,
-            base=_model(self._search.case, base, with_intervals(_information(self._search.case, base))),
+            base=_model(self._search.case, base, with_intervals(base_told)),
             model=_model(case, best, self._parameters),
             rivals=tuple(case.model(one) for alike in self._tied.values() for one in alike),
             unidentifiable=self._unidentifiable,
@@ -212,10 +214,10 @@ def _instead(best: Fitted, other: Fitted) -> str:
     return next(name for name in other.effects if name not in best.effects)
 
 
-def _information(case: Case, one: Fitted) -> Information:
+def _information(case: Case, one: Fitted, held_out: HeldOut) -> Information:
     problem = case.problem(one.effects)
     told = Information.of(problem, one.values, problem.inform(one.values, case.noise))
-    return without_clock(case, one, told)
+    return with_scatter(without_clock(case, one, told), held_out)
 
 
 def _joined(told: Sequence[dict[str, Parameter]]) -> dict[str, Parameter]:

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.diagnose.case import Fitted, memory
+from irt.diagnose.case import Fitted
+from irt.diagnose.colour import memory
 from irt.diagnose.evidence import Evidence, is_explained
 from irt.diagnose.heldout import HeldOut, is_supported
 
