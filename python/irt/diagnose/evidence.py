@@ -12,7 +12,7 @@ from irt.catalogue import effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.colour import carried, fresh, memory, seeming
 from irt.diagnose.screen import Screen
-from irt.fitting.robust import OF_NORMAL
+from irt.fitting.robust import OF_NORMAL, deviation
 
 #: An effect must explain this share of what noise alone would make, or it is too small to be told from the
 #: engine's own imperfections.
@@ -21,6 +21,8 @@ LEAST_SHARE = 0.01
 LEFT_SHARE, LEFT_NOISE = 0.01, 0.1
 #: Residuals without memory, of about the tracker's size, are noise.
 FORGETFUL, NOISE_LIKE = 1.5, 1.1
+#: No recording has so much more of it than all together, among those with enough coordinates to tell.
+UNEVEN, ENOUGH = 1.3, 60
 #: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
 #: a moment too late or meets a corner otherwise goes elsewhere from there, and no physics is missing.
 WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
@@ -102,7 +104,12 @@ def is_noise(case: Case, one: Fitted) -> bool:
     """
     share = carried(one.residuals, one.noise)
     new, size = fresh(one.residuals, share)
-    return memory(new, size) < FORGETFUL and one.noise < NOISE_LIKE * seeming(share) * case.noise
+    if memory(new, size) > FORGETFUL or one.noise > NOISE_LIKE * seeming(share) * case.noise:
+        return False
+    # What shows in a few recordings alone is little among all rows.
+    folds = [np.concatenate([new[i] for i in np.flatnonzero(case.folds == fold)]) for fold in set(case.folds)]
+    sizes = [deviation(fold) / size for fold in folds if np.isfinite(fold).sum() >= ENOUGH]
+    return max(sizes, default=1.0) < UNEVEN
 
 
 def excess(case: Case, one: Fitted) -> float:

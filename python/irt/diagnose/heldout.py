@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 #: Steps of a refit without one recording: it begins where all recordings led.
 ITERATIONS = 8
+#: A recording whose likelihood changes less than this says nothing [nats]: the marble rests, or is elsewhere.
+SILENT = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +52,13 @@ def hold_out(case: Case, fitted: Fitted) -> HeldOut:
 def is_supported(one: HeldOut, over: HeldOut, scale: float) -> bool:
     """Whether recordings that were not seen agree that one hypothesis is better.
 
-    It must be better on all of them together, on most of them, and still without the one that gains most: an
-    effect that a single recording asks for may be that recording's mishap. Where nothing could be held out,
-    nothing speaks against it.
+    It must be better on all of them together, on most of those that see a clear difference, and still without
+    the one that gains most: an effect that a single recording asks for may be that recording's mishap. Where
+    nothing could be held out, nothing speaks against it.
     """
     gains = over.losses(scale) - one.losses(scale)
-    return not len(gains) or bool(
-        gains.sum() > 0.0 and (gains > 0.0).mean() > 0.5 and (len(gains) < 3 or gains.sum() > gains.max())
-    )
+    if not len(gains):
+        return True
+    votes = gains[np.abs(gains) > SILENT]
+    most = not len(votes) or (votes > 0.0).mean() > 0.5
+    return bool(gains.sum() > 0.0 and most and (len(gains) < 3 or gains.sum() > gains.max()))

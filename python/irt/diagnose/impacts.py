@@ -67,12 +67,12 @@ def shows(between: Case, one: Fitted, over: Fitted) -> bool:
     if not between.segments:
         return False
     # Each from where the other led, too: the gain must not be one of a better start.
-    less = _refitted(between, over, [over, one])
-    more = _refitted(between, one, [one, less])
+    less = refitted(between, over, [over, one])
+    more = refitted(between, one, [one, less])
     return Evidence.of(between, [more, less]).margin(more, less) > 0.0
 
 
-def _refitted(case: Case, one: Fitted, begun: Sequence[Fitted]) -> Fitted:
+def refitted(case: Case, one: Fitted, begun: Sequence[Fitted]) -> Fitted:
     """Refit a hypothesis from where some have led; what they do not have it has of its own."""
     fits = case.refine(one.effects, np.array([one.begun_at(other) for other in begun]))
     return min(fits, key=lambda fit: fit.loss(case.noise))
@@ -82,7 +82,7 @@ def is_explained_between(between: Case, one: Fitted) -> bool:
     """Whether nothing but noise is left between impacts: then no effect is missing that acts there."""
     if not between.segments:
         return False
-    return is_noise(between, _refitted(between, one, [one]))
+    return is_noise(between, refitted(between, one, [one]))
 
 
 @functools.cache

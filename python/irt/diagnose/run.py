@@ -14,8 +14,9 @@ from irt.diagnose.heldout import hold_out
 from irt.diagnose.jitter import differing_delays
 from irt.diagnose.latent import Leftover
 from irt.diagnose.locate import locate, stages, variables
+from irt.diagnose.partners import Report
 from irt.diagnose.rivals import rivals
-from irt.diagnose.search import Report, Search
+from irt.diagnose.search import Search
 from irt.diagnose.unlisted import Term, confirmed
 from irt.files import PathLike
 from irt.fitting.fit import Progress

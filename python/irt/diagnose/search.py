@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,15 +20,11 @@ from irt.diagnose.impacts import (
     is_explained_between,
     shows,
 )
-from irt.diagnose.screen import ROWS, Screen
+from irt.diagnose.partners import WORTH, Report, likeliest_partner, seeds
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Rows of the windows in which draws are laid beside residuals: short ones, longer ones, whole segments.
-HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
-#: Draws taken from each horizon as start points of a fit.
-SEEDS = 1
 #: Effects fitted alone before all are, and as partners of the best of those and of the second.
 SINGLES, PARTNERS = 10, (6, 4)
 #: Effects tried in the place of each one of the best hypothesis.
@@ -39,10 +35,6 @@ REFINED = 3
 RIVAL = 0.3
 #: Effects that are named together, at most.
 MOST_EFFECTS = 3
-#: A further effect must take away this share of what was left beyond noise.
-WORTH = 0.3
-
-Report = Callable[[str], None]
 
 
 @dataclass
@@ -111,7 +103,7 @@ class Search:
             self._refine(size)
             self._swap(self.ranked(size)[0])
             best = self._grown(best, size)
-        return self._pruned(best)
+        return self._with_partners(self._pruned(best))
 
     def is_explained_between(self, one: Fitted) -> bool:
         """Whether nothing is left between impacts, so that what is left is how the marble meets the rim."""
@@ -124,6 +116,22 @@ class Search:
         size = len(best.effects) + 1
         self._refine(size)
         return self._grown(best, size)
+
+    def _with_partners(self, best: Fitted) -> Fitted:
+        """Add what explains most between impacts, where whole runs go astray at the rim and hide it."""
+        while len(best.effects) < MOST_EFFECTS:
+            if is_explained(self.case, best, self.base) or self.is_explained_between(best):
+                break
+            found = likeliest_partner(self.between_impacts, best, self.case.noise, self.report)
+            if found is None:
+                break
+            points = np.array([found.values, found.begun_at(best)])
+            whole = self.case.fit(found.effects, points=points, rounds=0)
+            self.keep(whole)
+            if whole.loss(self.case.noise) > best.loss(self.case.noise):
+                break
+            best = self.fits[frozenset(whole.effects)]
+        return best
 
     def keep(self, one: Fitted) -> None:
         """Remember a fit, if it is the best one of its effects."""
@@ -152,17 +160,7 @@ class Search:
 
     def seeds(self, parent: Fitted, names: Iterable[str]) -> dict[str, tuple[float, Array]]:
         """Return for each effect the largest share that a draw explains, and points to begin a fit at."""
-        found: dict[str, tuple[float, Array]] = {}
-        longest = max(len(segment.knobs) for segment in self.case.segments)
-        lengths = sorted({min(longest, rows or longest) for rows in HORIZONS})
-        screens = [Screen(self.case, parent, rows) for rows in lengths]
-        for name in names:
-            self.report(" + ".join([*parent.effects, name]))
-            draws = [screen.draws(name) for screen in screens]
-            values = np.concatenate([one.values[:SEEDS] for one in draws])
-            points = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
-            found[name] = max(float(one.explained[0]) for one in draws), points
-        return found
+        return seeds(self.case, parent, names, self.report)
 
     def _swap(self, one: Fitted) -> None:
         """Try others in the place of each effect of a hypothesis: what came first may only have stood in."""

@@ -73,3 +73,10 @@ def test_what_is_better_on_every_run_is_supported(gains):
 @given(st.floats(1.0, 60.0))
 def test_a_gain_of_one_run_alone_is_not(gain):
     assert not is_supported(held([1.0] * 4), held([1.0 + gain, 0.999, 0.999, 0.999]), 1.0)
+
+
+def test_runs_that_see_no_difference_have_no_vote():
+    """A bump under three of eight runs: the others come out a little better or worse, by chance."""
+    by_chance = [-0.3, -0.2, 0.1, -0.4, -0.1]
+    assert is_supported(held([1.0] * 8), held([1.0 + gain for gain in (9.0, 6.0, 5.0, *by_chance)]), 1.0)
+    assert not is_supported(held([3.0] * 5), held([3.0 + gain for gain in (9.0, 6.0, -2.0, -2.5, -1.5)]), 1.0)

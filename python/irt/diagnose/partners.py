@@ -1,0 +1,75 @@
+"""Which effect to add to a hypothesis: by draws laid beside residuals, and by fits between impacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effects
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.evidence import Evidence, excess
+from irt.diagnose.heldout import hold_out, is_supported
+from irt.diagnose.impacts import acts_on_impacts_alone, refitted
+from irt.diagnose.screen import ROWS, Screen
+
+Array = NDArray[np.float64]
+
+#: Rows of the windows in which draws are laid beside residuals: short ones, longer ones, whole segments.
+HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
+#: Draws taken from each horizon as start points of a fit.
+SEEDS = 1
+#: A further effect must take away this share of what was left beyond noise.
+WORTH = 0.3
+#: Partners that are asked whether recordings held out agree.
+LIKELIEST = 3
+
+Report = Callable[[str], None]
+
+
+def seeds(case: Case, parent: Fitted, names: Iterable[str], report: Report) -> dict[str, tuple[float, Array]]:
+    """Return for each effect the largest share that a draw explains, and points to begin a fit at."""
+    found: dict[str, tuple[float, Array]] = {}
+    longest = max(len(segment.knobs) for segment in case.segments)
+    lengths = sorted({min(longest, rows or longest) for rows in HORIZONS})
+    screens = [Screen(case, parent, rows) for rows in lengths]
+    for name in names:
+        report(" + ".join([*parent.effects, name]))
+        draws = [screen.draws(name) for screen in screens]
+        values = np.concatenate([one.values[:SEEDS] for one in draws])
+        points = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
+        found[name] = max(float(one.explained[0]) for one in draws), points
+    return found
+
+
+def likeliest_partner(between: Case, parent: Fitted, noise: float, report: Report) -> Fitted | None:
+    """Return a hypothesis with the effect more that stretches between impacts ask for, fitted to these.
+
+    After impacts a marble goes elsewhere than the engine says, and what is left over there hides a small
+    effect. Between them nothing does: so every effect of the catalogue is fitted to the stretches alone, and
+    the best is taken if it is worth its price, takes away enough, and recordings held out agree.
+    """
+    if not between.segments:
+        return None
+    before = refitted(between, parent, [parent])
+    names = [
+        one.name
+        for one in effects()
+        if one.name not in parent.effects and not acts_on_impacts_alone(one.name)
+    ]
+    fits = []
+    for name, (_, points) in seeds(between, before, names, report).items():
+        report(f"{' + '.join([*parent.effects, name])}, between impacts")
+        found = between.refine((*parent.effects, name), points)
+        fits.append(min(found, key=lambda one: one.loss(noise)))
+    fits.sort(key=lambda one: one.loss(noise))
+    evidence, left = Evidence.of(between, [*fits, before]), excess(between, before)
+    held_before = None
+    for one in fits[:LIKELIEST]:
+        if not evidence.is_better(one, before) or excess(between, one) > (1.0 - WORTH) * left:
+            break
+        held_before = held_before or hold_out(between, before)
+        if is_supported(hold_out(between, one), held_before, evidence.scale):
+            return one
+    return None
