@@ -94,7 +94,7 @@ def variables(terms: Sequence[Term], sources: Sequence[Source]) -> list[Finding]
         found.append(
             Finding(
                 _KINDS[variable],
-                f"the leftover push depends on {variable}: {_VARIABLES[variable]}",
+                f"the leftover push depends on {_VARIABLES[variable]}",
                 min(1.0, sum(term.explained for term in terms if term.variable == variable)),
                 min(chances, default=CLEAR),
             )

@@ -32,9 +32,8 @@ from irt.rig import Rig
 _LEAST_NOISE = 1e-5
 #: Runs that get a picture of their own.
 _MOST_RUNS = 8
-#: Findings that stand at the top of the page, and the probability of chance above which none does.
-_MOST_FOUND = 4
-_CLEAR = 0.05
+#: Kinds of findings of which the first stands at the top of the page, and the chance above which none does.
+_TELLING, _CLEAR = ("region", "regime", "stage"), 0.05
 #: Bars of hypotheses of one and of more effects.
 _MOST_BARS = 12
 
@@ -99,9 +98,12 @@ def _add_answer(page: Page, rig: Rig, diagnosis: Diagnosis) -> None:
                 f"In place of {plain(one.name)}, {rivals} would explain these recordings as well. "
                 f"{one.reason}",
             )
-    found = [one.what for one in diagnosis.where if one.p_value < _CLEAR]
+    found: dict[str, str] = {}
+    for finding in diagnosis.where:
+        if finding.p_value < _CLEAR and finding.kind in _TELLING:
+            found.setdefault(finding.kind, finding.what)
     if diagnosis.verdict == "unlisted" and found:
-        page.callout("What is left over repeats itself.", f"Found: {'; '.join(found[:_MOST_FOUND])}.")
+        page.callout("What is left over repeats itself.", f"Found: {'; '.join(found.values())}.")
 
 
 def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
