@@ -63,10 +63,9 @@ def likeliest_partner(between: Case, parent: Fitted, noise: float, report: Repor
         report(f"{' + '.join([*parent.effects, name])}, between impacts")
         found = between.refine((*parent.effects, name), points)
         fits.append(min(found, key=lambda one: one.loss(noise)))
-    fits.sort(key=lambda one: one.loss(noise))
     evidence, left = Evidence.of(between, [*fits, before]), excess(between, before)
     held_before = None
-    for one in fits[:LIKELIEST]:
+    for one in sorted(fits, key=lambda one: -evidence.margin(one, before))[:LIKELIEST]:
         if not evidence.is_better(one, before) or excess(between, one) > (1.0 - WORTH) * left:
             break
         held_before = held_before or hold_out(between, before)
