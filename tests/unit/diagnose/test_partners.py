@@ -5,7 +5,7 @@ import pytest
 from irt.diagnose.impacts import between_impacts
 from irt.diagnose.partners import likeliest_partner, seeds
 
-BIAS = {"name": "tilt_bias", "bias_x_rad": 0.004, "bias_y_rad": -0.003}
+BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0004, "bias_y_rad": -0.0003}
 LAG = {"name": "lag", "time_constant_s": 0.4}
 
 
