@@ -25,6 +25,9 @@ from irt.rig import Rig, load_rig
 
 #: Effects that look like delays that differ, by their mean.
 LATE = ("delay", "lag", "latency", "clock_drift")
+#: What leaves more of the base model's scatter, and more than noise, only stands in for something else: no
+#: name is better than such a one.
+BELIEVED = 0.8
 #: Steps that a diagnosis takes at most, for the progress bar alone.
 _STEPS = 120
 
@@ -159,7 +162,7 @@ def _searched(search: Search, report: Report) -> _Answer:
     report("physics that the catalogue does not have")
     learned = confirmed(search, best)
     if learned is None:
-        return _Answer(case, best)
+        return _Answer(case, best if best.noise < BELIEVED * search.base.noise else search.base)
     return _Answer(learned[0], learned[1], terms=learned[2])
 
 
