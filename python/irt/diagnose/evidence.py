@@ -23,6 +23,8 @@ LEFT_SHARE, LEFT_NOISE = 0.01, 0.1
 FORGETFUL, NOISE_LIKE = 1.5, 1.1
 #: No recording has so much more of it than all together, among those with enough coordinates to tell.
 UNEVEN, ENOUGH = 1.3, 60
+#: Scatter, in units of the tracker's, beyond which a model lacks something, whatever is known of it.
+LOST = 2.5
 #: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
 #: a moment too late or meets a corner otherwise goes elsewhere from there, and no physics is missing.
 WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
@@ -110,6 +112,11 @@ def is_noise(case: Case, one: Fitted) -> bool:
     folds = [np.concatenate([new[i] for i in np.flatnonzero(case.folds == fold)]) for fold in set(case.folds)]
     sizes = [deviation(fold) / size for fold in folds if np.isfinite(fold).sum() >= ENOUGH]
     return max(sizes, default=1.0) < UNEVEN
+
+
+def is_lost(case: Case, one: Fitted) -> bool:
+    """Whether what is left over is far beyond noise, even beyond such noise as remembers the row before."""
+    return one.noise > LOST * seeming(carried(one.residuals, one.noise)) * case.noise
 
 
 def excess(case: Case, one: Fitted) -> float:

@@ -13,7 +13,7 @@ from irt.diagnose import words
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.clock import without_clock
 from irt.diagnose.diagnosis import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
-from irt.diagnose.evidence import Evidence, is_explained
+from irt.diagnose.evidence import Evidence, is_explained, is_lost
 from irt.diagnose.heldout import HeldOut
 from irt.diagnose.power import power
 from irt.diagnose.resampled import with_scatter
@@ -27,10 +27,6 @@ from irt.rig import PARAMETERS
 from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
-
-
-#: Scatter, in units of the tracker's, above which a model that lacks nothing known is not called sufficient.
-LOST = 2.5
 
 
 class Found:
@@ -76,7 +72,7 @@ class Found:
             effects = (self._jitter(effects[0]),)
         noise = best.noise if explained else case.noise
         verdict = "missing" if effects else "sufficient"
-        lost = not effects and not explained and not between and best.noise > LOST * case.noise
+        lost = self._spread is None and not explained and not between and is_lost(case, best)
         if UNLISTED in best.effects or lost:
             verdict = "unlisted"
         base_heldout, final_heldout = self._heldout(before), self._heldout(after)
@@ -90,6 +86,7 @@ class Found:
                 after=_mean(after),
                 heldout=len(case.rig.recordings) > 1,
                 explained=explained or between,
+                lost=lost,
             ),
             where=tuple(where),
             effects=effects,

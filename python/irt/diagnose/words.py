@@ -14,6 +14,10 @@ from irt.model import Parameter
 
 #: Mean absolute value of a normal variable over its standard deviation.
 _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
+#: What is said of names that leave far more than noise.
+_MORE = (
+    " Much is left that nothing known explains: these names may stand in for what is missing, or be a part."
+)
 #: Recordings, and rows in which the marble moves, below which little could have been shown.
 _FEW, _STILL = 3, 30
 
@@ -26,6 +30,7 @@ def summary(
     after: float,
     heldout: bool,
     explained: bool = True,
+    lost: bool = False,
 ) -> str:
     """Return the answer in one or two sentences.
 
@@ -41,6 +46,8 @@ def summary(
         Whether these are errors on recordings that the models were not fitted to.
     explained : bool
         Whether noise is all that is left.
+    lost : bool
+        Whether what is left is far beyond noise.
     """
     floor = _percent(_MEAN_ABSOLUTE * noise)
     if not effects:
@@ -66,9 +73,10 @@ def summary(
         for one in effects
         if one.confusable_with
     )
+    more = _MORE if lost and all(one.name != UNLISTED for one in effects) else ""
     return (
         f"{_capital(named)}: with {'it' if one else 'them'}, {better} to {_percent(after)} of the board's "
-        f"edge instead of {_percent(before)}; the tracker's noise alone makes {floor}.{ties}"
+        f"edge instead of {_percent(before)}; the tracker's noise alone makes {floor}.{ties}{more}"
     )
 
 

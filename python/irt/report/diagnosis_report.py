@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from irt.diagnose.diagnosis import Diagnosis, RunProof
+from irt.diagnose.diagnosis import UNLISTED, Diagnosis, RunProof
 from irt.files import PathLike, make_folder
 from irt.report import diagnosis_tables as tables
 from irt.report.animation import add_animation
@@ -128,7 +128,7 @@ def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 def _added(diagnosis: Diagnosis) -> str:
     """Return what the final model has more than the first one."""
-    if diagnosis.verdict == "unlisted":
+    if any(one.name == UNLISTED for one in diagnosis.effects):
         return "a correction learned from the recordings"
     return f"{listed(plain(one.name) for one in diagnosis.effects)} added"
 

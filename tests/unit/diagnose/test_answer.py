@@ -37,6 +37,12 @@ def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
     assert "Nothing that is known explains" in told
 
 
+def test_a_name_that_leaves_much_is_told_as_what_it_is():
+    told = summary([effect()], noise=0.001, before=0.04, after=0.02, heldout=True, explained=False, lost=True)
+    assert "may stand in for what is missing" in told
+    assert "stand in" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
+
+
 def test_what_was_learned_is_told_by_what_it_depends_on():
     values = {one.name: one.neutral for one in catalogue.effect(UNLISTED).parameters}
     values |= {"push_1_x_m_per_s2": 0.1, "wave_1_x_per_m": 90.0, "drag_strength": 0.2}

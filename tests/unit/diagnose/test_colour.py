@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from irt.diagnose.case import Fitted
 from irt.diagnose.colour import MOST_CARRIED, carried, fresh, memory, seeming
-from irt.diagnose.evidence import is_noise
+from irt.diagnose.evidence import is_lost, is_noise
 from irt.fitting.problem import tracker_noise
 
 SCALE = 1e-3
@@ -66,3 +66,10 @@ def test_what_carries_on_is_not_noise(plant):
 
 def test_nothing_left_over_carries_nothing_on():
     assert carried([np.zeros((5, 2))], 1.0) == 0.0
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_no_noise_is_taken_for_a_model_that_is_lost(plant, share):
+    case = replace(plant(), noise=SCALE / seeming(share))
+    assert not is_lost(case, fitted([2.0 * one for one in coloured(share)]))
+    assert is_lost(case, fitted([10.0 * np.cumsum(one, axis=0) for one in coloured(share)]))
