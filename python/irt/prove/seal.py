@@ -1,8 +1,8 @@
-"""A seal: what was hidden, encrypted, with a commitment that nobody can change afterwards without being caught.
+"""A seal: what was hidden, encrypted, with a commitment that cannot be changed afterwards without being caught.
 
-The commitment is SHA-256 over a secret nonce of 32 bytes and the label, so it neither tells the label nor fits
-another one. The label travels encrypted with ChaCha20-Poly1305 (RFC 8439), which authenticates it together with
-the rig's name and the commitment.
+The commitment is SHA-256 over a secret nonce of 32 bytes and the label, so it neither tells the label nor
+fits another one. The label travels encrypted with ChaCha20-Poly1305 (RFC 8439), which authenticates it
+together with the rig's name and the commitment.
 """
 
 from __future__ import annotations

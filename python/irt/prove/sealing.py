@@ -10,7 +10,7 @@ Requests and answers are lines of JSON on standard input and output (`irt.prove.
     writes down the SHA-256 of the manifest of all answers, then answers with the keys. It does so for one
     manifest: after that nobody can come with other answers.
 
-Keys lie in the vault, so that a long proof goes on after a crash; nobody but this process is told where that is.
+Keys lie in the vault, so that a long proof goes on after a crash; no diagnosis is told where that is.
 """
 
 from __future__ import annotations

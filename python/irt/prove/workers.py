@@ -1,4 +1,4 @@
-"""Rigs to processes: each gets a copy of the files that it may see, in a fresh folder, and files come back."""
+"""Rigs to processes: each gets a copy of the files that it may see, in a fresh folder; files come back."""
 
 from __future__ import annotations
 

@@ -36,7 +36,11 @@ def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
     random = np.random.default_rng(seed)
     knobs = np.array([drive(random) for _ in range(TRAIN + TEST)])
     clean = rollouts(
-        np.tile(list(TRUTH.values()), (len(knobs), 1)), knobs, engine="rapier", effects=HIDDEN[kind], threads=1
+        np.tile(list(TRUTH.values()), (len(knobs), 1)),
+        knobs,
+        engine="rapier",
+        effects=HIDDEN[kind],
+        threads=1,
     )
     seen = clean + NOISE * random.standard_normal(clean.shape)
     Path(folder).mkdir(parents=True, exist_ok=True)
@@ -44,7 +48,9 @@ def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
         save_recording(Path(folder) / f"train-{i + 1}.csv", knobs[i], seen[i])
     (Path(folder) / "rig.toml").write_text("[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
     names = [one["name"] for one in HIDDEN[kind]]
-    kinds: Any = {"single": names[:1] and names[0], "pair": names, "unlisted": "unlisted_twist"}.get(kind, kind)
+    kinds: Any = {"single": names[:1] and names[0], "pair": names, "unlisted": "unlisted_twist"}.get(
+        kind, kind
+    )
     tests = {}
     for i in range(TRAIN, TRAIN + TEST):
         name = f"test-{i - TRAIN + 1}"
