@@ -2,8 +2,8 @@
 
     python -m irt.prove.contest FOLDER OUT
 
-FOLDER holds the recordings, ``models/base.toml`` and ``tests/*.csv``: of these the commands and the rows where
-a prediction starts. OUT gets ``baselines.json``.
+FOLDER holds the recordings, ``models/base.toml`` and ``tests/*.csv``: of these the commands, and the rows
+where a prediction starts. OUT gets ``baselines.json``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A seal: what was hidden, encrypted, with a commitment that cannot be changed afterwards without being caught.
+"""A seal: what was hidden, encrypted, with a commitment that nobody can change without being caught.
 
 The commitment is SHA-256 over a secret nonce of 32 bytes and the label, so it neither tells the label nor
 fits another one. The label travels encrypted with ChaCha20-Poly1305 (RFC 8439), which authenticates it

@@ -56,7 +56,10 @@ def enter(task: Task) -> Entry:
         return Entry(missing="no recording is long enough and without a gap")
     laws, shares = zip(
         *(
-            _law(library(np.concatenate(states), np.concatenate(knobs), axis), np.concatenate(accelerations)[:, axis])
+            _law(
+                library(np.concatenate(states), np.concatenate(knobs), axis),
+                np.concatenate(accelerations)[:, axis],
+            )
             for axis in range(2)
         ),
         strict=True,
@@ -80,7 +83,7 @@ def library(states: Array, knobs: Array, axis: int) -> Array:
 
 
 def strongest(shares: Array) -> tuple[str, ...]:
-    """Return the effect whose term has the largest share, (10,); none where only the base model's are left."""
+    """Return the effect whose term has the largest share (10,); none if no such term is left."""
     extra = [index for index, name in enumerate(TERMS) if name and shares[index] > 0.0]
     return (TERMS[max(extra, key=lambda index: shares[index])],) if extra else ()
 

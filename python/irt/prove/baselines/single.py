@@ -1,7 +1,7 @@
 """The effect of the catalogue that fits the recordings best: no runs held out, no calibration.
 
-Each effect is fitted together with the five parameters by irt's own least squares, from the base fit and several
-sizes of the effect to either side; the one with the least training error is named, whatever it gains.
+Each effect is fitted together with the five parameters by irt's own least squares, from the base fit and
+several sizes of the effect to either side; the one with the least training error is named, whatever it gains.
 """
 
 from __future__ import annotations

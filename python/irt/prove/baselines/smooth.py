@@ -39,10 +39,8 @@ class Smoothed:
 
 
 def smoothed(task: Task) -> list[Smoothed]:
-    """Return the recordings of a rig, smoothed by Savitzky and Golay's filter; too short ones are left out."""
-    return [
-        _smoothed(one, task.row_s(one)) for one in task.rig.recordings if len(one.knobs) >= WINDOW
-    ]
+    """Return the recordings of a rig, smoothed (Savitzky and Golay); too short ones are left out."""
+    return [_smoothed(one, task.row_s(one)) for one in task.rig.recordings if len(one.knobs) >= WINDOW]
 
 
 def _smoothed(recording: Recording, row_s: float) -> Smoothed:

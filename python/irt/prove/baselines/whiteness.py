@@ -1,7 +1,7 @@
-"""Residual tests of the textbook (Ljung, System Identification, 1999, section 16.6): is something missing?
+"""Residual tests of the textbook for whether something is missing (Ljung, System Identification, 1999, 16.6).
 
-If the base model were the truth, its residuals would be white and owe nothing to the commands. Both are tested
-with chi-squared statistics at 95 %, as MATLAB's ``resid`` draws its bands.
+If the base model were the truth, its residuals would be white and owe nothing to the commands. Both are
+tested with chi-squared statistics at 95 % together, as MATLAB's ``resid`` draws its bands.
 """
 
 from __future__ import annotations
