@@ -119,11 +119,8 @@ class RigScore:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the score as JSON takes it; what has no number is None."""
-        told = {**asdict(self), "closed": self.closed}
-        return {
-            key: None if isinstance(value, float) and not math.isfinite(value) else value
-            for key, value in told.items()
-        }
+        told: dict[str, Any] = _finite({**asdict(self), "closed": self.closed})
+        return told
 
 
 def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
@@ -282,6 +279,13 @@ def _holds(one: Mapping[str, Any], value: float) -> str:
     if value < low or value > high:
         return "no"
     return "open" if math.isnan(low) or math.isnan(high) else "yes"
+
+
+def _finite(content: Any) -> Any:
+    """Return content with None for what JSON has no number for."""
+    if isinstance(content, dict):
+        return {key: _finite(value) for key, value in content.items()}
+    return None if isinstance(content, float) and not math.isfinite(content) else content
 
 
 def _json(path: Path) -> dict[str, Any]:

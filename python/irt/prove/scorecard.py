@@ -1,0 +1,350 @@
+"""The scorecard of a proof: one page in Markdown, with its pictures in a folder beside it."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from irt.diagnose.diagnosis import UNLISTED
+from irt.files import make_folder, write_atomic
+from irt.prove import figures
+from irt.prove.contested import Standing
+from irt.prove.plan import NULLS
+from irt.prove.results import Results
+from irt.prove.run import Places
+from irt.prove.score import CHANCE, RigScore
+from irt.prove.seal import digest
+from irt.prove.tally import CLEAR, Floor, Quantity, Rate, coverage, gaps, in_group, nulls, of_catalogue, power
+
+_GROUPS = {
+    "single": "one effect",
+    "pair": "two effects",
+    UNLISTED: "physics not in the catalogue",
+    "none": "nothing",
+    "outliers": "nothing, but a tracker that jumps",
+}
+#: Files of a proof that are copied beside the page, so that anyone can check them.
+_RAW = ("commitments", "manifest", "keys")
+
+
+def write_scorecard(
+    page: Path, results: Results, places: Places, settings: Mapping[str, str], *, raw: bool = False
+) -> Path:
+    """Write the page, its pictures and ``scores.json``, the latter two into a folder of the page's name.
+
+    Parameters
+    ----------
+    page : Path
+        The ``.md`` file.
+    results : Results
+        The scores.
+    places : Places
+        The proof, whose hashes the page names.
+    settings : mapping
+        What it was made with, in words, by title.
+    raw : bool
+        Whether commitments, manifest and keys go beside the page as well.
+
+    Raises
+    ------
+    IrtError
+        If something cannot be written.
+    """
+    make_folder(page.parent)
+    folder = make_folder(page.with_suffix(""))
+    scores = results.scores
+    figures.plot_confusion(folder / "confusion.png", scores)
+    figures.plot_power(folder / "power.png", scores)
+    figures.plot_gaps(folder / "gaps.png", scores, list(_rival_gaps(results)))
+    figures.plot_coverage(folder / "coverage.png", scores)
+    results.save(folder / "scores.json")
+    if raw:
+        for name in _RAW:
+            path: Path = getattr(places, name)
+            shutil.copyfile(path, folder / path.name)
+    lines = [
+        *_answer(results),
+        *_naming(scores, folder.name),
+        *_errors(results, folder.name),
+        *_methods(results.standings),
+        *_intervals(scores, folder.name),
+        *_failures(scores),
+        *_how(places, settings, folder.name),
+    ]
+    write_atomic(page, "\n".join(lines) + "\n")
+    return page
+
+
+def verdict(results: Results) -> str:
+    """Return the answer of a proof in a sentence or two."""
+    told = [one for one in results.floors if one.kept is not None]
+    kept = sum(bool(one.kept) for one in told)
+    scores = results.scores
+    hidden = len(scores) - len(nulls(scores))
+    short = [one.what for one in told if not one.kept]
+    sentence = (
+        f"{hidden} rigs with hidden physics and {len(scores) - hidden} without, diagnosed blind: "
+        f"{kept} of {len(told)} promises kept."
+    )
+    return f"{sentence} Short of its floor: {'; '.join(short)}." if short else sentence
+
+
+def _answer(results: Results) -> Iterator[str]:
+    yield "# Proof by concealment"
+    yield ""
+    yield f"**{verdict(results)}**"
+    yield ""
+    yield "| promise | floor | measured (95 % interval) | of | kept |"
+    yield "| --- | --- | --- | --- | --- |"
+    for one in results.floors:
+        kept = "not counted" if one.kept is None else "yes" if one.kept else "**no**"
+        yield f"| {one.what} | {one.promise} | {_measured(one)} | {one.of} | {kept} |"
+    yield ""
+    yield (
+        "Another engine made the recordings, and another process hid in them what was to be found. The "
+        "diagnosis "
+        "saw recordings alone; the labels were sealed before it began and opened after its last answer was "
+        "written down ([how](#how-it-was-done)). Rates have Wilson intervals, medians bootstrap ones."
+    )
+
+
+def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
+    yield "\n## What was named\n"
+    yield "| hidden | rigs | right | exactly | tie size | failed |"
+    yield "| --- | --- | --- | --- | --- | --- |"
+    for group, words in _GROUPS.items():
+        inside = in_group(scores, group)
+        if inside:
+            sizes = [one.tie_size for one in inside if one.tie_size and group not in NULLS]
+            size = f"{np.mean(sizes):.2f}" if sizes else ""
+            failed = sum(one.verdict == "failed" for one in inside)
+            right, exact = (
+                _rate(Rate.over(inside, lambda one: one.found)),
+                _rate(Rate.over(inside, lambda one: one.exact)),
+            )
+            yield f"| {words} | {len(inside)} | {right} | {exact} | {size} | {failed} |"
+    yield ""
+    yield (
+        "Right is: the hidden effect by its name or in the tie declared, nothing besides; `unlisted` for "
+        "physics "
+        "that the catalogue does not have; `sufficient` where nothing was hidden."
+    )
+    yield "\n| of rigs with effects of the catalogue | rigs | right |"
+    yield "| --- | --- | --- |"
+    for words, inside in _cuts(of_catalogue(scores)):
+        yield f"| {words} | {len(inside)} | {_rate(Rate.over(inside, lambda one: one.found))} |"
+    yield ""
+    yield from _picture(
+        folder,
+        "confusion",
+        "Hidden effects by row, names by column; numbers are rigs, colours shares of the row. A tie that "
+        "holds "
+        "the truth counts as the truth. The last row holds names where nothing was left to name.",
+    )
+    yield from _picture(
+        folder,
+        "power",
+        "Share of rigs in which what was hidden was named, over how far the refitted base model strays "
+        "from the "
+        f"true path. Right of {CLEAR:g} times the noise 90 % are promised.",
+    )
+    yield "| signal over noise | rigs | named, or in a tie |"
+    yield "| --- | --- | --- |"
+    for one in power(scores):
+        if one.rate.of:
+            reach = f"{one.low:g} and more" if math.isinf(one.high) else f"{one.low:g} to {one.high:g}"
+            yield f"| {reach} | {one.rate.of} | {_rate(one.rate)} |"
+
+
+def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:
+    """Yield groups of rigs that share how they were seen."""
+    for noise in sorted({one.noise for one in known}):
+        yield f"{noise} noise", [one for one in known if one.noise == noise]
+    for camera, words in ((True, "through the camera"), (False, "positions without a picture")):
+        inside = [one for one in known if one.through_camera == camera]
+        if inside and len(inside) < len(known):
+            yield words, inside
+
+
+def _errors(results: Results, folder: str) -> Iterator[str]:
+    yield "\n## Runs held out\n"
+    yield (
+        "The gap is between the error of five parameters refitted and that of the true path, which is what "
+        "noise "
+        "makes; an effect that differs from run to run by chance "
+        f"(`{CHANCE}`) can close none and is left out, as are rigs without a gap.\n"
+    )
+    yield "| rigs | with a gap | closed, median | 10th percentile |"
+    yield "| --- | --- | --- | --- |"
+    for words, inside in (
+        ("effects of the catalogue", of_catalogue(results.scores)),
+        ("unlisted", in_group(results.scores, UNLISTED)),
+    ):
+        closed = gaps(inside)
+        if closed:
+            low = f"{np.quantile(closed, 0.1):.3f}"
+            middle = _quantity(Quantity.median(closed))
+            yield f"| {words} | {len(closed)} of {len(inside)} | {middle} | {low} |"
+    yield ""
+    yield from _picture(
+        folder,
+        "gaps",
+        "Share of the gap closed in each rig with effects of the catalogue, from the worst to the best, cut "
+        "off at -1; the dashed line is the true path.",
+    )
+
+
+def _methods(standings: Sequence[Standing]) -> Iterator[str]:
+    if len(standings) < 2:
+        return
+    yield "\n## Beside other methods, on the same rigs\n"
+    yield (
+        "| method | named exactly or in a tie | says that something is missing, where it is | where it is "
+        "not "
+        "| gap closed | error over the true path's | seconds |"
+    )
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for one in standings:
+        if one.missing:
+            yield f"| {one.title} | {one.missing} | | | | | |"
+            continue
+        rates = (
+            _rate(rate) if rate is not None else "does not say" for rate in (one.named, one.told, one.alarms)
+        )
+        closed, over = (_quantity(value) if value.of else "" for value in (one.closed, one.over_oracle))
+        yield f"| {one.title} | {' | '.join(rates)} | {closed} | {over} | {one.seconds:.1f} |"
+    yield ""
+    yield "Medians over all rigs that hide something. The methods are in `python/irt/prove/baselines/`."
+
+
+def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
+    yield "\n## Intervals\n"
+    yield "| 95 % intervals of | hold the truth | with an open end, not counted |"
+    yield "| --- | --- | --- |"
+    for words, of_effects in (("the five parameters", False), ("effects rightly named", True), ("all", None)):
+        rate, ajar = coverage(scores, of_effects=of_effects)
+        yield f"| {words} | {_rate(rate)} of {rate.of} | {ajar} |"
+    yield ""
+    yield from _picture(folder, "coverage", "Intervals with two ends that hold the truth, by parameter.")
+    seconds = [one.seconds for one in scores if math.isfinite(one.seconds)]
+    if seconds:
+        yield (
+            f"A diagnosis took {np.median(seconds):.0f} s on one core (median; the longest "
+            f"{np.max(seconds):.0f} s)."
+        )
+
+
+def _failures(scores: Sequence[RigScore]) -> Iterator[str]:
+    """Yield every answer that was not right, and every gap left open."""
+    wrong = [one for one in scores if not one.found or (one.closed is not None and one.closed < 0.85)]
+    yield "\n## Cases that failed\n"
+    if not wrong:
+        yield "None: every answer was right, and no gap was left open."
+        return
+    yield (
+        f"{len(wrong)} of {len(scores)} rigs, the largest signal first: answers that were not right, and "
+        f"right "
+        "ones that leave more than 15 % of the gap open.\n"
+    )
+    yield "| rig | hidden | answer | ties | signal over noise | gap closed | noise | reason |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    for one in sorted(wrong, key=lambda one: -(one.errors.signal if one.errors else math.inf)):
+        hidden = " + ".join(one.kinds) or _GROUPS[one.group]
+        answer = " + ".join(one.named) or one.verdict
+        ties = "; ".join(f"{name} or {', '.join(rest)}" for name, rest in one.ties.items())
+        signal = f"{one.errors.signal:.1f}" if one.errors else ""
+        closed = f"{one.closed:.2f}" if one.closed is not None else ""
+        seen = f"{one.noise}{', camera' if one.through_camera else ''}"
+        yield (
+            f"| {one.rig} | {hidden} | {answer} | {ties} | {signal} | {closed} | {seen} | {_reason(one)} |"
+        )
+
+
+def _reason(score: RigScore) -> str:
+    """Return in a few words why a rig counts as failed."""
+    hidden, named = set(score.kinds), set(score.named)
+    faint = score.errors is not None and score.errors.signal < 1.0
+    cases = (
+        (score.verdict == "failed", score.reason.replace("|", "/")),
+        (score.false_alarm, "false alarm"),
+        (score.found, "right, but the gap stays open"),
+        (score.verdict == "sufficient" and faint, "below the noise once refitted"),
+        (score.verdict == "sufficient", "missed"),
+        (score.group == UNLISTED, "taken for effects of the catalogue"),
+        (score.verdict == UNLISTED, "taken for unlisted physics"),
+        (hidden < named, "named something besides"),
+        (bool(hidden & named), "only one of two"),
+    )
+    return next((words for holds, words in cases if holds), "another effect named")
+
+
+def _how(places: Places, settings: Mapping[str, str], folder: str) -> Iterator[str]:
+    yield "\n## How it was done\n"
+    yield (
+        "1. A process of its own drew the seeds, had every rig recorded, encrypted its label "
+        "(ChaCha20-Poly1305) "
+        "and gave out a commitment, SHA-256 over a secret nonce and the label.\n"
+        "2. The commitments were published, then each rig was diagnosed by a process that got a copy of its "
+        "recordings under a name that says nothing.\n"
+        "3. The SHA-256 of every answer went into a manifest, and for that manifest alone the keys were "
+        "given "
+        "out.\n"
+        "4. Seals were opened, labels checked against the commitments, answers against the manifest, "
+        "recordings "
+        "against the labels; only then were scores computed."
+    )
+    yield "\n| | |\n| --- | --- |"
+    for title, words in settings.items():
+        yield f"| {title} | {words} |"
+    for name in _RAW:
+        path: Path = getattr(places, name)
+        if path.exists():
+            yield f"| SHA-256 of `{path.name}` | `{digest(path.read_bytes())}` |"
+    yield ""
+    yield f"Every score is in [{folder}/scores.json]({folder}/scores.json)."
+
+
+def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:
+    """Yield the share of the gap that each other method closes in the rigs that count."""
+    known = {one.rig: one for one in of_catalogue(results.scores) if one.closed is not None}
+    for name, title in (
+        ("single", "best single effect"),
+        ("gaussian", "Gaussian process"),
+        ("sindy", "PySINDy"),
+    ):
+        closed = []
+        for one in results.entries:
+            errors = known[one.rig].errors if one.rig in known else None
+            if one.method == name and one.error is not None and errors is not None:
+                closed.append(errors.closed(one.error) or 0.0)
+        yield title, closed
+
+
+def _picture(folder: str, name: str, caption: str) -> Iterator[str]:
+    yield f"![{caption}]({folder}/{name}.png)\n"
+    yield f"*{caption}*\n"
+
+
+def _measured(floor: Floor) -> str:
+    if not floor.of:
+        return ""
+    if floor.what.startswith("held-out"):
+        return f"{floor.value:.3f} ({floor.low:.3f} to {floor.high:.3f})"
+    return f"{100 * floor.value:.1f} % ({100 * floor.low:.1f} to {100 * floor.high:.1f})"
+
+
+def _rate(rate: Rate) -> str:
+    if not rate.of:
+        return ""
+    low, high = rate.interval
+    return f"{100 * rate.share:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+
+
+def _quantity(value: Quantity) -> str:
+    if not value.of:
+        return ""
+    return f"{value.value:.3g} ({value.low:.3g} to {value.high:.3g})"
