@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help=f"{_FULL[0]} rigs with something hidden and {_FULL[1]} without, other methods beside the diagnosis, "
+        help=f"{_FULL[0]} rigs with something hidden and {_FULL[1]} without, other methods on the same rigs, "
         "and the page docs/proof.md (a day on two cores)",
     )
     parser.add_argument(

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from irt.files import read_text
 from irt.prove.blind import FAILED
-from irt.prove.score import RigScore, test_files
+from irt.prove.score import RigScore, held_out, label_of
 from irt.prove.tally import Quantity, Rate, nulls, of_catalogue
-from irt.recording import Recording, load_recording
+from irt.recording import Recording
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class Standing:
     missing: str = ""
 
 
-def contestants(score: RigScore, folder: Path, opened: Path) -> list[Contestant]:
+def contestants(score: RigScore, folder: Path, opened: Path, start: str) -> list[Contestant]:
     """Return what other methods made of a rig.
 
     Parameters
@@ -97,6 +97,8 @@ def contestants(score: RigScore, folder: Path, opened: Path) -> list[Contestant]
         What was hidden in it.
     folder, opened : Path
         What the methods wrote; label and runs held out.
+    start : {"rest", "moving"}
+        How the rig's recordings begin.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def contestants(score: RigScore, folder: Path, opened: Path) -> list[Contestant]
     if (folder / FAILED).exists():
         return []
     told = json.loads(read_text(folder / "baselines.json"))
-    tests = [load_recording(path) for path in test_files(opened)]
+    tests, _ = held_out(opened, label_of(opened), start)
     return [
         Contestant(
             rig=score.rig,

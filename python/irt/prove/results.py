@@ -45,7 +45,9 @@ class Results:
             entry
             for score in scores
             if places.contest(score.rig).exists()
-            for entry in contestants(score, places.contest(score.rig), places.opened(score.rig))
+            for entry in contestants(
+                score, places.contest(score.rig), places.opened(score.rig), places.start(score.rig)
+            )
         ]
         return cls(scores, tuple(entries))
 

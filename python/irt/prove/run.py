@@ -17,13 +17,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from irt.errors import IrtError
 from irt.files import make_folder, read_text, write_atomic
 from irt.prove import sealing
 from irt.prove.pipe import Pipe
 from irt.prove.plan import Plan
+from irt.prove.score import held_out, label_of
 from irt.prove.seal import Key, Seal, canonical, digest, digests, open_seal
 from irt.prove.workers import Files, Workers, files_of
+from irt.recording import Recording
+from irt.rig import load_rig
+from irt.segments import LEAD_ROWS
 
 Progress = Callable[[int, int, str], None]
 
@@ -68,6 +74,10 @@ class Places:
     def rig(self, name: str) -> Path:
         """Return the folder of a rig's recordings."""
         return self.out / "rigs" / name
+
+    def start(self, name: str) -> str:
+        """Return how a rig's recordings begin: "rest" or "moving"."""
+        return load_rig(self.rig(name)).start
 
     def seal(self, name: str) -> Path:
         """Return the file of a rig's seal."""
@@ -190,9 +200,9 @@ class Proof:
         """Return what another method may see: recordings, the base model, and what to predict."""
         files = files_of(self.places.rig(name))
         files.update({f"models/{key}": data for key, data in files_of(self.places.answer(name)).items()})
-        for path in sorted(self.places.opened(name).glob("test-*.csv")):
-            # Row 0 is where a prediction starts; what came of it stays here.
-            files[f"tests/{path.name}"] = _commands_alone(read_text(path)).encode()
+        folder, start = self.places.opened(name), self.places.start(name)
+        for test in held_out(folder, label_of(folder), start)[0]:
+            files[f"tests/{test.name}.csv"] = commands_alone(test, start).encode()
         return files
 
     def _work(self, step: str, module: str, inputs: dict[str, Files], place: Callable[[str], Path]) -> None:
@@ -302,16 +312,11 @@ def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _commands_alone(csv: str) -> str:
-    """Return a recording without what came of it: positions but for row 0 left empty."""
-    header, first, *rows = csv.splitlines()
-    columns = header.split(",")
-    places = [columns.index("marble_x"), columns.index("marble_y")]
-    blank = []
-    for row in rows:
-        cells = row.split(",")
-        blank.append(",".join("" if index in places else cell for index, cell in enumerate(cells)))
-    return "\n".join([header, first, *blank]) + "\n"
+def commands_alone(test: Recording, start: str) -> str:
+    """Return a recording as CSV without what came of it: only rows where a prediction starts stay."""
+    marble = test.marble.copy()
+    marble[LEAD_ROWS if start == "moving" else 1 :] = np.nan
+    return Recording(test.name, test.path, test.knobs, marble, test.stamps).to_csv()
 
 
 def _write_folder(folder: Path, files: Files) -> None:

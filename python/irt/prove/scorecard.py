@@ -18,7 +18,19 @@ from irt.prove.results import Results
 from irt.prove.run import Places
 from irt.prove.score import CHANCE, RigScore
 from irt.prove.seal import digest
-from irt.prove.tally import CLEAR, Floor, Quantity, Rate, coverage, gaps, in_group, nulls, of_catalogue, power
+from irt.prove.tally import (
+    CLEAR,
+    GAP_CLOSED,
+    Floor,
+    Quantity,
+    Rate,
+    coverage,
+    gaps,
+    in_group,
+    nulls,
+    of_catalogue,
+    power,
+)
 
 _GROUPS = {
     "single": "one effect",
@@ -101,8 +113,7 @@ def _answer(results: Results) -> Iterator[str]:
     yield "| promise | floor | measured (95 % interval) | of | kept |"
     yield "| --- | --- | --- | --- | --- |"
     for one in results.floors:
-        kept = "not counted" if one.kept is None else "yes" if one.kept else "**no**"
-        yield f"| {one.what} | {one.promise} | {_measured(one)} | {one.of} | {kept} |"
+        yield f"| {one.what} | {one.promise} | {_measured(one)} | {one.of} | {_kept(one)} |"
     yield ""
     yield (
         "Another engine made the recordings, and another process hid in them what was to be found. The "
@@ -176,7 +187,8 @@ def _errors(results: Results, folder: str) -> Iterator[str]:
         "The gap is between the error of five parameters refitted and that of the true path, which is what "
         "noise "
         "makes; an effect that differs from run to run by chance "
-        f"(`{CHANCE}`) can close none and is left out, as are rigs without a gap.\n"
+        f"(`{CHANCE}`) can close none and is left out, as are rigs without a gap. Predictions of all methods "
+        "start from the true place: noise there shifts a whole path.\n"
     )
     yield "| rigs | with a gap | closed, median | 10th percentile |"
     yield "| --- | --- | --- | --- |"
@@ -329,10 +341,16 @@ def _picture(folder: str, name: str, caption: str) -> Iterator[str]:
     yield f"*{caption}*\n"
 
 
+def _kept(floor: Floor) -> str:
+    if floor.kept is None:
+        return "not counted"
+    return f"{'yes' if floor.kept else '**no**'}{'' if floor.sure else ', but too few to be sure'}"
+
+
 def _measured(floor: Floor) -> str:
     if not floor.of:
         return ""
-    if floor.what.startswith("held-out"):
+    if floor.what == GAP_CLOSED:
         return f"{floor.value:.3f} ({floor.low:.3f} to {floor.high:.3f})"
     return f"{100 * floor.value:.1f} % ({100 * floor.low:.1f} to {100 * floor.high:.1f})"
 

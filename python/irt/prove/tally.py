@@ -20,6 +20,8 @@ _Z = 1.959963984540054
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, math.inf)
 #: From this signal over noise on an effect must be named.
 CLEAR = 5.0
+#: The one promise that is no rate.
+GAP_CLOSED = "held-out gap closed, median"
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,8 @@ class Floor:
         Over how many.
     kept : bool or None
         Whether the value keeps the promise; None where nothing was counted.
+    sure : bool
+        Whether all of the interval says the same: a small proof seldom can.
     """
 
     what: str
@@ -113,6 +117,26 @@ class Floor:
     high: float
     of: int
     kept: bool | None
+    sure: bool = True
+
+    @classmethod
+    def between(
+        cls,
+        what: str,
+        promise: str,
+        measured: Rate | Quantity,
+        *,
+        least: float = -math.inf,
+        most: float = 1.0,
+    ) -> Floor:
+        """Return whether what was measured lies between two limits."""
+        if isinstance(measured, Rate):
+            value, (low, high) = measured.share, measured.interval
+        else:
+            value, low, high = measured.value, measured.low, measured.high
+        kept = least <= value <= most if measured.of else None
+        sure = least <= low <= high <= most if kept else high < least or low > most
+        return cls(what, promise, value, low, high, measured.of, kept, sure)
 
 
 @dataclass(frozen=True)
@@ -211,24 +235,16 @@ def floors(scores: Sequence[RigScore]) -> list[Floor]:
     gap = Quantity.median(gaps(known))
     held, _ = coverage(scores)
     return [
-        _rate("false alarms", "at most 2 %", Rate.over(nulls(scores), _alarmed), most=0.02),
-        _rate(
+        Floor.between("false alarms", "at most 2 %", Rate.over(nulls(scores), _alarmed), most=0.02),
+        Floor.between(
             f"named, or in a declared tie, where the signal is at least {CLEAR:g} times the noise",
             "at least 90 %",
             Rate.over([one for one in known if is_clear(one)], lambda one: one.found),
             least=0.9,
         ),
-        Floor(
-            "held-out gap closed, median",
-            "at least 0.95",
-            gap.value,
-            gap.low,
-            gap.high,
-            gap.of,
-            gap.value >= 0.95 if gap.of else None,
-        ),
-        _rate("95 % intervals that hold the truth", "85 to 99 %", held, least=0.85, most=0.99),
-        _rate(
+        Floor.between(GAP_CLOSED, "at least 0.95", gap, least=0.95, most=math.inf),
+        Floor.between("95 % intervals that hold the truth", "85 to 99 %", held, least=0.85, most=0.99),
+        Floor.between(
             "unlisted physics told as such",
             "at least 80 %",
             Rate.over(in_group(scores, UNLISTED), lambda one: one.found),
@@ -239,8 +255,3 @@ def floors(scores: Sequence[RigScore]) -> list[Floor]:
 
 def _alarmed(score: RigScore) -> bool:
     return score.false_alarm or score.verdict == "failed"
-
-
-def _rate(what: str, promise: str, rate: Rate, *, least: float = 0.0, most: float = 1.0) -> Floor:
-    kept = least <= rate.share <= most if rate.of else None
-    return Floor(what, promise, rate.share, *rate.interval, rate.of, kept)
