@@ -46,7 +46,7 @@ def run_module(module: str, files: Mapping[str, bytes], started: Started | None 
     started : Started, optional
         Is told of the process, to be able to end it.
     """
-    # No part of this name, or of any that the process sees, comes from the rig.
+    # What the process is told of places is the same for every rig, and so are the words of an answer.
     with tempfile.TemporaryDirectory(prefix="irt-") as place:
         folder, out = Path(place) / "rig", Path(place) / "out"
         for path in (folder, out):
@@ -54,10 +54,10 @@ def run_module(module: str, files: Mapping[str, bytes], started: Started | None 
         for name, data in files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(data)
-        words = [sys.executable, "-m", module, str(folder), str(out)]
+        words = [sys.executable, "-m", module, folder.name, out.name]
         failure = _run(words, place, started or Started())
         if failure is not None:
-            return {FAILED: canonical({"error": failure.replace(place, "...")})}
+            return {FAILED: canonical({"error": failure})}
         return {path.name: path.read_bytes() for path in sorted(out.iterdir())}
 
 
