@@ -329,8 +329,9 @@ def _write_folder(folder: Path, files: Files) -> None:
 
 
 def _json(path: Path) -> dict[str, Any]:
+    text = read_text(path)
     try:
-        content: dict[str, Any] = json.loads(read_text(path))
+        content: dict[str, Any] = json.loads(text)
     except ValueError as error:
         raise IrtError(f"{path}: broken JSON: {error}") from error
     return content

@@ -27,6 +27,7 @@ from irt.prove.tally import (
     coverage,
     gaps,
     in_group,
+    is_clear,
     nulls,
     of_catalogue,
     power,
@@ -99,8 +100,8 @@ def verdict(results: Results) -> str:
     hidden = len(scores) - len(nulls(scores))
     short = [one.what for one in told if not one.kept]
     sentence = (
-        f"{hidden} rigs with hidden physics and {len(scores) - hidden} without, diagnosed blind: "
-        f"{kept} of {len(told)} promises kept."
+        f"{hidden} rig{'' if hidden == 1 else 's'} with hidden physics and {len(scores) - hidden} without, "
+        f"diagnosed blind: {kept} of {len(told)} promises kept."
     )
     return f"{sentence} Short of its floor: {'; '.join(short)}." if short else sentence
 
@@ -125,8 +126,8 @@ def _answer(results: Results) -> Iterator[str]:
 
 def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     yield "\n## What was named\n"
-    yield "| hidden | rigs | right | exactly | tie size | failed |"
-    yield "| --- | --- | --- | --- | --- | --- |"
+    yield f"| hidden | rigs | right | exactly | right from {CLEAR:g} noises on | tie size | failed |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
     for group, words in _GROUPS.items():
         inside = in_group(scores, group)
         if inside:
@@ -137,7 +138,9 @@ def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
                 _rate(Rate.over(inside, lambda one: one.found)),
                 _rate(Rate.over(inside, lambda one: one.exact)),
             )
-            yield f"| {words} | {len(inside)} | {right} | {exact} | {size} | {failed} |"
+            clear = [one for one in inside if group not in NULLS and is_clear(one)]
+            told = f"{_rate(Rate.over(clear, lambda one: one.found))} of {len(clear)}" if clear else ""
+            yield f"| {words} | {len(inside)} | {right} | {exact} | {told} | {size} | {failed} |"
     yield ""
     yield (
         "Right is: the hidden effect by its name or in the tie declared, nothing besides; `unlisted` for "
@@ -344,7 +347,9 @@ def _picture(folder: str, name: str, caption: str) -> Iterator[str]:
 def _kept(floor: Floor) -> str:
     if floor.kept is None:
         return "not counted"
-    return f"{'yes' if floor.kept else '**no**'}{'' if floor.sure else ', but too few to be sure'}"
+    if floor.sure:
+        return "yes" if floor.kept else "**no**"
+    return "yes, though chance could hide a miss" if floor.kept else "**no**, though chance could do that"
 
 
 def _measured(floor: Floor) -> str:
