@@ -97,7 +97,8 @@ def _proved(args: argparse.Namespace) -> tuple[Places, list[str]]:
 
     plan = _plan(args)
     world = shlex.split(args.world) if args.world else _world()
-    workers = make_workers(args.jobs or os.cpu_count() or 1, args.cluster)
+    jobs = args.jobs or os.cpu_count() or 1
+    workers = make_workers(jobs, args.cluster)
     try:
         with progress_bar() as progress:
             proof = Proof(
@@ -108,6 +109,7 @@ def _proved(args: argparse.Namespace) -> tuple[Places, list[str]]:
                 seed=args.seed,
                 progress=progress,
                 contest=args.baselines or args.full,
+                hiders=jobs,
             )
             return proof.run(), plan.names()
     except KeyboardInterrupt:

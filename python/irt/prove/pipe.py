@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +24,9 @@ class Pipe:
         What to start.
     what : str
         What it is, for messages.
+    apart : bool
+        Whether Ctrl-C leaves it alone: it is for the program that the user sees to end it, and all that it
+        has started with it.
 
     Raises
     ------
@@ -29,17 +34,16 @@ class Pipe:
         If it cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], what: str) -> None:
-        self._what = what
+    def __init__(self, command: Sequence[str], what: str, *, apart: bool = True) -> None:
+        self._what, self._apart = what, apart
         try:
-            # A session of its own: Ctrl-C reaches the program that the user sees, which ends this one.
             self._process = subprocess.Popen(
                 list(command),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
                 encoding="utf-8",
-                start_new_session=True,
+                start_new_session=apart,
             )
         except OSError as error:
             raise IrtError(f"{what} cannot be started ({command[0]}): {error.strerror}") from error
@@ -62,6 +66,14 @@ class Pipe:
         if "error" in answer:
             raise IrtError(f"{answer['error']}")
         return answer
+
+    def stop(self) -> None:
+        """End the process at once, in the midst of whatever it does, and what it has started."""
+        if self._process.poll() is None:
+            if self._apart and hasattr(os, "killpg"):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            else:
+                self._process.kill()
 
     def close(self) -> None:
         """End the process: it has no more requests to wait for."""

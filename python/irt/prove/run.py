@@ -13,8 +13,11 @@ import json
 import secrets
 import shutil
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
 import numpy as np
@@ -115,6 +118,8 @@ class Proof:
         Called with (done, total, text).
     contest : bool
         Whether other methods get the same rigs.
+    hiders : int
+        How many rigs are made at a time, each by a sealing process of its own.
 
     Raises
     ------
@@ -132,15 +137,17 @@ class Proof:
         seed: int | None = None,
         progress: Progress | None = None,
         contest: bool = True,
+        hiders: int = 1,
     ) -> None:
         self.places, self.plan, self._workers = Places(make_folder(out)), plan, workers
         self._generator, self._seed, self._contest = generator, seed, contest
+        self._hiders = hiders
         self._progress = progress or (lambda *_: None)
         self._done = 0
 
     def run(self) -> Places:
         """Go all the way, from where it was left."""
-        with Pipe(self._sealing(), "the sealing process") as sealer:
+        with self._sealer() as sealer:
             self._hide(sealer)
             self._diagnose()
             self._release(sealer)
@@ -150,8 +157,9 @@ class Proof:
         self._tell(self._total, "done")
         return self.places
 
-    def _sealing(self) -> list[str]:
-        return sealing.command(self.places.vault.resolve(), self.plan, self._seed, self._generator)
+    def _sealer(self) -> Pipe:
+        vault = self.places.vault.resolve()
+        return Pipe(sealing.command(vault, self.plan, self._seed, self._generator), "the sealing process")
 
     def _hide(self, sealer: Pipe) -> None:
         """Have the rigs made, and publish the commitments to all of them."""
@@ -161,15 +169,41 @@ class Proof:
         if self.places.commitments.exists():
             self._step("hidden", "", len(names))
             return
-        for index, name in enumerate(names):
-            if not self.places.seal(name).exists():
-                folder = self.places.rig(name)
-                shutil.rmtree(folder, ignore_errors=True)
-                folder.mkdir()
-                made = sealer.ask({"make": {"index": index, "folder": str(folder.resolve())}})
-                write_atomic(self.places.seal(name), canonical(made))
-            self._step("hidden", f"hiding {name}")
+        left = [index for index, name in enumerate(names) if not self.places.seal(name).exists()]
+        already = len(names) - len(left)
+        self._step("hidden", f"hidden: {already} of {len(names)}", already)
+        # The first one has the vault made; the others find it there.
+        sealer.ask({"begin": {}})
+        with ExitStack() as stack:
+            others = min(self._hiders, len(left)) - 1
+            idle: Queue[Pipe] = Queue()
+            pipes = [sealer, *(stack.enter_context(self._sealer()) for _ in range(others))]
+            for pipe in pipes:
+                idle.put(pipe)
+            pool = stack.enter_context(ThreadPoolExecutor(self._hiders))
+            tasks = [pool.submit(self._make, idle, index, names[index]) for index in left]
+            try:
+                for done, task in enumerate(as_completed(tasks), start=already + 1):
+                    task.result()
+                    self._step("hidden", f"hidden: {done} of {len(names)}")
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for pipe in pipes:
+                    pipe.stop()
+                raise
         write_atomic(self.places.commitments, canonical(commitments(self.places, names)))
+
+    def _make(self, idle: Queue[Pipe], index: int, name: str) -> None:
+        """Have one rig made by a sealing process that is idle, and publish its seal."""
+        folder = self.places.rig(name)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        pipe = idle.get()
+        try:
+            made = pipe.ask({"make": {"index": index, "folder": str(folder.resolve())}})
+        finally:
+            idle.put(pipe)
+        write_atomic(self.places.seal(name), canonical(made))
 
     def _diagnose(self) -> None:
         names = self.plan.names()

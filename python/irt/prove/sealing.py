@@ -4,6 +4,8 @@
 
 Requests and answers are lines of JSON on standard input and output (`irt.prove.pipe`):
 
+``{"begin": {}}``
+    is answered once the vault is there.
 ``{"make": {"index": 3, "folder": "..."}}``
     has the generator write a rig's recordings into the folder; answers with its seal alone.
 ``{"release": {"manifest": {...}}}``
@@ -104,6 +106,8 @@ class Sealer:
 
     def answer(self, request: dict[str, Any]) -> Mapping[str, Any]:
         """Answer a request."""
+        if "begin" in request:
+            return {}
         if "make" in request:
             return self._make(int(request["make"]["index"]), Path(request["make"]["folder"]))
         if "release" in request:
@@ -117,7 +121,7 @@ class Sealer:
 
     def _make(self, index: int, folder: Path) -> Mapping[str, Any]:
         if self._generator is None:
-            self._generator = Pipe(self._command, "the concealed world")
+            self._generator = Pipe(self._command, "the concealed world", apart=False)
         rig = name_of(index)
         asked = {
             "index": index,

@@ -111,6 +111,14 @@ def test_rigs_half_made_are_made_again(prove, files, monkeypatch, tmp_path: Path
     assert verify(places.out) == 3
 
 
+def test_many_hands_hide_the_same(prove, places: Places, files, tmp_path: Path) -> None:
+    recordings = files(places.out / "rigs")
+    places.out.rename(tmp_path / "first")
+    many = prove(hiders=3)
+    assert files(many.out / "rigs") == recordings
+    assert verify(many.out) == 3
+
+
 @pytest.mark.usefixtures("places")
 def test_another_plan_or_seed_is_another_proof(prove) -> None:
     for other in ({"plan": Plan(none=2)}, {"seed": 6}):
