@@ -10,7 +10,7 @@ import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from irt.errors import IrtError
 from irt.prove.blind import FAILED
@@ -141,15 +141,6 @@ def environment() -> dict[str, str]:
 def files_of(folder: Path, pattern: str = "*") -> Files:
     """Return the files of a folder by name."""
     return {path.name: path.read_bytes() for path in sorted(folder.glob(pattern)) if path.is_file()}
-
-
-def make_workers(jobs: int, cluster: str | None = None) -> Any:
-    """Return who runs the processes: this machine, or the Ray cluster at an address."""
-    if cluster is None:
-        return LocalWorkers(jobs)
-    from irt.prove.cluster import RayWorkers  # noqa: PLC0415
-
-    return RayWorkers(cluster)
 
 
 def _run(words: Sequence[str], place: str, started: Started) -> str | None:

@@ -10,7 +10,7 @@ import pytest
 
 from irt.errors import IrtError
 from irt.prove.cluster import RayWorkers
-from irt.prove.workers import LocalWorkers, files_of, make_workers
+from irt.prove.workers import LocalWorkers, files_of
 
 BLIND = "irt.prove.blind"
 
@@ -33,7 +33,7 @@ def test_the_same_answers_bit_for_bit(local_ray: str, places) -> None:
     inputs = {name: files_of(places.rig(name)) for name in ("rig-0001", "rig-0002")}
     inputs["broken"] = {**inputs["rig-0001"], "train-1.csv": b"step\n"}
     told = {}
-    for workers in (LocalWorkers(1), make_workers(1, local_ray)):
+    for workers in (LocalWorkers(1), RayWorkers(local_ray)):
         answers = dict(workers.each(BLIND, inputs))
         for files in answers.values():
             files.pop("seconds.json", None)
