@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 NOTHING = "nothing"
 #: A gap is one to close where the base model errs by this share more than the oracle, at least.
 GAP = 0.1
+#: Angles that say the same after a turn [rad].
+TURNS = {"grain_rad": math.pi, "phase_rad": 2.0 * math.pi}
 #: Differs from run to run by chance, so that no model can predict it: left out where gaps count.
 CHANCE = "delay_jitter"
 
@@ -274,7 +276,7 @@ def intervals(told: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, st
     intervals along that direction are as wide as the rig's ranges, and are compared as they are.
     """
     held = {
-        name: _holds(one, truth[name])
+        name: _holds(name, one, truth[name])
         for name, one in told["parameters"].items()
         if truth.get(name) is not None
     }
@@ -283,13 +285,14 @@ def intervals(told: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, st
         known = hidden.get(effect["name"], {})
         for name, one in effect["parameters"].items():
             if known.get(name) is not None:
-                held[f"{effect['name']}.{name}"] = _holds(one, known[name])
+                held[f"{effect['name']}.{name}"] = _holds(name, one, known[name])
     return held
 
 
-def _holds(one: Mapping[str, Any], value: float) -> str:
+def _holds(name: str, one: Mapping[str, Any], value: float) -> str:
     low, high = (math.nan if one.get(end) is None else float(one[end]) for end in ("low", "high"))
-    if value < low or value > high:
+    turn = TURNS.get(name, 0.0)
+    if all(same < low or same > high for same in (value, value - turn, value + turn)):
         return "no"
     return "open" if math.isnan(low) or math.isnan(high) else "yes"
 

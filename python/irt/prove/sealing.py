@@ -12,6 +12,15 @@ Requests and answers are lines of JSON on standard input and output (`irt.prove.
     writes down the SHA-256 of the manifest of all answers, then answers with the keys. It does so for one
     manifest: after that nobody can come with other answers.
 
+The concealed world is a process of the same manner. It is asked
+
+``{"make": {"index": 3, "kind": "none|outliers|single|pair|unlisted", "folder": "...", "seed": 7}}``
+
+writes the rig's recordings and ``rig.toml`` into the folder, and answers ``{"label": {...}}``: ``kind`` (an
+effect, two, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters by name, ``effects``),
+``sigma`` of the tracker [board edges], ``noise``, ``through_camera``, and ``tests`` by name, each with its
+``csv`` and the ``clean`` path [board edges].
+
 Keys lie in the vault, so that a long proof goes on after a crash; no diagnosis is told where that is.
 """
 

@@ -108,6 +108,16 @@ def test_intervals_of_what_is_known() -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("name", "truth", "held"),
+    [("grain_rad", 0.1, "yes"), ("phase_rad", 0.1, "no"), ("phase_rad", 3.1, "yes"), ("ratio", 0.1, "no")],
+)
+def test_an_angle_says_the_same_after_a_turn(name: str, truth: float, held: str) -> None:
+    interval = {"value": 3.2, "low": 3.0, "high": 3.4}
+    answer = {"parameters": {}, "effects": [{"name": "x", "parameters": {name: interval}}]}
+    assert intervals(answer, {"effects": [{"name": "x", name: truth}]}) == {f"x.{name}": held}
+
+
 def test_the_gap_between_base_and_oracle() -> None:
     errors = Errors(base=0.011, final=0.002, oracle=0.001, signal=9.0)
     assert errors.closed() == pytest.approx(0.9)
