@@ -145,7 +145,7 @@ def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
     print(verdict(results))
     print()
     for floor in results.floors:
-        kept = "-" if floor.kept is None else "kept" if floor.kept else "SHORT"
+        kept = "-" if floor.kept is None else "kept" if floor.kept else "SHORT" if floor.sure else "short?"
         value = f"{floor.value:.3f} ({floor.low:.3f} to {floor.high:.3f})" if floor.of else "not counted"
         print(f"{kept:<6} {floor.what}: {value}, floor {floor.promise}, over {floor.of}")
     print(f"\nwrote {page}")

@@ -98,12 +98,17 @@ def verdict(results: Results) -> str:
     kept = sum(bool(one.kept) for one in told)
     scores = results.scores
     hidden = len(scores) - len(nulls(scores))
-    short = [one.what for one in told if not one.kept]
+    short = [one.what for one in told if not one.kept and one.sure]
+    perhaps = [one.what for one in told if not one.kept and not one.sure]
     sentence = (
         f"{hidden} rig{'' if hidden == 1 else 's'} with hidden physics and {len(scores) - hidden} without, "
         f"diagnosed blind: {kept} of {len(told)} promises kept."
     )
-    return f"{sentence} Short of its floor: {'; '.join(short)}." if short else sentence
+    if short:
+        sentence += f" Short of its floor: {'; '.join(short)}."
+    if perhaps:
+        sentence += f" Short, though chance could do that: {'; '.join(perhaps)}."
+    return sentence
 
 
 def _answer(results: Results) -> Iterator[str]:

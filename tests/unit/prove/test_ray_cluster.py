@@ -30,7 +30,7 @@ def local_ray() -> Iterator[str]:
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_the_same_answers_bit_for_bit(local_ray: str, places) -> None:
-    inputs = {name: files_of(places.rig(name)) for name in ("rig-0001", "rig-0002")}
+    inputs = {"rig-0001": files_of(places.rig("rig-0001"))}
     inputs["broken"] = {**inputs["rig-0001"], "train-1.csv": b"step\n"}
     told = {}
     for workers in (LocalWorkers(1), RayWorkers(local_ray)):

@@ -70,6 +70,11 @@ def test_nothing_failed(score, places, tmp_path: Path) -> None:
     assert "Short of its floor" not in verdict(Results((score(), score("none"))))
 
 
+def test_what_chance_could_do_is_said(score) -> None:
+    told = verdict(Results((score(intervals={"gear_x": "yes"}), score("none"))))
+    assert told.endswith("Short, though chance could do that: 95 % intervals that hold the truth.")
+
+
 def test_methods_stand_beside_each_other(page: Path) -> None:
     text = page.read_text()
     for title, _ in METHODS.values():
