@@ -18,7 +18,7 @@ from irt.errors import IrtError
 from irt.files import write_atomic
 from irt.prove.seal import canonical
 
-#: Wall time, which is no part of what must be the same for the same recordings.
+#: Seconds of one core, which is no part of what must be the same for the same recordings.
 SECONDS = "seconds.json"
 FAILED = "failed.json"
 
@@ -29,7 +29,7 @@ def main(words: Sequence[str]) -> int:
     from irt.model import save_model  # noqa: PLC0415
 
     folder, out = (Path(word) for word in words)
-    began = time.perf_counter()
+    began = time.process_time()
     try:
         found = diagnose(folder, seed=0, threads=1)
     except IrtError as error:
@@ -41,7 +41,7 @@ def main(words: Sequence[str]) -> int:
     save_model(out / "model.toml", found.model)
     for number, rival in enumerate(found.rivals, start=1):
         save_model(out / f"rival-{number}.toml", rival)
-    write_atomic(out / SECONDS, canonical({"seconds": time.perf_counter() - began}))
+    write_atomic(out / SECONDS, canonical({"seconds": time.process_time() - began}))
     write_atomic(out / "diagnosis.json", canonical(told))
     return 0
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from typing import Any
 
 from irt.errors import IrtError
@@ -37,7 +37,7 @@ class RayWorkers:
             except (ConnectionError, RuntimeError, ValueError) as error:
                 raise IrtError(f"no Ray cluster answers at {address}: {error}") from error
 
-    def each(self, module: str, inputs: Mapping[str, Files]) -> Iterator[tuple[str, Files]]:
+    def each(self, module: str, inputs: Mapping[str, Files]) -> Generator[tuple[str, Files]]:
         """Yield (name, files written) as rigs get done; Ctrl-C takes back what has not begun."""
         # A module that is run needs nothing but the files: no object of this process travels.
         work = self._ray.remote(run_module).options(num_cpus=1, max_retries=3)

@@ -36,7 +36,7 @@ class Contestant:
     error : float or None
         Mean absolute error on the runs held out [board edges]; None where it predicts nothing.
     seconds : float
-        Wall time.
+        What it took of one core.
     missing : str
         Why there is no answer, if there is none.
     """

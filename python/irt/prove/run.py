@@ -12,9 +12,9 @@ from __future__ import annotations
 import json
 import secrets
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
@@ -242,12 +242,11 @@ class Proof:
     def _work(self, step: str, module: str, inputs: dict[str, Files], place: Callable[[str], Path]) -> None:
         already = self.plan.rigs - len(inputs)
         self._step(step, f"{step}: {already} of {self.plan.rigs}", already)
-        for done, (name, files) in enumerate(self._each(module, inputs), start=already + 1):
-            _write_folder(place(name), files)
-            self._step(step, f"{step}: {done} of {self.plan.rigs}")
-
-    def _each(self, module: str, inputs: dict[str, Files]) -> Iterator[tuple[str, Files]]:
-        return self._workers.each(module, inputs)
+        # Closed at once where this stops: its processes must not outlive it.
+        with closing(self._workers.each(module, inputs)) as answers:
+            for done, (name, files) in enumerate(answers, start=already + 1):
+                _write_folder(place(name), files)
+                self._step(step, f"{step}: {done} of {self.plan.rigs}")
 
     @property
     def _total(self) -> int:

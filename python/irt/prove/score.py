@@ -92,7 +92,7 @@ class RigScore:
     noise, sigma, through_camera
         How it was seen: kind of noise, its standard deviation [board edges], by the tracker or not.
     seconds : float
-        Wall time of the diagnosis.
+        What the diagnosis took of one core.
     reason : str
         Why it failed, if it did.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,6 +33,7 @@ from irt.prove.tally import (
     of_catalogue,
     power,
 )
+from irt.rig import Board
 
 _GROUPS = {
     "single": "one effect",
@@ -40,6 +42,9 @@ _GROUPS = {
     "none": "nothing",
     "outliers": "nothing, but a tracker that jumps",
 }
+#: The paper's board, for noise in millimetres.
+_EDGE_MM = 1e3 * Board.edge_x_m
+_NOISES_MM = (0.0, 0.3, 0.6, 1.0, 2.5)
 #: Files of a proof that are copied beside the page, so that anyone can check them.
 _RAW = ("commitments", "manifest", "keys")
 
@@ -183,6 +188,10 @@ def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:
     """Yield groups of rigs that share how they were seen."""
     for noise in sorted({one.noise for one in known}):
         yield f"{noise} noise", [one for one in known if one.noise == noise]
+    for low, high in itertools.pairwise(_NOISES_MM):
+        inside = [one for one in known if low <= _EDGE_MM * one.sigma < high]
+        if inside:
+            yield f"noise of {low:g} to {high:g} mm", inside
     for camera, words in ((True, "through the camera"), (False, "positions without a picture")):
         inside = [one for one in known if one.through_camera == camera]
         if inside and len(inside) < len(known):
@@ -253,7 +262,7 @@ def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     seconds = [one.seconds for one in scores if math.isfinite(one.seconds)]
     if seconds:
         yield (
-            f"A diagnosis took {np.median(seconds):.0f} s on one core (median; the longest "
+            f"A diagnosis took {np.median(seconds):.0f} s of one core (median; the longest "
             f"{np.max(seconds):.0f} s)."
         )
 

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Protocol
@@ -28,7 +28,7 @@ PATIENCE_S = 3600.0
 class Workers(Protocol):
     """Whoever runs a module on the files of many rigs."""
 
-    def each(self, module: str, inputs: Mapping[str, Files]) -> Iterator[tuple[str, Files]]:
+    def each(self, module: str, inputs: Mapping[str, Files]) -> Generator[tuple[str, Files]]:
         """Yield (name, files written) as rigs get done, in any order."""
 
 
@@ -113,7 +113,7 @@ class LocalWorkers:
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
 
-    def each(self, module: str, inputs: Mapping[str, Files]) -> Iterator[tuple[str, Files]]:
+    def each(self, module: str, inputs: Mapping[str, Files]) -> Generator[tuple[str, Files]]:
         """Yield (name, files written) as rigs get done; Ctrl-C ends the processes first."""
         started = Started()
         with ThreadPoolExecutor(self._jobs) as pool:

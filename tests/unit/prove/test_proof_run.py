@@ -89,6 +89,27 @@ def test_it_goes_on_where_it_was_stopped(prove, hat, files, tmp_path: Path) -> N
     assert files(places.out)["keys.json"] == after["keys.json"]
 
 
+def test_nothing_goes_on_behind_a_stop(prove, hat) -> None:
+    """Whoever stops while an answer is written down leaves no diagnosis running."""
+    ended = []
+
+    class Watching:
+        def each(self, name, inputs):
+            try:
+                yield from hat().each(name, inputs)
+            finally:
+                ended.append(name)
+
+    def stop(_done: int, _total: int, text: str) -> None:
+        if text == "diagnosed: 2 of 3":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        prove(Watching(), progress=stop)
+    assert ended == ["irt.prove.blind"]
+    assert stopped.value is not None
+
+
 def test_rigs_half_made_are_made_again(prove, files, monkeypatch, tmp_path: Path) -> None:
     whole = Pipe.ask
 
