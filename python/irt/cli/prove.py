@@ -14,8 +14,8 @@ from irt.cli.inputs import whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
+    from irt.prove.chain import Places
     from irt.prove.plan import Plan
-    from irt.prove.run import Places
     from irt.prove.workers import Workers
 
 NAME = "prove"
@@ -54,7 +54,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder of the proof; one that was begun there goes on (default: irt-prove)",
     )
     parser.add_argument("--page", metavar="FILE", type=Path, help="the scorecard (default: DIR/proof.md)")
-    parser.add_argument("--baselines", action="store_true", help="let other methods try the same rigs")
+    parser.add_argument(
+        "--baselines",
+        action="store_true",
+        help="let other methods try the same rigs, and ties get one more run",
+    )
     parser.add_argument(
         "--world",
         metavar="COMMAND",
@@ -80,7 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Prove, write the scorecard, and print what came of it."""
-    from irt.prove.run import verify
+    from irt.prove.chain import verify
 
     if args.verify:
         count = verify(args.out)

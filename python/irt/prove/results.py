@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from irt.files import write_atomic
+from irt.prove.chain import Places
 from irt.prove.contest import METHODS
 from irt.prove.contested import Contestant, Standing, contestants, is_ahead, of_diagnosis, standing
-from irt.prove.run import Places
+from irt.prove.further import Resolved, all_resolved
 from irt.prove.score import RigScore, score_rig
 from irt.prove.seal import canonical
 from irt.prove.tally import Floor, floors
@@ -26,10 +27,13 @@ class Results:
         One for each rig.
     entries : tuple of Contestant
         What other methods made of the same rigs; empty where they were not asked.
+    ties : tuple of Resolved
+        What became of ties with one run more; empty where there were none.
     """
 
     scores: tuple[RigScore, ...]
     entries: tuple[Contestant, ...] = ()
+    ties: tuple[Resolved, ...] = ()
 
     @classmethod
     def of(cls, places: Places, names: Sequence[str]) -> Results:
@@ -49,7 +53,7 @@ class Results:
                 score, places.contest(score.rig), places.opened(score.rig), places.start(score.rig)
             )
         ]
-        return cls(scores, tuple(entries))
+        return cls(scores, tuple(entries), tuple(all_resolved(scores, places.out / "further")))
 
     @property
     def standings(self) -> list[Standing]:
@@ -85,5 +89,6 @@ class Results:
         content: dict[str, Any] = {
             "rigs": [one.as_dict() for one in self.scores],
             "baselines": [one.as_dict() for one in self.entries],
+            "ties": [asdict(one) for one in self.ties],
         }
         write_atomic(path, canonical(content) + b"\n")

@@ -1,37 +1,30 @@
 """The whole proof: hide, publish commitments, diagnose blind, write the answers down, open, check.
 
 Everything lies in one folder, and a step that is done is not done again: after Ctrl-C or a crash the same
-command goes on. `verify` goes through the chain once more, for anyone who is given the folder:
-
-``keys.json`` names the SHA-256 of ``manifest.json``, which names that of each answer and of
-``commitments.json``, which names that of each label and of each recording.
+command goes on.
 """
 
 from __future__ import annotations
 
-import json
-import secrets
 import shutil
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
 from pathlib import Path
 from queue import Queue
-from typing import Any
 
 import numpy as np
 
 from irt.errors import IrtError
-from irt.files import make_folder, read_text, write_atomic
-from irt.prove import sealing
+from irt.files import make_folder, write_atomic
+from irt.prove import further, sealing
+from irt.prove.chain import Places, check_answers, commitments, manifest, open_all, read_json, write_folder
 from irt.prove.pipe import Pipe
 from irt.prove.plan import Plan
 from irt.prove.score import held_out, label_of
-from irt.prove.seal import Key, Seal, canonical, digest, digests, open_seal
+from irt.prove.seal import canonical
 from irt.prove.workers import Files, Workers, files_of
 from irt.recording import Recording
-from irt.rig import load_rig
 from irt.segments import LEAD_ROWS
 
 Progress = Callable[[int, int, str], None]
@@ -40,63 +33,6 @@ BLIND = "irt.prove.blind"
 CONTEST = "irt.prove.contest"
 #: What a step of each kind takes for one rig, relative to the others, for the progress bar alone.
 _WEIGHTS = {"hidden": 1, "diagnosed": 40, "contested": 20}
-
-
-@dataclass(frozen=True)
-class Places:
-    """Where everything of a proof lies.
-
-    Attributes
-    ----------
-    out : Path
-        The folder of the proof.
-    """
-
-    out: Path
-
-    @property
-    def vault(self) -> Path:
-        """Seed and keys until the answers are written down; only the sealing process reads it."""
-        return self.out / "vault"
-
-    @property
-    def commitments(self) -> Path:
-        """Published before the first diagnosis."""
-        return self.out / "commitments.json"
-
-    @property
-    def manifest(self) -> Path:
-        """Written after the last diagnosis, before a key is given out."""
-        return self.out / "manifest.json"
-
-    @property
-    def keys(self) -> Path:
-        """Given out for the manifest."""
-        return self.out / "keys.json"
-
-    def rig(self, name: str) -> Path:
-        """Return the folder of a rig's recordings."""
-        return self.out / "rigs" / name
-
-    def start(self, name: str) -> str:
-        """Return how a rig's recordings begin: "rest" or "moving"."""
-        return load_rig(self.rig(name)).start
-
-    def seal(self, name: str) -> Path:
-        """Return the file of a rig's seal."""
-        return self.out / "seals" / f"{name}.json"
-
-    def answer(self, name: str) -> Path:
-        """Return the folder of what the diagnosis wrote."""
-        return self.out / "answers" / name
-
-    def opened(self, name: str) -> Path:
-        """Return the folder of a label and of the runs held out, once it is open."""
-        return self.out / "opened" / name
-
-    def contest(self, name: str) -> Path:
-        """Return the folder of what other methods wrote."""
-        return self.out / "baselines" / name
 
 
 class Proof:
@@ -151,7 +87,9 @@ class Proof:
             self._hide(sealer)
             self._diagnose()
             self._release(sealer)
-        open_all(self.places, self.plan.names())
+            open_all(self.places, self.plan.names())
+            if self._contest:
+                self._resolve(sealer)
         if self._contest:
             self._compare()
         self._tell(self._total, "done")
@@ -164,7 +102,7 @@ class Proof:
     def _hide(self, sealer: Pipe) -> None:
         """Have the rigs made, and publish the commitments to all of them."""
         names = self.plan.names()
-        for kind in ("rigs", "seals", "answers", "opened", "baselines"):
+        for kind in ("rigs", "seals", "answers", "opened", "baselines", "further"):
             make_folder(self.places.out / kind)
         if self.places.commitments.exists():
             self._step("hidden", "", len(names))
@@ -220,7 +158,7 @@ class Proof:
         if not self.places.manifest.exists():
             write_atomic(self.places.manifest, canonical(manifest(self.places, names)))
         check_answers(self.places, names)
-        told = sealer.ask({"release": {"manifest": _json(self.places.manifest)}})
+        told = sealer.ask({"release": {"manifest": read_json(self.places.manifest)}})
         write_atomic(self.places.keys, canonical(told))
 
     def _compare(self) -> None:
@@ -229,6 +167,33 @@ class Proof:
         left = [name for name in names if not self.places.contest(name).exists()]
         inputs = {name: self._contest_files(name) for name in left}
         self._work("contested", CONTEST, inputs, self.places.contest)
+
+    def _resolve(self, sealer: Pipe) -> None:
+        """Have one more run recorded for each tie, and diagnose again; a world that cannot is left alone."""
+        names = self.plan.names()
+        tied = {
+            name: self.places.rig(name)
+            for name in names
+            if further.in_a_tie(self.places.answer(name)) and not self.places.further(name).exists()
+        }
+        runs = {}
+        answers = {name: self.places.answer(name) for name in tied}
+        for name, commands in further.propose(self._workers, tied, answers).items():
+            seen = further.recorded(sealer, names.index(name), commands)
+            if seen is None:
+                return
+            runs[name] = seen
+        told: dict[str, dict[str, Files]] = {}
+        for name, kind, files in further.diagnosed(self._workers, tied, runs):
+            told.setdefault(name, {})[kind] = files
+            self._tell(self._done, f"one more run: {name}")
+            if len(told[name]) == len(further.KINDS):
+                both = {
+                    f"{each}/{file}": data
+                    for each, files in told[name].items()
+                    for file, data in files.items()
+                }
+                write_folder(self.places.further(name), both)
 
     def _contest_files(self, name: str) -> Files:
         """Return what another method may see: recordings, the base model, and what to predict."""
@@ -245,7 +210,7 @@ class Proof:
         # Closed at once where this stops: its processes must not outlive it.
         with closing(self._workers.each(module, inputs)) as answers:
             for done, (name, files) in enumerate(answers, start=already + 1):
-                _write_folder(place(name), files)
+                write_folder(place(name), files)
                 self._step(step, f"{step}: {done} of {self.plan.rigs}")
 
     @property
@@ -261,110 +226,8 @@ class Proof:
         self._progress(min(done, self._total), self._total, text)
 
 
-def commitments(places: Places, names: Sequence[str]) -> dict[str, Any]:
-    """Return what is published before the first diagnosis: a commitment and the recordings of each rig."""
-    seals = {name: _json(places.seal(name)) for name in names}
-    return {
-        "commitments": {name: seal["commitment"] for name, seal in seals.items()},
-        "recordings": {name: digests(places.rig(name)) for name in names},
-    }
-
-
-def manifest(places: Places, names: Sequence[str]) -> dict[str, Any]:
-    """Return what is written down before a key is given out: the SHA-256 of everything that was answered."""
-    return {
-        "commitments": digest(places.commitments.read_bytes()),
-        "answers": {name: digests(places.answer(name)) for name in names},
-    }
-
-
-def check_answers(places: Places, names: Sequence[str]) -> None:
-    """Raise unless answers and commitments are those of the manifest.
-
-    Raises
-    ------
-    IrtError
-        With one line that names the rig.
-    """
-    written = _json(places.manifest)
-    if digest(places.commitments.read_bytes()) != written["commitments"]:
-        raise IrtError(f"{places.commitments}: not what the manifest says: it was altered after publication")
-    for name in names:
-        if written["answers"].get(name) != digests(make_folder(places.answer(name))):
-            raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
-
-
-def open_all(places: Places, names: Sequence[str]) -> None:
-    """Open the seals with the keys given out, and write labels and runs held out.
-
-    Raises
-    ------
-    IrtError
-        If anything of the chain was altered; one line that names the rig.
-    """
-    for name, content in opened(places, names).items():
-        label = content["label"]
-        files = {"label.json": canonical(label)}
-        files.update({f"{run}.csv": test["csv"].encode() for run, test in label["tests"].items()})
-        shutil.rmtree(places.opened(name), ignore_errors=True)
-        _write_folder(places.opened(name), files)
-
-
-def verify(out: Path) -> int:
-    """Check a proof from end to end, and return how many rigs it has.
-
-    Raises
-    ------
-    IrtError
-        If it is not finished, or a label, a recording, a commitment or an answer was altered.
-    """
-    places = Places(out)
-    names = list(_json(places.commitments)["commitments"])
-    for name, content in opened(places, names).items():
-        path = places.opened(name) / "label.json"
-        if not path.exists() or path.read_bytes() != canonical(content["label"]):
-            raise IrtError(f"{name}: the label that was opened is not the one that was sealed")
-    return len(names)
-
-
-def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return what was sealed, once the whole chain has been checked."""
-    keys, published = _json(places.keys), _json(places.commitments)
-    if digest(canonical(_json(places.manifest))) != keys["manifest"]:
-        raise IrtError(f"{places.manifest}: not what the keys were given out for: it was altered afterwards")
-    check_answers(places, names)
-    found = {}
-    for name in names:
-        seal = Seal(**_json(places.seal(name)))
-        content = open_seal(seal, Key(**keys["keys"][name]), published["commitments"][name])
-        if content["rig"] != name:
-            raise IrtError(f"{name}: its seal holds the label of {content['rig']}: they were exchanged")
-        if content["recordings"] != digests(places.rig(name)):
-            raise IrtError(f"{name}: its recordings are not those that were sealed: they were altered")
-        found[name] = content
-    return found
-
-
 def commands_alone(test: Recording, start: str) -> str:
     """Return a recording as CSV without what came of it: only rows where a prediction starts stay."""
     marble = test.marble.copy()
     marble[LEAD_ROWS if start == "moving" else 1 :] = np.nan
     return Recording(test.name, test.path, test.knobs, marble, test.stamps).to_csv()
-
-
-def _write_folder(folder: Path, files: Files) -> None:
-    """Write files beside their folder, and move the whole there."""
-    beside = folder.with_name(f".irt-{secrets.token_hex(4)}")
-    beside.mkdir()
-    for name, data in files.items():
-        write_atomic(beside / name, data)
-    beside.replace(folder)
-
-
-def _json(path: Path) -> dict[str, Any]:
-    text = read_text(path)
-    try:
-        content: dict[str, Any] = json.loads(text)
-    except ValueError as error:
-        raise IrtError(f"{path}: broken JSON: {error}") from error
-    return content

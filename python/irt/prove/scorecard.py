@@ -13,10 +13,12 @@ import numpy as np
 from irt.diagnose.diagnosis import UNLISTED
 from irt.files import make_folder, write_atomic
 from irt.prove import figures
+from irt.prove.cases import GROUPS, failures
+from irt.prove.chain import Places
 from irt.prove.contested import Standing
+from irt.prove.further import KINDS
 from irt.prove.plan import NULLS
 from irt.prove.results import Results
-from irt.prove.run import Places
 from irt.prove.score import CHANCE, RigScore
 from irt.prove.seal import digest
 from irt.prove.tally import (
@@ -35,13 +37,6 @@ from irt.prove.tally import (
 )
 from irt.rig import Board
 
-_GROUPS = {
-    "single": "one effect",
-    "pair": "two effects",
-    UNLISTED: "physics not in the catalogue",
-    "none": "nothing",
-    "outliers": "nothing, but a tracker that jumps",
-}
 #: The paper's board, for noise in millimetres.
 _EDGE_MM = 1e3 * Board.edge_x_m
 _NOISES_MM = (0.0, 0.3, 0.6, 1.0, 2.5)
@@ -89,8 +84,9 @@ def write_scorecard(
         *_naming(scores, folder.name),
         *_errors(results, folder.name),
         *_methods(results.standings),
+        *_one_more(results),
         *_intervals(scores, folder.name),
-        *_failures(scores),
+        *failures(scores),
         *_how(places, settings, folder.name),
     ]
     write_atomic(page, "\n".join(lines) + "\n")
@@ -138,7 +134,7 @@ def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     yield "\n## What was named\n"
     yield f"| hidden | rigs | right | exactly | right from {CLEAR:g} noises on | tie size | failed |"
     yield "| --- | --- | --- | --- | --- | --- | --- |"
-    for group, words in _GROUPS.items():
+    for group, words in GROUPS.items():
         inside = in_group(scores, group)
         if inside:
             sizes = [one.tie_size for one in inside if one.tie_size and group not in NULLS]
@@ -250,6 +246,26 @@ def _methods(standings: Sequence[Standing]) -> Iterator[str]:
     yield "Medians over all rigs that hide something. The methods are in `python/irt/prove/baselines/`."
 
 
+def _one_more(results: Results) -> Iterator[str]:
+    """Yield what one more run does to ties, where the concealed world could record it."""
+    if not results.ties:
+        return
+    yield "\n## Ties, and one more run\n"
+    yield (
+        f"{len(results.ties)} rigs whose tie held the truth got one more run and were diagnosed again, "
+        f"with the "
+        "run that `irt suggest` designs and with one drawn blindly from the same families.\n"
+    )
+    yield "| one more run | named exactly, without a tie | tie size before | after |"
+    yield "| --- | --- | --- | --- |"
+    before = np.mean([one.before for one in results.ties])
+    for kind in KINDS:
+        told = [one.exact[kind] for one in results.ties]
+        sizes = [one.after[kind] or 0.0 for one in results.ties if one.after[kind]]
+        after = f"{np.mean(sizes):.2f}" if sizes else ""
+        yield f"| {kind} | {_rate(Rate(sum(told), len(told)))} of {len(told)} | {before:.2f} | {after} |"
+
+
 def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     yield "\n## Intervals\n"
     yield "| 95 % intervals of | hold the truth | with an open end, not counted |"
@@ -265,50 +281,6 @@ def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
             f"A diagnosis took {np.median(seconds):.0f} s of one core (median; the longest "
             f"{np.max(seconds):.0f} s)."
         )
-
-
-def _failures(scores: Sequence[RigScore]) -> Iterator[str]:
-    """Yield every answer that was not right, and every gap left open."""
-    wrong = [one for one in scores if not one.found or (one.closed is not None and one.closed < 0.85)]
-    yield "\n## Cases that failed\n"
-    if not wrong:
-        yield "None: every answer was right, and no gap was left open."
-        return
-    yield (
-        f"{len(wrong)} of {len(scores)} rigs, the largest signal first: answers that were not right, and "
-        f"right "
-        "ones that leave more than 15 % of the gap open.\n"
-    )
-    yield "| rig | hidden | answer | ties | signal over noise | gap closed | noise | reason |"
-    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
-    for one in sorted(wrong, key=lambda one: -(one.errors.signal if one.errors else math.inf)):
-        hidden = " + ".join(one.kinds) or _GROUPS[one.group]
-        answer = " + ".join(one.named) or one.verdict
-        ties = "; ".join(f"{name} or {', '.join(rest)}" for name, rest in one.ties.items())
-        signal = f"{one.errors.signal:.1f}" if one.errors else ""
-        closed = f"{one.closed:.2f}" if one.closed is not None else ""
-        seen = f"{one.noise}{', camera' if one.through_camera else ''}"
-        yield (
-            f"| {one.rig} | {hidden} | {answer} | {ties} | {signal} | {closed} | {seen} | {_reason(one)} |"
-        )
-
-
-def _reason(score: RigScore) -> str:
-    """Return in a few words why a rig counts as failed."""
-    hidden, named = set(score.kinds), set(score.named)
-    faint = score.errors is not None and score.errors.signal < 1.0
-    cases = (
-        (score.verdict == "failed", score.reason.replace("|", "/")),
-        (score.false_alarm, "false alarm"),
-        (score.found, "right, but the gap stays open"),
-        (score.verdict == "sufficient" and faint, "below the noise once refitted"),
-        (score.verdict == "sufficient", "missed"),
-        (score.group == UNLISTED, "taken for effects of the catalogue"),
-        (score.verdict == UNLISTED, "taken for unlisted physics"),
-        (hidden < named, "named something besides"),
-        (bool(hidden & named), "only one of two"),
-    )
-    return next((words for holds, words in cases if holds), "another effect named")
 
 
 def _how(places: Places, settings: Mapping[str, str], folder: str) -> Iterator[str]:

@@ -21,6 +21,10 @@ effect, two, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters 
 ``sigma`` of the tracker [board edges], ``noise``, ``through_camera``, and ``tests`` by name, each with its
 ``csv`` and the ``clean`` path [board edges].
 
+A world may also record further runs of a rig that it made, once the answers are written down: it is asked
+``{"record": {"index": 3, "kind": "...", "seed": 7, "csv": "..."}}`` with commands and a start in row 0, and
+answers ``{"csv": "..."}``, the same run as its tracker saw it.
+
 Keys lie in the vault, so that a long proof goes on after a crash; no diagnosis is told where that is.
 """
 
@@ -69,6 +73,11 @@ class Vault:
         if known["plan"] != plan.as_dict() or seed not in (None, known["seed"]):
             raise IrtError(f"{folder.parent}: holds a proof of another plan or seed; choose another --out")
         self.seed: int = known["seed"]
+
+    @property
+    def is_released(self) -> bool:
+        """Whether the keys are out."""
+        return (self._folder / "released.json").exists()
 
     def keep(self, rig: str, key: Key) -> None:
         """Keep the key of a rig."""
@@ -119,6 +128,8 @@ class Sealer:
             return {}
         if "make" in request:
             return self._make(int(request["make"]["index"]), Path(request["make"]["folder"]))
+        if "record" in request:
+            return self._record(int(request["record"]["index"]), str(request["record"]["csv"]))
         if "release" in request:
             return self._vault.release(request["release"]["manifest"], self._plan.names())
         raise IrtError(f"unknown request: {', '.join(request)}")
@@ -128,17 +139,23 @@ class Sealer:
         if self._generator is not None:
             self._generator.close()
 
-    def _make(self, index: int, folder: Path) -> Mapping[str, Any]:
+    def _world(self) -> Pipe:
         if self._generator is None:
             self._generator = Pipe(self._command, "the concealed world", apart=False)
+        return self._generator
+
+    def _asked(self, index: int) -> dict[str, Any]:
+        return {"index": index, "kind": self._kinds[index], "seed": seed_of(self._vault.seed, index)}
+
+    def _record(self, index: int, csv: str) -> Mapping[str, Any]:
+        if not self._vault.is_released:
+            raise IrtError("no further run is recorded before the answers are written down")
+        return {"csv": self._world().ask({"record": {**self._asked(index), "csv": csv}})["csv"]}
+
+    def _make(self, index: int, folder: Path) -> Mapping[str, Any]:
         rig = name_of(index)
-        asked = {
-            "index": index,
-            "kind": self._kinds[index],
-            "folder": str(folder),
-            "seed": seed_of(self._vault.seed, index),
-        }
-        made = self._generator.ask({"make": asked})
+        asked = {**self._asked(index), "folder": str(folder)}
+        made = self._world().ask({"make": asked})
         label = {"rig": rig, "asked": asked["kind"], "recordings": digests(folder), "label": made["label"]}
         seal, key = close(rig, label)
         self._vault.keep(rig, key)

@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from irt.model import Effect, Model, save_model
+from irt.prove.chain import Places
 from irt.prove.plan import Plan
-from irt.prove.run import Places, Proof
+from irt.prove.run import Proof
 from irt.prove.score import Errors, RigScore
 from irt.prove.workers import Files
 from irt.rig import load_rig
@@ -65,6 +66,12 @@ class Hat:
 def world() -> list[str]:
     """Return the command of the concealed world."""
     return WORLD
+
+
+@pytest.fixture(name="answered")
+def answer_of_parallax() -> Callable[[Path], dict[str, bytes]]:
+    """Return what answers that parallax is missing."""
+    return lambda folder: answered(folder, (PARALLAX,))
 
 
 @pytest.fixture

@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import json
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from irt.recording import Recording, save_recording
+from irt.recording import Recording, load_commands, save_recording
 from irt.rollouts import rollouts
 
 ROWS, TRAIN, TEST = 50, 3, 2
@@ -68,6 +69,26 @@ def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
     return {"made": Path(folder).name, "label": label}
 
 
+def record(index: int, kind: str, seed: int, csv: str) -> dict[str, Any]:
+    """Play further commands (CSV, a start in row 0) on a rig that was made; return what was seen."""
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "next.csv"
+        path.write_text(csv)
+        told = load_commands(path)
+        path = Path(place) / "seen.csv"
+        clean = rollouts(
+            [list(TRUTH.values())],
+            told.knobs,
+            engine="rapier",
+            effects=HIDDEN[kind],
+            start=told.start,
+            threads=1,
+        )[0]
+        noise = NOISE * np.random.default_rng([seed, index]).standard_normal(clean.shape)
+        save_recording(path, told.knobs, clean + noise)
+        return {"csv": path.read_text()}
+
+
 def drive(random: np.random.Generator) -> np.ndarray:
     """Draw commands (ROWS, 2) [rad]: sums of sines."""
     time = np.arange(ROWS)[:, None, None] / ROWS
@@ -79,7 +100,9 @@ def main(requests: io.TextIOBase | Any = sys.stdin) -> None:
     """Answer requests; the greeting is what libraries do."""
     print("fake world, built today", flush=True)
     for line in requests:
-        print(json.dumps(make(**json.loads(line)["make"])), flush=True)
+        request = json.loads(line)
+        told = record(**request["record"]) if "record" in request else make(**request["make"])
+        print(json.dumps(told), flush=True)
 
 
 if __name__ == "__main__":

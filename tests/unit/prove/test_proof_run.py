@@ -10,10 +10,9 @@ from pathlib import Path
 import pytest
 
 from irt.errors import IrtError
-from irt.prove import run as module
+from irt.prove.chain import Places, manifest, verify
 from irt.prove.pipe import Pipe
 from irt.prove.plan import Plan
-from irt.prove.run import Places, verify
 from irt.prove.seal import canonical
 from irt.prove.sealing import command
 
@@ -186,7 +185,7 @@ def altered_nonce(places: Places) -> None:
 
 def altered_answer_and_manifest(places: Places) -> None:
     altered_answer(places)
-    places.manifest.write_bytes(canonical(module.manifest(places, ["rig-0001", "rig-0002", "rig-0003"])))
+    places.manifest.write_bytes(canonical(manifest(places, ["rig-0001", "rig-0002", "rig-0003"])))
 
 
 def altered_commitment(places: Places) -> None:
