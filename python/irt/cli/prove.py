@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--full",
         action="store_true",
         help=f"{_FULL[0]} rigs with something hidden and {_FULL[1]} without, other methods on the same rigs, "
-        "and the page docs/proof.md (a day on two cores)",
+        "and the page docs/proof.md (about six hours on two cores)",
     )
     parser.add_argument(
         "--rigs", metavar="N", type=whole(0), help=f"rigs that hide something (default: {_QUICK[0]})"

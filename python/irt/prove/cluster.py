@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import socket
 from collections.abc import Generator, Mapping
 from typing import Any
 
@@ -9,6 +11,11 @@ from irt.errors import IrtError
 from irt.prove.workers import Files, run_module
 
 _EXTRA = 'install it with: pip install "labsim-irt[cluster]"'
+
+
+_HOST = re.compile(r"(?:ray://)?(?P<host>[^:/]+):(?P<port>\d+)")
+#: Longest that a cluster may take to open its door (s); Ray itself waits for minutes.
+_PATIENCE_S = 5.0
 
 
 class RayWorkers:
@@ -32,6 +39,7 @@ class RayWorkers:
             raise IrtError(f"a cluster needs the package ray: {_EXTRA}") from error
         self._ray: Any = ray
         if not ray.is_initialized():
+            _knock(address)
             try:
                 ray.init(address=address, log_to_driver=False, logging_level="error")
             except (ConnectionError, RuntimeError, ValueError) as error:
@@ -50,3 +58,14 @@ class RayWorkers:
         finally:
             for task in left:
                 self._ray.cancel(task, force=True)
+
+
+def _knock(address: str) -> None:
+    """Raise at once where nobody listens at the host and port of an address, if it names any."""
+    place = _HOST.fullmatch(address)
+    if place is None:
+        return
+    try:
+        socket.create_connection((place["host"], int(place["port"])), timeout=_PATIENCE_S).close()
+    except (OSError, OverflowError) as error:
+        raise IrtError(f"no Ray cluster answers at {address}: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import types
 import warnings
 from collections.abc import Iterator
 
@@ -46,3 +47,11 @@ def test_without_ray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(IrtError, match=r'needs the package ray: install it with: pip install "labsim-irt\['):
         RayWorkers("auto")
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:99999"])
+def test_where_no_cluster_is_it_says_so_at_once(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+    asleep = types.SimpleNamespace(is_initialized=lambda: False)
+    monkeypatch.setitem(sys.modules, "ray", asleep)
+    with pytest.raises(IrtError, match=f"no Ray cluster answers at {address}: "):
+        RayWorkers(address)
