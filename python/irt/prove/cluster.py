@@ -19,7 +19,10 @@ _PATIENCE_S = 5.0
 
 
 class RayWorkers:
-    """Runs processes on a Ray cluster, one core each; the cluster's machines need this package.
+    """Runs processes on a Ray cluster, one core each.
+
+    The cluster's machines need this package. Whatever else a cluster asks for, such as a token, is for
+    Ray's own settings to say.
 
     Parameters
     ----------
