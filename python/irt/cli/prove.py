@@ -139,13 +139,7 @@ def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
 
     results = Results.of(places, names)
     page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
-    words = ["irt", "prove", *(["--full"] if args.full else [])]
-    settings = {
-        "command": f"`{shlex.join(words)}`",
-        "seed": "drawn by the operating system" if args.seed is None else f"{args.seed}",
-        "rigs made by": "PyBullet" if args.world is None else f"`{args.world}`",
-    }
-    write_scorecard(page, results, places, settings, raw=args.full)
+    write_scorecard(page, results, places, _settings(args), raw=args.full)
     print(verdict(results))
     print()
     for floor in results.floors:
@@ -153,6 +147,25 @@ def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
         value = f"{floor.value:.3f} ({floor.low:.3f} to {floor.high:.3f})" if floor.of else "not counted"
         print(f"{kept:<6} {floor.what}: {value}, floor {floor.promise}, over {floor.of}")
     print(f"\nwrote {page}")
+
+
+def _settings(args: argparse.Namespace) -> dict[str, str]:
+    """Return what it takes to do the same again."""
+    from importlib.metadata import version
+
+    words = ["irt", "prove", *(f"--{flag}" for flag in ("full", "baselines") if getattr(args, flag))]
+    for option in ("rigs", "nulls", "seed"):
+        if getattr(args, option) is not None:
+            words += [f"--{option}", f"{getattr(args, option)}"]
+    world = f"`{args.world}`"
+    if args.world is None:
+        world = f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
+    return {
+        "command": f"`{shlex.join(words)}`",
+        "seed": "drawn by the operating system" if args.seed is None else f"{args.seed}",
+        "rigs made by": world,
+        "diagnosed by": f"irt {version('labsim-irt')}, one thread each",
+    }
 
 
 def _plan(args: argparse.Namespace) -> Plan:
