@@ -139,7 +139,7 @@ def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
 
     results = Results.of(places, names)
     page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
-    write_scorecard(page, results, places, _settings(args), raw=args.full)
+    write_scorecard(page, results, places, _settings(args, places), raw=args.full)
     print(verdict(results))
     print()
     for floor in results.floors:
@@ -149,10 +149,13 @@ def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
     print(f"\nwrote {page}")
 
 
-def _settings(args: argparse.Namespace) -> dict[str, str]:
+def _settings(args: argparse.Namespace, places: Places) -> dict[str, str]:
     """Return what it takes to do the same again."""
     from importlib.metadata import version
 
+    from irt.prove.chain import read_json
+
+    seed = read_json(places.keys)["seed"]
     words = ["irt", "prove", *(f"--{flag}" for flag in ("full", "baselines") if getattr(args, flag))]
     for option in ("rigs", "nulls", "seed"):
         if getattr(args, option) is not None:
@@ -162,7 +165,7 @@ def _settings(args: argparse.Namespace) -> dict[str, str]:
         world = f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
     return {
         "command": f"`{shlex.join(words)}`",
-        "seed": "drawn by the operating system" if args.seed is None else f"{args.seed}",
+        "seed": f"{seed}{', drawn by the operating system' if args.seed is None else ''}",
         "rigs made by": world,
         "diagnosed by": f"irt {version('labsim-irt')}, one thread each",
     }

@@ -9,8 +9,8 @@ Requests and answers are lines of JSON on standard input and output (`irt.prove.
 ``{"make": {"index": 3, "folder": "..."}}``
     has the generator write a rig's recordings into the folder; answers with its seal alone.
 ``{"release": {"manifest": {...}}}``
-    writes down the SHA-256 of the manifest of all answers, then answers with the keys. It does so for one
-    manifest: after that nobody can come with other answers.
+    writes down the SHA-256 of the manifest of all answers, then answers with the keys and the seed. It
+    does so for one manifest: after that nobody can come with other answers.
 
 The concealed world is a process of the same manner. It is asked
 
@@ -101,7 +101,7 @@ class Vault:
         if json.loads(read_text(released))["manifest"] != told:
             raise IrtError("the keys were given out for other answers: these were changed since")
         keys = {rig: json.loads(read_text(self._folder / f"{rig}.json")) for rig in rigs}
-        return {"manifest": told, "keys": keys}
+        return {"manifest": told, "keys": keys, "seed": self.seed}
 
 
 class Sealer:
