@@ -118,7 +118,9 @@ class RigScore:
     @property
     def closed(self) -> float | None:
         """Share of the held-out gap that was closed; None where there is none, or none that can be."""
-        return None if self.errors is None or CHANCE in self.kinds else self.errors.closed()
+        if self.errors is None or not self.kinds or CHANCE in self.kinds:
+            return None
+        return self.errors.closed()
 
     def as_dict(self) -> dict[str, Any]:
         """Return the score as JSON takes it; what has no number is None."""

@@ -184,4 +184,5 @@ def test_a_failed_diagnosis_is_scored_as_wrong(opened) -> None:
 
 def test_delays_that_differ_by_chance_have_no_gap(score) -> None:
     assert score(kinds=("delay_jitter",)).closed is None
+    assert score("none").closed is None
     assert score().closed == pytest.approx(0.0189 / 0.019)

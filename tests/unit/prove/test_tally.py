@@ -112,7 +112,7 @@ def test_floors(score) -> None:
         "95 % intervals that hold the truth": (0.947, 19, True),
         "unlisted physics told as such": (1.0, 1, True),
     }
-    assert len(gaps(scores)) == 24
+    assert len(gaps(scores)) == 22
 
 
 def test_a_small_proof_is_not_sure(score) -> None:
