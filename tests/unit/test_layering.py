@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
     "cli",
+    "prove",
     "report",
     "suggest",
     "diagnose",
@@ -32,7 +33,7 @@ LAYERS = (
     "errors",
 )
 EXTENSION = "irt._labsim"
-HEAVY = {"cv2", "matplotlib", "playwright", "pybullet", "scipy", "torch"}
+HEAVY = {"cryptography", "cv2", "matplotlib", "playwright", "pybullet", "pysindy", "ray", "scipy", "torch"}
 
 
 def module_name(path: Path) -> str:

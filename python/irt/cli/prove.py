@@ -1,0 +1,194 @@
+"""`irt prove`: effects hidden by another engine, diagnosed blind, scored once the seals are open."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from irt.cli.inputs import whole
+from irt.errors import IrtError
+
+if TYPE_CHECKING:
+    from irt.prove.chain import Places
+    from irt.prove.plan import Plan
+    from irt.prove.workers import Workers
+
+NAME = "prove"
+HELP = "hide effects in rigs of another engine, diagnose them blind, open the seals, score"
+
+#: Rigs with something hidden and without, of the quick proof and of the full one.
+_QUICK, _FULL = (9, 3), (300, 300)
+_NEEDED = ("pybullet", "cryptography")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `irt prove`."""
+    parser.add_argument(
+        "--full",
+        action="store_true",
+        help=f"{_FULL[0]} rigs with something hidden and {_FULL[1]} without, other methods on the same rigs, "
+        "and the page docs/proof.md (about six hours on two cores)",
+    )
+    parser.add_argument(
+        "--rigs", metavar="N", type=whole(0), help=f"rigs that hide something (default: {_QUICK[0]})"
+    )
+    parser.add_argument(
+        "--nulls", metavar="N", type=whole(0), help=f"rigs that hide nothing (default: {_QUICK[1]})"
+    )
+    parser.add_argument(
+        "--seed", metavar="S", type=whole(0), help="of what is hidden (default: drawn and kept sealed)"
+    )
+    parser.add_argument(
+        "--jobs", metavar="J", type=whole(1), help="diagnoses at a time (default: one for each core)"
+    )
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("irt-prove"),
+        help="folder of the proof; one that was begun there goes on (default: irt-prove)",
+    )
+    parser.add_argument("--page", metavar="FILE", type=Path, help="the scorecard (default: DIR/proof.md)")
+    parser.add_argument(
+        "--baselines",
+        action="store_true",
+        help="let other methods try the same rigs, and ties get one more run",
+    )
+    parser.add_argument(
+        "--world",
+        metavar="COMMAND",
+        help="another program that makes the rigs, over the lines of JSON that irt.prove.sealing describes",
+    )
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help='diagnose on an existing Ray cluster ("auto" finds a local one); the answers are the same',
+    )
+    parser.add_argument(
+        "--verify", action="store_true", help="only check the seals, labels and answers of the proof in DIR"
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  irt prove --out proof               12 rigs, some minutes; the same command goes on after Ctrl-C\n"
+        "  irt prove --full --out proof-full   writes docs/proof.md\n"
+        "  irt prove --verify --out proof      was anything altered?\n\n"
+        "example:\n"
+        "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Prove, write the scorecard, and print what came of it."""
+    from irt.prove.chain import verify
+
+    if args.verify:
+        count = verify(args.out)
+        print(f"{args.out}: {count} rigs: labels, recordings and answers are what they were when sealed")
+        return
+    places, names = _proved(args)
+    _report(args, places, names)
+
+
+def _proved(args: argparse.Namespace) -> tuple[Places, list[str]]:
+    """Go through the proof, from where it was left."""
+    from irt.cli.progress import progress_bar
+    from irt.prove.run import Proof
+
+    plan = _plan(args)
+    world = shlex.split(args.world) if args.world else _world()
+    jobs = args.jobs or os.cpu_count() or 1
+    workers = _workers(jobs, args.cluster)
+    try:
+        with progress_bar() as progress:
+            proof = Proof(
+                args.out,
+                plan,
+                world,
+                workers,
+                seed=args.seed,
+                progress=progress,
+                contest=args.baselines or args.full,
+                hiders=jobs,
+            )
+            return proof.run(), plan.names()
+    except KeyboardInterrupt:
+        print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
+        raise
+
+
+def _workers(jobs: int, cluster: str | None) -> Workers:
+    """Return who runs the diagnoses: this machine, or the Ray cluster at an address."""
+    from irt.prove.workers import LocalWorkers
+
+    if cluster is None:
+        return LocalWorkers(jobs)
+    from irt.prove.cluster import RayWorkers
+
+    return RayWorkers(cluster)
+
+
+def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
+    """Score, write the page, and print the answer."""
+    from irt.prove.results import Results
+    from irt.prove.scorecard import verdict, write_scorecard
+
+    results = Results.of(places, names)
+    page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
+    write_scorecard(page, results, places, _settings(args, places), raw=args.full)
+    print(verdict(results))
+    print()
+    for floor in results.floors:
+        kept = "-" if floor.kept is None else "kept" if floor.kept else "SHORT" if floor.sure else "short?"
+        value = f"{floor.value:.3f} ({floor.low:.3f} to {floor.high:.3f})" if floor.of else "not counted"
+        print(f"{kept:<6} {floor.what}: {value}, floor {floor.promise}, over {floor.of}")
+    print(f"\nwrote {page}")
+
+
+def _settings(args: argparse.Namespace, places: Places) -> dict[str, str]:
+    """Return what it takes to do the same again."""
+    from importlib.metadata import version
+
+    from irt.prove.chain import read_json
+
+    seed = read_json(places.keys)["seed"]
+    words = ["irt", "prove", *(f"--{flag}" for flag in ("full", "baselines") if getattr(args, flag))]
+    for option in ("rigs", "nulls", "seed"):
+        if getattr(args, option) is not None:
+            words += [f"--{option}", f"{getattr(args, option)}"]
+    world = f"`{args.world}`"
+    if args.world is None:
+        world = f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
+    return {
+        "command": f"`{shlex.join(words)}`",
+        "seed": f"{seed}{', drawn by the operating system' if args.seed is None else ''}",
+        "rigs made by": world,
+        "diagnosed by": f"irt {version('labsim-irt')}, one thread each",
+    }
+
+
+def _plan(args: argparse.Namespace) -> Plan:
+    from irt.prove.plan import Plan
+
+    hidden, nulls = _FULL if args.full else _QUICK
+    return Plan.of(hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls)
+
+
+def _world() -> list[str]:
+    """Return the command of the concealed world.
+
+    Raises
+    ------
+    IrtError
+        If a package that it needs is missing.
+    """
+    from irt.prove.seal import EXTRA
+
+    for name in _NEEDED:
+        if importlib.util.find_spec(name) is None:
+            raise IrtError(f"a proof needs the package {name}: {EXTRA}")
+    return [sys.executable, "-m", "irt.prove.concealed"]

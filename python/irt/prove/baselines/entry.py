@@ -1,0 +1,120 @@
+"""What another method is given, and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.diagnose.case import Case
+from irt.model import Model, load_model
+from irt.recording import Recording, load_recording
+from irt.residual import evaluate
+from irt.rig import PARAMETERS, Rig, load_rig
+from irt.rollouts import SUBSTEP_S
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A rig as another method sees it.
+
+    Attributes
+    ----------
+    rig : Rig
+        The recordings to learn from.
+    base : Model
+        Five parameters fitted to them, by irt.
+    tests : tuple of Recording
+        What to predict: commands, and the first rows, where a prediction starts; NaN after these.
+    """
+
+    rig: Rig
+    base: Model
+    tests: tuple[Recording, ...]
+
+    @classmethod
+    def load(cls, folder: Path) -> Task:
+        """Read a folder: recordings, ``models/base.toml`` where there is one, and ``tests/``.
+
+        Raises
+        ------
+        IrtError
+            If a file is not as it must be.
+        """
+        rig = load_rig(folder)
+        path = folder / "models" / "base.toml"
+        tests = tuple(load_recording(one) for one in sorted((folder / "tests").glob("*.csv")))
+        return cls(rig, load_model(path) if path.exists() else refitted(rig), tests)
+
+    def row_s(self, recording: Recording) -> float:
+        """Return how long a row lasts [s], by its stamps or by the base model."""
+        if recording.durations is not None:
+            return float(np.median(recording.durations))
+        return float(self.base.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
+
+    def starts(self) -> Array:
+        """Return the state in row 0 of each test, (w, 4): place [edges] and velocity [edges/s]."""
+        states = np.zeros((len(self.tests), 4))
+        for state, test in zip(states, self.tests, strict=True):
+            state[:2] = test.marble[0]
+            known = np.flatnonzero(test.seen)
+            if len(known) > 1:
+                state[2:] = np.polyfit(known * self.row_s(test), test.marble[known], 1)[0]
+        return states
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What another method says of a rig.
+
+    Attributes
+    ----------
+    told : bool or None
+        Whether something is missing from the base model; None where the method does not say.
+    named : tuple of str or None
+        What; None where the method names nothing.
+    predictions : dict
+        Positions in each test, (n, 2) [board edges]; empty where it predicts nothing.
+    missing : str
+        Why there is no answer, if there is none.
+    """
+
+    told: bool | None = None
+    named: tuple[str, ...] | None = None
+    predictions: dict[str, Array] = field(default_factory=dict)
+    missing: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the entry as JSON takes it; what is not finite is None."""
+        paths = {name: _finite(path) for name, path in self.predictions.items()}
+        named = None if self.named is None else list(self.named)
+        return {"told": self.told, "named": named, "predictions": paths, "missing": self.missing}
+
+
+Method = Callable[[Task], Entry]
+
+
+def refitted(rig: Rig) -> Model:
+    """Return five parameters fitted to a rig."""
+    case = Case.of(rig, threads=1)
+    return case.model(case.fit())
+
+
+def predicted(model: Model, tests: Sequence[Recording]) -> dict[str, Array]:
+    """Return free runs of a model, (n, 2) [board edges] by name."""
+    return {run.recording: run.free_prediction for run in evaluate(model, tests).runs}
+
+
+def by_name(tests: Sequence[Recording], paths: Sequence[Array]) -> Mapping[str, Array]:
+    """Return paths under the names of their tests."""
+    return {test.name: path for test, path in zip(tests, paths, strict=True)}
+
+
+def _finite(path: Array) -> list[list[float]] | None:
+    return path.tolist() if np.isfinite(path).all() else None

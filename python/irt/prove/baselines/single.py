@@ -1,0 +1,52 @@
+"""The effect of the catalogue that fits the recordings best: no runs held out, no calibration.
+
+Each effect is fitted together with the five parameters by irt's own least squares, from the base fit and
+several sizes of the effect to either side; the one with the least training error is named, whatever it gains.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import EffectParameter, effect, effects
+from irt.diagnose.case import Case, Fitted
+from irt.prove.baselines.entry import Entry, Task, predicted
+
+Array = NDArray[np.float64]
+
+TITLE = "best single effect by training error"
+#: Sizes from which a fit of an effect starts, as shares of the way to the ends of its ranges.
+SIZES = (0.02, 0.15, 0.5)
+
+
+def enter(task: Task) -> Entry:
+    """Fit every effect of the catalogue, and name the one with the least training error."""
+    case = Case.of(task.rig, threads=1)
+    base = case.fit()
+    fits = [case.fit((one.name,), points=starts(one.name, base), rounds=1) for one in effects()]
+    best = min(fits, key=training_error)
+    return Entry(told=True, named=best.effects, predictions=predicted(case.model(best), task.tests))
+
+
+def starts(name: str, base: Fitted) -> Array:
+    """Return where the fit of an effect starts, (k, 5 + p): the base fit, and sizes of the effect."""
+    parameters = effect(name).parameters
+    shares = [sign * size for size in SIZES for sign in (1.0, -1.0)]
+    sizes = np.unique([[_part(one, share) for one in parameters] for share in shares], axis=0)
+    return np.concatenate([np.tile(base.values, (len(sizes), 1)), sizes], axis=1)
+
+
+def training_error(fitted: Fitted) -> float:
+    """Return the mean absolute residual [board edges] of a fit."""
+    return float(np.nanmean(np.abs(np.concatenate([one.ravel() for one in fitted.residuals]))))
+
+
+def _part(one: EffectParameter, share: float) -> float:
+    """Return a value part of the way from neutral to an end; below zero is towards the other one."""
+    if not one.low <= one.neutral <= one.high:
+        return 0.5 * (one.low + one.high) + 0.5 * share * (one.high - one.low)
+    if one.neutral in (one.low, one.high):
+        end = one.high if one.neutral == one.low else one.low
+        return one.neutral + abs(share) * (end - one.neutral)
+    return one.neutral + abs(share) * ((one.high if share > 0.0 else one.low) - one.neutral)

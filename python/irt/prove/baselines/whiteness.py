@@ -1,0 +1,72 @@
+"""Residual tests of the textbook for whether something is missing (Ljung, System Identification, 1999, 16.6).
+
+If the base model were the truth, its residuals would be white and owe nothing to the commands. Both are
+tested with chi-squared statistics at 95 % together, as MATLAB's ``resid`` draws its bands.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.prove.baselines.entry import Entry, Task
+from irt.residual import evaluate
+
+Array = NDArray[np.float64]
+
+TITLE = "residual tests at 95 %"
+LAGS = 25
+LEVEL = 0.05
+
+
+def enter(task: Task) -> Entry:
+    """Say whether the residuals of the base model look like noise; the tests name and predict nothing."""
+    runs = evaluate(task.base, task.rig.recordings).runs
+    residuals = [
+        run.free_prediction - recording.marble
+        for run, recording in zip(runs, task.rig.recordings, strict=True)
+    ]
+    inputs = [recording.knobs for recording in task.rig.recordings]
+    told = min(white(residuals), unrelated(residuals, inputs)) < LEVEL / 2
+    return Entry(told=bool(told))
+
+
+def white(residuals: list[Array]) -> float:
+    """Return the p-value of residuals (n, 2) of each run being white (Ljung and Box, 25 lags, both axes)."""
+    from scipy.stats import chi2  # noqa: PLC0415
+
+    statistic = 0.0
+    for axis in range(2):
+        kept = [_centred(one[:, axis]) for one in residuals]
+        squares = sum(float(one @ one) for one in kept)
+        rows = sum(len(one) for one in kept)
+        for lag in range(1, LAGS + 1):
+            product = sum(float(one[lag:] @ one[:-lag]) for one in kept if len(one) > lag)
+            statistic += rows * (rows + 2) / (rows - lag) * (product / max(squares, 1e-300)) ** 2
+    return float(chi2.sf(statistic, 2 * LAGS))
+
+
+def unrelated(residuals: list[Array], inputs: list[Array]) -> float:
+    """Return the p-value of residuals (n, 2) owing nothing to the commands of 25 rows before (n, 2)."""
+    from scipy.stats import chi2  # noqa: PLC0415
+
+    past = np.concatenate([_lagged(one) for one in inputs])
+    statistic, freedom = 0.0, 0
+    span = np.linalg.qr(past)[0][:, : np.linalg.matrix_rank(past)]
+    for axis in range(2):
+        error = np.concatenate([_centred(one[:, axis]) for one in residuals])
+        along = span.T @ error
+        statistic += float(along @ along) / max(float(error.var()), 1e-300)
+        freedom += span.shape[1]
+    return float(chi2.sf(statistic, freedom))
+
+
+def _centred(values: Array) -> Array:
+    """Return values about their mean; a row without a marble has none."""
+    return np.nan_to_num(values - np.nanmean(values))
+
+
+def _lagged(knobs: Array) -> Array:
+    """Return the commands of this row and 24 before, (n, 50); zero before row 0."""
+    padded = np.concatenate([np.zeros((LAGS - 1, 2)), knobs])
+    return np.concatenate([padded[LAGS - 1 - lag : len(padded) - lag] for lag in range(LAGS)], axis=1)

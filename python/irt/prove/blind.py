@@ -1,0 +1,50 @@
+"""The diagnosis as a process of its own, which is given a rig's recordings and nothing else.
+
+    python -m irt.prove.blind FOLDER OUT
+
+FOLDER is a copy of a rig's folder under a name that says nothing. OUT gets ``diagnosis.json``, ``base.toml``,
+``model.toml``, a ``rival-N.toml`` for each model that does as well, and ``seconds.json``. But for the last,
+the same recordings give the same bytes.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from irt.errors import IrtError
+from irt.files import write_atomic
+from irt.prove.seal import canonical
+
+#: Seconds of one core, which is no part of what must be the same for the same recordings.
+SECONDS = "seconds.json"
+FAILED = "failed.json"
+
+
+def main(words: Sequence[str]) -> int:
+    """Diagnose the rig of one folder into another; return the exit status."""
+    from irt.diagnose.run import diagnose  # noqa: PLC0415
+    from irt.model import save_model  # noqa: PLC0415
+
+    folder, out = (Path(word) for word in words)
+    began = time.process_time()
+    try:
+        found = diagnose(folder, seed=0, threads=1)
+    except IrtError as error:
+        print(error, file=sys.stderr)
+        return 1
+    told = found.as_dict()
+    del told["settings"]["seconds"]
+    save_model(out / "base.toml", found.base)
+    save_model(out / "model.toml", found.model)
+    for number, rival in enumerate(found.rivals, start=1):
+        save_model(out / f"rival-{number}.toml", rival)
+    write_atomic(out / SECONDS, canonical({"seconds": time.process_time() - began}))
+    write_atomic(out / "diagnosis.json", canonical(told))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

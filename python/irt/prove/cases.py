@@ -1,0 +1,62 @@
+"""The cases that failed, each with its reason in a few words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from irt.diagnose.diagnosis import UNLISTED
+from irt.prove.score import RigScore
+
+#: What was hidden in the rigs of a group, in words.
+GROUPS = {
+    "single": "one effect",
+    "pair": "two effects",
+    UNLISTED: "physics not in the catalogue",
+    "none": "nothing",
+    "outliers": "nothing, but a tracker that jumps",
+}
+
+
+def failures(scores: Sequence[RigScore]) -> Iterator[str]:
+    """Yield every answer that was not right, and every gap left open."""
+    wrong = [one for one in scores if not one.found or (one.closed is not None and one.closed < 0.85)]
+    yield "\n## Cases that failed\n"
+    if not wrong:
+        yield "None: every answer was right, and no gap was left open."
+        return
+    yield (
+        f"{len(wrong)} of {len(scores)} rigs, the largest signal first: answers that were not right, and "
+        f"right "
+        "ones that leave more than 15 % of the gap open.\n"
+    )
+    yield "| rig | hidden | answer | ties | signal over noise | gap closed | noise | reason |"
+    yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    for one in sorted(wrong, key=lambda one: -(one.errors.signal if one.errors else math.inf)):
+        hidden = " + ".join(one.kinds) or GROUPS[one.group]
+        answer = " + ".join(one.named) or one.verdict
+        ties = "; ".join(f"{name} or {', '.join(rest)}" for name, rest in one.ties.items())
+        signal = f"{one.errors.signal:.1f}" if one.errors else ""
+        closed = f"{one.closed:.2f}" if one.closed is not None else ""
+        seen = f"{one.noise}{', camera' if one.through_camera else ''}"
+        yield (
+            f"| {one.rig} | {hidden} | {answer} | {ties} | {signal} | {closed} | {seen} | {_reason(one)} |"
+        )
+
+
+def _reason(score: RigScore) -> str:
+    """Return in a few words why a rig counts as failed."""
+    hidden, named = set(score.kinds), set(score.named)
+    faint = score.errors is not None and score.errors.signal < 1.0
+    cases = (
+        (score.verdict == "failed", score.reason.replace("|", "/")),
+        (score.false_alarm, "false alarm"),
+        (score.found, "right, but the gap stays open"),
+        (score.verdict == "sufficient" and faint, "below the noise once refitted"),
+        (score.verdict == "sufficient", "missed"),
+        (score.group == UNLISTED, "taken for effects of the catalogue"),
+        (score.verdict == UNLISTED, "taken for unlisted physics"),
+        (hidden < named, "named something besides"),
+        (bool(hidden & named), "only one of two"),
+    )
+    return next((words for holds, words in cases if holds), "another effect named")

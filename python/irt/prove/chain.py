@@ -1,0 +1,191 @@
+"""The chain that holds a proof together: what is published, written down, given out and opened.
+
+``keys.json`` names the SHA-256 of ``manifest.json``, which names that of each answer and of
+``commitments.json``, which names that of each label and of each recording.
+"""
+
+from __future__ import annotations
+
+import json
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from irt.errors import IrtError
+from irt.files import make_folder, read_text, write_atomic
+from irt.prove.seal import Key, Seal, canonical, digest, digests, open_seal
+from irt.rig import load_rig
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where everything of a proof lies.
+
+    Attributes
+    ----------
+    out : Path
+        The folder of the proof.
+    """
+
+    out: Path
+
+    @property
+    def vault(self) -> Path:
+        """Seed and keys until the answers are written down; only the sealing process reads it."""
+        return self.out / "vault"
+
+    @property
+    def commitments(self) -> Path:
+        """Published before the first diagnosis."""
+        return self.out / "commitments.json"
+
+    @property
+    def manifest(self) -> Path:
+        """Written after the last diagnosis, before a key is given out."""
+        return self.out / "manifest.json"
+
+    @property
+    def keys(self) -> Path:
+        """Given out for the manifest."""
+        return self.out / "keys.json"
+
+    def rig(self, name: str) -> Path:
+        """Return the folder of a rig's recordings."""
+        return self.out / "rigs" / name
+
+    def start(self, name: str) -> str:
+        """Return how a rig's recordings begin: "rest" or "moving"."""
+        return load_rig(self.rig(name)).start
+
+    def seal(self, name: str) -> Path:
+        """Return the file of a rig's seal."""
+        return self.out / "seals" / f"{name}.json"
+
+    def answer(self, name: str) -> Path:
+        """Return the folder of what the diagnosis wrote."""
+        return self.out / "answers" / name
+
+    def opened(self, name: str) -> Path:
+        """Return the folder of a label and of the runs held out, once it is open."""
+        return self.out / "opened" / name
+
+    def further(self, name: str) -> Path:
+        """Return the folder of what the diagnosis wrote with one run more."""
+        return self.out / "further" / name
+
+    def contest(self, name: str) -> Path:
+        """Return the folder of what other methods wrote."""
+        return self.out / "baselines" / name
+
+
+def commitments(places: Places, names: Sequence[str]) -> dict[str, Any]:
+    """Return what is published before the first diagnosis: a commitment and the recordings of each rig."""
+    seals = {name: read_json(places.seal(name)) for name in names}
+    return {
+        "commitments": {name: seal["commitment"] for name, seal in seals.items()},
+        "recordings": {name: digests(places.rig(name)) for name in names},
+    }
+
+
+def manifest(places: Places, names: Sequence[str]) -> dict[str, Any]:
+    """Return what is written down before a key is given out: the SHA-256 of everything that was answered."""
+    return {
+        "commitments": digest(places.commitments.read_bytes()),
+        "answers": {name: digests(places.answer(name)) for name in names},
+    }
+
+
+def check_answers(places: Places, names: Sequence[str]) -> None:
+    """Raise unless answers and commitments are those of the manifest.
+
+    Raises
+    ------
+    IrtError
+        With one line that names the rig.
+    """
+    written = read_json(places.manifest)
+    if digest(places.commitments.read_bytes()) != written["commitments"]:
+        raise IrtError(f"{places.commitments}: not what the manifest says: it was altered after publication")
+    for name in names:
+        if written["answers"].get(name) != digests(make_folder(places.answer(name))):
+            raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
+
+
+def open_all(places: Places, names: Sequence[str]) -> None:
+    """Open the seals with the keys given out, and write labels and runs held out.
+
+    Raises
+    ------
+    IrtError
+        If anything of the chain was altered; one line that names the rig.
+    """
+    for name, content in opened(places, names).items():
+        label = content["label"]
+        files = {"label.json": canonical(label)}
+        files.update({f"{run}.csv": test["csv"].encode() for run, test in label["tests"].items()})
+        shutil.rmtree(places.opened(name), ignore_errors=True)
+        write_folder(places.opened(name), files)
+
+
+def verify(out: Path) -> int:
+    """Check a proof from end to end, and return how many rigs it has.
+
+    Raises
+    ------
+    IrtError
+        If it is not finished, or a label, a recording, a commitment or an answer was altered.
+    """
+    places = Places(out)
+    names = list(read_json(places.commitments)["commitments"])
+    for name, content in opened(places, names).items():
+        path = places.opened(name) / "label.json"
+        if not path.exists() or path.read_bytes() != canonical(content["label"]):
+            raise IrtError(f"{name}: the label that was opened is not the one that was sealed")
+    return len(names)
+
+
+def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return what was sealed, once the whole chain has been checked."""
+    keys, published = read_json(places.keys), read_json(places.commitments)
+    if digest(canonical(read_json(places.manifest))) != keys["manifest"]:
+        raise IrtError(f"{places.manifest}: not what the keys were given out for: it was altered afterwards")
+    check_answers(places, names)
+    found = {}
+    for name in names:
+        seal = Seal(**read_json(places.seal(name)))
+        content = open_seal(seal, Key(**keys["keys"][name]), published["commitments"][name])
+        if content["rig"] != name:
+            raise IrtError(f"{name}: its seal holds the label of {content['rig']}: they were exchanged")
+        if content["recordings"] != digests(places.rig(name)):
+            raise IrtError(f"{name}: its recordings are not those that were sealed: they were altered")
+        found[name] = content
+    return found
+
+
+def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write files beside their folder, and move the whole there."""
+    beside = folder.with_name(f".irt-{secrets.token_hex(4)}")
+    beside.mkdir()
+    for name, data in files.items():
+        (beside / name).parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(beside / name, data)
+    beside.replace(folder)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be read or is broken.
+    """
+    text = read_text(path)
+    try:
+        content: dict[str, Any] = json.loads(text)
+    except ValueError as error:
+        raise IrtError(f"{path}: broken JSON: {error}") from error
+    return content

@@ -1,0 +1,60 @@
+"""Other methods as a process of their own, which is given what a diagnosis was and the commands to predict.
+
+    python -m irt.prove.contest FOLDER OUT
+
+FOLDER holds the recordings, ``models/base.toml`` and ``tests/*.csv``: of these the commands, and the rows
+where a prediction starts. OUT gets ``baselines.json``.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from irt.errors import IrtError
+from irt.files import write_atomic
+from irt.prove.baselines import alone, gaussian, sindy, single, whiteness
+from irt.prove.baselines.entry import Entry, Method, Task
+from irt.prove.seal import canonical
+
+#: By name, in the order of the tables.
+METHODS: dict[str, tuple[str, Method]] = {
+    one.__name__.rpartition(".")[2]: (one.TITLE, one.enter)
+    for one in (alone, single, gaussian, sindy, whiteness)
+}
+
+
+def main(words: Sequence[str]) -> int:
+    """Let every method answer; return the exit status."""
+    folder, out = (Path(word) for word in words)
+    try:
+        task = Task.load(folder)
+    except IrtError as error:
+        print(error, file=sys.stderr)
+        return 1
+    told = {}
+    for name, (_, method) in METHODS.items():
+        began = time.process_time()
+        entry = _entered(method, task)
+        told[name] = {**entry.as_dict(), "seconds": time.process_time() - began}
+    write_atomic(out / "baselines.json", canonical(told))
+    return 0
+
+
+def _entered(method: Method, task: Task) -> Entry:
+    """Return what a method says; where it breaks down, that."""
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        try:
+            return method(task)
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError) as error:
+            return Entry(missing=f"broke down: {error}")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

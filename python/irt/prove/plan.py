@@ -1,0 +1,97 @@
+"""How many rigs of which kind a proof hides, and in which order nobody is told."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from irt.errors import IrtError
+
+#: Kinds of rigs; the first two hide nothing that a diagnosis should name.
+KINDS = ("none", "outliers", "single", "pair", "unlisted")
+NULLS = ("none", "outliers")
+#: Shares of rigs that hide something, and of those that do not.
+_HIDDEN = {"single": 0.6, "pair": 0.2, "unlisted": 0.2}
+_NOTHING = {"none": 0.9, "outliers": 0.1}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How many rigs of each kind.
+
+    Attributes
+    ----------
+    none, outliers : int
+        Rigs without anything to name, the latter with a tracker that jumps.
+    single, pair, unlisted : int
+        Rigs that hide one effect, two, or physics that the catalogue does not have.
+    """
+
+    none: int = 0
+    outliers: int = 0
+    single: int = 0
+    pair: int = 0
+    unlisted: int = 0
+
+    @classmethod
+    def of(cls, hidden: int, nulls: int) -> Plan:
+        """Return the plan for so many rigs that hide something and so many that do not.
+
+        Raises
+        ------
+        IrtError
+            If there is nothing to do.
+        """
+        if hidden + nulls < 1:
+            raise IrtError("a proof needs at least one rig")
+        return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING))
+
+    @property
+    def rigs(self) -> int:
+        """How many rigs there are."""
+        return self.none + self.outliers + self.single + self.pair + self.unlisted
+
+    @property
+    def nulls(self) -> int:
+        """How many of them hide nothing."""
+        return self.none + self.outliers
+
+    def names(self) -> list[str]:
+        """Return the names of all rigs: numbers, which say nothing."""
+        return [name_of(index) for index in range(self.rigs)]
+
+    def order(self, seed: int) -> list[str]:
+        """Return the kind of each rig, shuffled by a seed that only the sealing process has."""
+        kinds = [kind for kind in KINDS for _ in range(getattr(self, kind))]
+        places = np.random.default_rng(_mixed(seed, "order")).permutation(len(kinds))
+        return [kinds[place] for place in places]
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the plan as JSON takes it."""
+        return asdict(self)
+
+
+def name_of(index: int) -> str:
+    """Return the name of a rig."""
+    return f"rig-{index + 1:04d}"
+
+
+def seed_of(seed: int, index: int) -> int:
+    """Return the seed of one rig, below 2^63: it tells nothing of the others."""
+    return _mixed(seed, f"rig {index}")
+
+
+def _mixed(seed: int, purpose: str) -> int:
+    return int.from_bytes(hashlib.sha256(f"{seed} {purpose}".encode()).digest()[:8], "big") >> 1
+
+
+def _shared(count: int, shares: dict[str, float]) -> dict[str, int]:
+    """Split a count by shares, the largest remainders first; what is left goes to the first kinds."""
+    exact = {kind: share * count for kind, share in shares.items()}
+    split = {kind: int(value) for kind, value in exact.items()}
+    order = sorted(exact, key=lambda kind: split[kind] - exact[kind])
+    for kind in order[: count - sum(split.values())]:
+        split[kind] += 1
+    return split

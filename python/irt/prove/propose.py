@@ -1,0 +1,60 @@
+"""The next run for a diagnosis that ends in a tie, as a process of its own: one suggested, one drawn blindly.
+
+    python -m irt.prove.propose FOLDER OUT
+
+FOLDER holds the recordings and what the diagnosis wrote, under ``models/``. OUT gets the commands of two
+runs, with the marble's start in row 0: ``suggested.csv`` by `irt suggest`, ``random.csv`` out of the same
+families.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from irt.errors import IrtError
+from irt.files import read_text
+from irt.fitting.least_squares import stamped_time_scale
+from irt.model import load_model
+from irt.recording import save_recording
+from irt.rig import Rig, load_rig
+from irt.rollouts import SUBSTEP_S
+from irt.suggest import suggest
+from irt.suggest.excitations import FAMILIES, GENES, Limits, draw
+
+SUGGESTED, RANDOM = "suggested", "random"
+
+
+def main(words: Sequence[str]) -> int:
+    """Write two runs to play; return the exit status."""
+    folder, out = (Path(word) for word in words)
+    try:
+        rig = load_rig(folder)
+        told = json.loads(read_text(folder / "models" / "diagnosis.json"))
+        rivals = sorted((folder / "models").glob("rival-*.toml"))
+        models = [load_model(path) for path in (folder / "models" / "model.toml", *rivals)]
+        suggest(rig, models, told["fit"]["noise"], seed=0, threads=1).save(out / f"{SUGGESTED}.csv")
+        save_random(rig, out / f"{RANDOM}.csv")
+    except IrtError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+def save_random(rig: Rig, path: Path) -> None:
+    """Write a run drawn from the families that `irt suggest` chooses among, within what the rig can play."""
+    stamped = stamped_time_scale(rig)
+    limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
+    random = np.random.default_rng(0)
+    run = draw(str(random.choice(list(FAMILIES))), random.random(GENES), limits)
+    marble = np.full_like(run.commands, np.nan)
+    marble[0] = run.start
+    save_recording(path, run.commands, marble)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,233 @@
+"""The whole proof: hide, publish commitments, diagnose blind, write the answers down, open, check.
+
+Everything lies in one folder, and a step that is done is not done again: after Ctrl-C or a crash the same
+command goes on.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import ExitStack, closing
+from pathlib import Path
+from queue import Queue
+
+import numpy as np
+
+from irt.errors import IrtError
+from irt.files import make_folder, write_atomic
+from irt.prove import further, sealing
+from irt.prove.chain import Places, check_answers, commitments, manifest, open_all, read_json, write_folder
+from irt.prove.pipe import Pipe
+from irt.prove.plan import Plan
+from irt.prove.score import held_out, label_of
+from irt.prove.seal import canonical
+from irt.prove.workers import Files, Workers, files_of
+from irt.recording import Recording
+from irt.segments import LEAD_ROWS
+
+Progress = Callable[[int, int, str], None]
+
+BLIND = "irt.prove.blind"
+CONTEST = "irt.prove.contest"
+#: What a step of each kind takes for one rig, relative to the others, for the progress bar alone.
+_WEIGHTS = {"hidden": 1, "diagnosed": 40, "contested": 20}
+
+
+class Proof:
+    """A proof, step by step.
+
+    Parameters
+    ----------
+    out : Path
+        Its folder, new or begun by the same command.
+    plan : Plan
+        Which rigs.
+    generator : sequence of str
+        The command of the concealed world.
+    workers : Workers
+        Who runs the diagnoses.
+    seed : int, optional
+        Of what is hidden; by default drawn by the operating system.
+    progress : callable, optional
+        Called with (done, total, text).
+    contest : bool
+        Whether other methods get the same rigs.
+    hiders : int
+        How many rigs are made at a time, each by a sealing process of its own.
+
+    Raises
+    ------
+    IrtError
+        If the folder holds another proof or cannot be written, or something was altered.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        plan: Plan,
+        generator: Sequence[str],
+        workers: Workers,
+        *,
+        seed: int | None = None,
+        progress: Progress | None = None,
+        contest: bool = True,
+        hiders: int = 1,
+    ) -> None:
+        self.places, self.plan, self._workers = Places(make_folder(out)), plan, workers
+        self._generator, self._seed, self._contest = generator, seed, contest
+        self._hiders = hiders
+        self._progress = progress or (lambda *_: None)
+        self._done = 0
+
+    def run(self) -> Places:
+        """Go all the way, from where it was left."""
+        with self._sealer() as sealer:
+            self._hide(sealer)
+            self._diagnose()
+            self._release(sealer)
+            open_all(self.places, self.plan.names())
+            if self._contest:
+                self._resolve(sealer)
+        if self._contest:
+            self._compare()
+        self._tell(self._total, "done")
+        return self.places
+
+    def _sealer(self) -> Pipe:
+        vault = self.places.vault.resolve()
+        return Pipe(sealing.command(vault, self.plan, self._seed, self._generator), "the sealing process")
+
+    def _hide(self, sealer: Pipe) -> None:
+        """Have the rigs made, and publish the commitments to all of them."""
+        names = self.plan.names()
+        for kind in ("rigs", "seals", "answers", "opened", "baselines", "further"):
+            make_folder(self.places.out / kind)
+        if self.places.commitments.exists():
+            self._step("hidden", "", len(names))
+            return
+        left = [index for index, name in enumerate(names) if not self.places.seal(name).exists()]
+        already = len(names) - len(left)
+        self._step("hidden", f"hidden: {already} of {len(names)}", already)
+        # The first one has the vault made; the others find it there.
+        sealer.ask({"begin": {}})
+        with ExitStack() as stack:
+            others = min(self._hiders, len(left)) - 1
+            idle: Queue[Pipe] = Queue()
+            pipes = [sealer, *(stack.enter_context(self._sealer()) for _ in range(others))]
+            for pipe in pipes:
+                idle.put(pipe)
+            pool = stack.enter_context(ThreadPoolExecutor(self._hiders))
+            tasks = [pool.submit(self._make, idle, index, names[index]) for index in left]
+            try:
+                for done, task in enumerate(as_completed(tasks), start=already + 1):
+                    task.result()
+                    self._step("hidden", f"hidden: {done} of {len(names)}")
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for pipe in pipes:
+                    pipe.stop()
+                raise
+        write_atomic(self.places.commitments, canonical(commitments(self.places, names)))
+
+    def _make(self, idle: Queue[Pipe], index: int, name: str) -> None:
+        """Have one rig made by a sealing process that is idle, and publish its seal."""
+        folder = self.places.rig(name)
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        pipe = idle.get()
+        try:
+            made = pipe.ask({"make": {"index": index, "folder": str(folder.resolve())}})
+        finally:
+            idle.put(pipe)
+        write_atomic(self.places.seal(name), canonical(made))
+
+    def _diagnose(self) -> None:
+        names = self.plan.names()
+        inputs = {
+            name: files_of(self.places.rig(name)) for name in names if not self.places.answer(name).exists()
+        }
+        if inputs and self.places.manifest.exists():
+            raise IrtError(f"{next(iter(inputs))}: its answer is gone, and the manifest is written")
+        self._work("diagnosed", BLIND, inputs, self.places.answer)
+
+    def _release(self, sealer: Pipe) -> None:
+        """Write down what was answered, and only then have the keys given out."""
+        names = self.plan.names()
+        if not self.places.manifest.exists():
+            write_atomic(self.places.manifest, canonical(manifest(self.places, names)))
+        check_answers(self.places, names)
+        told = sealer.ask({"release": {"manifest": read_json(self.places.manifest)}})
+        write_atomic(self.places.keys, canonical(told))
+
+    def _compare(self) -> None:
+        """Give the same rigs to other methods, with the commands of the runs held out."""
+        names = self.plan.names()
+        left = [name for name in names if not self.places.contest(name).exists()]
+        inputs = {name: self._contest_files(name) for name in left}
+        self._work("contested", CONTEST, inputs, self.places.contest)
+
+    def _resolve(self, sealer: Pipe) -> None:
+        """Have one more run recorded for each tie, and diagnose again; a world that cannot is left alone."""
+        names = self.plan.names()
+        tied = {
+            name: self.places.rig(name)
+            for name in names
+            if further.in_a_tie(self.places.answer(name)) and not self.places.further(name).exists()
+        }
+        runs = {}
+        answers = {name: self.places.answer(name) for name in tied}
+        for name, commands in further.propose(self._workers, tied, answers).items():
+            seen = further.recorded(sealer, names.index(name), commands)
+            if seen is None:
+                return
+            runs[name] = seen
+        told: dict[str, dict[str, Files]] = {}
+        for name, kind, files in further.diagnosed(self._workers, tied, runs):
+            told.setdefault(name, {})[kind] = files
+            self._tell(self._done, f"one more run: {name}")
+            if len(told[name]) == len(further.KINDS):
+                both = {
+                    f"{each}/{file}": data
+                    for each, files in told[name].items()
+                    for file, data in files.items()
+                }
+                write_folder(self.places.further(name), both)
+
+    def _contest_files(self, name: str) -> Files:
+        """Return what another method may see: recordings, the base model, and what to predict."""
+        files = files_of(self.places.rig(name))
+        files.update({f"models/{key}": data for key, data in files_of(self.places.answer(name)).items()})
+        folder, start = self.places.opened(name), self.places.start(name)
+        for test in held_out(folder, label_of(folder), start)[0]:
+            files[f"tests/{test.name}.csv"] = commands_alone(test, start).encode()
+        return files
+
+    def _work(self, step: str, module: str, inputs: dict[str, Files], place: Callable[[str], Path]) -> None:
+        already = self.plan.rigs - len(inputs)
+        self._step(step, f"{step}: {already} of {self.plan.rigs}", already)
+        # Closed at once where this stops: its processes must not outlive it.
+        with closing(self._workers.each(module, inputs)) as answers:
+            for done, (name, files) in enumerate(answers, start=already + 1):
+                write_folder(place(name), files)
+                self._step(step, f"{step}: {done} of {self.plan.rigs}")
+
+    @property
+    def _total(self) -> int:
+        kinds = _WEIGHTS if self._contest else {**_WEIGHTS, "contested": 0}
+        return self.plan.rigs * sum(kinds.values())
+
+    def _step(self, kind: str, text: str, count: int = 1) -> None:
+        self._done += count * _WEIGHTS[kind]
+        self._tell(self._done, text)
+
+    def _tell(self, done: int, text: str) -> None:
+        self._progress(min(done, self._total), self._total, text)
+
+
+def commands_alone(test: Recording, start: str) -> str:
+    """Return a recording as CSV without what came of it: only rows where a prediction starts stay."""
+    marble = test.marble.copy()
+    marble[LEAD_ROWS if start == "moving" else 1 :] = np.nan
+    return Recording(test.name, test.path, test.knobs, marble, test.stamps).to_csv()

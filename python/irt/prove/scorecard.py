@@ -1,0 +1,359 @@
+"""The scorecard of a proof: one page in Markdown, with its pictures in a folder beside it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from irt.diagnose.diagnosis import UNLISTED
+from irt.files import make_folder, write_atomic
+from irt.prove import figures
+from irt.prove.cases import GROUPS, failures
+from irt.prove.chain import Places
+from irt.prove.contested import Standing
+from irt.prove.further import KINDS
+from irt.prove.plan import NULLS
+from irt.prove.results import Results
+from irt.prove.score import CHANCE, RigScore
+from irt.prove.seal import digest
+from irt.prove.tally import (
+    CLEAR,
+    GAP_CLOSED,
+    Floor,
+    Quantity,
+    Rate,
+    coverage,
+    gaps,
+    in_group,
+    is_clear,
+    nulls,
+    of_catalogue,
+    power,
+)
+from irt.rig import Board
+
+#: The paper's board, for noise in millimetres.
+_EDGE_MM = 1e3 * Board.edge_x_m
+_NOISES_MM = (0.0, 0.3, 0.6, 1.0, 2.5)
+#: Files of a proof that are copied beside the page, so that anyone can check them.
+_RAW = ("commitments", "manifest", "keys")
+
+
+def write_scorecard(
+    page: Path, results: Results, places: Places, settings: Mapping[str, str], *, raw: bool = False
+) -> Path:
+    """Write the page, its pictures and ``scores.json``, the latter two into a folder of the page's name.
+
+    Parameters
+    ----------
+    page : Path
+        The ``.md`` file.
+    results : Results
+        The scores.
+    places : Places
+        The proof, whose hashes the page names.
+    settings : mapping
+        What it was made with, in words, by title.
+    raw : bool
+        Whether commitments, manifest and keys go beside the page as well.
+
+    Raises
+    ------
+    IrtError
+        If something cannot be written.
+    """
+    make_folder(page.parent)
+    folder = make_folder(page.with_suffix(""))
+    scores = results.scores
+    figures.plot_confusion(folder / "confusion.png", scores)
+    figures.plot_power(folder / "power.png", scores)
+    figures.plot_gaps(folder / "gaps.png", scores, list(_rival_gaps(results)))
+    figures.plot_coverage(folder / "coverage.png", scores)
+    results.save(folder / "scores.json")
+    if raw:
+        for name in _RAW:
+            path: Path = getattr(places, name)
+            shutil.copyfile(path, folder / path.name)
+    lines = [
+        *_answer(results),
+        *_naming(scores, folder.name),
+        *_errors(results, folder.name),
+        *_methods(results.standings),
+        *_one_more(results),
+        *_intervals(scores, folder.name),
+        *failures(scores),
+        *_how(places, settings, folder.name),
+    ]
+    write_atomic(page, "\n".join(lines) + "\n")
+    return page
+
+
+def verdict(results: Results) -> str:
+    """Return the answer of a proof in a sentence or two."""
+    told = [one for one in results.floors if one.kept is not None]
+    kept = sum(bool(one.kept) for one in told)
+    scores = results.scores
+    hidden = len(scores) - len(nulls(scores))
+    short = [one.what for one in told if not one.kept and one.sure]
+    perhaps = [one.what for one in told if not one.kept and not one.sure]
+    sentence = (
+        f"{hidden} rig{'' if hidden == 1 else 's'} with hidden physics and {len(scores) - hidden} without, "
+        f"diagnosed blind: {kept} of {len(told)} promises kept."
+    )
+    if short:
+        sentence += f" Short of its floor: {'; '.join(short)}."
+    if perhaps:
+        sentence += f" Short, though chance could do that: {'; '.join(perhaps)}."
+    return sentence
+
+
+def _answer(results: Results) -> Iterator[str]:
+    yield "# Proof by concealment"
+    yield ""
+    yield f"**{verdict(results)}**"
+    yield ""
+    yield "| promise | floor | measured (95 % interval) | of | kept |"
+    yield "| --- | --- | --- | --- | --- |"
+    for one in results.floors:
+        yield f"| {one.what} | {one.promise} | {_measured(one)} | {one.of} | {_kept(one)} |"
+    yield ""
+    yield (
+        "Another engine made the recordings, and another process hid in them what was to be found. The "
+        "diagnosis "
+        "saw recordings alone; the labels were sealed before it began and opened after its last answer was "
+        "written down ([how](#how-it-was-done)). Rates have Wilson intervals, medians bootstrap ones."
+    )
+
+
+def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
+    yield "\n## What was named\n"
+    yield f"| hidden | rigs | right | exactly | right from {CLEAR:g} noises on | tie size | failed |"
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for group, words in GROUPS.items():
+        inside = in_group(scores, group)
+        if inside:
+            sizes = [one.tie_size for one in inside if one.tie_size and group not in NULLS]
+            size = f"{np.mean(sizes):.2f}" if sizes else ""
+            failed = sum(one.verdict == "failed" for one in inside)
+            right, exact = (
+                _rate(Rate.over(inside, lambda one: one.found)),
+                _rate(Rate.over(inside, lambda one: one.exact)),
+            )
+            clear = [one for one in inside if group not in NULLS and is_clear(one)]
+            told = f"{_rate(Rate.over(clear, lambda one: one.found))} of {len(clear)}" if clear else ""
+            yield f"| {words} | {len(inside)} | {right} | {exact} | {told} | {size} | {failed} |"
+    yield ""
+    yield (
+        "Right is: the hidden effect by its name or in the tie declared, nothing besides; `unlisted` for "
+        "physics "
+        "that the catalogue does not have; `sufficient` where nothing was hidden."
+    )
+    yield "\n| of rigs with effects of the catalogue | rigs | right |"
+    yield "| --- | --- | --- |"
+    for words, inside in _cuts(of_catalogue(scores)):
+        yield f"| {words} | {len(inside)} | {_rate(Rate.over(inside, lambda one: one.found))} |"
+    yield ""
+    yield from _picture(
+        folder,
+        "confusion",
+        "Hidden effects by row, names by column; numbers are rigs, colours shares of the row. A tie that "
+        "holds "
+        "the truth counts as the truth. The last row holds names where nothing was left to name.",
+    )
+    yield from _picture(
+        folder,
+        "power",
+        "Share of rigs in which what was hidden was named, over how far the refitted base model strays "
+        "from the "
+        f"true path. Right of {CLEAR:g} times the noise 90 % are promised.",
+    )
+    yield "| signal over noise | rigs | named, or in a tie |"
+    yield "| --- | --- | --- |"
+    for one in power(scores):
+        if one.rate.of:
+            reach = f"{one.low:g} and more" if math.isinf(one.high) else f"{one.low:g} to {one.high:g}"
+            yield f"| {reach} | {one.rate.of} | {_rate(one.rate)} |"
+
+
+def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:
+    """Yield groups of rigs that share how they were seen."""
+    for noise in sorted({one.noise for one in known}):
+        yield f"{noise} noise", [one for one in known if one.noise == noise]
+    for low, high in itertools.pairwise(_NOISES_MM):
+        inside = [one for one in known if low <= _EDGE_MM * one.sigma < high]
+        if inside:
+            yield f"noise of {low:g} to {high:g} mm", inside
+    for camera, words in ((True, "through the camera"), (False, "positions without a picture")):
+        inside = [one for one in known if one.through_camera == camera]
+        if inside and len(inside) < len(known):
+            yield words, inside
+
+
+def _errors(results: Results, folder: str) -> Iterator[str]:
+    yield "\n## Runs held out\n"
+    yield (
+        "The gap is between the error of five parameters refitted and that of the true path, which is what "
+        "noise "
+        "makes; an effect that differs from run to run by chance "
+        f"(`{CHANCE}`) can close none and is left out, as are rigs without a gap. Predictions of all methods "
+        "start from the true place: noise there shifts a whole path.\n"
+    )
+    yield "| rigs | with a gap | closed, median | 10th percentile |"
+    yield "| --- | --- | --- | --- |"
+    for words, inside in (
+        ("effects of the catalogue", of_catalogue(results.scores)),
+        ("unlisted", in_group(results.scores, UNLISTED)),
+    ):
+        closed = gaps(inside)
+        if closed:
+            low = f"{np.quantile(closed, 0.1):.3f}"
+            middle = _quantity(Quantity.median(closed))
+            yield f"| {words} | {len(closed)} of {len(inside)} | {middle} | {low} |"
+    yield ""
+    yield from _picture(
+        folder,
+        "gaps",
+        "Share of the gap closed in each rig with effects of the catalogue, from the worst to the best, cut "
+        "off at -1; the dashed line is the true path.",
+    )
+
+
+def _methods(standings: Sequence[Standing]) -> Iterator[str]:
+    if len(standings) < 2:
+        return
+    yield "\n## Beside other methods, on the same rigs\n"
+    yield (
+        "| method | named exactly or in a tie | says that something is missing, where it is | where it is "
+        "not "
+        "| gap closed | error over the true path's | seconds |"
+    )
+    yield "| --- | --- | --- | --- | --- | --- | --- |"
+    for one in standings:
+        if one.missing:
+            yield f"| {one.title} | {one.missing} | | | | | |"
+            continue
+        rates = (
+            _rate(rate) if rate is not None else "does not say" for rate in (one.named, one.told, one.alarms)
+        )
+        closed, over = (_quantity(value) if value.of else "" for value in (one.closed, one.over_oracle))
+        yield f"| {one.title} | {' | '.join(rates)} | {closed} | {over} | {one.seconds:.1f} |"
+    yield ""
+    yield "Medians over all rigs that hide something. The methods are in `python/irt/prove/baselines/`."
+
+
+def _one_more(results: Results) -> Iterator[str]:
+    """Yield what one more run does to ties, where the concealed world could record it."""
+    if not results.ties:
+        return
+    yield "\n## Ties, and one more run\n"
+    yield (
+        f"{len(results.ties)} rigs whose tie held the truth got one more run and were diagnosed again, "
+        f"with the "
+        "run that `irt suggest` designs and with one drawn blindly from the same families.\n"
+    )
+    yield "| one more run | named exactly, without a tie | tie size before | after |"
+    yield "| --- | --- | --- | --- |"
+    before = np.mean([one.before for one in results.ties])
+    for kind in KINDS:
+        told = [one.exact[kind] for one in results.ties]
+        sizes = [one.after[kind] or 0.0 for one in results.ties if one.after[kind]]
+        after = f"{np.mean(sizes):.2f}" if sizes else ""
+        yield f"| {kind} | {_rate(Rate(sum(told), len(told)))} of {len(told)} | {before:.2f} | {after} |"
+
+
+def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
+    yield "\n## Intervals\n"
+    yield "| 95 % intervals of | hold the truth | with an open end, not counted |"
+    yield "| --- | --- | --- |"
+    for words, of_effects in (("the five parameters", False), ("effects rightly named", True), ("all", None)):
+        rate, ajar = coverage(scores, of_effects=of_effects)
+        yield f"| {words} | {_rate(rate)} of {rate.of} | {ajar} |"
+    yield ""
+    yield from _picture(folder, "coverage", "Intervals with two ends that hold the truth, by parameter.")
+    seconds = [one.seconds for one in scores if math.isfinite(one.seconds)]
+    if seconds:
+        yield (
+            f"A diagnosis took {np.median(seconds):.0f} s of one core (median; the longest "
+            f"{np.max(seconds):.0f} s)."
+        )
+
+
+def _how(places: Places, settings: Mapping[str, str], folder: str) -> Iterator[str]:
+    yield "\n## How it was done\n"
+    yield (
+        "1. A process of its own drew the seeds, had every rig recorded, encrypted its label "
+        "(ChaCha20-Poly1305) "
+        "and gave out a commitment, SHA-256 over a secret nonce and the label.\n"
+        "2. The commitments were published, then each rig was diagnosed by a process that got a copy of its "
+        "recordings under a name that says nothing.\n"
+        "3. The SHA-256 of every answer went into a manifest, and for that manifest alone the keys were "
+        "given "
+        "out.\n"
+        "4. Seals were opened, labels checked against the commitments, answers against the manifest, "
+        "recordings "
+        "against the labels; only then were scores computed."
+    )
+    yield "\n| | |\n| --- | --- |"
+    for title, words in settings.items():
+        yield f"| {title} | {words} |"
+    for name in _RAW:
+        path: Path = getattr(places, name)
+        if path.exists():
+            yield f"| SHA-256 of `{path.name}` | `{digest(path.read_bytes())}` |"
+    yield ""
+    yield f"Every score is in [{folder}/scores.json]({folder}/scores.json)."
+
+
+def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:
+    """Yield the share of the gap that each other method closes in the rigs that count."""
+    known = {one.rig: one for one in of_catalogue(results.scores) if one.closed is not None}
+    for name, title in (
+        ("single", "best single effect"),
+        ("gaussian", "Gaussian process"),
+        ("sindy", "PySINDy"),
+    ):
+        closed = []
+        for one in results.entries:
+            errors = known[one.rig].errors if one.rig in known else None
+            if one.method == name and one.error is not None and errors is not None:
+                closed.append(errors.closed(one.error) or 0.0)
+        yield title, closed
+
+
+def _picture(folder: str, name: str, caption: str) -> Iterator[str]:
+    yield f"![{caption}]({folder}/{name}.png)\n"
+    yield f"*{caption}*\n"
+
+
+def _kept(floor: Floor) -> str:
+    if floor.kept is None:
+        return "not counted"
+    if floor.sure:
+        return "yes" if floor.kept else "**no**"
+    return "yes, though chance could hide a miss" if floor.kept else "**no**, though chance could do that"
+
+
+def _measured(floor: Floor) -> str:
+    if not floor.of:
+        return ""
+    if floor.what == GAP_CLOSED:
+        return f"{floor.value:.3f} ({floor.low:.3f} to {floor.high:.3f})"
+    return f"{100 * floor.value:.1f} % ({100 * floor.low:.1f} to {100 * floor.high:.1f})"
+
+
+def _rate(rate: Rate) -> str:
+    if not rate.of:
+        return ""
+    low, high = rate.interval
+    return f"{100 * rate.share:.1f} % ({100 * low:.1f} to {100 * high:.1f})"
+
+
+def _quantity(value: Quantity) -> str:
+    if not value.of:
+        return ""
+    return f"{value.value:.3g} ({value.low:.3g} to {value.high:.3g})"

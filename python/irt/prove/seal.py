@@ -1,0 +1,161 @@
+"""A seal: what was hidden, encrypted, with a commitment that nobody can change without being caught.
+
+The commitment is SHA-256 over a secret nonce of 32 bytes and the label, so it neither tells the label nor
+fits another one. The label travels encrypted with ChaCha20-Poly1305 (RFC 8439), which authenticates it
+together with the rig's name and the commitment.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import hmac
+import json
+import secrets
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from irt.errors import IrtError
+
+#: What is missing where this raises, and how to add it.
+EXTRA = 'install it with: pip install "labsim-irt[prove]"'
+_SECRET_BYTES = 32
+_COUNTER_BYTES = 12
+
+
+@dataclass(frozen=True)
+class Seal:
+    """What is published of a rig before anyone looks at it.
+
+    Attributes
+    ----------
+    rig : str
+        Its name.
+    commitment : str
+        SHA-256 over nonce and label, hexadecimal.
+    sealed : str
+        The encrypted label, base64.
+    """
+
+    rig: str
+    commitment: str
+    sealed: str
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the seal as JSON takes it."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Key:
+    """What opens a seal: the cipher's key and the commitment's nonce, 32 bytes each, hexadecimal."""
+
+    key: str
+    nonce: str
+
+    def as_dict(self) -> dict[str, str]:
+        """Return the key as JSON takes it."""
+        return asdict(self)
+
+
+def canonical(content: Any) -> bytes:
+    """Return content as JSON bytes that depend on nothing but the content: the same on any machine.
+
+    Raises
+    ------
+    IrtError
+        If it holds what JSON has no word for, such as NaN.
+    """
+    try:
+        return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False).encode("ascii")
+    except (TypeError, ValueError) as error:
+        raise IrtError(f"not to be written as JSON: {error}") from error
+
+
+def digest(data: bytes) -> str:
+    """Return the SHA-256 of bytes, hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def digests(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 of each file of a folder, by name."""
+    return {path.name: digest(path.read_bytes()) for path in sorted(folder.iterdir()) if path.is_file()}
+
+
+def close(rig: str, label: Mapping[str, Any]) -> tuple[Seal, Key]:
+    """Seal the label of a rig with a key and a nonce drawn for it alone.
+
+    Raises
+    ------
+    IrtError
+        If the label cannot be written as JSON, or the package that encrypts is missing.
+    """
+    cipher = _cipher()
+    key, nonce = secrets.token_bytes(_SECRET_BYTES), secrets.token_bytes(_SECRET_BYTES)
+    plain = canonical(label)
+    commitment = digest(nonce + plain)
+    counter = secrets.token_bytes(_COUNTER_BYTES)
+    sealed = counter + cipher(key).encrypt(counter, plain, _bound(rig, commitment))
+    seal = Seal(rig, commitment, base64.b64encode(sealed).decode("ascii"))
+    return seal, Key(key.hex(), nonce.hex())
+
+
+def open_seal(seal: Seal, key: Key, commitment: str | None = None) -> dict[str, Any]:
+    """Return the label of a rig, once everything about its seal has been checked.
+
+    Parameters
+    ----------
+    seal : Seal
+        What was published.
+    key : Key
+        What was released.
+    commitment : str, optional
+        The commitment that was written down before the diagnosis; by default the seal's own.
+
+    Raises
+    ------
+    IrtError
+        If the label, its encryption, the nonce, the key or the commitment is not what it was when it was
+        sealed; one line that names the rig.
+    """
+    from cryptography.exceptions import InvalidTag  # noqa: PLC0415
+
+    cipher = _cipher()
+    if commitment is not None and not hmac.compare_digest(commitment, seal.commitment):
+        raise IrtError(f"{seal.rig}: the seal carries another commitment than was published: it was altered")
+    try:
+        sealed = base64.b64decode(seal.sealed, validate=True)
+        plain = cipher(bytes.fromhex(key.key)).decrypt(
+            sealed[:_COUNTER_BYTES], sealed[_COUNTER_BYTES:], _bound(seal.rig, seal.commitment)
+        )
+    except (InvalidTag, ValueError, binascii.Error) as error:
+        raise IrtError(
+            f"{seal.rig}: the sealed label does not open: label, key, commitment or name was altered"
+        ) from error
+    if not hmac.compare_digest(digest(_bytes(seal.rig, key.nonce) + plain), seal.commitment):
+        raise IrtError(f"{seal.rig}: the label does not fit its commitment: label or nonce was altered")
+    label: dict[str, Any] = json.loads(plain)
+    return label
+
+
+def _bound(rig: str, commitment: str) -> bytes:
+    """Return what is authenticated with the label, though not hidden."""
+    return f"{rig}\n{commitment}".encode()
+
+
+def _bytes(rig: str, text: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except ValueError as error:
+        raise IrtError(f"{rig}: its nonce is no hexadecimal number: it was altered") from error
+
+
+def _cipher() -> Any:
+    try:
+        from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305  # noqa: PLC0415
+    except ImportError as error:
+        raise IrtError(f"a proof needs the package cryptography: {EXTRA}") from error
+    return ChaCha20Poly1305

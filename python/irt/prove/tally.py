@@ -1,0 +1,257 @@
+"""Scores of many rigs together: rates with their intervals, who was taken for whom, power, and floors."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from irt.diagnose.diagnosis import UNLISTED
+from irt.prove.plan import NULLS
+from irt.prove.score import NOTHING, RigScore, matched
+
+#: Quantile of the normal distribution for two-sided 95 %.
+_Z = 1.959963984540054
+#: Edges of the bins of signal over noise.
+BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, math.inf)
+#: From this signal over noise on an effect must be named.
+CLEAR = 5.0
+#: The one promise that is no rate.
+GAP_CLOSED = "held-out gap closed, median"
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How many of how many, with Wilson's 95 % interval.
+
+    Attributes
+    ----------
+    good, of : int
+        The counts.
+    """
+
+    good: int
+    of: int
+
+    @classmethod
+    def over(cls, scores: Iterable[RigScore], is_good: Callable[[RigScore], bool]) -> Rate:
+        """Return how many of the scores are good."""
+        told = [is_good(one) for one in scores]
+        return cls(sum(told), len(told))
+
+    @property
+    def share(self) -> float:
+        """The share, NaN of none."""
+        return self.good / self.of if self.of else math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Where the true share lies with 95 % (Wilson 1927); from 0 to 1 where nothing was counted."""
+        if not self.of:
+            return 0.0, 1.0
+        share, shrink = self.share, 1.0 + _Z**2 / self.of
+        middle = (share + _Z**2 / (2 * self.of)) / shrink
+        half = _Z / shrink * math.sqrt(share * (1.0 - share) / self.of + _Z**2 / (4 * self.of**2))
+        # At the ends the formula gives them but for rounding.
+        low = 0.0 if self.good == 0 else middle - half
+        high = 1.0 if self.good == self.of else middle + half
+        return low, high
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A median with its 95 % interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+        NaN of none.
+    of : int
+        How many values there were.
+    """
+
+    value: float
+    low: float
+    high: float
+    of: int
+
+    @classmethod
+    def median(cls, values: Sequence[float], draws: int = 2000) -> Quantity:
+        """Return the median of values, with its interval by the bootstrap (percentiles, fixed seed)."""
+        if not len(values):
+            return cls(math.nan, math.nan, math.nan, 0)
+        known = np.asarray(values, dtype=np.float64)
+        drawn = np.random.default_rng(0).choice(known, (draws, len(known)))
+        low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
+        return cls(float(np.median(known)), float(low), float(high), len(known))
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A promise, and what came of it.
+
+    Attributes
+    ----------
+    what : str
+        What is promised.
+    promise : str
+        The floor in words.
+    value, low, high : float
+        What was measured, with its 95 % interval.
+    of : int
+        Over how many.
+    kept : bool or None
+        Whether the value keeps the promise; None where nothing was counted.
+    sure : bool
+        Whether all of the interval says the same: a small proof seldom can.
+    """
+
+    what: str
+    promise: str
+    value: float
+    low: float
+    high: float
+    of: int
+    kept: bool | None
+    sure: bool = True
+
+    @classmethod
+    def between(
+        cls,
+        what: str,
+        promise: str,
+        measured: Rate | Quantity,
+        *,
+        least: float = -math.inf,
+        most: float = 1.0,
+    ) -> Floor:
+        """Return whether what was measured lies between two limits."""
+        if isinstance(measured, Rate):
+            value, (low, high) = measured.share, measured.interval
+        else:
+            value, low, high = measured.value, measured.low, measured.high
+        kept = least <= value <= most if measured.of else None
+        sure = least <= low <= high <= most if kept else high < least or low > most
+        return cls(what, promise, value, low, high, measured.of, kept, sure)
+
+
+@dataclass(frozen=True)
+class Bin:
+    """A range of signal over noise, and the share of effects found in it."""
+
+    low: float
+    high: float
+    rate: Rate
+
+
+def nulls(scores: Iterable[RigScore]) -> list[RigScore]:
+    """Return the rigs that hide nothing to name."""
+    return [one for one in scores if one.group in NULLS]
+
+
+def of_catalogue(scores: Iterable[RigScore]) -> list[RigScore]:
+    """Return the rigs that hide one effect of the catalogue or two."""
+    return [one for one in scores if one.group in ("single", "pair")]
+
+
+def in_group(scores: Iterable[RigScore], group: str) -> list[RigScore]:
+    """Return the rigs of one kind."""
+    return [one for one in scores if one.group == group]
+
+
+def is_clear(score: RigScore) -> bool:
+    """Whether the base model strays from the true path by at least five times the noise; a failure counts."""
+    return score.errors is None or score.errors.signal >= CLEAR
+
+
+def coverage(scores: Iterable[RigScore], *, of_effects: bool | None = None) -> tuple[Rate, int]:
+    """Return how many 95 % intervals with two ends hold the truth, and how many are open.
+
+    Parameters
+    ----------
+    scores : iterable of RigScore
+        The rigs.
+    of_effects : bool, optional
+        Only parameters of effects, or only those of the base; by default both.
+    """
+    told = [
+        held
+        for one in scores
+        for name, held in one.intervals.items()
+        if of_effects is None or of_effects == ("." in name)
+    ]
+    closed = [held for held in told if held != "open"]
+    return Rate(closed.count("yes"), len(closed)), len(told) - len(closed)
+
+
+def gaps(scores: Iterable[RigScore]) -> list[float]:
+    """Return the share of the held-out gap that was closed, for each rig that has a gap to close."""
+    return [one.closed for one in scores if one.closed is not None]
+
+
+def confusion(scores: Iterable[RigScore]) -> Counter[tuple[str, str]]:
+    """Count (hidden, named): who was taken for whom.
+
+    A hidden effect that its name or tie holds counts as named. One that was missed stands against a name that
+    is left over, or against `NOTHING`; a name too many stands against `NOTHING` hidden. Physics that the
+    catalogue does not have is `UNLISTED`, hidden or told.
+    """
+    counted: Counter[tuple[str, str]] = Counter()
+    for one in scores:
+        hidden = [UNLISTED] if one.group == UNLISTED else list(one.kinds)
+        ties = {name: one.ties.get(name, []) for name in one.named}
+        if one.verdict == "failed":
+            counted.update((kind, "failed") for kind in hidden or [NOTHING])
+            continue
+        if one.verdict == UNLISTED:
+            ties.setdefault(UNLISTED, [])
+        pairs = matched(hidden, ties)
+        spare = [name for name in ties if name not in pairs.values()]
+        for kind in hidden:
+            counted[kind, kind if kind in pairs else spare.pop(0) if spare else NOTHING] += 1
+        counted.update((NOTHING, name) for name in spare)
+        if not hidden and not ties:
+            counted[NOTHING, NOTHING] += 1
+    return counted
+
+
+def power(scores: Iterable[RigScore]) -> list[Bin]:
+    """Return the share of rigs with hidden effects found, by what the refitted base model leaves over."""
+    told = [(one.errors.signal, one.found) for one in of_catalogue(scores) if one.errors is not None]
+    return [
+        Bin(low, high, Rate(sum(found for _, found in inside), len(inside)))
+        for low, high in itertools.pairwise(BINS)
+        for inside in [[one for one in told if low <= one[0] < high]]
+    ]
+
+
+def floors(scores: Sequence[RigScore]) -> list[Floor]:
+    """Return the promises of a proof, and whether they are kept."""
+    known = of_catalogue(scores)
+    gap = Quantity.median(gaps(known))
+    held, _ = coverage(scores)
+    return [
+        Floor.between("false alarms", "at most 2 %", Rate.over(nulls(scores), _alarmed), most=0.02),
+        Floor.between(
+            f"named, or in a declared tie, where the signal is at least {CLEAR:g} times the noise",
+            "at least 90 %",
+            Rate.over([one for one in known if is_clear(one)], lambda one: one.found),
+            least=0.9,
+        ),
+        Floor.between(GAP_CLOSED, "at least 0.95", gap, least=0.95, most=math.inf),
+        Floor.between("95 % intervals that hold the truth", "85 to 99 %", held, least=0.85, most=0.99),
+        Floor.between(
+            "unlisted physics told as such",
+            "at least 80 %",
+            Rate.over(in_group(scores, UNLISTED), lambda one: one.found),
+            least=0.8,
+        ),
+    ]
+
+
+def _alarmed(score: RigScore) -> bool:
+    return score.false_alarm or score.verdict == "failed"

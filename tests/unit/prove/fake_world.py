@@ -1,0 +1,109 @@
+"""A small concealed world that speaks the protocol: rapier's rollouts of a few rows, under noise."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from irt.recording import Recording, load_commands, save_recording
+from irt.rollouts import rollouts
+
+ROWS, TRAIN, TEST = 50, 3, 2
+NOISE = 1e-3
+TRUTH = {
+    "gear_x": 0.06,
+    "gear_y": 0.05,
+    "rolling_friction": 4e-4,
+    "time_scale": 15.0,
+    "observation_scale": 1.03,
+}
+HIDDEN: dict[str, list[dict[str, Any]]] = {
+    "none": [],
+    "outliers": [],
+    "single": [{"name": "parallax", "height_m_per_rad": 0.5}],
+    "pair": [{"name": "parallax", "height_m_per_rad": 0.5}, {"name": "viscous_drag", "rate_per_s": 0.8}],
+    "unlisted": [{"name": "cross_coupling", "angle_rad": 0.2}],
+}
+
+
+def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
+    """Write a rig's training recordings; return its label."""
+    random = np.random.default_rng(seed)
+    knobs = np.array([drive(random) for _ in range(TRAIN + TEST)])
+    clean = rollouts(
+        np.tile(list(TRUTH.values()), (len(knobs), 1)),
+        knobs,
+        engine="rapier",
+        effects=HIDDEN[kind],
+        threads=1,
+    )
+    seen = clean + NOISE * random.standard_normal(clean.shape)
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    for i in range(TRAIN):
+        save_recording(Path(folder) / f"train-{i + 1}.csv", knobs[i], seen[i])
+    (Path(folder) / "rig.toml").write_text("[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
+    names = [one["name"] for one in HIDDEN[kind]]
+    kinds: Any = {"single": names[:1] and names[0], "pair": names, "unlisted": "unlisted_twist"}.get(
+        kind, kind
+    )
+    tests = {}
+    for i in range(TRAIN, TRAIN + TEST):
+        name = f"test-{i - TRAIN + 1}"
+        csv = Recording(name, Path(name), knobs[i], seen[i]).to_csv()
+        tests[name] = {"csv": csv, "clean": clean[i].tolist()}
+    label = {
+        "kind": kinds,
+        "truth": {**TRUTH, "effects": HIDDEN[kind]},
+        "sigma": NOISE,
+        "noise": "white",
+        "signal": 0.01,
+        "through_camera": False,
+        "tests": tests,
+    }
+    return {"made": Path(folder).name, "label": label}
+
+
+def record(index: int, kind: str, seed: int, csv: str) -> dict[str, Any]:
+    """Play further commands (CSV, a start in row 0) on a rig that was made; return what was seen."""
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "next.csv"
+        path.write_text(csv)
+        told = load_commands(path)
+        path = Path(place) / "seen.csv"
+        clean = rollouts(
+            [list(TRUTH.values())],
+            told.knobs,
+            engine="rapier",
+            effects=HIDDEN[kind],
+            start=told.start,
+            threads=1,
+        )[0]
+        noise = NOISE * np.random.default_rng([seed, index]).standard_normal(clean.shape)
+        save_recording(path, told.knobs, clean + noise)
+        return {"csv": path.read_text()}
+
+
+def drive(random: np.random.Generator) -> np.ndarray:
+    """Draw commands (ROWS, 2) [rad]: sums of sines."""
+    time = np.arange(ROWS)[:, None, None] / ROWS
+    waves = np.sin(2 * np.pi * (time * random.uniform(0.7, 4.0, (2, 3)) + random.random((2, 3))))
+    return (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
+
+
+def main(requests: io.TextIOBase | Any = sys.stdin) -> None:
+    """Answer requests; the greeting is what libraries do."""
+    print("fake world, built today", flush=True)
+    for line in requests:
+        request = json.loads(line)
+        told = record(**request["record"]) if "record" in request else make(**request["make"])
+        print(json.dumps(told), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,122 @@
+"""The page that a proof leaves behind: the answer first, what falls short shown, pictures that are there."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from irt.prove.contest import METHODS
+from irt.prove.contested import Contestant
+from irt.prove.results import Results
+from irt.prove.scorecard import verdict, write_scorecard
+from irt.prove.seal import digest
+
+PICTURES = ("confusion.png", "coverage.png", "gaps.png", "power.png")
+SETTINGS = {"command": "`irt prove`", "seed": "drawn"}
+
+
+@pytest.fixture
+def results(score) -> Results:
+    """Return some of everything."""
+    scores = [
+        *[score(intervals={"gear_x": "yes", "delay.delay_s": "no"}) for _ in range(4)],
+        score(named=("lag",), ties={"lag": ["latency"]}, exact=False, found=False, noise="heavy"),
+        score(verdict="failed", found=False, exact=False, named=(), errors=None, reason="a | b"),
+        score("pair", named=("delay",), found=False, through_camera=True),
+        score("unlisted", verdict="unlisted", named=("unlisted",)),
+        score("none"),
+        score("outliers", verdict="missing", named=("bump",), false_alarm=True, found=False),
+    ]
+    entries = [
+        Contestant(one.rig, name, True, False, 0.01, 1.0, "not installed" if name == "sindy" else "")
+        for one in scores
+        for name in METHODS
+    ]
+    return Results(tuple(scores), tuple(entries))
+
+
+@pytest.fixture
+def page(results: Results, places, tmp_path: Path) -> Path:
+    return write_scorecard(tmp_path / "docs" / "proof.md", results, places, SETTINGS, raw=True)
+
+
+def test_the_first_ten_lines_say_the_answer(page: Path, results: Results) -> None:
+    head = page.read_text().splitlines()[:10]
+    assert head[0] == "# Proof by concealment"
+    assert head[2] == f"**{verdict(results)}**"
+    assert "8 rigs with hidden physics and 2 without, diagnosed blind: " in head[2]
+    assert "Short of its floor: false alarms; " in head[2]
+    assert any(line.startswith("| false alarms | at most 2 % | 50.0 % ") for line in head)
+    assert sum("**no**" in line for line in head) >= 2
+
+
+def test_what_failed_is_listed_with_its_reason(page: Path) -> None:
+    text = page.read_text()
+    cases = text[text.index("## Cases that failed") : text.index("## How it was done")]
+    rows = [line for line in cases.splitlines() if line.startswith("| rig-")]
+    reasons = [row.split(" | ")[-1].removesuffix(" |") for row in rows]
+    assert reasons == ["a / b", "another effect named", "only one of two", "false alarm"]
+    assert "4 of 10 rigs" in cases
+
+
+def test_nothing_failed(score, places, tmp_path: Path) -> None:
+    page = write_scorecard(tmp_path / "proof.md", Results((score(), score("none"))), places, SETTINGS)
+    text = page.read_text()
+    assert "None: every answer was right" in text
+    assert "Beside other methods" not in text
+    assert "Short of its floor" not in verdict(Results((score(), score("none"))))
+
+
+def test_what_chance_could_do_is_said(score) -> None:
+    told = verdict(Results((score(intervals={"gear_x": "yes"}), score("none"))))
+    assert told.endswith("Short, though chance could do that: 95 % intervals that hold the truth.")
+
+
+def test_methods_stand_beside_each_other(page: Path) -> None:
+    text = page.read_text()
+    for title, _ in METHODS.values():
+        assert f"| {title} | " in text
+    assert "| PySINDy on smoothed data | not installed |" in text
+    assert "| irt diagnose | 57.1 % (25.0 to 84.2) |" in text
+
+
+def test_pictures_and_scores_lie_beside_the_page(page: Path, results: Results) -> None:
+    text = page.read_text()
+    for name in PICTURES:
+        assert f"](proof/{name})" in text
+        picture = (page.parent / "proof" / name).read_bytes()
+        assert picture.startswith(b"\x89PNG")
+        assert len(picture) > 3000
+    told = json.loads((page.parent / "proof" / "scores.json").read_text())
+    assert [one["rig"] for one in told["rigs"]] == [one.rig for one in results.scores]
+    assert len(told["baselines"]) == len(results.entries)
+
+
+def test_pictures_show_the_scores(page: Path, score, places, tmp_path: Path) -> None:
+    """Other scores draw other pictures; the same ones draw the same, byte by byte."""
+    again = write_scorecard(tmp_path / "again.md", Results((score(found=False),)), places, SETTINGS)
+    for name in PICTURES:
+        assert (again.parent / "again" / name).read_bytes() != (page.parent / "proof" / name).read_bytes()
+
+
+def test_every_link_on_the_page_leads_somewhere(page: Path) -> None:
+    for link in re.findall(r"\]\(([^)#]+)\)", page.read_text()):
+        assert (page.parent / link).exists(), link
+
+
+def test_the_chain_is_named(page: Path, places) -> None:
+    text = page.read_text()
+    for name in ("commitments", "manifest", "keys"):
+        path = getattr(places, name)
+        assert digest(path.read_bytes()) in text
+        assert (page.parent / "proof" / path.name).read_bytes() == path.read_bytes()
+
+
+def test_no_rig_at_all_is_drawn_all_the_same(places, score, tmp_path: Path) -> None:
+    """A proof of nulls alone has no power to show, no gaps and no intervals."""
+    page = write_scorecard(tmp_path / "proof.md", Results((score("none"),)), places, SETTINGS)
+    assert all((tmp_path / "proof" / name).stat().st_size > 1000 for name in PICTURES)
+    assert "not counted" in page.read_text()
