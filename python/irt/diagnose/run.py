@@ -25,8 +25,8 @@ from irt.rig import Rig, load_rig
 
 #: Effects that look like delays that differ, by their mean.
 LATE = ("delay", "lag", "latency", "clock_drift")
-#: What leaves more of the base model's scatter, and more than noise, only stands in for something else: no
-#: name is better than such a one.
+#: What leaves far more than noise, and more than this share of the error on recordings held out, only stands
+#: in for something else: no name is better than such a one.
 BELIEVED = 0.8
 #: Steps that a diagnosis takes at most, for the progress bar alone.
 _STEPS = 120
@@ -119,7 +119,15 @@ def _found(search: Search, report: Report) -> Diagnosis:
     report("rivals")
     tied = rivals(search, best) if answer.is_of_catalogue else {}
     report("the proof")
-    return Found(search, possible, tied, answer.spread).diagnosis(where)
+    told = Found(search, possible, tied, answer.spread).diagnosis(where)
+    if told.verdict == "unlisted" and answer.is_of_catalogue and best.effects and not _is_believed(told):
+        return Found(search, [(search.case, search.base)], {}, None).diagnosis(where)
+    return told
+
+
+def _is_believed(told: Diagnosis) -> bool:
+    """Whether recordings held out are predicted so much better that a part of the physics must be right."""
+    return told.is_held_out and told.final_heldout_mae < BELIEVED * told.base_heldout_mae
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +170,7 @@ def _searched(search: Search, report: Report) -> _Answer:
     report("physics that the catalogue does not have")
     learned = confirmed(search, best)
     if learned is None:
-        return _Answer(case, best if best.noise < BELIEVED * search.base.noise else search.base)
+        return _Answer(case, best)
     return _Answer(learned[0], learned[1], terms=learned[2])
 
 
