@@ -257,6 +257,8 @@ def _world(
             rollingFriction=_rolling(base.rolling_friction),
             linearDamping=0.0,
             angularDamping=0.0,
+            # Bullet takes a sphere beside its centre of mass for the box around it.
+            localInertiaDiagonal=[0.4 * MASS_KG * RADIUS_M**2] * 3,
             activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=client,
         )

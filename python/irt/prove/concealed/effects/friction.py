@@ -11,7 +11,7 @@ import numpy as np
 from ..physics import RADIUS_M, Marble, Physics, between, on_board
 
 #: Slower than this [m/s] the marble rests: Bullet lets a held one creep by some micrometres a second.
-REST_M_PER_S = 5e-5
+REST_M_PER_S = 2e-5
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,10 @@ class StaticFriction(Physics):
         return cls(1.0 + between(0.2, 4.0, strength))
 
     def resist(self, marble: Marble) -> float:
-        return self.ratio if marble.speed < REST_M_PER_S else 1.0
+        ahead_x = marble.vx + 5.0 / 7.0 * marble.pull_x * marble.length
+        ahead_y = marble.vy + 5.0 / 7.0 * marble.pull_y * marble.length
+        turns_back = marble.vx * ahead_x + marble.vy * ahead_y <= 0.0
+        return self.ratio if turns_back or marble.speed < REST_M_PER_S else 1.0
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,9 @@ import numpy as np
 
 from ..physics import Marble, Physics, between, either
 
+#: Rolling friction that every rig has: a tilt at which a marble on level ground stays [rad].
+LEAST_FRICTION = 1.5e-4
+
 
 @dataclass(frozen=True)
 class SideForce(Physics):
@@ -34,9 +37,10 @@ class EccentricMarble(Physics):
     """A centre of mass beside the marble's middle, as a rigid body: it turns with the marble in three dimensions.
 
     `offset` is in radii. When the marble is let go, the heavy side lies in the board's x-z plane, `phase_rad`
-    from the top towards +x. So a marble that rolls along +x is pushed on by 5/7 g offset sin(x/radius + phase).
+    from the top towards +x; as the marble rests on a level board, that is below, as near as friction holds it.
+    A marble that then rolls along +x is pushed on by 5/7 g offset sin(x/radius + phase).
     Whoever takes the heavy side to turn with the way so far, always in the plane of the motion, agrees until the
-    marble turns back or aside: then the true one lets its spin back, and no law of the way alone follows it.
+    marble turns back or aside: a true one turns its heavy side back too, which no law of the way alone does.
     """
 
     name: ClassVar[str] = "eccentric_marble"
@@ -45,7 +49,9 @@ class EccentricMarble(Physics):
 
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
-        return cls(between(2e-4, 0.01, strength), float(random.uniform(0.0, 2.0 * np.pi)))
+        offset = between(2e-4, 0.004, strength)
+        held = math.asin(min(1.0, LEAST_FRICTION / offset))
+        return cls(offset, float(np.pi + random.uniform(-held, held)))
 
     def heavy_side(self) -> tuple[float, float, float]:
         return self.offset * math.sin(self.phase_rad), 0.0, self.offset * math.cos(self.phase_rad)
