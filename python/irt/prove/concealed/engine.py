@@ -181,9 +181,7 @@ def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequenc
 class _Push:
     """Everything that acts on the marble but gravity and contact."""
 
-    def __init__(
-        self, p: ModuleType, client: int, body: int, base: Base, hidden: Sequence[Physics]
-    ) -> None:
+    def __init__(self, p: ModuleType, client: int, body: int, base: Base, hidden: Sequence[Physics]) -> None:
         self.p, self.client, self.body = p, client, body
         self.forces = [one.force for one in hidden if acts(one, "force")]
         self.torques = [one.torque for one in hidden if acts(one, "torque")]
@@ -275,9 +273,7 @@ def _box(
     restitution: float,
 ) -> None:
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = p.createMultiBody(
-        0, shape, basePosition=centre, useMaximalCoordinates=0, physicsClientId=client
-    )
+    body = p.createMultiBody(0, shape, basePosition=centre, useMaximalCoordinates=0, physicsClientId=client)
     _material(p, client, body, restitution)
 
 
@@ -286,5 +282,3 @@ def _material(p: ModuleType, client: int, body: int, restitution: float) -> None
     p.changeDynamics(
         body, -1, lateralFriction=LATERAL_FRICTION, restitution=restitution, physicsClientId=client
     )
-
-
