@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
     "cli",
+    "prove",
     "report",
     "suggest",
     "diagnose",
@@ -29,6 +30,7 @@ LAYERS = (
     "recording",
     "files",
     "catalogue",
+    "tracking",
     "errors",
 )
 EXTENSION = "irt._labsim"

@@ -1,4 +1,4 @@
-"""Physics that the catalogue does not have: repeatable, plausible, and no other name for a catalogued effect."""
+"""Physics that the catalogue does not have: repeatable, plausible, and none of its effects renamed."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Swirl(Physics):
 
 @dataclass(frozen=True)
 class Groove(Physics):
-    """A long scratch, or the ridge of a glued joint: a Gaussian profile across a line, the same all along it."""
+    """A long scratch, or the ridge of a glued joint: a Gaussian profile across a line, the same along it."""
 
     name: ClassVar[str] = "groove"
     depth_m: float
@@ -180,7 +180,7 @@ class SoftCord(Physics):
 
 @dataclass(frozen=True)
 class SwayingTable(Physics):
-    """Whoever turns both knobs leans on the table: their product counts as so much turn of each knob [rad/rad^2]."""
+    """Whoever turns both knobs leans on the table: their product turns each of them on [rad/rad^2]."""
 
     name: ClassVar[str] = "swaying_table"
     x_per_rad: float
@@ -197,7 +197,7 @@ class SwayingTable(Physics):
 
 @dataclass(frozen=True)
 class Dust(Physics):
-    """A marble that picks up dust as it rolls: its resistance grows by itself on each so many metres of its way."""
+    """A marble that picks up dust as it rolls: its resistance doubles on the first `way_m`, and so on."""
 
     name: ClassVar[str] = "dust"
     way_m: float
@@ -251,7 +251,7 @@ class Nap(Physics):
 
 @dataclass(frozen=True)
 class Yaw(Physics):
-    """A slack gimbal: each knob also turns the board about the vertical, and the picture with it [rad/rad]."""
+    """A slack gimbal: each tilt also turns the board about the vertical, and so its picture [rad/rad]."""
 
     name: ClassVar[str] = "yaw"
     from_x: float
@@ -270,7 +270,7 @@ class Yaw(Physics):
 
 @dataclass(frozen=True)
 class MagneticLine(Physics):
-    """A steel strip beside the board's middle: pulls to a line with the inverse of the distance, from 2 cm below."""
+    """A steel strip under the board: pulls to a line with the inverse of the distance, from 2 cm below."""
 
     name: ClassVar[str] = "magnetic_line"
     distance_m: float

@@ -18,7 +18,7 @@ Random = np.random.Generator
 def paper(random: Random) -> Array:
     """Draw the paper's sinusoid, a period of 100 rows, either way round and from any phase."""
     phase = 2.0 * np.pi * np.arange(ROWS) / 100.0 + random.uniform(0.0, 2.0 * np.pi)
-    return np.stack([np.sin(phase), np.cos(phase)], axis=1) * random.choice([-1.0, 1.0], 2)
+    return np.asarray(np.stack([np.sin(phase), np.cos(phase)], axis=1) * random.choice([-1.0, 1.0], 2))
 
 
 def multisine(random: Random) -> Array:
@@ -88,7 +88,8 @@ def drive(kind: str, random: Random, gears: tuple[float, float], row_s: float) -
         reach = per_rad * np.ptp(np.cumsum(np.cumsum(unit)))
         wanted = float(random.uniform(1.0, 3.0)) * edge / 2.0
         knobs[:, axis] = min(max(wanted / reach, LEAST_RAD), MOST_RAD) * unit
-    return knobs.round(6)
+    # Adding zero takes the sign from those that are zero.
+    return knobs.round(6) + 0.0
 
 
 def start(kind: str, random: Random) -> tuple[float, float]:

@@ -1,10 +1,11 @@
 """PyBullet: a marble on a board with four rim walls, as rigid bodies in three dimensions.
 
-The board stands still and gravity turns about it, which at these tilts is the same motion; a board set from one
-tilt to the next between two steps would throw the marble up. Rolling friction is Bullet's own: a length there, so
-that `mu * radius / lateral friction` is the dimensionless `mu` that a tilt has to exceed. Damping is off: Bullet's
-grows with spin. Measured at 1/960 s and 50 iterations of the solver: acceleration beyond the threshold is
-5/7 g (sin(tilt) - mu) to 1e-4 from rest and at speeds of 0.1 to 0.3 m/s, where 1/240 s is 1 to 2 % off.
+The board stands still and gravity turns about it, which at these tilts is the same motion; a board set from
+one tilt to the next between two steps would throw the marble up. Rolling friction is Bullet's own: a length
+there, so that `mu * radius / lateral friction` is the dimensionless `mu` that a tilt has to exceed. Damping
+is off: Bullet's grows with spin. Measured at 1/960 s and 50 iterations of the solver: acceleration beyond the
+threshold is 5/7 g (sin(tilt) - mu) to 1e-4 from rest and at speeds of 0.1 to 0.3 m/s, where 1/240 s is 1 to 2
+% off.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -67,7 +69,7 @@ def bullet() -> ModuleType:
     """Import PyBullet, whose greeting on standard output would break a protocol of lines."""
     if "pybullet" not in sys.modules:
         sys.stdout.flush()
-        with open(os.devnull, "w") as nowhere:
+        with Path(os.devnull).open("w") as nowhere:
             kept = os.dup(1)
             os.dup2(nowhere.fileno(), 1)
             try:
@@ -100,11 +102,11 @@ def play(
     random : Generator
         For physics that does not repeat; the same seed gives the same run.
     """
-    rows = base.row_s * np.arange(len(commands))
+    rows: Array = np.asarray(base.row_s * np.arange(len(commands)), dtype=np.float64)
     exposed = rows
     for one in hidden:
         exposed = one.expose(exposed)
-    exposed = np.maximum(exposed, 0.0)
+    exposed = np.maximum(exposed, np.float64(0.0))
     steps = max(1, math.ceil(exposed.max() / STEP_S - 1e-9))
     tilts = tilt(base, arrived(commands, rows, steps, hidden, random or np.random.default_rng(0)), hidden)
     path = roll(base, tilts, start_m, hidden)
@@ -154,7 +156,7 @@ def gravity(tilts: Array) -> Array:
 def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]) -> Array:
     """Return where the marble's middle is (steps + 1, 2) [m]."""
     p = bullet()
-    heavy = RADIUS_M * np.sum([np.zeros(3), *(one.heavy_side() for one in hidden)], axis=0)
+    heavy = RADIUS_M * np.array([(0.0, 0.0, 0.0), *(one.heavy_side() for one in hidden)]).sum(axis=0)
     with _world(p, base, hidden, start_m, heavy) as (client, body):
         push = _Push(p, client, body, base, hidden)
         marble = Marble(*start_m, STEP_S)

@@ -38,7 +38,7 @@ def noise(kind: str, rows: int, random: np.random.Generator) -> Array:
 
 
 def outliers(seen: Array, share: float, random: np.random.Generator) -> Array:
-    """Let the tracker take something else on the board for the marble in a share of the rows after the first."""
+    """Let the tracker take something else for the marble in a share of the rows after the first."""
     taken = random.random(len(seen)) < share
     taken[0] = False
     elsewhere = random.uniform([-0.45, -0.38], [0.45, 0.38], seen.shape)

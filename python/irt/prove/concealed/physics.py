@@ -56,15 +56,15 @@ class Marble:
 class Physics:
     """Something that a simulator of five parameters lacks. A kind of it overrides the place where it acts.
 
-    The fields of a kind are its parameters. Times are in seconds since the marble is let go at row 0, arrays of
-    knobs and tilts have one row for each step of the engine, angles in radians about x and about y.
+    The fields of a kind are its parameters. Times are in seconds since the marble is let go at row 0, arrays
+    of knobs and tilts have one row for each step of the engine, angles in radians about x and about y.
     """
 
     name: ClassVar[str] = ""
 
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
-        """Draw parameters; `strength` from 0 to 1 goes from the smallest plausible magnitude to the largest."""
+        """Draw parameters; `strength` from 0 to 1 goes from the smallest plausible size to the largest."""
         raise NotImplementedError
 
     def parameters(self) -> dict[str, Any]:
@@ -119,7 +119,7 @@ def acts(one: Physics, place: str) -> bool:
 
 def between(least: float, most: float, strength: float) -> float:
     """Return the magnitude at `strength` from 0 to 1 on a logarithmic scale from `least` to `most`."""
-    return least * (most / least) ** strength
+    return float(least * (most / least) ** strength)
 
 
 def either(random: np.random.Generator) -> float:

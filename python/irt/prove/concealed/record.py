@@ -15,7 +15,7 @@ from .engine import Played
 from .physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array
 from .spec import TEST, TRAIN, Spec
 
-#: What reads rendered runs: a spec, a run and what truly was to positions (n, 2) [board edges], NaN where lost.
+#: What reads rendered runs: spec, run and what truly was to positions (n, 2) [board edges], NaN where lost.
 Watch = Callable[[Spec, int, Played], Array]
 
 RIG_TOML = f"""\

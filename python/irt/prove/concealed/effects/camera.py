@@ -13,7 +13,7 @@ from ..physics import EDGE_X_M, Array, Physics, between, either
 
 @dataclass(frozen=True)
 class Parallax(Physics):
-    """The board lies above the axes that it turns about and moves sideways in the picture [m per rad of tilt]."""
+    """The board lies above the axes that it turns about: the picture shifts [m per rad of tilt]."""
 
     name: ClassVar[str] = "parallax"
     height_m_per_rad: float
@@ -89,4 +89,4 @@ class CameraOffset(Physics):
         return cls(float(size * np.cos(angle)), float(size * np.sin(angle)))
 
     def see(self, seen: Array, tilts: Array) -> Array:
-        return seen + (self.x_edges, self.y_edges)
+        return seen + np.array([self.x_edges, self.y_edges])

@@ -14,7 +14,7 @@ from .servo import along
 
 @dataclass(frozen=True)
 class Backlash(Physics):
-    """The cord slips on its pulley through a gap [rad of knob] at each reversal; it begins in the gap's middle."""
+    """The cord slips on its pulley through a gap [rad of knob] at each reversal, first through half of it."""
 
     name: ClassVar[str] = "backlash"
     width_x_rad: float
@@ -36,12 +36,13 @@ class Backlash(Physics):
 
 @dataclass(frozen=True)
 class SpringHysteresis(Physics):
-    """The spring adds `strength` times a stretch z that gives way towards `width_rad` and has to be let off first.
+    """The spring adds `strength` times a stretch z, which gives way at `width_rad` and is let off first.
 
-    Bouc and Wen's law dz = dθ - (|dθ| z + dθ |z|)/(2 width) knows angles but no time, and the knob passes through
-    all angles of a turn, however sudden: so the law is solved exactly along the turn. While dθ and z have one sign
-    that is z → ±width + (z ∓ width) exp(-|dθ|/width), else z → z + dθ. A simulator that takes each command as one
-    step of the law agrees where commands change by much less than the width, and stretches farther on jumps.
+    Bouc and Wen's law dz = dθ - (|dθ| z + dθ |z|)/(2 width) knows angles but no time, and the knob passes
+    through all angles of a turn, however sudden: so the law is solved exactly along the turn. While dθ
+    and z have one sign that is z → ±width + (z ∓ width) exp(-|dθ|/width), else z → z + dθ. A simulator
+    that takes each command as one step of the law agrees where commands change by much less than the
+    width, and stretches farther on jumps.
     """
 
     name: ClassVar[str] = "spring_hysteresis"

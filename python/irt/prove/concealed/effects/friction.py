@@ -34,7 +34,7 @@ class StaticFriction(Physics):
 
 @dataclass(frozen=True)
 class Stribeck(Physics):
-    """Rolling resists by `strength` more near rest than at speed; 37 % of that are left at `speed_m_per_s`."""
+    """Rolling resists by `strength` more near rest than at speed; 37 % are left at `speed_m_per_s`."""
 
     name: ClassVar[str] = "stribeck"
     strength: float
@@ -88,7 +88,7 @@ class QuadraticDrag(Physics):
 
 @dataclass(frozen=True)
 class AnisotropicFriction(Physics):
-    """Wood resists `ratio` times as much across its grain as along it; `grain_rad` is the grain's angle from x.
+    """Wood resists `ratio` times as much across its grain as along it; the grain's angle is from x.
 
     Against the motion, or at rest against what is about to move the marble.
     """

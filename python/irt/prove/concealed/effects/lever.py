@@ -29,7 +29,7 @@ class GearNonlinearity(Physics):
 
 @dataclass(frozen=True)
 class GearAsymmetry(Physics):
-    """Springs of unequal tension: turns to the positive side tilt by this part more, to the other side less."""
+    """Springs of unequal tension: turns to the positive side tilt by this part more, others less."""
 
     name: ClassVar[str] = "gear_asymmetry"
     asymmetry_x: float
@@ -77,4 +77,4 @@ class TiltBias(Physics):
         return cls(float(size * np.cos(angle)), float(size * np.sin(angle)))
 
     def lean(self, tilts: Array) -> Array:
-        return tilts + (self.bias_x_rad, self.bias_y_rad)
+        return tilts + np.array([self.bias_x_rad, self.bias_y_rad])

@@ -16,7 +16,7 @@ LEAST_FRICTION = 1.5e-4
 
 @dataclass(frozen=True)
 class SideForce(Physics):
-    """A spinning marble is turned aside: its velocity turns by this angle each second [1/s], positive to the left.
+    """A spinning marble is turned aside: its velocity turns left by this angle each second [1/s].
 
     The force takes hold of its middle, so 7/5 of it goes to the turn of a rolling sphere.
     """
@@ -34,13 +34,14 @@ class SideForce(Physics):
 
 @dataclass(frozen=True)
 class EccentricMarble(Physics):
-    """A centre of mass beside the marble's middle, as a rigid body: it turns with the marble in three dimensions.
+    """A centre of mass beside the marble's middle: it turns with the rigid body in three dimensions.
 
-    `offset` is in radii. When the marble is let go, the heavy side lies in the board's x-z plane, `phase_rad`
-    from the top towards +x; as the marble rests on a level board, that is below, as near as friction holds it.
-    A marble that then rolls along +x is pushed on by 5/7 g offset sin(x/radius + phase).
-    Whoever takes the heavy side to turn with the way so far, always in the plane of the motion, agrees until the
-    marble turns back or aside: a true one turns its heavy side back too, which no law of the way alone does.
+    `offset` is in radii. When the marble is let go, the heavy side lies in the board's x-z plane,
+    `phase_rad` from the top towards +x; as the marble rests on a level board, that is below, as near as
+    friction holds it. A marble that then rolls along +x is pushed on by 5/7 g offset sin(x/radius +
+    phase). Whoever takes the heavy side to turn with the way so far, always in the plane of the motion,
+    agrees until the marble turns back or aside: a true one turns its heavy side back too, which no law of
+    the way alone does.
     """
 
     name: ClassVar[str] = "eccentric_marble"

@@ -76,6 +76,6 @@ class Lag(Physics):
 
 
 def along(knobs: Array, follow: Callable[[float, float], float]) -> Array:
-    """Return where each knob (n, 2) is that goes step by step from zero: `follow(where it is, what it is told)`."""
+    """Return the path (n, k) of knobs that go from zero by `follow(where one is, what it is told)`."""
     paths = [list(accumulate(told, follow, initial=0.0))[1:] for told in knobs.T.tolist()]
     return np.array(paths).T

@@ -12,7 +12,7 @@ from ..physics import Array, Physics, between, either
 
 @dataclass(frozen=True)
 class Delay(Physics):
-    """Messages pass through networks and controllers: every command reaches the knob the same time late [s]."""
+    """Networks and controllers pass messages on: every command reaches the knob the same time late [s]."""
 
     name: ClassVar[str] = "delay"
     delay_s: float
@@ -27,7 +27,7 @@ class Delay(Physics):
 
 @dataclass(frozen=True)
 class DelayJitter(Physics):
-    """Each command is late by its own time: normal with this spread [s], never early. No two runs are alike."""
+    """Each command is late by its own time: normal with this spread [s], never early. No run repeats."""
 
     name: ClassVar[str] = "delay_jitter"
     sd_s: float
@@ -42,7 +42,7 @@ class DelayJitter(Physics):
 
 @dataclass(frozen=True)
 class ClockDrift(Physics):
-    """The camera's clock runs faster or slower by and by, against that of the commands; on average they agree.
+    """The camera's clock speeds up or slows down against that of the commands; on average they agree.
 
     The last row lasts longer than the first by `drift` times the mean.
     """
@@ -57,7 +57,8 @@ class ClockDrift(Physics):
     def expose(self, times: Array) -> Array:
         lengths = np.diff(times)
         part = (np.arange(len(lengths)) + 0.5) / len(lengths) - 0.5
-        return times[0] + np.concatenate([[0.0], np.cumsum(lengths * (1.0 + self.drift * part))])
+        passed = np.cumsum(lengths * (1.0 + self.drift * part))
+        return np.asarray(times[0] + np.concatenate([[0.0], passed]))
 
 
 @dataclass(frozen=True)
