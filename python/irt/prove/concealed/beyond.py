@@ -71,7 +71,7 @@ class Swirl(Physics):
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
         x, y = random.uniform(-0.04, 0.04, 2)
-        return cls(float(x), float(y), either(random) * between(0.08, 0.8, strength))
+        return cls(float(x), float(y), either(random) * between(0.04, 0.4, strength))
 
     def force(self, marble: Marble) -> tuple[float, float]:
         return -self.turn_per_s2 * (marble.y - self.y_m), self.turn_per_s2 * (marble.x - self.x_m)
@@ -113,7 +113,7 @@ class Crease(Physics):
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
         distance, angle = random.uniform([-0.02, 0.0], [0.02, np.pi])
-        return cls(either(random) * between(4e-4, 4e-3, strength), float(distance), float(angle))
+        return cls(either(random) * between(3e-4, 2e-3, strength), float(distance), float(angle))
 
     def force(self, marble: Marble) -> tuple[float, float]:
         cos, sin = math.cos(self.angle_rad), math.sin(self.angle_rad)
@@ -223,7 +223,7 @@ class EddyBrake(Physics):
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
         x, y = random.uniform(-0.03, 0.03, 2)
-        return cls(float(x), float(y), float(random.uniform(0.02, 0.035)), between(1.0, 8.0, strength))
+        return cls(float(x), float(y), float(random.uniform(0.02, 0.035)), between(0.4, 4.0, strength))
 
     def force(self, marble: Marble) -> tuple[float, float]:
         dx, dy = (marble.x - self.x_m) / self.radius_m, (marble.y - self.y_m) / self.radius_m
@@ -259,7 +259,7 @@ class Yaw(Physics):
 
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
-        size, angle = between(10.0, 60.0, strength), random.uniform(0.0, 2.0 * np.pi)
+        size, angle = between(15.0, 100.0, strength), random.uniform(0.0, 2.0 * np.pi)
         return cls(float(size * np.cos(angle)), float(size * np.sin(angle)))
 
     def see(self, seen: Array, tilts: Array) -> Array:
@@ -280,7 +280,7 @@ class MagneticLine(Physics):
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
         distance, angle = random.uniform([-0.25, 0.0], [0.25, np.pi])
-        pull = between(2e-4, 3e-3, strength)
+        pull = between(5e-5, 8e-4, strength)
         return cls(float(distance * EDGE_X_M), float(angle), either(random) * pull)
 
     def force(self, marble: Marble) -> tuple[float, float]:

@@ -89,4 +89,4 @@ class CameraOffset(Physics):
         return cls(float(size * np.cos(angle)), float(size * np.sin(angle)))
 
     def see(self, seen: Array, tilts: Array) -> Array:
-        return seen + np.array([self.x_edges, self.y_edges])
+        return np.asarray(seen + np.array([self.x_edges, self.y_edges]))

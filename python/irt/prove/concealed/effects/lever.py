@@ -77,4 +77,4 @@ class TiltBias(Physics):
         return cls(float(size * np.cos(angle)), float(size * np.sin(angle)))
 
     def lean(self, tilts: Array) -> Array:
-        return tilts + np.array([self.bias_x_rad, self.bias_y_rad])
+        return np.asarray(tilts + np.array([self.bias_x_rad, self.bias_y_rad]))

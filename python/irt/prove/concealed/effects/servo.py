@@ -37,7 +37,7 @@ class DeadBand(Physics):
 
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
-        return cls(between(0.003, 0.15, strength))
+        return cls(between(0.005, 0.15, strength))
 
     def turn(self, knobs: Array, step_s: float) -> Array:
         return np.asarray(np.sign(knobs) * np.maximum(np.abs(knobs) - self.half_width_rad, 0.0))
