@@ -140,7 +140,7 @@ def test_spring_hysteresis_agrees_where_commands_change_slowly(gain: float) -> N
 
 @pytest.mark.parametrize("ratio", [2.0, 4.0])
 def test_static_friction_agrees(ratio: float) -> None:
-    commands = np.stack([waves((0.03, 3.0, 0.0)), np.zeros(ROWS)], 1)
+    commands = np.stack([waves((0.045, 3.0, 0.0)), np.zeros(ROWS)], 1)
     apart, size = compared({"name": "static_friction", "ratio": ratio}, commands, (0, 0))
     assert size > 0.001
     assert apart < 0.1 * size
@@ -178,19 +178,19 @@ def test_eccentric_marble_turns_its_heavy_side_back() -> None:
 
 
 def test_rim_returns_what_our_engine_returns() -> None:
-    commands = np.tile([0.0, 0.08], (40, 1))
+    commands = np.tile([0.0, 0.1], (40, 1))
     commands[15:] = 0.0
     effect = {"name": "wall_restitution", "increase": 0.7}
-    played = play(BASE, commands, (0.08, 0.0), made([effect]))
+    played = play(BASE, commands, (0.11, 0.0), made([effect]))
     with_it, without = ours(played, commands, [effect]), ours(played, commands, [])
     assert np.abs(with_it - without).max() > 0.05
     np.testing.assert_allclose(played.seen, with_it, atol=0.01)
 
 
 def test_shifted_camera_sees_the_rim_shifted() -> None:
-    commands = np.tile([-0.05, 0.08], (40, 1))
+    commands = np.tile([-0.1, 0.1], (40, 1))
     effect = {"name": "camera_offset", "x_edges": 0.06, "y_edges": -0.03}
-    played = play(BASE, commands, (0.05, 0.04), made([effect]))
+    played = play(BASE, commands, (0.1, 0.08), made([effect]))
     np.testing.assert_allclose(played.seen[-1], REACH / EDGE_X_M * 1.05 + [0.06, -0.03], atol=0.002)
     np.testing.assert_allclose(played.seen[-1], ours(played, commands, [effect])[-1], atol=0.002)
 
@@ -200,7 +200,7 @@ def test_jitter_delays_as_often_as_ours() -> None:
     effect = {"name": "delay_jitter", "sd_s": 0.15}
     commands = DRIVES[0].round(6)
     plain = play(BASE, commands, STARTS[0])
-    runs = [play(BASE, commands, STARTS[0], made([effect]), np.random.default_rng(i)).seen for i in range(8)]
+    runs = [play(BASE, commands, STARTS[0], made([effect]), np.random.default_rng(i)).seen for i in range(16)]
     many = irt.rollouts(
         VALUES * 200,
         np.tile(commands, (200, 1, 1)),
@@ -212,12 +212,7 @@ def test_jitter_delays_as_often_as_ours() -> None:
     missed = np.abs(np.array(runs) - plain.seen).mean(axis=(1, 2))
     assert np.ptp(missed) > 0
     assert abs(missed.mean() - ours_missed.mean()) < 4 * ours_missed.std() / np.sqrt(len(runs))
-    # In one direction, that of a delay: the mean shift is that of half a normal distribution's mean.
-    shift = irt.rollouts(
-        VALUES,
-        commands,
-        start=plain.seen[0],
-        effects=[{"name": "delay", "delay_s": 0.15 / np.sqrt(2 * np.pi)}],
-    )[0]
-    along = (np.mean(runs, axis=0) - plain.seen).ravel() @ (shift - plain.seen).ravel()
-    assert along / ((shift - plain.seen) ** 2).sum() == pytest.approx(1.0, abs=0.5)
+    # Both are late on average, by as much.
+    shift = many.mean(axis=0) - plain.seen
+    along = np.sum((np.mean(runs, axis=0) - plain.seen) * shift) / np.sum(shift**2)
+    assert along == pytest.approx(1.0, abs=0.4)

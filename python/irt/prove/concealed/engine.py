@@ -22,12 +22,12 @@ from types import ModuleType
 import numpy as np
 
 from .physics import EDGE_X_M, EDGE_Y_M, GRAVITY, MASS_KG, RADIUS_M, Array, Marble, Physics, acts
+from .rim import LATERAL_FRICTION, Rim
 
 STEP_S = 1 / 960
 #: A unit of `time_scale`: the paper's physics update.
 UPDATE_S = 1 / 240
 ITERATIONS = 50
-LATERAL_FRICTION = 0.5  # two bodies multiply to 0.25
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,10 @@ def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequenc
     """Return where the marble's middle is (steps + 1, 2) [m]."""
     p = bullet()
     heavy = RADIUS_M * np.array([(0.0, 0.0, 0.0), *(one.heavy_side() for one in hidden)]).sum(axis=0)
-    with _world(p, base, hidden, start_m, heavy) as (client, body):
+    with _world(p, base, start_m, heavy) as (client, body):
         push = _Push(p, client, body, base, hidden)
-        marble = Marble(*start_m, STEP_S)
+        rim = Rim(p, client, body, bounced(hidden))
+        marble = Marble(*start_m, STEP_S, friction=base.rolling_friction)
         path = np.empty((len(tilts), 2))
         path[0] = start_m
         for step, pull in enumerate(gravity(tilts[1:]).tolist()):
@@ -173,6 +174,8 @@ def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequenc
                 turned = np.reshape(p.getMatrixFromQuaternion(turned), (3, 3))
                 place = np.subtract(place, turned @ heavy)
             path[step + 1] = place[:2]
+            if rim.acts:
+                rim.apply(place)
             if push.acts:
                 before = marble.x, marble.y
                 marble.x, marble.y = place[0], place[1]
@@ -220,27 +223,23 @@ def _rolling(friction: float) -> float:
 
 @contextmanager
 def _world(
-    p: ModuleType, base: Base, hidden: Sequence[Physics], start_m: tuple[float, float], heavy: Array
+    p: ModuleType, base: Base, start_m: tuple[float, float], heavy: Array
 ) -> Iterator[tuple[int, int]]:
     """Board, rim and a resting marble; yields the client and the marble's body."""
-    restitution = 0.0
-    for one in hidden:
-        restitution = one.bounce(restitution)
     client = p.connect(p.DIRECT)
     try:
         p.setPhysicsEngineParameter(
             fixedTimeStep=STEP_S,
             numSolverIterations=ITERATIONS,
-            restitutionVelocityThreshold=1e-3,
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )
         half_x, half_y, thick, high = EDGE_X_M / 2, EDGE_Y_M / 2, 0.01, 0.02
-        _box(p, client, (half_x + 2 * thick, half_y + 2 * thick, thick), (0.0, 0.0, -thick), 0.0)
+        _box(p, client, (half_x + 2 * thick, half_y + 2 * thick, thick), (0.0, 0.0, -thick))
         for side in (-1.0, 1.0):
             at_x, at_y = side * (half_x + thick), side * (half_y + thick)
-            _box(p, client, (thick, half_y + 2 * thick, high), (at_x, 0.0, high), restitution)
-            _box(p, client, (half_x + 2 * thick, thick, high), (0.0, at_y, high), restitution)
+            _box(p, client, (thick, half_y + 2 * thick, high), (at_x, 0.0, high))
+            _box(p, client, (half_x + 2 * thick, thick, high), (0.0, at_y, high))
         ball = p.createCollisionShape(p.GEOM_SPHERE, radius=RADIUS_M, physicsClientId=client)
         body = p.createMultiBody(
             MASS_KG,
@@ -250,7 +249,7 @@ def _world(
             useMaximalCoordinates=0,
             physicsClientId=client,
         )
-        _material(p, client, body, 1.0)
+        _material(p, client, body)
         p.changeDynamics(
             body,
             -1,
@@ -268,19 +267,20 @@ def _world(
 
 
 def _box(
-    p: ModuleType,
-    client: int,
-    half: tuple[float, float, float],
-    centre: tuple[float, float, float],
-    restitution: float,
+    p: ModuleType, client: int, half: tuple[float, float, float], centre: tuple[float, float, float]
 ) -> None:
     shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
-    body = p.createMultiBody(0, shape, basePosition=centre, useMaximalCoordinates=0, physicsClientId=client)
-    _material(p, client, body, restitution)
+    _material(p, client, p.createMultiBody(0, shape, basePosition=centre, physicsClientId=client))
 
 
-def _material(p: ModuleType, client: int, body: int, restitution: float) -> None:
-    """Set friction and restitution; those of two bodies that touch multiply."""
-    p.changeDynamics(
-        body, -1, lateralFriction=LATERAL_FRICTION, restitution=restitution, physicsClientId=client
-    )
+def _material(p: ModuleType, client: int, body: int) -> None:
+    """Set friction, which of two bodies that touch multiplies, and a dead contact."""
+    p.changeDynamics(body, -1, lateralFriction=LATERAL_FRICTION, restitution=0.0, physicsClientId=client)
+
+
+def bounced(hidden: Sequence[Physics]) -> float:
+    """Return the restitution of the rim."""
+    restitution = 0.0
+    for one in hidden:
+        restitution = one.bounce(restitution)
+    return restitution

@@ -33,6 +33,8 @@ class Marble:
         How far it has rolled [m].
     pull_x, pull_y : float
         Acceleration that gravity would give it along the board, if it slid freely [m/s^2].
+    friction : float
+        Rolling friction of the base: the tilt up to which it stays.
     """
 
     x: float
@@ -45,6 +47,7 @@ class Marble:
     way: float = 0.0
     pull_x: float = 0.0
     pull_y: float = 0.0
+    friction: float = 0.0
 
     @property
     def speed(self) -> float:

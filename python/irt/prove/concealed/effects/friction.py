@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from ..physics import RADIUS_M, Marble, Physics, between, on_board
+from ..physics import GRAVITY, RADIUS_M, Marble, Physics, between, on_board
 
 #: Slower than this [m/s] the marble rests: Bullet lets a held one creep by some micrometres a second.
 REST_M_PER_S = 2e-5
@@ -29,7 +29,8 @@ class StaticFriction(Physics):
         ahead_x = marble.vx + 5.0 / 7.0 * marble.pull_x * marble.length
         ahead_y = marble.vy + 5.0 / 7.0 * marble.pull_y * marble.length
         turns_back = marble.vx * ahead_x + marble.vy * ahead_y <= 0.0
-        return self.ratio if turns_back or marble.speed < REST_M_PER_S else 1.0
+        holds = math.hypot(marble.pull_x, marble.pull_y) <= self.ratio * marble.friction * GRAVITY
+        return self.ratio if holds and (turns_back or marble.speed < REST_M_PER_S) else 1.0
 
 
 @dataclass(frozen=True)
