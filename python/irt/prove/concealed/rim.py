@@ -1,8 +1,8 @@
 """A rim that gives back speed.
 
-Bullet stops a marble in the steps in which it comes near a wall, each by what is left of the gap, so that at a
-labyrinth's speeds of centimetres a second little is left for its own restitution: 0.9 of it returned 0 to 0.2 of
-the speed, as the steps fell. So the dead contact is Bullet's, and the impulse that follows it is given here.
+Bullet stops a marble in the steps in which it comes near a wall, each by what is left of the gap, so that at
+a labyrinth's speeds of centimetres a second little is left for its own restitution: of 0.9 it returned 0 to
+0.2, as the steps fell. So the dead contact is Bullet's, and the impulse that follows it is given here.
 """
 
 from __future__ import annotations
