@@ -13,9 +13,9 @@ LEAST_M, MOST_M = 0.2e-3, 2e-3
 TAILS, WIDER, CARRIED = 0.1, 4.0, 0.6
 
 
-def size(random: np.random.Generator) -> float:
-    """Draw the standard deviation of a tracker's noise, log-uniformly [board edges]."""
-    return between(LEAST_M, MOST_M, float(random.random())) / EDGE_X_M
+def size(random: np.random.Generator, most: float = 1.0) -> float:
+    """Draw a tracker's standard deviation [board edges], log-uniform up to that part of its scale."""
+    return between(LEAST_M, MOST_M, float(random.uniform(0.0, most))) / EDGE_X_M
 
 
 def kind(random: np.random.Generator) -> str:

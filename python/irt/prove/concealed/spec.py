@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -18,8 +19,11 @@ TRAIN, TEST = 8, 4
 KINDS = ("none", "outliers", "single", "pair", "unlisted")
 #: A rig is drawn again unless the marble misses its plain way by so many times the noise.
 SHOWS = 3.0
-#: Runs that are simulated to find out, and draws until another noise and other parameters are drawn too.
-PROBES, DRAWS = (0, 3, 6, 9), 4
+#: Runs that are simulated to find out, unless the first of them miss by less than this part of that.
+PROBES, HOPELESS = (0, 3, 6, 9), 0.25
+#: Draws until another noise and other parameters are drawn too, and how often that is done until magnitudes
+#: come from the largest fifth of their range and noise from the smallest.
+DRAWS, GROWS = 2, 9
 
 _KNOWN = {one.name: one for one in (*EFFECTS, *BEYOND)}
 _ORDER = list(_KNOWN)
@@ -170,24 +174,29 @@ def draw(
         If a kind or a name is not known, or names do not fit the kind.
     """
     names = _names(random, kind, physics)
-    while True:
-        spec = replace(_plain(random, name), through_camera=through_camera)
+    for least in itertools.chain(np.linspace(0.0, 0.8, GROWS), itertools.repeat(0.8)):
+        spec = replace(_plain(random, name, 1.0 - float(least)), through_camera=through_camera)
         if kind == "outliers":
             return replace(spec, outliers=float(np.exp(random.uniform(np.log(0.005), np.log(0.05)))))
         for _ in range(DRAWS):
-            hidden = [_KNOWN[one].draw(random, float(random.random())).parameters() for one in names]
-            if kind == "unlisted":
-                spec = replace(spec, beyond=hidden[0])
-            else:
-                spec = replace(spec, effects=tuple(hidden))
+            strengths = random.uniform(least, 1.0, len(names)).tolist()
+            drawn = [_KNOWN[one].draw(random, size) for one, size in zip(names, strengths, strict=True)]
+            hidden = tuple(one.parameters() for one in drawn)
+            spec = replace(spec, beyond=hidden[0]) if kind == "unlisted" else replace(spec, effects=hidden)
             if all(shows(spec, one) for one in names):
                 return spec
+    raise AssertionError("draws do not end")
 
 
 def shows(spec: Spec, name: str) -> bool:
     """Return whether the marble goes another way for that physics, beside what else is hidden."""
-    missed = [spec.missed(run, spec.play(run), [name]) for run in PROBES]
-    return float(np.mean(missed)) > SHOWS * spec.sigma
+    least = SHOWS * spec.sigma
+    missed: list[float] = []
+    for run in PROBES:
+        missed.append(spec.missed(run, spec.play(run), [name]))
+        if float(np.mean(missed)) < HOPELESS * least:
+            return False
+    return float(np.mean(missed)) > least
 
 
 def _names(random: np.random.Generator, kind: str, physics: Sequence[str]) -> list[str]:
@@ -201,7 +210,7 @@ def _names(random: np.random.Generator, kind: str, physics: Sequence[str]) -> li
     return list(physics) or [str(one) for one in random.choice(possible, count, replace=False)]
 
 
-def _plain(random: np.random.Generator, name: str) -> Spec:
+def _plain(random: np.random.Generator, name: str, most: float = 1.0) -> Spec:
     gear_x, gear_y = random.uniform(0.04, 0.1, 2)
     return Spec(
         name=name,
@@ -212,7 +221,7 @@ def _plain(random: np.random.Generator, name: str) -> Spec:
         time_scale=float(random.integers(14, 26)),
         observation_scale=float(random.uniform(0.94, 1.06)),
         noise=noise.kind(random),
-        sigma=noise.size(random),
+        sigma=noise.size(random, most),
         drive="mixed" if random.random() < 0.7 else str(random.choice(list(drives.DRIVES))),
         starts="anywhere" if random.random() < 0.6 else "centre",
     )
