@@ -1,0 +1,243 @@
+"""Pictures of a run: a camera above the board, its lens, the light and the noise of its pixels.
+
+What a rig hides in its sensing is done to the picture and not to numbers: the camera is calibrated on the
+empty board as it was mounted, and then it has been pushed aside, turned, or leaned over, its lens is another,
+or the board lies above the axes that it turns about. Rendered by PyBullet on the processor: some 30 ms a
+picture.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .engine import Played, bullet
+from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array
+from .spec import Spec
+
+Picture = NDArray[np.uint8]
+
+WIDTH, HEIGHT = 320, 240
+#: Height of the camera [m]; half of what it sees of the board's plane, along y.
+DISTANCE_M, HALF_VIEW_M = 0.6, 0.14
+CORNERS_M = 0.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [EDGE_X_M, EDGE_Y_M, 0.0]
+BOARD, FRAME, TABLE, MARBLE = (0.85, 0.7, 0.5, 1), (0.3, 0.2, 0.1, 1), (0.1, 0.1, 0.1, 1), (0.1, 0.2, 0.9, 1)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole with a lens.
+
+    Attributes
+    ----------
+    eye, forward, up : (3,) arrays
+        Where it is [m] and how it is turned.
+    lens : float
+        Part by which its picture is larger per squared board edge from its middle.
+    """
+
+    eye: Array
+    forward: Array
+    up: Array
+    lens: float = 0.0
+
+    def look(self, points: Array) -> Array:
+        """Return where points (n, 3) [m] are seen (n, 2) [pixels right of and below the corner's middle]."""
+        right = np.cross(self.forward, self.up)
+        away = points - self.eye
+        seen = np.stack([away @ right, away @ self.up], axis=1) / (away @ self.forward)[:, None]
+        return self.to_pixels(seen * self._magnified((seen**2).sum(axis=1))[:, None])
+
+    def to_pixels(self, seen: Array) -> Array:
+        """Return pixels for tangents (n, 2) of the angles right of and above the line of sight."""
+        return np.asarray(seen * FOCAL * [1.0, -1.0] + [(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+
+    def bent(self, picture: Picture) -> Picture:
+        """Return a pinhole's picture (h, w, 3) as the lens makes it."""
+        if self.lens == 0.0:
+            return picture
+        down, right = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
+        x, y = (right - (WIDTH - 1) / 2) / FOCAL, (down - (HEIGHT - 1) / 2) / FOCAL
+        reached = np.hypot(x, y)
+        straight = reached
+        for _ in range(20):
+            straight = reached / self._magnified(straight**2)
+        part = np.divide(straight, reached, out=np.ones_like(reached), where=reached > 0)
+        return _sampled(picture, x * part * FOCAL + (WIDTH - 1) / 2, y * part * FOCAL + (HEIGHT - 1) / 2)
+
+    def _magnified(self, square: Array) -> Array:
+        return 1.0 + self.lens * square * (DISTANCE_M / EDGE_X_M) ** 2
+
+
+FOCAL = HEIGHT / 2 * DISTANCE_M / HALF_VIEW_M
+
+
+def mounted(spec: Spec) -> Camera:
+    """Return the camera as it was calibrated: up to three degrees aslant."""
+    random = spec.random(0, 4)
+    lean_x, lean_y = random.uniform(-0.05, 0.05, 2)
+    return _aimed(np.array([lean_x, lean_y]), 0.0, np.zeros(2), 0.0)
+
+
+def now(spec: Spec) -> Camera:
+    """Return the camera as it is: as mounted, but for what the rig hides in its sensing."""
+    random = spec.random(0, 4)
+    lean = random.uniform(-0.05, 0.05, 2)
+    hidden = {str(one["name"]): one for one in spec.effects}
+    scale = spec.observation_scale
+    aslant, shift = hidden.get("perspective"), hidden.get("camera_offset")
+    turn, lens = hidden.get("camera_rotation"), hidden.get("lens_distortion")
+    if aslant is not None:
+        # Over an edge the distance grows by the sine of the lean: far is where the slope is positive.
+        lean = lean - DISTANCE_M / EDGE_X_M * scale * np.array([aslant["slope_x"], aslant["slope_y"]])
+    aside = np.zeros(2) if shift is None else -np.array([shift["x_edges"], shift["y_edges"]])
+    return _aimed(
+        lean,
+        0.0 if turn is None else float(turn["angle_rad"]),
+        aside * EDGE_X_M / scale,
+        0.0 if lens is None else float(lens["k_per_edge2"]) * scale**2,
+    )
+
+
+def pictures(spec: Spec, run: int, played: Played) -> Iterator[Picture]:
+    """Yield a picture (h, w, 3) for each row of a run."""
+    camera, random = now(spec), spec.random(run, 5)
+    with_it = _moved(spec, played)
+    p = bullet()
+    client = p.connect(p.DIRECT)
+    try:
+        scene = _Scene(p, client)
+        for place, tilt in with_it:
+            yield _developed(spec, camera.bent(scene.render(camera, place, tilt)), random)
+    finally:
+        p.disconnect(client)
+
+
+def empty(spec: Spec) -> Picture:
+    """Return the picture (h, w, 3) on which the tracker was calibrated: a level board without a marble."""
+    p = bullet()
+    client = p.connect(p.DIRECT)
+    try:
+        camera = mounted(spec)
+        scene = _Scene(p, client)
+        return _developed(
+            spec, scene.render(camera, np.array([0.0, 0.0, -1.0]), np.zeros(2)), spec.random(0, 6)
+        )
+    finally:
+        p.disconnect(client)
+
+
+def perfect(spec: Spec, played: Played) -> Array:
+    """Return what a tracker without error reads (n, 2) [board edges] off the pictures of a run."""
+    plane = _homography(mounted(spec).look(CORNERS_M), CORNERS_M[:, :2] / EDGE_X_M * spec.observation_scale)
+    places = np.array([place for place, _ in _moved(spec, played)])
+    pixels = np.column_stack([now(spec).look(places), np.ones(len(places))]) @ plane.T
+    return np.asarray(pixels[:, :2] / pixels[:, 2:])
+
+
+def _moved(spec: Spec, played: Played) -> list[tuple[Array, Array]]:
+    """Return where the marble's middle is in the room [m] and how the board is tilted [rad], by rows."""
+    height = sum(float(one["height_m_per_rad"]) for one in spec.effects if one["name"] == "parallax")
+    moved = []
+    for (x, y), tilt in zip(played.places, played.tilts, strict=True):
+        aside = height / spec.observation_scale * np.array([tilt[1], -tilt[0], 0.0])
+        moved.append((_turned(tilt) @ [x, y, RADIUS_M] + aside, tilt))
+    return moved
+
+
+def _turned(tilt: Array) -> Array:
+    """Return the rotation (3, 3) of a board turned about x, then about its y."""
+    (sin_x, sin_y), (cos_x, cos_y) = np.sin(tilt), np.cos(tilt)
+    about_x = np.array([[1, 0, 0], [0, cos_x, -sin_x], [0, sin_x, cos_x]])
+    return np.asarray(about_x @ np.array([[cos_y, 0, sin_y], [0, 1, 0], [-sin_y, 0, cos_y]]))
+
+
+def _aimed(lean: Array, turn: float, aside: Array, lens: float) -> Camera:
+    """Return a camera over a place of the board [m], leaned and turned about its line of sight [rad]."""
+    sines = np.clip(lean, -0.6, 0.6)
+    down = -math.sqrt(1.0 - float(sines @ sines))
+    forward = np.array([-sines[0], -sines[1], down])
+    eye = np.array([*aside, 0.0]) - DISTANCE_M * forward
+    up = np.array([math.sin(turn), math.cos(turn), 0.0])
+    up = up - (up @ forward) * forward
+    return Camera(eye, forward, up / np.linalg.norm(up), lens)
+
+
+class _Scene:
+    """The board, its frame, the table and the marble, to be looked at."""
+
+    def __init__(self, p: ModuleType, client: int) -> None:
+        self.p, self.client = p, client
+        half_x, half_y, thick = EDGE_X_M / 2, EDGE_Y_M / 2, 0.005
+        boxes = [((half_x, half_y, thick), (0.0, 0.0, -thick), BOARD)]
+        for side in (-1.0, 1.0):
+            boxes.append(((0.01, half_y + 0.02, 0.001), (side * (half_x + 0.01), 0.0, -0.001), FRAME))
+            boxes.append(((half_x + 0.02, 0.01, 0.001), (0.0, side * (half_y + 0.01), -0.001), FRAME))
+        boxes.append(((1.0, 1.0, 0.01), (0.0, 0.0, -0.15), TABLE))
+        for half, centre, colour in boxes:
+            self._body(centre, shapeType=p.GEOM_BOX, halfExtents=half, rgbaColor=colour)
+        self.marble = self._body((0, 0, -1), shapeType=p.GEOM_SPHERE, radius=RADIUS_M, rgbaColor=MARBLE)
+
+    def _body(self, place: tuple[float, float, float], **shape: Any) -> int:
+        visual = self.p.createVisualShape(**shape, physicsClientId=self.client)
+        body = self.p.createMultiBody(0, -1, visual, basePosition=place, physicsClientId=self.client)
+        return int(body)
+
+    def render(self, camera: Camera, place: Array, tilt: Array) -> Picture:
+        """Return a pinhole's picture (h, w, 3); the board's tilt of a hundredth shows in the marble alone."""
+        p = self.p
+        p.resetBasePositionAndOrientation(
+            self.marble, place.tolist(), [0, 0, 0, 1], physicsClientId=self.client
+        )
+        view = p.computeViewMatrix(
+            camera.eye.tolist(), (camera.eye + camera.forward).tolist(), camera.up.tolist()
+        )
+        angle = 2.0 * math.degrees(math.atan(HALF_VIEW_M / DISTANCE_M))
+        lens = p.computeProjectionMatrixFOV(angle, WIDTH / HEIGHT, 0.05, 3.0)
+        seen = p.getCameraImage(
+            WIDTH,
+            HEIGHT,
+            view,
+            lens,
+            renderer=p.ER_TINY_RENDERER,
+            shadow=0,
+            lightDirection=[0.3, 0.2, 1.0],
+            flags=p.ER_NO_SEGMENTATION_MASK,
+            physicsClientId=self.client,
+        )
+        return np.reshape(np.asarray(seen[2], dtype=np.uint8), (HEIGHT, WIDTH, 4))[:, :, :3]
+
+
+def _developed(spec: Spec, picture: Picture, random: np.random.Generator) -> Picture:
+    """Return a picture under this rig's uneven light, with the noise of its pixels."""
+    rig = spec.random(0, 7)
+    fall, grain = rig.uniform(-0.15, 0.15, 2), rig.uniform(2.0, 6.0)
+    down, right = np.mgrid[-0.5 : 0.5 : HEIGHT * 1j, -0.5 : 0.5 : WIDTH * 1j]
+    light = 1.0 + fall[0] * right + fall[1] * down
+    noisy = picture * light[:, :, None] + grain * random.normal(size=picture.shape)
+    return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
+
+
+def _sampled(picture: Picture, right: Array, down: Array) -> Picture:
+    """Return a picture read between pixels (h, w) of another; what lies outside repeats its margin."""
+    right, down = np.clip(right, 0, WIDTH - 1.001), np.clip(down, 0, HEIGHT - 1.001)
+    column, row = right.astype(int), down.astype(int)
+    u, v = (right - column)[:, :, None], (down - row)[:, :, None]
+    above = picture[row, column] * (1 - u) + picture[row, column + 1] * u
+    below = picture[row + 1, column] * (1 - u) + picture[row + 1, column + 1] * u
+    return np.asarray(np.rint(above * (1 - v) + below * v), dtype=np.uint8)
+
+
+def _homography(pixels: Array, plane: Array) -> Array:
+    """Return the matrix (3, 3) that takes four pixels to four points of a plane."""
+    rows = []
+    for (u, v), (x, y) in zip(pixels, plane, strict=True):
+        rows.append([u, v, 1, 0, 0, 0, -u * x, -v * x, -x])
+        rows.append([0, 0, 0, u, v, 1, -u * y, -v * y, -y])
+    return np.asarray(np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3), dtype=np.float64)
