@@ -42,6 +42,10 @@ class Tracker:
     plane: Array
     radius: float
 
+    def against(self, empty: Picture) -> Tracker:
+        """Return it with another picture of the empty board: after the camera or the light moved."""
+        return Tracker(empty, self.plane, self.radius)
+
     @classmethod
     def calibrated(cls, empty: Picture, edges: tuple[float, float], radius: float) -> Tracker:
         """Calibrate on a picture of the empty, level board.
@@ -73,6 +77,32 @@ class Tracker:
         pixels = np.array([find_marble(one, self.empty, self.radius) for one in pictures]).reshape(-1, 2)
         seen = np.column_stack([pixels, np.ones(len(pixels))]) @ self.plane.T
         return np.asarray(seen[:, :2] / seen[:, 2:])
+
+
+def positions(
+    calibration: Picture,
+    empty: Picture,
+    pictures: Iterable[Picture],
+    edges: tuple[float, float],
+    radius: float,
+) -> Array:
+    """Return a marble's positions (n, 2) [board edges] in n pictures, NaN where there is none.
+
+    Parameters
+    ----------
+    calibration, empty : (h, w, 3) uint8 arrays
+        The empty, level board when the camera was calibrated, and before these pictures.
+    pictures : iterable of (h, w, 3) uint8 arrays
+        Of a run.
+    edges, radius : tuple, float
+        Of the board along x and y, and of the marble [board edges].
+
+    Raises
+    ------
+    IrtError
+        If the first picture shows no board.
+    """
+    return Tracker.calibrated(calibration, edges, radius).against(empty).read(pictures)
 
 
 def find_corners(picture: Picture) -> Array:

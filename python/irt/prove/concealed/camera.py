@@ -24,6 +24,8 @@ from .spec import Spec
 Picture = NDArray[np.uint8]
 
 WIDTH, HEIGHT = 320, 240
+#: Pixels along a side of those that make one of the picture for the calibration; odd.
+FINER = 5
 #: Height of the camera [m]; half of what it sees of the board's plane, along y.
 DISTANCE_M, HALF_VIEW_M = 0.6, 0.14
 CORNERS_M = 0.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [EDGE_X_M, EDGE_Y_M, 0.0]
@@ -56,26 +58,28 @@ class Camera:
 
     def to_pixels(self, seen: Array) -> Array:
         """Return pixels for tangents (n, 2) of the angles right of and above the line of sight."""
-        return np.asarray(seen * FOCAL * [1.0, -1.0] + [(WIDTH - 1) / 2, (HEIGHT - 1) / 2])
+        return np.asarray(seen * FOCAL * [1.0, -1.0] + MIDDLE)
 
     def bent(self, picture: Picture) -> Picture:
         """Return a pinhole's picture (h, w, 3) as the lens makes it."""
         if self.lens == 0.0:
             return picture
         down, right = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
-        x, y = (right - (WIDTH - 1) / 2) / FOCAL, (down - (HEIGHT - 1) / 2) / FOCAL
+        x, y = (right - MIDDLE[0]) / FOCAL, (down - MIDDLE[1]) / FOCAL
         reached = np.hypot(x, y)
         straight = reached
         for _ in range(20):
             straight = reached / self._magnified(straight**2)
         part = np.divide(straight, reached, out=np.ones_like(reached), where=reached > 0)
-        return _sampled(picture, x * part * FOCAL + (WIDTH - 1) / 2, y * part * FOCAL + (HEIGHT - 1) / 2)
+        return _sampled(picture, x * part * FOCAL + MIDDLE[0], y * part * FOCAL + MIDDLE[1])
 
     def _magnified(self, square: Array) -> Array:
         return 1.0 + self.lens * square * (DISTANCE_M / EDGE_X_M) ** 2
 
 
 FOCAL = HEIGHT / 2 * DISTANCE_M / HALF_VIEW_M
+#: Where the line of sight meets the picture: the renderer's rows begin at its lower margin.
+MIDDLE = (WIDTH / 2, HEIGHT / 2 - 1)
 
 
 def mounted(spec: Spec) -> Camera:
@@ -113,42 +117,52 @@ def pictures(spec: Spec, run: int, played: Played) -> Iterator[Picture]:
     client = p.connect(p.DIRECT)
     try:
         scene = _Scene(p, client)
-        for place, tilt in with_it:
-            yield _developed(spec, camera.bent(scene.render(camera, place, tilt)), random)
+        for place in with_it:
+            yield _developed(spec, camera.bent(scene.render(camera, place)), random)
     finally:
         p.disconnect(client)
+
+
+def calibration(spec: Spec) -> Picture:
+    """Return the picture (h, w, 3) of the level, empty board on which the tracker was calibrated."""
+    return _still(spec, mounted(spec), FINER, 6)
 
 
 def empty(spec: Spec) -> Picture:
-    """Return the picture (h, w, 3) on which the tracker was calibrated: a level board without a marble."""
+    """Return a picture (h, w, 3) of the level, empty board, taken before the runs."""
+    return _still(spec, now(spec), 1, 8)
+
+
+def _still(spec: Spec, camera: Camera, finer: int, what: int) -> Picture:
     p = bullet()
     client = p.connect(p.DIRECT)
     try:
-        camera = mounted(spec)
-        scene = _Scene(p, client)
-        return _developed(
-            spec, scene.render(camera, np.array([0.0, 0.0, -1.0]), np.zeros(2)), spec.random(0, 6)
-        )
+        nowhere = np.array([0.0, 0.0, -1.0])
+        sharp = camera.bent(_Scene(p, client).render(camera, nowhere, finer))
+        return _developed(spec, sharp, spec.random(0, what))
     finally:
         p.disconnect(client)
+
+
+#: Seen from the camera, a marble's middle is nearer than the board, and moves by so much more.
+NEARER = DISTANCE_M / (DISTANCE_M - RADIUS_M)
 
 
 def perfect(spec: Spec, played: Played) -> Array:
     """Return what a tracker without error reads (n, 2) [board edges] off the pictures of a run."""
     plane = _homography(mounted(spec).look(CORNERS_M), CORNERS_M[:, :2] / EDGE_X_M * spec.observation_scale)
-    places = np.array([place for place, _ in _moved(spec, played)])
-    pixels = np.column_stack([now(spec).look(places), np.ones(len(places))]) @ plane.T
+    pixels = np.column_stack([now(spec).look(_moved(spec, played)), np.ones(len(played.places))]) @ plane.T
     return np.asarray(pixels[:, :2] / pixels[:, 2:])
 
 
-def _moved(spec: Spec, played: Played) -> list[tuple[Array, Array]]:
-    """Return where the marble's middle is in the room [m] and how the board is tilted [rad], by rows."""
+def _moved(spec: Spec, played: Played) -> Array:
+    """Return where the marble's middle is in the room (n, 3) [m]."""
     height = sum(float(one["height_m_per_rad"]) for one in spec.effects if one["name"] == "parallax")
     moved = []
     for (x, y), tilt in zip(played.places, played.tilts, strict=True):
         aside = height / spec.observation_scale * np.array([tilt[1], -tilt[0], 0.0])
-        moved.append((_turned(tilt) @ [x, y, RADIUS_M] + aside, tilt))
-    return moved
+        moved.append(_turned(tilt) @ [x, y, RADIUS_M] + aside)
+    return np.array(moved)
 
 
 def _turned(tilt: Array) -> Array:
@@ -189,8 +203,11 @@ class _Scene:
         body = self.p.createMultiBody(0, -1, visual, basePosition=place, physicsClientId=self.client)
         return int(body)
 
-    def render(self, camera: Camera, place: Array, tilt: Array) -> Picture:
-        """Return a pinhole's picture (h, w, 3); the board's tilt of a hundredth shows in the marble alone."""
+    def render(self, camera: Camera, place: Array, finer: int = 1) -> Picture:
+        """Return a pinhole's picture (h, w, 3); the board's tilt of a hundredth shows in the marble alone.
+
+        The renderer knows no half-covered pixels: an odd `finer` averages squares of so many to the pixel.
+        """
         p = self.p
         p.resetBasePositionAndOrientation(
             self.marble, place.tolist(), [0, 0, 0, 1], physicsClientId=self.client
@@ -199,19 +216,22 @@ class _Scene:
             camera.eye.tolist(), (camera.eye + camera.forward).tolist(), camera.up.tolist()
         )
         angle = 2.0 * math.degrees(math.atan(HALF_VIEW_M / DISTANCE_M))
-        lens = p.computeProjectionMatrixFOV(angle, WIDTH / HEIGHT, 0.05, 3.0)
         seen = p.getCameraImage(
-            WIDTH,
-            HEIGHT,
+            finer * WIDTH,
+            finer * HEIGHT,
             view,
-            lens,
+            p.computeProjectionMatrixFOV(angle, WIDTH / HEIGHT, 0.05, 3.0),
             renderer=p.ER_TINY_RENDERER,
             shadow=0,
             lightDirection=[0.3, 0.2, 1.0],
             flags=p.ER_NO_SEGMENTATION_MASK,
             physicsClientId=self.client,
         )
-        return np.reshape(np.asarray(seen[2], dtype=np.uint8), (HEIGHT, WIDTH, 4))[:, :, :3]
+        fine = np.reshape(np.asarray(seen[2], dtype=np.uint8), (finer * HEIGHT, finer * WIDTH, 4))[:, :, :3]
+        # Pixels stand for their corner, so that those of a square are moved to be about it.
+        fine = np.roll(fine, (-(finer // 2), finer // 2), axis=(0, 1))
+        squares = fine.reshape(HEIGHT, finer, WIDTH, finer, 3)
+        return np.asarray(np.rint(squares.mean(axis=(1, 3))), dtype=np.uint8)
 
 
 def _developed(spec: Spec, picture: Picture, random: np.random.Generator) -> Picture:

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from . import noise
+from . import camera, noise
+from .camera import Picture
 from .engine import Played
 from .physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array
 from .spec import TEST, TRAIN, Spec
 
-#: What reads rendered runs: spec, run and what truly was to positions (n, 2) [board edges], NaN where lost.
-Watch = Callable[[Spec, int, Played], Array]
+#: What reads rendered runs: a picture of the empty board at the calibration, one from before the run, the
+#: run's pictures, the board's length along x and y, the marble's radius [board edges]; to positions (n, 2).
+Watch = Callable[[Picture, Picture, Iterable[Picture], tuple[float, float], float], Array]
 
 RIG_TOML = f"""\
 [board]
@@ -45,6 +47,8 @@ class Recorded:
         What a perfect tracker would have read [board edges].
     seen : (runs, n, 2) array
         What the tracker read [board edges].
+    sigma : float
+        Standard deviation of what the tracker adds, but for outliers [board edges].
     signal : float
         Mean absolute difference of paths with and without what is hidden, over the noise.
     """
@@ -53,6 +57,7 @@ class Recorded:
     commands: Array
     clean: Array
     seen: Array
+    sigma: float
     signal: float
 
     def names(self) -> list[str]:
@@ -79,12 +84,13 @@ class Recorded:
             "kind": kind(spec),
             "truth": {
                 **vars(spec.base),
+                "observation_scale": spec.observation_scale * (camera.NEARER if spec.through_camera else 1.0),
                 "effects": [dict(one) for one in spec.effects],
                 "beyond": None if spec.beyond is None else dict(spec.beyond),
                 "outliers": spec.outliers,
             },
-            "sigma": spec.sigma,
-            "noise": spec.noise,
+            "sigma": self.sigma,
+            "noise": "tracker" if spec.through_camera else spec.noise,
             "signal": self.signal,
             "drive": spec.drive,
             "starts": spec.starts,
@@ -123,23 +129,40 @@ def record(spec: Spec, watch: Watch | None = None) -> Recorded:
         raise ValueError(f"{spec.name} is to be seen through a camera: say what reads its pictures")
     runs = range(TRAIN + TEST)
     played = [spec.play(run) for run in runs]
-    read = watch if spec.through_camera and watch is not None else _read
-    seen = [noise.outliers(read(spec, run, played[run]), spec.outliers, spec.random(run, 3)) for run in runs]
+    if watch is not None and spec.through_camera:
+        clean = np.array([camera.perfect(spec, one) for one in played])
+        seen = _watched(spec, played, watch)
+        # Of most samples: where the marble was lost or taken for another there is no noise to tell.
+        sigma = 1.4826 * float(np.nanmedian(np.abs(seen - clean)))
+    else:
+        clean, sigma = np.array([one.seen for one in played]), spec.sigma
+        seen = clean + sigma * np.array(
+            [noise.noise(spec.noise, len(clean[run]), spec.random(run, 2)) for run in runs]
+        )
     signal = 0.0
-    if spec.hidden and spec.sigma > 0.0:
-        signal = float(np.mean([spec.missed(run, played[run]) for run in range(TRAIN)])) / spec.sigma
+    if spec.hidden and sigma > 0.0:
+        signal = float(np.mean([spec.missed(run, played[run]) for run in range(TRAIN)])) / sigma
     return Recorded(
         spec=spec,
         commands=np.array([spec.excitation(run)[0] for run in runs]),
-        clean=np.array([one.seen for one in played]),
-        seen=np.array(seen),
+        clean=clean,
+        seen=np.array([noise.outliers(seen[run], spec.outliers, spec.random(run, 3)) for run in runs]),
+        sigma=sigma,
         signal=signal,
     )
 
 
-def _read(spec: Spec, run: int, played: Played) -> Array:
-    """Return what a tracker with noise reads (n, 2) [board edges]."""
-    return played.seen + spec.sigma * noise.noise(spec.noise, len(played.seen), spec.random(run, 2))
+def _watched(spec: Spec, played: list[Played], watch: Watch) -> Array:
+    """Return what a tracker reads (runs, n, 2) [board edges] off rendered pictures."""
+    edges = spec.observation_scale, spec.observation_scale * EDGE_Y_M / EDGE_X_M
+    radius = spec.observation_scale * RADIUS_M / EDGE_X_M
+    calibration, empty = camera.calibration(spec), camera.empty(spec)
+    return np.array(
+        [
+            watch(calibration, empty, camera.pictures(spec, run, one), edges, radius)
+            for run, one in enumerate(played)
+        ]
+    )
 
 
 def _write(path: Path, text: str) -> None:
