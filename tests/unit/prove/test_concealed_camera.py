@@ -1,4 +1,4 @@
-"""Runs through the rendered camera: what is hidden in the sensing is in the picture, and the tracker sees it."""
+"""Runs through the rendered camera: what is hidden in the sensing is in the picture, for a tracker to see."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def some(played: Played, every: int) -> Played:
 
 @pytest.mark.parametrize("name", SENSING)
 def test_picture_shows_what_the_formula_says(name: str) -> None:
-    """To what the marble's own height makes of it: a camera that leans by ten degrees sees it 1.2 mm aside."""
+    """To what the marble's own height makes of it: a camera ten degrees aslant sees it 1.2 mm aside."""
     spec = spec_with({"name": name, **SENSING[name]})
     played = spec.play(0)
     plain = dataclasses.replace(spec, effects=())
