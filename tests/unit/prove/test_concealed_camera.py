@@ -11,8 +11,10 @@ import pytest
 
 from irt.prove.concealed import camera
 from irt.prove.concealed.__main__ import serve
+from irt.prove.concealed.beyond import BEYOND
+from irt.prove.concealed.effects import EFFECTS
 from irt.prove.concealed.engine import Played
-from irt.prove.concealed.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
+from irt.prove.concealed.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, acts
 from irt.prove.concealed.record import record
 from irt.prove.concealed.spec import Spec
 from irt.tracking import find_corners, positions
@@ -46,6 +48,24 @@ def test_picture_shows_what_the_formula_says(name: str) -> None:
     formula = played.seen - played.places / EDGE_X_M * spec.observation_scale
     assert np.abs(formula).max() > 0.01
     assert np.abs(shift - formula).max() < (0.3 if name == "perspective" else 0.15) * np.abs(formula).max()
+
+
+def test_board_that_yaws_turns_in_the_picture() -> None:
+    spec = dataclasses.replace(spec_with(), beyond={"name": "yaw", "from_x": 30.0, "from_y": -20.0})
+    played = spec.play(0)
+    plain = dataclasses.replace(spec, beyond=None)
+    shift = camera.perfect(spec, played) - camera.perfect(plain, played)
+    formula = played.seen - played.places / EDGE_X_M * spec.observation_scale
+    assert np.abs(formula).max() > 0.01
+    assert np.abs(shift - formula).max() < 0.15 * np.abs(formula).max()
+
+
+def test_every_sensing_physics_is_in_the_picture() -> None:
+    """What overrides `see` acts on numbers: the camera has to know it by name."""
+    known = {*SENSING, "yaw"}
+    assert {
+        one.name for one in (*EFFECTS, *BEYOND) if acts(one.draw(np.random.default_rng(1), 0.5), "see")
+    } == known
 
 
 def test_tracker_sees_the_marble_to_a_third_of_a_millimetre() -> None:

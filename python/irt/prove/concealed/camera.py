@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .beyond import Yaw
+from .effects.camera import Parallax
 from .engine import Played, bullet
 from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array
 from .spec import Spec
@@ -157,11 +159,15 @@ def perfect(spec: Spec, played: Played) -> Array:
 
 def _moved(spec: Spec, played: Played) -> Array:
     """Return where the marble's middle is in the room (n, 3) [m]."""
-    height = sum(float(one["height_m_per_rad"]) for one in spec.effects if one["name"] == "parallax")
+    hidden = {one.name: one for one in spec.hidden}
+    parallax, yaw = hidden.get("parallax"), hidden.get("yaw")
+    height = parallax.height_m_per_rad / spec.observation_scale if isinstance(parallax, Parallax) else 0.0
+    about = np.array([yaw.from_x, yaw.from_y]) if isinstance(yaw, Yaw) else np.zeros(2)
     moved = []
     for (x, y), tilt in zip(played.places, played.tilts, strict=True):
-        aside = height / spec.observation_scale * np.array([tilt[1], -tilt[0], 0.0])
-        moved.append(_turned(tilt) @ [x, y, RADIUS_M] + aside)
+        cos, sin = math.cos(tilt @ about), math.sin(tilt @ about)
+        place = _turned(tilt) @ [cos * x - sin * y, sin * x + cos * y, RADIUS_M]
+        moved.append(place + height * np.array([tilt[1], -tilt[0], 0.0]))
     return np.array(moved)
 
 
