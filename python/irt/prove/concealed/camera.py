@@ -62,10 +62,10 @@ class Camera:
         """Return pixels for tangents (n, 2) of the angles right of and above the line of sight."""
         return np.asarray(seen * FOCAL * [1.0, -1.0] + MIDDLE)
 
-    def bent(self, picture: Picture) -> Picture:
-        """Return a pinhole's picture (h, w, 3) as the lens makes it."""
+    def straightened(self) -> tuple[Array, Array] | None:
+        """Return from where (h, w), to the right and down, a pixel takes its light; None without a lens."""
         if self.lens == 0.0:
-            return picture
+            return None
         down, right = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
         x, y = (right - MIDDLE[0]) / FOCAL, (down - MIDDLE[1]) / FOCAL
         reached = np.hypot(x, y)
@@ -73,12 +73,16 @@ class Camera:
         for _ in range(20):
             straight = reached / self._magnified(straight**2)
         part = np.divide(straight, reached, out=np.ones_like(reached), where=reached > 0)
-        return _sampled(picture, x * part * FOCAL + MIDDLE[0], y * part * FOCAL + MIDDLE[1])
+        return x * part * FOCAL + MIDDLE[0], y * part * FOCAL + MIDDLE[1]
 
     def _magnified(self, square: Array) -> Array:
         return 1.0 + self.lens * square * (DISTANCE_M / EDGE_X_M) ** 2
 
 
+#: Depth in the buffer from which on there is nothing.
+NOTHING = 0.99
+#: Where no camera sees the marble.
+NOWHERE = np.array([0.0, 0.0, -1.0])
 FOCAL = HEIGHT / 2 * DISTANCE_M / HALF_VIEW_M
 #: Where the line of sight meets the picture: the renderer's rows begin at its lower margin.
 MIDDLE = (WIDTH / 2, HEIGHT / 2 - 1)
@@ -113,14 +117,21 @@ def now(spec: Spec) -> Camera:
 
 def pictures(spec: Spec, run: int, played: Played) -> Iterator[Picture]:
     """Yield a picture (h, w, 3) for each row of a run."""
-    camera, random = now(spec), spec.random(run, 5)
-    with_it = _moved(spec, played)
+    camera, light, random = now(spec), _Light.of(spec), spec.random(run, 5)
     p = bullet()
     client = p.connect(p.DIRECT)
     try:
-        scene = _Scene(p, client)
-        for place in with_it:
-            yield _developed(spec, camera.bent(scene.render(camera, place)), random)
+        still = _Scene(p, client).render(camera, NOWHERE)
+    finally:
+        p.disconnect(client)
+    client = p.connect(p.DIRECT)
+    try:
+        alone, bent = _Scene(p, client, board=False), camera.straightened()
+        for place in _moved(spec, played):
+            # Nothing but the marble moves, and nothing stands before it.
+            marble, covered = alone.seen(camera, place)
+            picture = np.where(covered[:, :, None], marble, still)
+            yield light.on(_sampled(picture, bent), random)
     finally:
         p.disconnect(client)
 
@@ -139,9 +150,8 @@ def _still(spec: Spec, camera: Camera, finer: int, what: int) -> Picture:
     p = bullet()
     client = p.connect(p.DIRECT)
     try:
-        nowhere = np.array([0.0, 0.0, -1.0])
-        sharp = camera.bent(_Scene(p, client).render(camera, nowhere, finer))
-        return _developed(spec, sharp, spec.random(0, what))
+        sharp = _sampled(_Scene(p, client).render(camera, NOWHERE, finer), camera.straightened())
+        return _Light.of(spec).on(sharp, spec.random(0, what))
     finally:
         p.disconnect(client)
 
@@ -192,7 +202,7 @@ def _aimed(lean: Array, turn: float, aside: Array, lens: float) -> Camera:
 class _Scene:
     """The board, its frame, the table and the marble, to be looked at."""
 
-    def __init__(self, p: ModuleType, client: int) -> None:
+    def __init__(self, p: ModuleType, client: int, *, board: bool = True) -> None:
         self.p, self.client = p, client
         half_x, half_y, thick = EDGE_X_M / 2, EDGE_Y_M / 2, 0.005
         boxes = [((half_x, half_y, thick), (0.0, 0.0, -thick), BOARD)]
@@ -200,7 +210,7 @@ class _Scene:
             boxes.append(((0.01, half_y + 0.02, 0.001), (side * (half_x + 0.01), 0.0, -0.001), FRAME))
             boxes.append(((half_x + 0.02, 0.01, 0.001), (0.0, side * (half_y + 0.01), -0.001), FRAME))
         boxes.append(((1.0, 1.0, 0.01), (0.0, 0.0, -0.15), TABLE))
-        for half, centre, colour in boxes:
+        for half, centre, colour in boxes if board else ():
             self._body(centre, shapeType=p.GEOM_BOX, halfExtents=half, rgbaColor=colour)
         self.marble = self._body((0, 0, -1), shapeType=p.GEOM_SPHERE, radius=RADIUS_M, rgbaColor=MARBLE)
 
@@ -214,7 +224,15 @@ class _Scene:
 
         The renderer knows no half-covered pixels: an odd `finer` averages squares of so many to the pixel.
         """
-        p = self.p
+        fine, _ = self.seen(camera, place, finer)
+        # Pixels stand for their corner, so that those of a square are moved to be about it.
+        fine = np.roll(fine, (-(finer // 2), finer // 2), axis=(0, 1))
+        squares = fine.reshape(HEIGHT, finer, WIDTH, finer, 3)
+        return np.asarray(np.rint(squares.mean(axis=(1, 3))), dtype=np.uint8)
+
+    def seen(self, camera: Camera, place: Array, finer: int = 1) -> tuple[Picture, NDArray[np.bool_]]:
+        """Return colours (h, w, 3) of so many times the pixels, and where there is anything at all (h, w)."""
+        p, size = self.p, (finer * HEIGHT, finer * WIDTH)
         p.resetBasePositionAndOrientation(
             self.marble, place.tolist(), [0, 0, 0, 1], physicsClientId=self.client
         )
@@ -222,9 +240,9 @@ class _Scene:
             camera.eye.tolist(), (camera.eye + camera.forward).tolist(), camera.up.tolist()
         )
         angle = 2.0 * math.degrees(math.atan(HALF_VIEW_M / DISTANCE_M))
-        seen = p.getCameraImage(
-            finer * WIDTH,
-            finer * HEIGHT,
+        _, _, colours, depth, _ = p.getCameraImage(
+            size[1],
+            size[0],
             view,
             p.computeProjectionMatrixFOV(angle, WIDTH / HEIGHT, 0.05, 3.0),
             renderer=p.ER_TINY_RENDERER,
@@ -233,28 +251,41 @@ class _Scene:
             flags=p.ER_NO_SEGMENTATION_MASK,
             physicsClientId=self.client,
         )
-        fine = np.reshape(np.asarray(seen[2], dtype=np.uint8), (finer * HEIGHT, finer * WIDTH, 4))[:, :, :3]
-        # Pixels stand for their corner, so that those of a square are moved to be about it.
-        fine = np.roll(fine, (-(finer // 2), finer // 2), axis=(0, 1))
-        squares = fine.reshape(HEIGHT, finer, WIDTH, finer, 3)
-        return np.asarray(np.rint(squares.mean(axis=(1, 3))), dtype=np.uint8)
+        picture = np.reshape(np.asarray(colours, dtype=np.uint8), (*size, 4))[:, :, :3]
+        return picture, np.reshape(np.asarray(depth), size) < NOTHING
 
 
-def _developed(spec: Spec, picture: Picture, random: np.random.Generator) -> Picture:
-    """Return a picture under this rig's uneven light, with the noise of its pixels."""
-    rig = spec.random(0, 7)
-    fall, grain = rig.uniform(-0.15, 0.15, 2), rig.uniform(2.0, 6.0)
-    down, right = np.mgrid[-0.5 : 0.5 : HEIGHT * 1j, -0.5 : 0.5 : WIDTH * 1j]
-    light = 1.0 + fall[0] * right + fall[1] * down
-    noisy = picture * light[:, :, None] + grain * random.normal(size=picture.shape)
-    return np.asarray(np.clip(np.rint(noisy), 0, 255), dtype=np.uint8)
+@dataclass(frozen=True)
+class _Light:
+    """Uneven light (h, w, 1), and the noise of the pixels [levels]."""
+
+    level: NDArray[np.float32]
+    grain: float
+
+    @classmethod
+    def of(cls, spec: Spec) -> _Light:
+        """Draw a rig's."""
+        random = spec.random(0, 7)
+        fall, grain = random.uniform(-0.15, 0.15, 2), float(random.uniform(2.0, 6.0))
+        down, right = np.mgrid[-0.5 : 0.5 : HEIGHT * 1j, -0.5 : 0.5 : WIDTH * 1j]
+        level = 1.0 + fall[0] * right + fall[1] * down
+        return cls(level[:, :, None].astype(np.float32), grain)
+
+    def on(self, picture: Picture, random: np.random.Generator) -> Picture:
+        """Return a picture under this light, with another noise for each draw."""
+        noise = random.standard_normal(picture.shape, dtype=np.float32)
+        noisy = np.rint(picture * self.level + np.float32(self.grain) * noise)
+        return np.asarray(np.clip(noisy, 0, 255), dtype=np.uint8)
 
 
-def _sampled(picture: Picture, right: Array, down: Array) -> Picture:
+def _sampled(picture: Picture, where: tuple[Array, Array] | None) -> Picture:
     """Return a picture read between pixels (h, w) of another; what lies outside repeats its margin."""
-    right, down = np.clip(right, 0, WIDTH - 1.001), np.clip(down, 0, HEIGHT - 1.001)
+    if where is None:
+        return picture
+    right, down = np.clip(where[0], 0, WIDTH - 1.001), np.clip(where[1], 0, HEIGHT - 1.001)
     column, row = right.astype(int), down.astype(int)
-    u, v = (right - column)[:, :, None], (down - row)[:, :, None]
+    u = (right - column)[:, :, None].astype(np.float32)
+    v = (down - row)[:, :, None].astype(np.float32)
     above = picture[row, column] * (1 - u) + picture[row, column + 1] * u
     below = picture[row + 1, column] * (1 - u) + picture[row + 1, column + 1] * u
     return np.asarray(np.rint(above * (1 - v) + below * v), dtype=np.uint8)
