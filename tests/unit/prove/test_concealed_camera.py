@@ -40,14 +40,14 @@ def some(played: Played, every: int) -> Played:
 
 @pytest.mark.parametrize("name", SENSING)
 def test_picture_shows_what_the_formula_says(name: str) -> None:
-    """To what the marble's own height makes of it: a camera ten degrees aslant sees it 1.2 mm aside."""
+    """Ten degrees aslant, a camera also sees the board 1.5 % shorter, which no formula of a scale has."""
     spec = spec_with({"name": name, **SENSING[name]})
     played = spec.play(0)
     plain = dataclasses.replace(spec, effects=())
     shift = camera.perfect(spec, played) - camera.perfect(plain, played)
     formula = played.seen - played.places / EDGE_X_M * spec.observation_scale
     assert np.abs(formula).max() > 0.01
-    assert np.abs(shift - formula).max() < (0.3 if name == "perspective" else 0.15) * np.abs(formula).max()
+    assert np.abs(shift - formula).max() < (0.3 if name == "perspective" else 0.05) * np.abs(formula).max()
 
 
 def test_board_that_yaws_turns_in_the_picture() -> None:
@@ -105,16 +105,16 @@ def test_rig_through_the_camera_is_what_the_tracker_reads(monkeypatch: pytest.Mo
     def watch(calibration, empty, pictures, edges, radius):
         assert calibration.shape == empty.shape
         assert radius == pytest.approx(1.04 * RADIUS_M / EDGE_X_M)
-        return pictures / EDGE_X_M * edges[0] * camera.NEARER
+        return pictures / EDGE_X_M * edges[0]
 
     spec = spec_with()
     recorded = record(spec, watch)
     label = recorded.label()
     assert label["through_camera"]
     assert label["noise"] == "tracker"
-    assert label["truth"]["observation_scale"] == pytest.approx(1.04 * 1.0116, rel=1e-3)
-    # The camera leans, so that a marble's middle is not above where it is seen to touch the board.
-    assert 0.0 < label["sigma"] < 0.005
+    assert label["truth"]["observation_scale"] == 1.04
+    # A marble on a tilted board is not quite above where it would be on a level one.
+    assert label["sigma"] < 2e-4
     with pytest.raises(ValueError, match="say what reads its pictures"):
         record(spec)
 

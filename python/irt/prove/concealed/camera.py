@@ -1,9 +1,8 @@
 """Pictures of a run: a camera above the board, its lens, the light and the noise of its pixels.
 
-What a rig hides in its sensing is done to the picture and not to numbers: the camera is calibrated on the
-empty board as it was mounted, and then it has been pushed aside, turned, or leaned over, its lens is another,
-or the board lies above the axes that it turns about. Rendered by PyBullet on the processor: some 30 ms a
-picture.
+What a rig hides in its sensing is done to the picture and not to numbers: the camera is calibrated as it was
+mounted, and then it has been pushed aside, turned, or leaned over, its lens is another, or the board lies
+above the axes that it turns about. Rendered by PyBullet on the processor: some 20 ms a picture.
 """
 
 from __future__ import annotations
@@ -30,7 +29,12 @@ WIDTH, HEIGHT = 320, 240
 FINER = 5
 #: Height of the camera [m]; half of what it sees of the board's plane, along y.
 DISTANCE_M, HALF_VIEW_M = 0.6, 0.14
-CORNERS_M = 0.5 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [EDGE_X_M, EDGE_Y_M, 0.0]
+#: Of the plate that the tracker is calibrated on: as large as the board, and as high as the marble's middle.
+CORNERS_M = np.array([[-0.5, -0.5, 1], [0.5, -0.5, 1], [0.5, 0.5, 1], [-0.5, 0.5, 1]]) * [
+    EDGE_X_M,
+    EDGE_Y_M,
+    RADIUS_M,
+]
 BOARD, FRAME, TABLE, MARBLE = (0.85, 0.7, 0.5, 1), (0.3, 0.2, 0.1, 1), (0.1, 0.1, 0.1, 1), (0.1, 0.2, 0.9, 1)
 
 
@@ -137,27 +141,28 @@ def pictures(spec: Spec, run: int, played: Played) -> Iterator[Picture]:
 
 
 def calibration(spec: Spec) -> Picture:
-    """Return the picture (h, w, 3) of the level, empty board on which the tracker was calibrated."""
-    return _still(spec, mounted(spec), FINER, 6)
+    """Return the picture (h, w, 3) on which the tracker was calibrated, before anything moved the camera.
+
+    A plate as large as the board lies on it, as high as the marble's middle: so a camera that leans sees the
+    marble where it is, and not where its middle hides the board.
+    """
+    return _still(spec, mounted(spec), finer=FINER, what=6, plate=True)
 
 
 def empty(spec: Spec) -> Picture:
     """Return a picture (h, w, 3) of the level, empty board, taken before the runs."""
-    return _still(spec, now(spec), 1, 8)
+    return _still(spec, now(spec), finer=1, what=8, plate=False)
 
 
-def _still(spec: Spec, camera: Camera, finer: int, what: int) -> Picture:
+def _still(spec: Spec, camera: Camera, *, finer: int, what: int, plate: bool) -> Picture:
     p = bullet()
     client = p.connect(p.DIRECT)
     try:
-        sharp = _sampled(_Scene(p, client).render(camera, NOWHERE, finer), camera.straightened())
+        scene = _Scene(p, client, plate=plate)
+        sharp = _sampled(scene.render(camera, NOWHERE, finer), camera.straightened())
         return _Light.of(spec).on(sharp, spec.random(0, what))
     finally:
         p.disconnect(client)
-
-
-#: Seen from the camera, a marble's middle is nearer than the board, and moves by so much more.
-NEARER = DISTANCE_M / (DISTANCE_M - RADIUS_M)
 
 
 def perfect(spec: Spec, played: Played) -> Array:
@@ -193,7 +198,7 @@ def _aimed(lean: Array, turn: float, aside: Array, lens: float) -> Camera:
     sines = np.clip(lean, -0.6, 0.6)
     down = -math.sqrt(1.0 - float(sines @ sines))
     forward = np.array([-sines[0], -sines[1], down])
-    eye = np.array([*aside, 0.0]) - DISTANCE_M * forward
+    eye = np.array([*aside, RADIUS_M]) - DISTANCE_M * forward
     up = np.array([math.sin(turn), math.cos(turn), 0.0])
     up = up - (up @ forward) * forward
     return Camera(eye, forward, up / np.linalg.norm(up), lens)
@@ -202,7 +207,7 @@ def _aimed(lean: Array, turn: float, aside: Array, lens: float) -> Camera:
 class _Scene:
     """The board, its frame, the table and the marble, to be looked at."""
 
-    def __init__(self, p: ModuleType, client: int, *, board: bool = True) -> None:
+    def __init__(self, p: ModuleType, client: int, *, board: bool = True, plate: bool = False) -> None:
         self.p, self.client = p, client
         half_x, half_y, thick = EDGE_X_M / 2, EDGE_Y_M / 2, 0.005
         boxes = [((half_x, half_y, thick), (0.0, 0.0, -thick), BOARD)]
@@ -210,6 +215,8 @@ class _Scene:
             boxes.append(((0.01, half_y + 0.02, 0.001), (side * (half_x + 0.01), 0.0, -0.001), FRAME))
             boxes.append(((half_x + 0.02, 0.01, 0.001), (0.0, side * (half_y + 0.01), -0.001), FRAME))
         boxes.append(((1.0, 1.0, 0.01), (0.0, 0.0, -0.15), TABLE))
+        if plate:
+            boxes.append(((half_x, half_y, RADIUS_M / 2), (0.0, 0.0, RADIUS_M / 2), BOARD))
         for half, centre, colour in boxes if board else ():
             self._body(centre, shapeType=p.GEOM_BOX, halfExtents=half, rgbaColor=colour)
         self.marble = self._body((0, 0, -1), shapeType=p.GEOM_SPHERE, radius=RADIUS_M, rgbaColor=MARBLE)

@@ -16,7 +16,7 @@ from .engine import Played
 from .physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array
 from .spec import TEST, TRAIN, Spec
 
-#: What reads rendered runs: a picture of the empty board at the calibration, one from before the run, the
+#: What reads rendered runs: a picture of the board at the calibration, one from before the run, the
 #: run's pictures, the board's length along x and y, the marble's radius [board edges]; to positions (n, 2).
 Watch = Callable[[Picture, Picture, Iterable[Picture], tuple[float, float], float], Array]
 
@@ -84,7 +84,6 @@ class Recorded:
             "kind": kind(spec),
             "truth": {
                 **vars(spec.base),
-                "observation_scale": spec.observation_scale * (camera.NEARER if spec.through_camera else 1.0),
                 "effects": [dict(one) for one in spec.effects],
                 "beyond": None if spec.beyond is None else dict(spec.beyond),
                 "outliers": spec.outliers,
