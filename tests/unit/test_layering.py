@@ -30,6 +30,7 @@ LAYERS = (
     "recording",
     "files",
     "catalogue",
+    "tracking",
     "errors",
 )
 EXTENSION = "irt._labsim"

@@ -1,0 +1,286 @@
+"""PyBullet: a marble on a board with four rim walls, as rigid bodies in three dimensions.
+
+The board stands still and gravity turns about it, which at these tilts is the same motion; a board set from
+one tilt to the next between two steps would throw the marble up. Rolling friction is Bullet's own: a length
+there, so that `mu * radius / lateral friction` is the dimensionless `mu` that a tilt has to exceed. Damping
+is off: Bullet's grows with spin. Measured at 1/960 s and 50 iterations of the solver: acceleration beyond the
+threshold is 5/7 g (sin(tilt) - mu) to 1e-4 from rest and at speeds of 0.1 to 0.3 m/s, where 1/240 s is 1 to 2
+% off.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from .physics import EDGE_X_M, EDGE_Y_M, GRAVITY, MASS_KG, RADIUS_M, Array, Marble, Physics, acts
+from .rim import LATERAL_FRICTION, Rim
+
+STEP_S = 1 / 960
+#: A unit of `time_scale`: the paper's physics update.
+UPDATE_S = 1 / 240
+ITERATIONS = 50
+
+
+@dataclass(frozen=True)
+class Base:
+    """The five parameters that every simulator of the board has, in the units of the recordings' format."""
+
+    gear_x: float
+    gear_y: float
+    rolling_friction: float
+    time_scale: float
+    observation_scale: float
+
+    @property
+    def row_s(self) -> float:
+        """Seconds from one row to the next."""
+        return self.time_scale * UPDATE_S
+
+
+@dataclass(frozen=True)
+class Played:
+    """A run as it truly was, a row for each command.
+
+    Attributes
+    ----------
+    places : (n, 2) array
+        The marble's middle [m] when the row's picture is taken.
+    tilts : (n, 2) array
+        Of the board [rad], then.
+    seen : (n, 2) array
+        What a perfect tracker reads [board edges].
+    """
+
+    places: Array
+    tilts: Array
+    seen: Array
+
+
+def bullet() -> ModuleType:
+    """Import PyBullet, whose greeting on standard output would break a protocol of lines."""
+    if "pybullet" not in sys.modules:
+        sys.stdout.flush()
+        with Path(os.devnull).open("w") as nowhere:
+            kept = os.dup(1)
+            os.dup2(nowhere.fileno(), 1)
+            try:
+                import pybullet  # noqa: F401, PLC0415
+            finally:
+                os.dup2(kept, 1)
+                os.close(kept)
+    return sys.modules["pybullet"]
+
+
+def play(
+    base: Base,
+    commands: Array,
+    start_m: tuple[float, float],
+    hidden: Sequence[Physics] = (),
+    random: np.random.Generator | None = None,
+) -> Played:
+    """Simulate a run of a marble at rest on a board whose knobs have been level.
+
+    Parameters
+    ----------
+    base : Base
+        The five parameters.
+    commands : (n, 2) array
+        Knob angles [rad], each from its row to the next.
+    start_m : tuple
+        Where the marble lies at row 0 [m].
+    hidden : sequence of Physics
+        What acts besides, in the order in which it acts.
+    random : Generator
+        For physics that does not repeat; the same seed gives the same run.
+    """
+    rows: Array = np.asarray(base.row_s * np.arange(len(commands)), dtype=np.float64)
+    exposed = rows
+    for one in hidden:
+        exposed = one.expose(exposed)
+    exposed = np.maximum(exposed, np.float64(0.0))
+    steps = max(1, math.ceil(exposed.max() / STEP_S - 1e-9))
+    tilts = tilt(base, arrived(commands, rows, steps, hidden, random or np.random.default_rng(0)), hidden)
+    path = roll(base, tilts, start_m, hidden)
+    moments = STEP_S * np.arange(steps + 1)
+    places = np.stack([np.interp(exposed, moments, path[:, axis]) for axis in (0, 1)], axis=1)
+    # The picture of a moment at which the board moves on shows the board before.
+    then = tilts[np.ceil(exposed / STEP_S - 1e-9).astype(int)]
+    seen = places / EDGE_X_M * base.observation_scale
+    for one in hidden:
+        seen = one.see(seen, then)
+    return Played(places, then, seen)
+
+
+def arrived(
+    commands: Array, rows: Array, steps: int, hidden: Sequence[Physics], random: np.random.Generator
+) -> Array:
+    """Return the mean command (steps, 2) in each step, of commands that hold until the next one arrives."""
+    times = rows
+    for one in hidden:
+        times = one.arrive(times, random)
+    # A command that a later one has overtaken does nothing.
+    soonest_after = np.append(np.minimum.accumulate(times[::-1])[::-1][1:], np.inf)
+    kept = times < soonest_after
+    knots = np.concatenate([[-1.0], times[kept], [max(steps * STEP_S, times[-1]) + 1.0]])
+    held = np.concatenate([np.zeros((1, 2)), commands[kept]])
+    area = np.concatenate([np.zeros((1, 2)), np.cumsum(held * np.diff(knots)[:, None], axis=0)])
+    edges = STEP_S * np.arange(steps + 1)
+    return np.stack([np.diff(np.interp(edges, knots, area[:, axis])) / STEP_S for axis in (0, 1)], axis=1)
+
+
+def tilt(base: Base, knobs: Array, hidden: Sequence[Physics]) -> Array:
+    """Return the board's tilts (steps + 1, 2) [rad]: before row 0, then in each step."""
+    for one in hidden:
+        knobs = one.turn(knobs, STEP_S)
+    tilts = np.vstack([np.zeros(2), knobs]) * (base.gear_x, base.gear_y)
+    for one in hidden:
+        tilts = one.lean(tilts)
+    return tilts
+
+
+def gravity(tilts: Array) -> Array:
+    """Return gravity (n, 3) [m/s^2] as a board sees it that is turned about x, then about its y."""
+    sin, cos = np.sin(tilts), np.cos(tilts)
+    return GRAVITY * np.stack([cos[:, 0] * sin[:, 1], -sin[:, 0], -cos[:, 0] * cos[:, 1]], axis=1)
+
+
+def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]) -> Array:
+    """Return where the marble's middle is (steps + 1, 2) [m]."""
+    p = bullet()
+    heavy = RADIUS_M * np.array([(0.0, 0.0, 0.0), *(one.heavy_side() for one in hidden)]).sum(axis=0)
+    with _world(p, base, start_m, heavy) as (client, body):
+        push = _Push(p, client, body, base, hidden)
+        rim = Rim(p, client, body, bounced(hidden))
+        marble = Marble(*start_m, STEP_S, friction=base.rolling_friction)
+        path = np.empty((len(tilts), 2))
+        path[0] = start_m
+        for step, pull in enumerate(gravity(tilts[1:]).tolist()):
+            p.setGravity(*pull, physicsClientId=client)
+            if push.acts:
+                marble.time, marble.pull_x, marble.pull_y = step * STEP_S, pull[0], pull[1]
+                push.apply(marble)
+            p.stepSimulation(physicsClientId=client)
+            place, turned = p.getBasePositionAndOrientation(body, physicsClientId=client)
+            if heavy.any():
+                turned = np.reshape(p.getMatrixFromQuaternion(turned), (3, 3))
+                place = np.subtract(place, turned @ heavy)
+            path[step + 1] = place[:2]
+            if rim.acts:
+                rim.apply(place)
+            if push.acts:
+                before = marble.x, marble.y
+                marble.x, marble.y = place[0], place[1]
+                marble.way += math.hypot(marble.x - before[0], marble.y - before[1])
+    return path
+
+
+class _Push:
+    """Everything that acts on the marble but gravity and contact."""
+
+    def __init__(self, p: ModuleType, client: int, body: int, base: Base, hidden: Sequence[Physics]) -> None:
+        self.p, self.client, self.body = p, client, body
+        self.forces = [one.force for one in hidden if acts(one, "force")]
+        self.torques = [one.torque for one in hidden if acts(one, "torque")]
+        self.resistances = [one.resist for one in hidden if acts(one, "resist")]
+        self.acts = bool(self.forces or self.torques or self.resistances)
+        self.friction = base.rolling_friction
+        self.factor = 1.0
+
+    def apply(self, marble: Marble) -> None:
+        """Apply it for the next step."""
+        p, client, body = self.p, self.client, self.body
+        (marble.vx, marble.vy, _), marble.spin = p.getBaseVelocity(body, physicsClientId=client)
+        for force in self.forces:
+            x, y = force(marble)
+            marble.pull_x += x
+            marble.pull_y += y
+            place, _ = p.getBasePositionAndOrientation(body, physicsClientId=client)
+            push = [MASS_KG * x, MASS_KG * y, 0.0]
+            p.applyExternalForce(body, -1, push, place, p.WORLD_FRAME, physicsClientId=client)
+        for torque in self.torques:
+            turn = [MASS_KG * value for value in torque(marble)]
+            p.applyExternalTorque(body, -1, turn, p.WORLD_FRAME, physicsClientId=client)
+        factor = math.prod(resistance(marble) for resistance in self.resistances)
+        if factor != self.factor:
+            self.factor = factor
+            rolling = _rolling(self.friction * factor)
+            p.changeDynamics(body, -1, rollingFriction=rolling, physicsClientId=client)
+
+
+def _rolling(friction: float) -> float:
+    """Return Bullet's coefficient, a length over the other body's, for a dimensionless one."""
+    return friction * RADIUS_M / LATERAL_FRICTION
+
+
+@contextmanager
+def _world(
+    p: ModuleType, base: Base, start_m: tuple[float, float], heavy: Array
+) -> Iterator[tuple[int, int]]:
+    """Board, rim and a resting marble; yields the client and the marble's body."""
+    client = p.connect(p.DIRECT)
+    try:
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=STEP_S,
+            numSolverIterations=ITERATIONS,
+            deterministicOverlappingPairs=1,
+            physicsClientId=client,
+        )
+        half_x, half_y, thick, high = EDGE_X_M / 2, EDGE_Y_M / 2, 0.01, 0.02
+        _box(p, client, (half_x + 2 * thick, half_y + 2 * thick, thick), (0.0, 0.0, -thick))
+        for side in (-1.0, 1.0):
+            at_x, at_y = side * (half_x + thick), side * (half_y + thick)
+            _box(p, client, (thick, half_y + 2 * thick, high), (at_x, 0.0, high))
+            _box(p, client, (half_x + 2 * thick, thick, high), (0.0, at_y, high))
+        ball = p.createCollisionShape(p.GEOM_SPHERE, radius=RADIUS_M, physicsClientId=client)
+        body = p.createMultiBody(
+            MASS_KG,
+            ball,
+            basePosition=[*start_m, RADIUS_M],
+            baseInertialFramePosition=heavy.tolist(),
+            useMaximalCoordinates=0,
+            physicsClientId=client,
+        )
+        _material(p, client, body)
+        p.changeDynamics(
+            body,
+            -1,
+            rollingFriction=_rolling(base.rolling_friction),
+            linearDamping=0.0,
+            angularDamping=0.0,
+            # Bullet takes a sphere beside its centre of mass for the box around it.
+            localInertiaDiagonal=[0.4 * MASS_KG * RADIUS_M**2] * 3,
+            activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
+            physicsClientId=client,
+        )
+        yield client, body
+    finally:
+        p.disconnect(client)
+
+
+def _box(
+    p: ModuleType, client: int, half: tuple[float, float, float], centre: tuple[float, float, float]
+) -> None:
+    shape = p.createCollisionShape(p.GEOM_BOX, halfExtents=half, physicsClientId=client)
+    _material(p, client, p.createMultiBody(0, shape, basePosition=centre, physicsClientId=client))
+
+
+def _material(p: ModuleType, client: int, body: int) -> None:
+    """Set friction, which of two bodies that touch multiplies, and a dead contact."""
+    p.changeDynamics(body, -1, lateralFriction=LATERAL_FRICTION, restitution=0.0, physicsClientId=client)
+
+
+def bounced(hidden: Sequence[Physics]) -> float:
+    """Return the restitution of the rim."""
+    restitution = 0.0
+    for one in hidden:
+        restitution = one.bounce(restitution)
+    return restitution

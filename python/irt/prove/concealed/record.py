@@ -1,0 +1,171 @@
+"""From a spec to recordings on the disk and a label that never lies beside them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import camera, noise
+from .camera import Picture
+from .engine import Played
+from .physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array
+from .spec import TEST, TRAIN, Spec
+
+#: What reads rendered runs: a picture of the board at the calibration, one from before the run, the
+#: run's pictures, the board's length along x and y, the marble's radius [board edges]; to positions (n, 2).
+Watch = Callable[[Picture, Picture, Iterable[Picture], tuple[float, float], float], Array]
+
+RIG_TOML = f"""\
+[board]
+edge_x_m = {EDGE_X_M}
+edge_y_m = {EDGE_Y_M}
+wall_restitution = 0.0
+wall_friction = 0.25
+
+[marble]
+radius_m = {RADIUS_M}
+mass_kg = {MASS_KG}
+"""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """The runs of a rig, training runs first.
+
+    Attributes
+    ----------
+    spec : Spec
+        What was simulated.
+    commands : (runs, n, 2) array
+        Knob angles [rad].
+    clean : (runs, n, 2) array
+        What a perfect tracker would have read [board edges].
+    seen : (runs, n, 2) array
+        What the tracker read [board edges].
+    sigma : float
+        Standard deviation of what the tracker adds, but for outliers [board edges].
+    signal : float
+        Mean absolute difference of paths with and without what is hidden, over the noise.
+    """
+
+    spec: Spec
+    commands: Array
+    clean: Array
+    seen: Array
+    sigma: float
+    signal: float
+
+    def names(self) -> list[str]:
+        """Return the names of the runs: train-1 and so on, then test-1 and so on."""
+        return [f"train-{run + 1}" for run in range(TRAIN)] + [f"test-{run + 1}" for run in range(TEST)]
+
+    def text(self, run: int) -> str:
+        """Return a run in the format of recordings."""
+        lines = ["step,knob_x_rad,knob_y_rad,marble_x,marble_y"]
+        for row, (knob, seen) in enumerate(zip(self.commands[run], self.seen[run], strict=True)):
+            x, y = ("" if np.isnan(value) else f"{value:.6f}" for value in seen)
+            lines.append(f"{row},{knob[0]:.6f},{knob[1]:.6f},{x},{y}")
+        return "\n".join(lines) + "\n"
+
+    def label(self) -> dict[str, Any]:
+        """Return the truth, and the test runs, as what JSON can hold."""
+        spec = self.spec
+        tests = {
+            name: {"csv": self.text(run), "clean": self.clean[run].tolist()}
+            for run, name in enumerate(self.names())
+            if run >= TRAIN
+        }
+        return {
+            "kind": kind(spec),
+            "truth": {
+                **vars(spec.base),
+                "effects": [dict(one) for one in spec.effects],
+                "beyond": None if spec.beyond is None else dict(spec.beyond),
+                "outliers": spec.outliers,
+            },
+            "sigma": self.sigma,
+            "noise": "tracker" if spec.through_camera else spec.noise,
+            "signal": self.signal,
+            "drive": spec.drive,
+            "starts": spec.starts,
+            "through_camera": spec.through_camera,
+            "tests": tests,
+        }
+
+    def write(self, folder: str | os.PathLike[str]) -> None:
+        """Write the training runs and `rig.toml` into a folder, and nothing else."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        _write(folder / "rig.toml", RIG_TOML)
+        for run, name in enumerate(self.names()[:TRAIN]):
+            _write(folder / f"{name}.csv", self.text(run))
+
+
+def kind(spec: Spec) -> str | list[str]:
+    """Return what a diagnosis should say: a name, two, "none", "outliers" or "unlisted_" and a name."""
+    if spec.beyond is not None:
+        return f"unlisted_{spec.beyond['name']}"
+    names = [str(one["name"]) for one in spec.effects]
+    if not names:
+        return "outliers" if spec.outliers else "none"
+    return names if len(names) > 1 else names[0]
+
+
+def record(spec: Spec, watch: Watch | None = None) -> Recorded:
+    """Simulate all runs of a rig and read them as its tracker does.
+
+    Raises
+    ------
+    ValueError
+        If the rig is to be seen through a camera and nobody watches.
+    """
+    if spec.through_camera and watch is None:
+        raise ValueError(f"{spec.name} is to be seen through a camera: say what reads its pictures")
+    runs = range(TRAIN + TEST)
+    played = [spec.play(run) for run in runs]
+    if watch is not None and spec.through_camera:
+        clean = np.array([camera.perfect(spec, one) for one in played])
+        seen = _watched(spec, played, watch)
+        # Of most samples: where the marble was lost or taken for another there is no noise to tell.
+        sigma = 1.4826 * float(np.nanmedian(np.abs(seen - clean)))
+    else:
+        clean, sigma = np.array([one.seen for one in played]), spec.sigma
+        seen = clean + sigma * np.array(
+            [noise.noise(spec.noise, len(clean[run]), spec.random(run, 2)) for run in runs]
+        )
+    signal = 0.0
+    if spec.hidden and sigma > 0.0:
+        signal = float(np.mean([spec.missed(run, played[run]) for run in range(TRAIN)])) / sigma
+    return Recorded(
+        spec=spec,
+        commands=np.array([spec.excitation(run)[0] for run in runs]),
+        clean=clean,
+        seen=np.array([noise.outliers(seen[run], spec.outliers, spec.random(run, 3)) for run in runs]),
+        sigma=sigma,
+        signal=signal,
+    )
+
+
+def _watched(spec: Spec, played: list[Played], watch: Watch) -> Array:
+    """Return what a tracker reads (runs, n, 2) [board edges] off rendered pictures."""
+    edges = spec.observation_scale, spec.observation_scale * EDGE_Y_M / EDGE_X_M
+    radius = spec.observation_scale * RADIUS_M / EDGE_X_M
+    calibration, empty = camera.calibration(spec), camera.empty(spec)
+    return np.array(
+        [
+            watch(calibration, empty, camera.pictures(spec, run, one), edges, radius)
+            for run, one in enumerate(played)
+        ]
+    )
+
+
+def _write(path: Path, text: str) -> None:
+    """Write beside and move there, so that nobody reads half of it."""
+    beside = path.with_name(f".{path.name}.part")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)

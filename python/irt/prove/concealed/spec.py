@@ -1,0 +1,227 @@
+"""What is to be simulated: everything about a rig, drawn from a seed."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from . import drives, noise
+from .beyond import BEYOND
+from .effects import EFFECTS
+from .engine import Base, Played, play
+from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Physics
+
+TRAIN, TEST = 8, 4
+KINDS = ("none", "outliers", "single", "pair", "unlisted")
+#: A rig is drawn again unless the marble misses its plain way by so many times the noise.
+SHOWS = 3.0
+#: Runs that are simulated to find out, unless the first of them miss by less than this part of that.
+PROBES, HOPELESS = (0, 3, 6, 9), 0.25
+#: Draws until another noise and other parameters are drawn too, and how often that is done until magnitudes
+#: come from the largest fifth of their range and noise from the smallest.
+DRAWS, GROWS = 2, 9
+
+_KNOWN = {one.name: one for one in (*EFFECTS, *BEYOND)}
+_ORDER = list(_KNOWN)
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A rig: the same spec gives the same recordings, byte for byte.
+
+    Attributes
+    ----------
+    name : str
+        Of the rig; says nothing about it.
+    seed : int
+        Of drives, starts, noise, and of physics that does not repeat.
+    gear_x, gear_y, rolling_friction, time_scale, observation_scale : float
+        The five parameters, in the units of the recordings' format.
+    effects : tuple of dict
+        Effects of the catalogue that are hidden: name and parameters.
+    beyond : dict, optional
+        Physics that no catalogue has: name and parameters.
+    outliers : float
+        Share of rows in which the tracker reads something else.
+    noise, sigma : str, float
+        Kind of tracker noise, and its standard deviation [board edges].
+    drive : str
+        A kind of excitation, or "mixed".
+    starts : str
+        "centre" or "anywhere", always at rest.
+    through_camera : bool
+        Whether the recording is read from rendered pictures.
+    """
+
+    name: str
+    seed: int
+    gear_x: float
+    gear_y: float
+    rolling_friction: float
+    time_scale: float
+    observation_scale: float
+    effects: tuple[Mapping[str, Any], ...] = ()
+    beyond: Mapping[str, Any] | None = None
+    outliers: float = 0.0
+    noise: str = "white"
+    sigma: float = 0.0
+    drive: str = "mixed"
+    starts: str = "anywhere"
+    through_camera: bool = False
+
+    @property
+    def base(self) -> Base:
+        """The five parameters."""
+        return Base(self.gear_x, self.gear_y, self.rolling_friction, self.time_scale, self.observation_scale)
+
+    @property
+    def hidden(self) -> tuple[Physics, ...]:
+        """What acts, in the order in which it acts."""
+        return made(self.effects if self.beyond is None else (*self.effects, self.beyond))
+
+    def random(self, run: int, what: int) -> np.random.Generator:
+        """Return the generator of a run's drive (0), of physics that does not repeat (1), or of noise (2)."""
+        return np.random.default_rng([self.seed, run, what])
+
+    def excitation(self, run: int) -> tuple[Array, tuple[float, float]]:
+        """Return a run's commands (rows, 2) [rad] and where the marble lies before [m]."""
+        random = self.random(run, 0)
+        kinds = list(drives.DRIVES)
+        kind = kinds[int(random.integers(len(kinds)))] if self.drive == "mixed" else self.drive
+        commands = drives.drive(kind, random, (self.gear_x, self.gear_y), self.base.row_s)
+        # Even where all starts are apart, one run in four begins in the middle, and the other way round.
+        other = {"centre": "anywhere", "anywhere": "centre"}[self.starts]
+        return commands, drives.start(other if run % 4 == 3 else self.starts, random)
+
+    def play(self, run: int) -> Played:
+        """Simulate a run as it is."""
+        commands, start_m = self.excitation(run)
+        return play(self.base, commands, start_m, self.hidden, self.random(run, 1))
+
+    def missed(self, run: int, played: Played, without: Sequence[str] = ()) -> float:
+        """Return by how much a run misses the same run without some of its physics [board edges].
+
+        That marble starts where a camera without it would see the first row, as any simulation would have it.
+        Without names, all that is hidden is left out.
+        """
+        left = tuple(one for one in self.hidden if without and one.name not in without)
+        commands, start_m = self.excitation(run)
+        if not left:
+            room = np.array([EDGE_X_M, EDGE_Y_M]) / 2.0 - RADIUS_M
+            seen = played.seen[0] * EDGE_X_M / self.observation_scale
+            x, y = np.clip(seen, -room, room)
+            start_m = float(x), float(y)
+        plain = play(self.base, commands, start_m, left, self.random(run, 1))
+        return float(np.abs(played.seen - plain.seen).mean())
+
+    def to_json(self) -> dict[str, Any]:
+        """Return all of it as what JSON can hold."""
+        return {**asdict(self), "effects": [dict(one) for one in self.effects]}
+
+
+def made(effects: Sequence[Mapping[str, Any]]) -> tuple[Physics, ...]:
+    """Return physics from names and parameters, in the order in which it acts.
+
+    Raises
+    ------
+    ValueError
+        If a name or a parameter is not known.
+    """
+    for one in effects:
+        if one.get("name") not in _KNOWN:
+            raise ValueError(f"{one.get('name')!r} is no physics of this world: one of {', '.join(_ORDER)}")
+    return tuple(
+        _with(_KNOWN[one["name"]], one) for one in sorted(effects, key=lambda one: _ORDER.index(one["name"]))
+    )
+
+
+def _with(kind: type[Physics], values: Mapping[str, Any]) -> Physics:
+    try:
+        return kind(**{key: value for key, value in values.items() if key != "name"})
+    except TypeError as error:
+        raise ValueError(f"{kind.name}: {error}") from error
+
+
+def draw(
+    random: np.random.Generator,
+    kind: str,
+    name: str = "rig",
+    physics: Sequence[str] = (),
+    through_camera: bool = False,
+) -> Spec:
+    """Draw a rig in which what is hidden shows.
+
+    Parameters
+    ----------
+    random : Generator
+        The same state gives the same rig.
+    kind : str
+        "none", "outliers", "single", "pair", "unlisted".
+    name : str
+        Of the rig.
+    physics : sequence of str
+        Names of what to hide; drawn too if there are none.
+    through_camera : bool
+        Whether the recording is read from rendered pictures.
+
+    Raises
+    ------
+    ValueError
+        If a kind or a name is not known, or names do not fit the kind.
+    """
+    names = _names(random, kind, physics)
+    for least in itertools.chain(np.linspace(0.0, 0.8, GROWS), itertools.repeat(0.8)):
+        spec = replace(_plain(random, name, 1.0 - float(least)), through_camera=through_camera)
+        if kind == "outliers":
+            return replace(spec, outliers=float(np.exp(random.uniform(np.log(0.005), np.log(0.05)))))
+        for _ in range(DRAWS):
+            strengths = random.uniform(least, 1.0, len(names)).tolist()
+            drawn = [_KNOWN[one].draw(random, size) for one, size in zip(names, strengths, strict=True)]
+            hidden = tuple(one.parameters() for one in drawn)
+            spec = replace(spec, beyond=hidden[0]) if kind == "unlisted" else replace(spec, effects=hidden)
+            if all(shows(spec, one) for one in names):
+                return spec
+    raise AssertionError("draws do not end")
+
+
+def shows(spec: Spec, name: str) -> bool:
+    """Return whether the marble goes another way for that physics, beside what else is hidden."""
+    least = SHOWS * spec.sigma
+    missed: list[float] = []
+    for run in PROBES:
+        missed.append(spec.missed(run, spec.play(run), [name]))
+        if float(np.mean(missed)) < HOPELESS * least:
+            return False
+    return float(np.mean(missed)) > least
+
+
+def _names(random: np.random.Generator, kind: str, physics: Sequence[str]) -> list[str]:
+    if kind not in KINDS:
+        raise ValueError(f"a kind of rig is one of {', '.join(KINDS)}, not {kind!r}")
+    count = {"single": 1, "pair": 2, "unlisted": 1}.get(kind, 0)
+    possible = [one.name for one in (BEYOND if kind == "unlisted" else EFFECTS)]
+    unknown = [one for one in physics if one not in possible]
+    if unknown or (physics and len(set(physics)) != count):
+        raise ValueError(f"{kind}: {count} of {', '.join(possible)}, not {', '.join(physics)}")
+    return list(physics) or [str(one) for one in random.choice(possible, count, replace=False)]
+
+
+def _plain(random: np.random.Generator, name: str, most: float = 1.0) -> Spec:
+    gear_x, gear_y = random.uniform(0.04, 0.1, 2)
+    return Spec(
+        name=name,
+        seed=int(random.integers(2**62)),
+        gear_x=float(gear_x),
+        gear_y=float(gear_y),
+        rolling_friction=float(random.uniform(2e-4, 9e-4)),
+        time_scale=float(random.integers(14, 26)),
+        observation_scale=float(random.uniform(0.94, 1.06)),
+        noise=noise.kind(random),
+        sigma=noise.size(random, most),
+        drive="mixed" if random.random() < 0.7 else str(random.choice(list(drives.DRIVES))),
+        starts="anywhere" if random.random() < 0.6 else "centre",
+    )
