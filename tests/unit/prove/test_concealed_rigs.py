@@ -15,7 +15,7 @@ import pytest
 from irt.prove import concealed
 from irt.prove.concealed import drives, noise
 from irt.prove.concealed import spec as specs
-from irt.prove.concealed.__main__ import serve
+from irt.prove.concealed.__main__ import _is_watched, further, make, serve
 from irt.prove.concealed.beyond import BEYOND
 from irt.prove.concealed.effects import EFFECTS
 from irt.prove.concealed.engine import play
@@ -232,6 +232,27 @@ def test_server_answers_each_request_by_a_line(tmp_path: Path) -> None:
     assert len(list((tmp_path / "rig-003").glob("train-*.csv"))) == 8
     assert [list(one) for one in refused] == [["error"]] * 3
     assert "odd" in refused[0]["error"]
+
+
+def test_a_further_run_is_recorded_by_the_same_physics(tmp_path: Path) -> None:
+    asked = {"index": 2, "kind": "single", "seed": 11, "physics": ["viscous_drag"]}
+    _, label = make(**asked, folder=str(tmp_path))
+    csv = (tmp_path / "train-2.csv").read_text()
+    told = further(**asked, csv=csv)
+    before, again = (np.genfromtxt(one.splitlines(), delimiter=",", skip_header=1) for one in (csv, told))
+    assert (before[:, :3] == again[:, :3]).all()
+    assert (before[:, 3:] != again[:, 3:]).any()
+    # The start is read off row 0, noise and all, and the noise is drawn anew.
+    assert np.median(np.abs(before - again)[:, 3:]) < 4.0 * label["sigma"]
+    assert further(**asked, csv=csv) == told
+    with pytest.raises(ValueError, match="a command in every row"):
+        further(**asked, csv=csv.replace(csv.splitlines()[5], "4,,,0.1,0.1"))
+
+
+def test_a_share_of_rigs_is_seen_through_a_camera() -> None:
+    watched = [_is_watched({"seed": 3, "index": index}, 0.15) for index in range(1000)]
+    assert 110 < sum(watched) < 190
+    assert not any(_is_watched({"seed": 3, "index": index}, 0.0) for index in range(100))
 
 
 def test_nothing_of_a_failed_rig_stops_the_server(tmp_path: Path) -> None:

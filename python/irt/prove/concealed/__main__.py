@@ -2,16 +2,20 @@
 
     {"make": {"index": 3, "kind": "single", "folder": "rigs/rig-003", "seed": 7}}
     {"made": "rig-003", "label": {...}}
+    {"record": {"index": 3, "kind": "single", "seed": 7, "csv": "step,knob_x_rad,..."}}
+    {"csv": "step,knob_x_rad,..."}
 
 Besides, "physics": ["lag"] says what to hide, and "tracker": "irt.tracking:positions" has the rig seen
-through a camera and read by that function.
+through a camera and read by that function. ``--tracker MODULE:FUNCTION SHARE`` has it so for a share of rigs.
 
 The rig's folder gets the training runs. The label, test runs and all, goes to whoever asked, in memory: what
-becomes of it before it leaves this process is `conceal`'s.
+becomes of it before it leaves this process is `conceal`'s. A further run of a rig is recorded from commands
+and a start in row 0, by the same physics and the same tracker.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import sys
@@ -21,8 +25,8 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from .record import Watch, record
-from .spec import draw
+from .record import Watch, record, record_further
+from .spec import Spec, draw
 
 
 def make(
@@ -39,12 +43,29 @@ def make(
     A `tracker`, named as "module:function", reads the rig off rendered pictures. It is named by who asks, as
     this package knows of none.
     """
-    name = f"rig-{index:03d}"
-    through_camera = tracker is not None
-    spec = draw(np.random.default_rng([seed, index]), kind, name, list(physics), through_camera)
+    spec = _drawn(index, kind, seed, physics, tracker)
     recorded = record(spec, None if tracker is None else _named(tracker))
     recorded.write(folder)
-    return name, recorded.label()
+    return spec.name, recorded.label()
+
+
+def further(
+    *,
+    index: int,
+    kind: str,
+    seed: int,
+    csv: str,
+    physics: Iterable[str] = (),
+    tracker: str | None = None,
+) -> str:
+    """Return a run that was asked for, as the tracker of the rig with that index saw it."""
+    spec = _drawn(index, kind, seed, physics, tracker)
+    return record_further(spec, csv, None if tracker is None else _named(tracker))
+
+
+def _drawn(index: int, kind: str, seed: int, physics: Iterable[str], tracker: str | None) -> Spec:
+    random = np.random.default_rng([seed, index])
+    return draw(random, kind, f"rig-{index:03d}", list(physics), tracker is not None)
 
 
 def _named(tracker: str) -> Watch:
@@ -61,25 +82,48 @@ def conceal(label: dict[str, Any]) -> dict[str, Any]:
     return {"label": label}
 
 
-def serve(requests: Iterable[str], answers: TextIO) -> None:
-    """Answer requests until there are no more; one that cannot be met is answered by {"error": "..."}."""
+def serve(requests: Iterable[str], answers: TextIO, tracker: str | None = None, share: float = 0.0) -> None:
+    """Answer requests until there are no more; one that cannot be met is answered by {"error": "..."}.
+
+    A share of the rigs for which no tracker is asked is seen through a camera, and read by this one.
+    """
     for line in requests:
         if not line.strip():
             continue
         try:
-            name, label = make(**json.loads(line)["make"])
-            answer: dict[str, Any] = {"made": name, **conceal(label)}
+            ((verb, asked),) = json.loads(line).items()
+            if tracker is not None and _is_watched(asked, share):
+                asked = {"tracker": tracker, **asked}
+            answers.write(json.dumps(_answered(verb, asked)) + "\n")
         except (KeyError, TypeError, ValueError, OSError, ImportError) as error:
-            answer = {"error": f"{type(error).__name__}: {error}"}
-        answers.write(json.dumps(answer) + "\n")
+            answers.write(json.dumps({"error": f"{type(error).__name__}: {error}"}) + "\n")
         answers.flush()
 
 
+def _is_watched(asked: dict[str, Any], share: float) -> bool:
+    """Whether a rig is among those that are seen through a camera: the same each time it is asked for."""
+    return bool(np.random.default_rng([asked["seed"], asked["index"], 1]).random() < share)
+
+
+def _answered(verb: str, asked: dict[str, Any]) -> dict[str, Any]:
+    if verb == "make":
+        name, label = make(**asked)
+        return {"made": name, **conceal(label)}
+    if verb == "record":
+        return {"csv": further(**asked)}
+    raise ValueError(f"a request is to make or to record, not to {verb}")
+
+
 def main() -> None:
-    """Serve standard input; whatever else writes to standard output must not reach the one who asks."""
+    """Serve standard input; PyBullet's greeting on standard output must not reach the one who asks."""
+    parser = argparse.ArgumentParser(prog="python -m irt.prove.concealed")
+    parser.add_argument(
+        "--tracker", nargs=2, metavar=("MODULE:FUNCTION", "SHARE"), help="of rigs seen through a camera"
+    )
+    tracker, share = parser.parse_args().tracker or (None, 0.0)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(2, 1)
-    serve(sys.stdin, answers)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    serve(sys.stdin, answers, tracker, float(share))
 
 
 if __name__ == "__main__":

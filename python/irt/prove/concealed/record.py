@@ -12,13 +12,16 @@ import numpy as np
 
 from . import camera, noise
 from .camera import Picture
-from .engine import Played
+from .engine import Played, play
 from .physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array
 from .spec import TEST, TRAIN, Spec
 
 #: What reads rendered runs: a picture of the board at the calibration, one from before the run, the
 #: run's pictures, the board's length along x and y, the marble's radius [board edges]; to positions (n, 2).
 Watch = Callable[[Picture, Picture, Iterable[Picture], tuple[float, float], float], Array]
+
+#: Index of a run that is recorded later, for what is drawn in it.
+FURTHER = TRAIN + TEST
 
 RIG_TOML = f"""\
 [board]
@@ -66,11 +69,7 @@ class Recorded:
 
     def text(self, run: int) -> str:
         """Return a run in the format of recordings."""
-        lines = ["step,knob_x_rad,knob_y_rad,marble_x,marble_y"]
-        for row, (knob, seen) in enumerate(zip(self.commands[run], self.seen[run], strict=True)):
-            x, y = ("" if np.isnan(value) else f"{value:.6f}" for value in seen)
-            lines.append(f"{row},{knob[0]:.6f},{knob[1]:.6f},{x},{y}")
-        return "\n".join(lines) + "\n"
+        return _csv(self.commands[run], self.seen[run])
 
     def label(self) -> dict[str, Any]:
         """Return the truth, and the test runs, as what JSON can hold."""
@@ -151,17 +150,50 @@ def record(spec: Spec, watch: Watch | None = None) -> Recorded:
     )
 
 
-def _watched(spec: Spec, played: list[Played], watch: Watch) -> Array:
-    """Return what a tracker reads (runs, n, 2) [board edges] off rendered pictures."""
+def record_further(spec: Spec, csv: str, watch: Watch | None = None) -> str:
+    """Record one more run of a rig, in the format of recordings: commands, and where row 0 shows the marble.
+
+    Raises
+    ------
+    ValueError
+        If the run cannot be read, or is to be seen through a camera and nobody watches.
+    """
+    if spec.through_camera and watch is None:
+        raise ValueError(f"{spec.name} is to be seen through a camera: say what reads its pictures")
+    table = np.genfromtxt(csv.splitlines(), delimiter=",", names=True)
+    commands = np.column_stack([table["knob_x_rad"], table["knob_y_rad"]])
+    room = np.array([EDGE_X_M, EDGE_Y_M]) / 2.0 - RADIUS_M
+    shown = np.array([table["marble_x"][0], table["marble_y"][0]])
+    if not (np.isfinite(commands).all() and np.isfinite(shown).all()):
+        raise ValueError("a run to record needs a command in every row, and a position in row 0")
+    x, y = np.clip(shown * EDGE_X_M / spec.observation_scale, -room, room)
+    played = play(spec.base, commands, (float(x), float(y)), spec.hidden, spec.random(FURTHER, 1))
+    if watch is not None and spec.through_camera:
+        seen = _watched(spec, [played], watch, FURTHER)[0]
+    else:
+        seen = played.seen + spec.sigma * noise.noise(spec.noise, len(commands), spec.random(FURTHER, 2))
+    return _csv(commands, noise.outliers(seen, spec.outliers, spec.random(FURTHER, 3)))
+
+
+def _watched(spec: Spec, played: list[Played], watch: Watch, first: int = 0) -> Array:
+    """Return what a tracker reads (runs, n, 2) [board edges] off pictures of runs, numbered from a first."""
     edges = spec.observation_scale, spec.observation_scale * EDGE_Y_M / EDGE_X_M
     radius = spec.observation_scale * RADIUS_M / EDGE_X_M
     calibration, empty = camera.calibration(spec), camera.empty(spec)
     return np.array(
         [
             watch(calibration, empty, camera.pictures(spec, run, one), edges, radius)
-            for run, one in enumerate(played)
+            for run, one in enumerate(played, start=first)
         ]
     )
+
+
+def _csv(commands: Array, marble: Array) -> str:
+    lines = ["step,knob_x_rad,knob_y_rad,marble_x,marble_y"]
+    for row, (knob, seen) in enumerate(zip(commands, marble, strict=True)):
+        x, y = ("" if np.isnan(value) else f"{value:.6f}" for value in seen)
+        lines.append(f"{row},{knob[0]:.6f},{knob[1]:.6f},{x},{y}")
+    return "\n".join(lines) + "\n"
 
 
 def _write(path: Path, text: str) -> None:
