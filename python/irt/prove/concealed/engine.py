@@ -66,17 +66,20 @@ class Played:
 
 
 def bullet() -> ModuleType:
-    """Import PyBullet, whose greeting on standard output would break a protocol of lines."""
+    """Import PyBullet without its greeting, which no user asked for and no protocol of lines expects."""
     if "pybullet" not in sys.modules:
         sys.stdout.flush()
+        sys.stderr.flush()
+        kept = [os.dup(1), os.dup(2)]
         with Path(os.devnull).open("w") as nowhere:
-            kept = os.dup(1)
             os.dup2(nowhere.fileno(), 1)
+            os.dup2(nowhere.fileno(), 2)
             try:
                 import pybullet  # noqa: F401, PLC0415
             finally:
-                os.dup2(kept, 1)
-                os.close(kept)
+                for number, one in enumerate(kept, start=1):
+                    os.dup2(one, number)
+                    os.close(one)
     return sys.modules["pybullet"]
 
 
