@@ -100,6 +100,14 @@ def test_a_marble_that_never_moves_shows_nothing(irt, write_rig, tmp_path):
     assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["verdict"] == "sufficient"
 
 
+def test_neither_motion_nor_noise_is_no_stumbling_block(irt, write_rig, tmp_path):
+    knobs = np.zeros((40, 2))
+    rig = write_rig({f"run-{index}": (knobs, np.full((40, 2), 0.1)) for index in range(3)})
+    done = irt("diagnose", rig, "--out", tmp_path / "out")
+    assert (done.status, done.err) == (0, "")
+    assert json.loads((tmp_path / "out" / "diagnosis.json").read_text())["fit"]["noise"] > 0.0
+
+
 def test_ctrl_c_leaves_what_is_known(irt, lab, tmp_path, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt

@@ -58,7 +58,7 @@ def seeming(share: float) -> float:
 def _products(residuals: Sequence[Array], scale: float, lags: int) -> Array:
     """Return the sums of products of residuals so many rows apart, (lags + 1,); lost rows count as zero."""
     products = np.zeros(lags + 1)
-    for residual in residuals:
+    for residual in residuals if scale > 0.0 else ():
         kept = np.nan_to_num(np.clip(residual / scale, -_OUTERMOST, _OUTERMOST))
         for lag in range(min(lags + 1, len(kept))):
             products[lag] += float((kept[lag:] * kept[: len(kept) - lag]).sum())

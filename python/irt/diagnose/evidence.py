@@ -106,7 +106,11 @@ def is_noise(case: Case, one: Fitted) -> bool:
     """
     share = carried(one.residuals, one.noise)
     new, size = fresh(one.residuals, share)
-    if memory(new, size) > FORGETFUL or one.noise > NOISE_LIKE * seeming(share) * case.noise:
+    if one.noise > NOISE_LIKE * seeming(share) * case.noise:
+        return False
+    if size == 0.0:
+        return True
+    if memory(new, size) > FORGETFUL:
         return False
     # What shows in a few recordings alone is little among all rows.
     folds = [np.concatenate([new[i] for i in np.flatnonzero(case.folds == fold)]) for fold in set(case.folds)]

@@ -70,7 +70,7 @@ class Found:
         effects = tuple(self._named(name) for name in self._ordered())
         if self._spread is not None:
             effects = (self._jitter(effects[0]),)
-        noise = best.noise if explained else case.noise
+        noise = best.noise if explained and best.noise > 0.0 else case.noise
         verdict = "missing" if effects else "sufficient"
         lost = self._spread is None and not explained and not between and is_lost(case, best)
         if UNLISTED in best.effects or lost:

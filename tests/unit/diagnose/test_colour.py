@@ -73,3 +73,7 @@ def test_no_noise_is_taken_for_a_model_that_is_lost(plant, share):
     case = replace(plant(), noise=SCALE / seeming(share))
     assert not is_lost(case, fitted([2.0 * one for one in coloured(share)]))
     assert is_lost(case, fitted([10.0 * np.cumsum(one, axis=0) for one in coloured(share)]))
+
+
+def test_a_tracker_without_noise_leaves_none(plant):
+    assert is_noise(plant(), fitted([np.zeros((20, 2))] * 4))
