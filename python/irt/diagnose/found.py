@@ -28,6 +28,9 @@ from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 
+#: No camera sees better than this [board edges]; the engine's fit takes no smaller noise either.
+FINEST = 1e-6
+
 
 class Found:
     """What a search found, to be put into words and numbers.
@@ -70,7 +73,7 @@ class Found:
         effects = tuple(self._named(name) for name in self._ordered())
         if self._spread is not None:
             effects = (self._jitter(effects[0]),)
-        noise = best.noise if explained and best.noise > 0.0 else case.noise
+        noise = max(best.noise, FINEST) if explained else case.noise
         verdict = "missing" if effects else "sufficient"
         lost = self._spread is None and not explained and not between and is_lost(case, best)
         if UNLISTED in best.effects or lost:

@@ -379,7 +379,9 @@ def _label_ends(axes: Any, run: RunProof, shown: Sequence[Side], floor: float) -
     for side in shown:
         _, errors = binned_error(run, side)
         if np.isfinite(errors).any():
-            ends.append((float(errors[np.isfinite(errors)][-1]), side.label, side.colour))
+            # A logarithmic axis has no place for zero.
+            last = max(float(errors[np.isfinite(errors)][-1]), floor / 3.0)
+            ends.append((last, side.label, side.colour))
     style.label_ends(axes, ends)
 
 
