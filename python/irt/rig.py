@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
+
+import numpy as np
 
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml
@@ -126,6 +130,18 @@ class Rig:
     start: Start
     ranges: dict[str, tuple[float, float]]
     recordings: tuple[Recording, ...]
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash (SHA-256) of all that is read from the folder, names of recordings included."""
+        sha = hashlib.sha256(
+            repr((self.board, self.marble, self.start, sorted(self.ranges.items()))).encode()
+        )
+        for one in self.recordings:
+            for array in (one.knobs, one.marble, one.stamps):
+                told = np.zeros(0) if array is None else array
+                sha.update(f"{one.name} {told.shape}".encode() + told.astype("<f8").tobytes())
+        return sha.hexdigest()
 
 
 def load_rig(folder: PathLike) -> Rig:

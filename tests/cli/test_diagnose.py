@@ -1,6 +1,7 @@
 """`irt diagnose` as a user runs it."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -128,3 +129,60 @@ def test_no_rig_is_one_clear_line(irt, tmp_path):
     assert done.status == 1
     assert done.err.count("\n") == 1
     assert "no such folder" in done.err
+
+
+@pytest.fixture
+def several(write_rig):
+    """Return two small rigs of which nothing is missing."""
+    random = np.random.default_rng(3)
+    folders = []
+    for name in ("monday", "tuesday"):
+        runs = {}
+        for index in range(2):
+            knobs = 0.05 * np.sin(2 * np.pi * np.arange(40)[:, None] / random.uniform(15.0, 40.0, 2))
+            marble = rollouts(TRUTH, knobs)[0]
+            runs[f"run-{index}"] = knobs, marble + 1e-3 * random.standard_normal(marble.shape)
+        folders.append(write_rig(runs, folder=name))
+    return folders
+
+
+def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
+    out = tmp_path / "out"
+    done = irt("diagnose", *several, "--out", out, "--jobs", "2")
+    assert (done.status, done.err) == (0, "")
+    for name in ("monday", "tuesday"):
+        told = json.loads((out / name / "diagnosis.json").read_text())
+        assert told["verdict"] == "sufficient"
+        assert any(line.startswith(name) and "sufficient" in line for line in done.out.splitlines())
+        assert f"{name}: nothing is missing" in (out / name / "report.html").read_text()
+        assert str(several[0].parent / name) in told["settings"]["rig"]
+    alone = irt("diagnose", several[0], "--out", tmp_path / "alone", "--threads", "1")
+    assert alone.status == 0
+    assert (tmp_path / "alone/model.toml").read_bytes() == (out / "monday/model.toml").read_bytes()
+
+
+def test_what_is_diagnosed_already_is_left_as_it_is(irt, several, tmp_path, monkeypatch):
+    words = ("diagnose", *several, "--out", tmp_path)
+    assert irt(*words).status == 0
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*day/diagnosis.json")}
+    (several[1] / "run-1.csv").unlink()
+    assert irt(*words).status == 0
+    changed = {path.parent.name for path, time in before.items() if path.stat().st_mtime_ns != time}
+    assert changed == {"tuesday"}
+    assert json.loads((tmp_path / "tuesday/diagnosis.json").read_text())["settings"]["recordings"] == 1
+
+
+def test_rigs_of_one_name_would_share_a_folder(irt, several, tmp_path):
+    twin = tmp_path / "other" / "monday"
+    shutil.copytree(several[0], twin)
+    done = irt("diagnose", several[0], twin)
+    assert done.status == 1
+    assert "have the same name" in done.err
+
+
+def test_a_broken_file_is_known_before_the_first_diagnosis(irt, several, tmp_path):
+    (several[1] / "run-0.csv").write_text("step\n")
+    done = irt("diagnose", *several, "--out", tmp_path / "out")
+    assert done.status == 1
+    assert f"{several[1] / 'run-0.csv'}" in done.err
+    assert not (tmp_path / "out").exists()

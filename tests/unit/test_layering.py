@@ -30,6 +30,7 @@ LAYERS = (
     "recording",
     "files",
     "catalogue",
+    "workers",
     "tracking",
     "errors",
 )

@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import whole
+from irt.errors import IrtError
 
 if TYPE_CHECKING:
     from irt.diagnose import Diagnosis
+    from irt.rig import Rig
 
 NAME = "diagnose"
 HELP = "locate the mismatch, name the missing physics, model it, and prove it"
@@ -20,46 +22,161 @@ HELP = "locate the mismatch, name the missing physics, model it, and prove it"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `irt diagnose`."""
-    parser.add_argument("rig", metavar="RIG", type=Path, help="a folder of recordings (*.csv)")
+    parser.add_argument(
+        "rigs",
+        metavar="RIG",
+        type=Path,
+        nargs="+",
+        help="a folder of recordings (*.csv); of several, each is diagnosed by itself",
+    )
     parser.add_argument(
         "--out",
         metavar="DIR",
         type=Path,
         help="folder for diagnosis.json, model.toml and report.html (default: irt-diagnose-NAME, for a rig "
-        "NAME)",
+        "NAME); of several rigs, DIR/NAME",
     )
     parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of all draws (default: 0)")
     parser.add_argument(
         "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
     )
-    parser.epilog = "example:\n  irt diagnose my-rig --out diagnosed"
+    parser.add_argument(
+        "--jobs", metavar="J", type=whole(1), help="of several rigs, so many at a time (default: one a core)"
+    )
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help='diagnose on an existing Ray cluster ("auto" finds a local one); the answers are the same',
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  irt diagnose my-rig --out diagnosed\n"
+        "  irt diagnose lab/* --out diagnosed   a folder each; the same command goes on after Ctrl-C\n\n"
+        "example:\n  irt diagnose my-rig --out diagnosed"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Diagnose, write model, numbers and the report, and print the answer."""
+    from irt.rig import load_rig
+
+    # All of them first: a broken file is known before the first rig's minute.
+    rigs = {path.resolve().name: load_rig(path) for path in args.rigs}
+    if len(rigs) < len(args.rigs):
+        raise IrtError("two of the rigs have the same name: their answers would share a folder; rename one")
+    if len(rigs) == 1 and args.cluster is None:
+        ((name, rig),) = rigs.items()
+        _diagnose_one(args, rig, args.out or Path(f"irt-diagnose-{name}"))
+        return
+    folders = {name: _folder(args.out, name, alone=len(rigs) == 1) for name in rigs}
+    _diagnose_many(args, rigs, folders)
+
+
+def _folder(out: Path | None, name: str, *, alone: bool) -> Path:
+    """Return where the answer for a rig belongs."""
+    if out is None:
+        return Path(f"irt-diagnose-{name}")
+    return out if alone else out / name
+
+
+def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
+    """Diagnose a rig in this process, with a bar that says what is tried."""
     from irt.cli.progress import progress_bar
     from irt.diagnose import Interrupted, diagnose
     from irt.files import make_folder, write_atomic
-    from irt.model import save_model
-    from irt.report.diagnosis_report import write_diagnosis_report
-    from irt.rig import load_rig
+    from irt.report.diagnosed import write_diagnosis
 
-    rig = load_rig(args.rig)
-    folder = make_folder(args.out or Path(f"irt-diagnose-{args.rig.resolve().name}"))
+    make_folder(folder)
     try:
         with progress_bar() as progress:
             found = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
     except Interrupted as stopped:
         partial = folder / "candidates.json"
-        write_atomic(partial, _json({"interrupted": True, "candidates": stopped.candidates}))
+        content = {"interrupted": True, "candidates": stopped.candidates}
+        write_atomic(partial, f"{json.dumps(content, indent=2, allow_nan=False)}\n")
         print(f"irt: what was tried so far is in {partial}", file=sys.stderr)
         raise
-    save_model(folder / "model.toml", found.model)
-    write_atomic(folder / "diagnosis.json", _json(found.as_dict()))
-    page = write_diagnosis_report(folder, rig, found)
+    page = write_diagnosis(folder, rig, found)
     for line in _answer(found):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
+
+
+def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: Mapping[str, Path]) -> None:
+    """Diagnose each rig in a process of its own, but for those that are diagnosed already."""
+    from contextlib import closing
+
+    from irt.cli.progress import progress_bar
+    from irt.files import make_folder, write_atomic
+    from irt.workers import FAILED
+    from irt.workers.choice import make_workers
+
+    workers = make_workers(args.jobs, args.cluster)
+    for folder in folders.values():
+        make_folder(folder)
+    left = [name for name, rig in rigs.items() if not _is_done(folders[name], rig, args.seed)]
+    inputs = {name: _files(rigs[name].path) for name in left}
+    failed = {}
+    try:
+        with (
+            progress_bar() as progress,
+            closing(workers.each("irt.report.diagnosed", inputs, [str(args.seed)])) as answers,
+        ):
+            for done, (name, files) in enumerate(answers, start=1):
+                progress(done, len(left), f"{name} is done")
+                if FAILED in files:
+                    failed[name] = json.loads(files[FAILED])["error"]
+                    continue
+                # The numbers come last: where they are, the rest is whole.
+                for file in sorted(files, key="diagnosis.json".__eq__):
+                    write_atomic(folders[name] / file, files[file])
+    except KeyboardInterrupt:
+        print("irt: what is done stays: the same command goes on", file=sys.stderr)
+        raise
+    for line in _table({name: folders[name] for name in rigs if name not in failed}):
+        print(line)
+    if failed:
+        raise IrtError("; ".join(f"{name}: {error}" for name, error in failed.items()))
+
+
+def _files(path: Path) -> dict[str, bytes]:
+    """Return what a process needs of a rig's folder, and the folder's path, for what it says of it."""
+    from irt.workers.processes import files_of
+
+    files = {**files_of(path, "rig.toml"), **files_of(path, "*.csv")}
+    return {"path": str(path).encode(), **{f"rig/{name}": data for name, data in files.items()}}
+
+
+def _is_done(folder: Path, rig: Rig, seed: int) -> bool:
+    """Whether a folder holds the whole answer for just these recordings, this seed and this release."""
+    from importlib.metadata import version
+
+    try:
+        settings = json.loads((folder / "diagnosis.json").read_bytes())["settings"]
+    except (OSError, ValueError, KeyError):
+        return False
+    wanted = {"recordings_sha256": rig.digest, "seed": seed, "version": version("labsim-irt")}
+    return all(settings.get(key) == value for key, value in wanted.items())
+
+
+def _table(folders: Mapping[str, Path]) -> Iterator[str]:
+    """Yield a line for each rig: the verdict, what was named, the error before and after."""
+    width = max(map(len, ["rig", *folders]))
+    yield f"{'rig':<{width}}  {'verdict':<10} {'held out':>17}  effects"
+    for name, folder in folders.items():
+        told = json.loads((folder / "diagnosis.json").read_bytes())
+        named = " + ".join(_or_rivals(one) for one in told["effects"])
+        fit = told["fit"]
+        errors = [fit["base_heldout_mae"], fit["final_heldout_mae"]]
+        held_out = "-" if None in errors else " -> ".join(f"{100 * error:.2f} %" for error in errors)
+        yield f"{name:<{width}}  {told['verdict']:<10} {held_out:>17}  {named or '-'}"
+    yield f"\nwrote diagnosis.json, model.toml and report.html to {', '.join(map(str, folders.values()))}"
+
+
+def _or_rivals(effect: Mapping[str, Any]) -> str:
+    """Return the name of an effect, with those that would explain the recordings as well."""
+    names: Sequence[str] = [effect["name"], *effect["confusable_with"]]
+    return " or ".join(names)
 
 
 def _answer(found: Diagnosis) -> Iterator[str]:
@@ -84,7 +201,3 @@ def _answer(found: Diagnosis) -> Iterator[str]:
         if sentences:
             yield f"\n{title}"
             yield from (f"- {sentence}" for sentence in sentences)
-
-
-def _json(content: dict[str, Any]) -> str:
-    return f"{json.dumps(content, indent=2, allow_nan=False)}\n"

@@ -55,6 +55,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
     )
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help='simulate on an existing Ray cluster ("auto" finds a local one); the network is the same',
+    )
     parser.epilog = "example:\n  irt pretrain --pairs 20000 --out tunenet.safetensors"
 
 
@@ -63,6 +68,7 @@ def run(args: argparse.Namespace) -> None:
     from irt.cli.progress import progress_bar
     from irt.report.plots import plot_loss
     from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain
+    from irt.workers.choice import make_workers
 
     began = time.perf_counter()
     try:
@@ -75,6 +81,7 @@ def run(args: argparse.Namespace) -> None:
                 command=_command(args),
                 threads=args.threads,
                 progress=progress,
+                workers=None if args.cluster is None else make_workers(cluster=args.cluster),
             )
     except KeyboardInterrupt:
         if (checkpoint := checkpoint_path(args.out)).exists():

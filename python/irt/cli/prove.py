@@ -16,7 +16,6 @@ from irt.errors import IrtError
 if TYPE_CHECKING:
     from irt.prove.chain import Places
     from irt.prove.plan import Plan
-    from irt.prove.workers import Workers
 
 NAME = "prove"
 HELP = "hide effects in rigs of another engine, diagnose them blind, open the seals, score"
@@ -100,11 +99,12 @@ def _proved(args: argparse.Namespace) -> tuple[Places, list[str]]:
     """Go through the proof, from where it was left."""
     from irt.cli.progress import progress_bar
     from irt.prove.run import Proof
+    from irt.workers.choice import make_workers
 
     plan = _plan(args)
     world = shlex.split(args.world) if args.world else _world()
     jobs = args.jobs or os.cpu_count() or 1
-    workers = _workers(jobs, args.cluster)
+    workers = make_workers(jobs, args.cluster)
     try:
         with progress_bar() as progress:
             proof = Proof(
@@ -121,17 +121,6 @@ def _proved(args: argparse.Namespace) -> tuple[Places, list[str]]:
     except KeyboardInterrupt:
         print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
         raise
-
-
-def _workers(jobs: int, cluster: str | None) -> Workers:
-    """Return who runs the diagnoses: this machine, or the Ray cluster at an address."""
-    from irt.prove.workers import LocalWorkers
-
-    if cluster is None:
-        return LocalWorkers(jobs)
-    from irt.prove.cluster import RayWorkers
-
-    return RayWorkers(cluster)
 
 
 def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:

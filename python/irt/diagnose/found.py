@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,7 +118,12 @@ class Found:
                     explained_between=between,
                 )
             ),
-            settings={"rig": str(case.rig.path), "recordings": len(case.rig.recordings)},
+            settings={
+                "rig": str(case.rig.path),
+                "recordings": len(case.rig.recordings),
+                "recordings_sha256": case.rig.digest,
+                "version": version("labsim-irt"),
+            },
             seed=case.seed,
             seconds=0.0,
         )

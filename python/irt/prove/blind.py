@@ -20,7 +20,6 @@ from irt.prove.seal import canonical
 
 #: Seconds of one core, which is no part of what must be the same for the same recordings.
 SECONDS = "seconds.json"
-FAILED = "failed.json"
 
 
 def main(words: Sequence[str]) -> int:

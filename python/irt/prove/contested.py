@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.files import read_text
-from irt.prove.blind import FAILED
 from irt.prove.score import RigScore, held_out, label_of
 from irt.prove.tally import Quantity, Rate, nulls, of_catalogue
 from irt.recording import Recording
+from irt.workers import FAILED
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from typing import Any
 
 from irt.errors import IrtError
 from irt.files import read_text
-from irt.prove.blind import FAILED
 from irt.prove.pipe import Pipe
 from irt.prove.propose import RANDOM, SUGGESTED
 from irt.prove.score import RigScore, naming
-from irt.prove.workers import Files, Workers, files_of
+from irt.workers import FAILED, Files, Workers
+from irt.workers.processes import files_of
 
 BLIND, PROPOSE = "irt.prove.blind", "irt.prove.propose"
 KINDS = (SUGGESTED, RANDOM)

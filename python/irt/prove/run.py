@@ -23,9 +23,10 @@ from irt.prove.pipe import Pipe
 from irt.prove.plan import Plan
 from irt.prove.score import held_out, label_of
 from irt.prove.seal import canonical
-from irt.prove.workers import Files, Workers, files_of
 from irt.recording import Recording
 from irt.segments import LEAD_ROWS
+from irt.workers import Files, Workers
+from irt.workers.processes import files_of
 
 Progress = Callable[[int, int, str], None]
 

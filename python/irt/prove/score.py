@@ -17,10 +17,11 @@ from irt.diagnose.diagnosis import UNLISTED
 from irt.errors import IrtError
 from irt.files import read_text
 from irt.model import Model, load_model
-from irt.prove.blind import FAILED, SECONDS
+from irt.prove.blind import SECONDS
 from irt.recording import Recording, load_recording
 from irt.residual import evaluate
 from irt.segments import LEAD_ROWS
+from irt.workers import FAILED
 
 Array = NDArray[np.float64]
 

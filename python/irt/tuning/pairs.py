@@ -12,6 +12,8 @@ from torch import Tensor
 from irt.fitting.fit import Progress
 from irt.rig import PARAMETERS
 from irt.tuning.drive import Drive
+from irt.tuning.shards import of_threads, of_workers
+from irt.workers import Workers
 
 #: Timesteps simulated in one call: enough for every thread, and little memory.
 _ROWS_AT_ONCE = 500_000
@@ -50,7 +52,13 @@ class Pairs:
 
 
 def simulate_pairs(
-    drive: Drive, count: int, seed: int, threads: int | None = None, progress: Progress | None = None
+    drive: Drive,
+    count: int,
+    seed: int,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    workers: Workers | None = None,
 ) -> Pairs:
     """Draw parameters uniformly and simulate them, for ``count`` pairs and a tenth as many held out.
 
@@ -66,17 +74,27 @@ def simulate_pairs(
         Of the engine.
     progress : callable, optional
         Called with (done, total, text).
+    workers : Workers, optional
+        Who simulates, instead of this process; the bits are the same.
+
+    Raises
+    ------
+    IrtError
+        If a worker fails.
     """
     heldout = max(1, count // 10)
     total = 2 * (count + heldout)
     scaled = np.where(drive.open, np.random.default_rng([seed, 0]).random((total, len(PARAMETERS))), 0.0)
     inputs = np.empty((total, drive.input_count), dtype=np.float32)
     chunk = max(1, _ROWS_AT_ONCE // sum(len(run.knobs) for run in drive.runs))
-    for first in range(0, total, chunk):
-        stretch = slice(first, first + chunk)
-        inputs[stretch] = drive.inputs(drive.simulate(drive.parameters(scaled[stretch]), threads))
+    shards = {first: scaled[first : first + chunk] for first in range(0, total, chunk)}
+    answers = of_workers(workers, drive, shards) if workers else of_threads(drive, shards, threads)
+    done = 0
+    for first, seen in answers:
+        inputs[first : first + chunk] = seen
+        done += len(seen)
         if progress:
-            progress(min(first + chunk, total), total, "simulating pairs")
+            progress(done, total, "simulating pairs")
     narrow = scaled.astype(np.float32)
     return Pairs(
         torch.from_numpy(narrow),

@@ -32,6 +32,7 @@ from irt.tuning.tunenet import (
     save_network,
     write_tensors,
 )
+from irt.workers import Workers
 
 #: Epochs between two checkpoints.
 CHECKPOINT_EPOCHS = 5
@@ -95,6 +96,7 @@ def pretrain(
     device: str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
+    workers: Workers | None = None,
 ) -> NetworkFile:
     """Simulate pairs, train a network on them and write it.
 
@@ -117,6 +119,8 @@ def pretrain(
         Of the simulations; the result does not depend on it.
     progress : callable, optional
         Called with (done, total, text).
+    workers : Workers, optional
+        Who simulates the pairs, instead of this process; the result does not depend on it.
 
     Returns
     -------
@@ -136,7 +140,9 @@ def pretrain(
     if resume:
         # Known at once, not after the simulations.
         read_tensors(checkpoint)
-    pairs = simulate_pairs(drive, recipe.pairs, recipe.seed, threads, progress)
+    pairs = simulate_pairs(
+        drive, recipe.pairs, recipe.seed, threads=threads, progress=progress, workers=workers
+    )
     metadata = _metadata(drive, recipe, pairs, command)
     place = torch.device(device or best_device())
     with _reproducible():

@@ -16,8 +16,8 @@ from irt.prove.chain import Places
 from irt.prove.plan import Plan
 from irt.prove.run import Proof
 from irt.prove.score import Errors, RigScore
-from irt.prove.workers import Files
 from irt.rig import load_rig
+from irt.workers import Files
 
 WORLD = [sys.executable, str(Path(__file__).with_name("fake_world.py"))]
 #: Base values of the fake world.

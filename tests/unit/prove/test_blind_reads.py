@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 import irt
-from irt.prove import workers
-from irt.prove.workers import LocalWorkers, environment, files_of, run_module
+from irt.workers import processes as workers
+from irt.workers.processes import LocalWorkers, environment, files_of, run_module
 
 BLIND = "irt.prove.blind"
 

@@ -1,14 +1,15 @@
-"""Rigs on an existing Ray cluster: the same processes, on other machines, with the same answers."""
+"""Work on an existing Ray cluster: the same processes, on other machines, with the same answers."""
 
 from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 from irt.errors import IrtError
-from irt.prove.workers import Files, run_module
+from irt.workers import Files
+from irt.workers.processes import run_module
 
 _EXTRA = 'install it with: pip install "labsim-irt[cluster]"'
 
@@ -48,11 +49,13 @@ class RayWorkers:
             except (ConnectionError, RuntimeError, ValueError) as error:
                 raise IrtError(f"no Ray cluster answers at {address}: {error}") from error
 
-    def each(self, module: str, inputs: Mapping[str, Files]) -> Generator[tuple[str, Files]]:
-        """Yield (name, files written) as rigs get done; Ctrl-C takes back what has not begun."""
+    def each(
+        self, module: str, inputs: Mapping[str, Files], words: Sequence[str] = ()
+    ) -> Generator[tuple[str, Files]]:
+        """Yield (name, files written) as work gets done; Ctrl-C takes back what has not begun."""
         # A module that is run needs nothing but the files: no object of this process travels.
         work = self._ray.remote(run_module).options(num_cpus=1, max_retries=3)
-        tasks = {work.remote(module, files): name for name, files in inputs.items()}
+        tasks = {work.remote(module, files, tuple(words)): name for name, files in inputs.items()}
         left = list(tasks)
         try:
             while left:

@@ -1,7 +1,8 @@
-"""Rigs to processes: each gets a copy of the files that it may see, in a fresh folder; files come back."""
+"""Work to processes: each gets a copy of the files that it may see, in a fresh folder; files come back."""
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -10,13 +11,9 @@ import threading
 from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
-from typing import Protocol
 
 from irt.errors import IrtError
-from irt.prove.blind import FAILED
-from irt.prove.seal import canonical
-
-Files = dict[str, bytes]
+from irt.workers import FAILED, Files
 
 #: What a process inherits from the environment: where programs and packages are, and no more.
 _INHERITED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "HOME", "LANG", "LC_ALL", "SYSTEMROOT", "TMPDIR")
@@ -25,15 +22,10 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 PATIENCE_S = 3600.0
 
 
-class Workers(Protocol):
-    """Whoever runs a module on the files of many rigs."""
-
-    def each(self, module: str, inputs: Mapping[str, Files]) -> Generator[tuple[str, Files]]:
-        """Yield (name, files written) as rigs get done, in any order."""
-
-
-def run_module(module: str, files: Mapping[str, bytes], started: Started | None = None) -> Files:
-    """Run ``python -m module FOLDER OUT`` on files in a fresh folder, and return what it wrote.
+def run_module(
+    module: str, files: Mapping[str, bytes], words: Sequence[str] = (), started: Started | None = None
+) -> Files:
+    """Run ``python -m module FOLDER OUT WORDS`` on files in a fresh folder, and return what it wrote.
 
     Where it fails, the files are one, ``failed.json``, with its last words.
 
@@ -43,10 +35,12 @@ def run_module(module: str, files: Mapping[str, bytes], started: Started | None 
         Full name.
     files : mapping of name to bytes
         What the process may see; a name may hold a folder.
+    words : sequence of str
+        Arguments that follow those two.
     started : Started, optional
         Is told of the process, to be able to end it.
     """
-    # What the process is told of places is the same for every rig, and so are the words of an answer.
+    # What the process is told of places is the same every time, and so are the words of an answer.
     with tempfile.TemporaryDirectory(prefix="irt-") as place:
         folder, out = Path(place) / "rig", Path(place) / "out"
         for path in (folder, out):
@@ -54,10 +48,10 @@ def run_module(module: str, files: Mapping[str, bytes], started: Started | None 
         for name, data in files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_bytes(data)
-        words = [sys.executable, "-m", module, folder.name, out.name]
-        failure = _run(words, place, started or Started())
+        command = [sys.executable, "-m", module, folder.name, out.name, *words]
+        failure = _run(command, place, started or Started())
         if failure is not None:
-            return {FAILED: canonical({"error": failure})}
+            return {FAILED: json.dumps({"error": failure}).encode()}
         return {path.name: path.read_bytes() for path in sorted(out.iterdir())}
 
 
@@ -69,13 +63,13 @@ class Started:
         self._running: set[subprocess.Popen[str]] = set()
         self._stopped = False
 
-    def start(self, words: Sequence[str], place: str) -> subprocess.Popen[str]:
+    def start(self, command: Sequence[str], place: str) -> subprocess.Popen[str]:
         """Start a process, unless all were ended."""
         with self._lock:
             if self._stopped:
                 raise IrtError("stopped")
             process = subprocess.Popen(
-                list(words),
+                list(command),
                 cwd=place,
                 env=environment(),
                 stdin=subprocess.DEVNULL,
@@ -113,12 +107,14 @@ class LocalWorkers:
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
 
-    def each(self, module: str, inputs: Mapping[str, Files]) -> Generator[tuple[str, Files]]:
-        """Yield (name, files written) as rigs get done; Ctrl-C ends the processes first."""
+    def each(
+        self, module: str, inputs: Mapping[str, Files], words: Sequence[str] = ()
+    ) -> Generator[tuple[str, Files]]:
+        """Yield (name, files written) as work gets done; Ctrl-C ends the processes first."""
         started = Started()
         with ThreadPoolExecutor(self._jobs) as pool:
             tasks: dict[Future[Files], str] = {
-                pool.submit(run_module, module, files, started): name for name, files in inputs.items()
+                pool.submit(run_module, module, files, words, started): name for name, files in inputs.items()
             }
             try:
                 for done in as_completed(tasks):
@@ -129,7 +125,7 @@ class LocalWorkers:
 
 
 def environment() -> dict[str, str]:
-    """Return what a process is told by its environment: one thread, and nothing of the proof."""
+    """Return what a process is told by its environment: one thread, and where programs and packages are."""
     kept = {name: os.environ[name] for name in _INHERITED if name in os.environ}
     # The process starts in another folder, where a relative path leads nowhere.
     paths = [str(Path(__file__).resolve().parents[2])]
@@ -143,9 +139,9 @@ def files_of(folder: Path, pattern: str = "*") -> Files:
     return {path.name: path.read_bytes() for path in sorted(folder.glob(pattern)) if path.is_file()}
 
 
-def _run(words: Sequence[str], place: str, started: Started) -> str | None:
+def _run(command: Sequence[str], place: str, started: Started) -> str | None:
     """Run a process; return its last words where it failed."""
-    process = started.start(words, place)
+    process = started.start(command, place)
     try:
         _, said = process.communicate(timeout=PATIENCE_S)
     except subprocess.TimeoutExpired:

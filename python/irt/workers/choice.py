@@ -1,0 +1,31 @@
+"""The choice between this machine and a cluster."""
+
+from __future__ import annotations
+
+import os
+
+from irt.workers import Workers
+
+
+def make_workers(jobs: int | None = None, cluster: str | None = None) -> Workers:
+    """Return who runs processes: so many at a time on this machine, or the Ray cluster at an address.
+
+    Parameters
+    ----------
+    jobs : int, optional
+        On this machine; by default one for each core.
+    cluster : str, optional
+        As Ray takes it; "auto" for one that this machine belongs to.
+
+    Raises
+    ------
+    IrtError
+        If Ray is not installed, or no cluster answers.
+    """
+    if cluster is not None:
+        from irt.workers.cluster import RayWorkers  # noqa: PLC0415
+
+        return RayWorkers(cluster)
+    from irt.workers.processes import LocalWorkers  # noqa: PLC0415
+
+    return LocalWorkers(jobs or os.cpu_count() or 1)
