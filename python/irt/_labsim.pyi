@@ -45,6 +45,7 @@ def rollouts(
     commands: npt.NDArray[np.float64],
     start: npt.NDArray[np.float64],
     start_velocity: npt.NDArray[np.float64],
+    rolled: npt.NDArray[np.float64],
     *,
     rows: int,
     first: npt.NDArray[np.uintp],

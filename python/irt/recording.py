@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike, read_text, write_atomic
+from irt.way import way_rolled
 
 Array = NDArray[np.float64]
 #: Names the place of a value in a message, from its row (from 0) and its column.
@@ -91,6 +93,11 @@ class Recording:
     def seen(self) -> NDArray[np.bool_]:
         """Rows in which the tracker saw the marble, (n,)."""
         return ~np.isnan(self.marble[:, 0])
+
+    @cached_property
+    def way(self) -> Array:
+        """How far the marble has rolled up to each row, (n,) [board edges]."""
+        return way_rolled(self.marble)
 
     def to_csv(self) -> str:
         """Return the recording as CSV text that reads back bit for bit."""

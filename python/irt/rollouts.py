@@ -50,6 +50,7 @@ def rollouts(
     issued: npt.ArrayLike | None = None,
     knobs_before: npt.ArrayLike | None = None,
     start_velocity: npt.ArrayLike | None = None,
+    rolled: npt.ArrayLike = 0.0,
     durations: npt.ArrayLike | None = None,
     time_step: TimeStep = "rounded",
     substeps: npt.ArrayLike | None = None,
@@ -91,6 +92,8 @@ def rollouts(
         Knob angles before row 0 [rad]; default level.
     start_velocity : (2,) or (n, 2), optional
         Observed velocity at the first row [board edges per second]; default at rest.
+    rolled : float or (n,), optional
+        How far the marble has rolled before [m], for what depends on how it is turned; default not at all.
     durations : (steps,) or (n, steps), optional
         Seconds that each command holds, from a recording's stamps; ``time_scale`` is not used then.
     time_step : {"rounded", "continuous"}
@@ -130,6 +133,7 @@ def rollouts(
         knobs,
         _pairs("start", start, count),
         _pairs("start_velocity", start_velocity, count),
+        _numbers("rolled", rolled, count),
         rows=_whole("rows", rows, 1),
         first=firsts,
         issued=_lengths(issued, count, steps),
@@ -198,6 +202,14 @@ def _pairs(what: str, values: npt.ArrayLike | None, count: int) -> Array:
     array = _per_rollout(what, values, "(2,) or (n, 2)", 2, count)
     if array.shape[1] != 2:
         raise IrtError(f"{what}: expected shape (2,) or (n, 2), got {np.shape(values)}")
+    return array
+
+
+def _numbers(what: str, values: npt.ArrayLike, count: int) -> Array:
+    """Return one number for all (1,) or one each (n,)."""
+    array = _array(what, np.atleast_1d(values), "() or (n,)", 1)
+    if array.shape not in ((1,), (count,)):
+        raise IrtError(f"{what}: expected one for each of the {count} rollouts, got {len(array)}")
     return array
 
 

@@ -48,6 +48,8 @@ class Segment:
         Commands of the whole recording [rad], which effects may remember; by default there is no more of it.
     run_durations : (m,) array or None
         How long those hold [s].
+    way : (n,) array or None
+        How far the marble has rolled from the recording's row 0 to each row [board edges].
     """
 
     recording: str
@@ -59,6 +61,7 @@ class Segment:
     start_velocity: Array
     run_knobs: Array | None = None
     run_durations: Array | None = None
+    way: Array | None = None
 
     def cut(self, first: int, stop: int) -> Segment:
         """Return some of its rows, with the commands before them; how the marble begins is not known."""
@@ -73,6 +76,7 @@ class Segment:
             start_velocity=np.full(2, np.nan),
             run_knobs=self.knobs if whole else self.run_knobs,
             run_durations=self.durations if whole else self.run_durations,
+            way=None if self.way is None else self.way[own],
         )
 
 
@@ -133,7 +137,8 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
         if durations is not None and run_durations is not None:
             durations[i, : issued[i]] = run_durations
     first = np.array([first for _, _, first in runs])
-    return Inputs(knobs, durations, first, issued, len(batch[0].knobs))
+    rolled = np.array([0.0 if segment.way is None else segment.way[0] for segment in batch])
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled)
 
 
 def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
@@ -149,6 +154,7 @@ def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
         start_velocity=state[2:],
         run_knobs=recording.knobs,
         run_durations=durations,
+        way=recording.way[stretch],
     )
 
 

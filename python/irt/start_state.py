@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.model import Model
+from irt.rig import PARAMETERS
 from irt.rollouts import rollouts
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ class Inputs:
         How many commands there are; the rest fills shorter ones up.
     rows : int
         n, the rows of each window.
+    rolled : (w,) array
+        How far the marble has rolled before each window [board edges].
     """
 
     knobs: Array
@@ -43,12 +46,14 @@ class Inputs:
     first: NDArray[np.int64]
     issued: NDArray[np.int64]
     rows: int
+    rolled: Array
 
     @classmethod
     def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
         """Return the inputs of windows without history, (w, n, 2) knob angles [rad] and (w, n) seconds."""
         windows, rows = knobs.shape[:2]
-        return cls(knobs, durations, np.zeros(windows, dtype=np.int64), np.full(windows, rows), rows)
+        none = np.zeros(windows, dtype=np.int64)
+        return cls(knobs, durations, none, np.full(windows, rows), rows, np.zeros(windows))
 
     def repeated(self, times: int) -> Inputs:
         """Return each window so many times."""
@@ -60,7 +65,14 @@ class Inputs:
 
     def _taken(self, windows: NDArray[np.int64]) -> Inputs:
         durations = None if self.durations is None else self.durations[windows]
-        return Inputs(self.knobs[windows], durations, self.first[windows], self.issued[windows], self.rows)
+        return Inputs(
+            self.knobs[windows],
+            durations,
+            self.first[windows],
+            self.issued[windows],
+            self.rows,
+            self.rolled[windows],
+        )
 
 
 def simulate(
@@ -106,13 +118,15 @@ def simulate(
         for effect in model.effects
         if added is None or effect.name != added["name"]
     ]
+    own = model.values if values is None else values
     return rollouts(
-        np.tile(model.values if values is None else values, (len(states), 1)),
+        np.tile(own, (len(states), 1)),
         inputs.knobs,
         rig=model,
         effects=effects if added is None else [*effects, added],
         start=states[:, :2],
         start_velocity=states[:, 2:],
+        rolled=inputs.rolled * model.board.edge_x_m / own[PARAMETERS.index("observation_scale")],
         durations=inputs.durations,
         time_step=model.time_step,
         substeps=None if substeps is None else np.full(len(states), substeps),

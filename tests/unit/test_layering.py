@@ -28,6 +28,7 @@ LAYERS = (
     "model",
     "rig",
     "recording",
+    "way",
     "files",
     "catalogue",
     "workers",

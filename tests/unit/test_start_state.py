@@ -68,17 +68,38 @@ def test_simulate_passes_effects_on(knobs, states) -> None:
 def test_effects_remember_what_was_commanded_before_a_window(knobs, states) -> None:
     slow = dataclasses.replace(model(), effects=(Effect("lag", {"time_constant_s": 0.3}),))
     long = np.concatenate([knobs, knobs[::-1]], axis=1)
-    inputs = Inputs(long, None, np.arange(6) % 3 + 2, np.full(6, 2 * ROWS), ROWS)
+    inputs = Inputs(long, None, np.arange(6) % 3 + 2, np.full(6, 2 * ROWS), ROWS, np.zeros(6))
     seen = simulate(slow, inputs, states)
     for i, first in enumerate(inputs.first):
         # What comes after a window does not matter to it, what was before does.
         rows = np.array([first + ROWS])
-        cut = Inputs(long[i : i + 1, : first + ROWS], None, inputs.first[i : i + 1], rows, ROWS)
+        cut = Inputs(long[i : i + 1, : first + ROWS], None, inputs.first[i : i + 1], rows, ROWS, np.zeros(1))
         np.testing.assert_array_equal(simulate(slow, cut, states[i : i + 1])[0], seen[i])
         forgetful = Inputs.of_whole(long[i : i + 1, first : first + ROWS])
         assert np.abs(simulate(slow, forgetful, states[i : i + 1])[0] - seen[i]).max() > 1e-5
     found = estimate_start_states(slow, inputs, seen, np.zeros((6, 4)))
     np.testing.assert_allclose(found, states, atol=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["rolling", "rapier"])
+def test_a_marble_is_turned_as_far_as_it_has_rolled(engine) -> None:
+    """A window that begins half-way goes on as the whole run does, if it is told the way up to there."""
+    values = [[0.05, 0.04, 2e-4, 1.0, 1.0]]
+    knobs = np.array([[0.03, 0.05]]).repeat(300, axis=0)
+    heavy = {"effects": [{"name": "eccentric_marble", "offset": 0.002, "phase_rad": 1.0}], "engine": engine}
+    whole = rollouts(values, knobs, **heavy)[0]
+    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(whole, axis=0).T))) * Board().edge_x_m
+    half = 200
+    begun = {
+        "start": whole[half],
+        "start_velocity": (whole[half + 1] - whole[half - 1]) * 120.0,
+        "knobs_before": knobs[0],
+    }
+    told = rollouts(values, knobs[half:], rolled=way[half], **begun, **heavy)[0]
+    untold = rollouts(values, knobs[half:], **begun, **heavy)[0]
+    gone = np.abs(whole[half:] - whole[half]).max()
+    assert np.abs(told - whole[half:]).max() < 0.01 * gone
+    assert np.abs(untold - whole[half:]).max() > 0.05 * gone
 
 
 @pytest.mark.parametrize("stamped", [False, True])

@@ -12,6 +12,7 @@ use pyo3::types::PyDict;
 use crate::{arrays, errors, interrupt};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+type Vector<'py> = PyReadonlyArray1<'py, f64>;
 
 /// A problem in Rust's own words, which need neither Python nor its arrays.
 struct Owned {
@@ -30,7 +31,10 @@ struct OwnedRecording {
     knobs_before: [f64; 2],
     durations: Option<Vec<f64>>,
     observed: Vec<[f64; 2]>,
+    way: Vec<f64>,
 }
+
+type AskedRecording<'py> = (Matrix<'py>, Option<Vector<'py>>, Matrix<'py>, Vector<'py>);
 
 /// What `irt.fitting.problem` hands over, as it lies there.
 #[derive(FromPyObject)]
@@ -42,8 +46,8 @@ pub(crate) struct Asked<'py> {
     parameters: Matrix<'py>,
     /// The same of each effect's parameters.
     effects: Vec<(String, Matrix<'py>)>,
-    /// Commands, durations and positions of each recording.
-    recordings: Vec<(Matrix<'py>, Option<PyReadonlyArray1<'py, f64>>, Matrix<'py>)>,
+    /// Commands, durations and positions of each recording, and the way up to each row.
+    recordings: Vec<AskedRecording<'py>>,
     knobs_before: Matrix<'py>,
     /// Recording, first row, rows, whether the marble rests.
     stretches: Vec<(usize, usize, usize, bool)>,
@@ -87,12 +91,13 @@ impl Owned {
             .recordings
             .iter()
             .zip(arrays::rows::<2>(&asked.knobs_before)?);
-        let recordings = recordings.map(|((commands, durations, observed), knobs_before)| {
+        let recordings = recordings.map(|((commands, durations, observed, way), knobs_before)| {
             Ok(OwnedRecording {
                 commands: arrays::rows(commands)?,
                 knobs_before,
                 durations: durations.as_ref().map(|one| one.as_array().to_vec()),
                 observed: arrays::rows(observed)?,
+                way: way.as_array().to_vec(),
             })
         });
         let stretches = asked
@@ -125,6 +130,7 @@ impl Owned {
                 knobs_before: one.knobs_before,
                 durations: one.durations.as_deref(),
                 observed: &one.observed,
+                way: Some(&one.way),
             })
             .collect();
         ask(&Problem {

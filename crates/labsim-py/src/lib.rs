@@ -44,7 +44,7 @@ mod _labsim {
 /// Arrays whose first axis has length 1 are shared by all rollouts.
 #[pyfunction]
 #[pyo3(signature = (
-    parameters, commands, start, start_velocity, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
+    parameters, commands, start, start_velocity, rolled, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
     engine, continuous, substeps, durations, threads
 ))]
 #[expect(
@@ -61,6 +61,7 @@ fn rollouts<'py>(
     commands: PyReadonlyArray3<'py, f64>,
     start: PyReadonlyArray2<'py, f64>,
     start_velocity: PyReadonlyArray2<'py, f64>,
+    rolled: PyReadonlyArray1<'py, f64>,
     rows: usize,
     first: PyReadonlyArray1<'py, usize>,
     issued: PyReadonlyArray1<'py, usize>,
@@ -87,6 +88,7 @@ fn rollouts<'py>(
     let start = arrays::rows::<2>(&start)?;
     let start_velocity = arrays::rows::<2>(&start_velocity)?;
     let knobs_before = arrays::rows::<2>(&knobs_before)?;
+    let rolled = rolled.as_array().to_vec();
     let (first, seeds) = (first.as_array().to_vec(), seeds.as_array().to_vec());
     let substeps = substeps.map(|each| each.as_array().to_vec());
     let durations = durations.map(|each| each.as_array().iter().copied().collect::<Vec<f64>>());
@@ -104,6 +106,7 @@ fn rollouts<'py>(
         first: arrays::shared_or_each(&first, 1, count),
         start: arrays::shared_or_each(&start, 1, count),
         start_velocity: arrays::shared_or_each(&start_velocity, 1, count),
+        rolled: arrays::shared_or_each(&rolled, 1, count),
         time: match durations.as_deref() {
             Some(durations) => TimeBase::Durations(PerRollout::Of(durations)),
             None if continuous => TimeBase::Continuous(substeps.as_deref()),

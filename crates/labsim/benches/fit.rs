@@ -99,6 +99,7 @@ fn fits(criterion: &mut Criterion) {
                 knobs_before: [0.0; 2],
                 durations: None,
                 observed,
+                way: None,
             })
             .collect();
         let stretches: Vec<Stretch> = (0..RUNS)

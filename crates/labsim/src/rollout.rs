@@ -99,6 +99,8 @@ pub struct Batch<'a> {
     pub start: PerRollout<'a, [f64; 2]>,
     /// Observed velocity at that row (board edges per second), one pair.
     pub start_velocity: PerRollout<'a, [f64; 2]>,
+    /// How far the marble has rolled when it is let go (m), one number.
+    pub rolled: PerRollout<'a, f64>,
     /// How long a command holds.
     pub time: TimeBase<'a>,
     /// Of what effects draw, one number.
@@ -119,6 +121,7 @@ impl<'a> Batch<'a> {
             first: PerRollout::Shared(&[0]),
             start: PerRollout::Shared(&[[0.0; 2]]),
             start_velocity: PerRollout::Shared(&[[0.0; 2]]),
+            rolled: PerRollout::Shared(&[0.0]),
             time: TimeBase::Rounded,
             seeds: PerRollout::Shared(&[0]),
         }
@@ -188,6 +191,7 @@ impl<'a> Batch<'a> {
         self.seeds.check("seeds", rollouts, 1)?;
         self.start.check("start", rollouts, 1)?;
         self.start_velocity.check("start_velocity", rollouts, 1)?;
+        self.rolled.check("rolled", rollouts, 1)?;
         if let TimeBase::Durations(durations) = &self.time
             && !matches!(durations, PerRollout::Of(_))
         {
@@ -226,6 +230,7 @@ impl<'a> Batch<'a> {
         };
         finite("start", self.start.of(rollout, 1))?;
         finite("start_velocity", self.start_velocity.of(rollout, 1))?;
+        finite("rolled", &[[self.rolled.of(rollout, 1)[0], 0.0]])?;
         let commands = self.commands.of(rollout, self.issued());
         self.check_length("commands", rollout, commands.len())?;
         finite("knobs_before", self.knobs_before.of(rollout, 1))?;
@@ -347,6 +352,7 @@ impl<'a> Batch<'a> {
             first: self.first.of(rollout, 1)[0],
             start: self.start.of(rollout, 1)[0],
             start_velocity: self.start_velocity.of(rollout, 1)[0],
+            rolled: self.rolled.of(rollout, 1)[0],
             clock: self.clock(rollout),
             seed: self.seeds.of(rollout, 1)[0],
         }

@@ -297,7 +297,7 @@ def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping
 
 def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]:
     """Return the recordings that segments are of, each once, and where in them the segments lie."""
-    recordings: list[tuple[Array, Array | None, Array]] = []
+    recordings: list[tuple[Array, Array | None, Array, Array]] = []
     before: list[Array] = []
     found: dict[str, int] = {}
     stretches = []
@@ -309,8 +309,10 @@ def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]
             found[name] = len(recordings)
             knobs = segment.knobs if segment.run_knobs is None else segment.run_knobs
             durations = segment.durations if segment.run_knobs is None else segment.run_durations
-            recordings.append((knobs, durations, np.full((len(knobs), 2), np.nan)))
+            recordings.append((knobs, durations, np.full((len(knobs), 2), np.nan), np.zeros(len(knobs))))
             before.append(np.zeros(2) if at_rest else knobs[0])
         recordings[found[name]][2][first : first + rows] = segment.observed
+        if segment.way is not None:
+            recordings[found[name]][3][first : first + rows] = segment.way
         stretches.append((found[name], first, rows, at_rest and segment.first_row == 0))
     return {"recordings": recordings, "knobs_before": np.array(before), "stretches": stretches}

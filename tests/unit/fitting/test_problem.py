@@ -33,13 +33,14 @@ def test_segments_of_a_recording_share_it(planted):
     asked = Problem.of(rig, segments(rig, 1.0)).asked
     assert len(asked["recordings"]) == 2
     assert {recording for recording, *_ in asked["stretches"]} == {0, 1}
-    for (knobs, durations, observed), recording, before in zip(
+    for (knobs, durations, observed, way), recording, before in zip(
         asked["recordings"], rig.recordings, asked["knobs_before"], strict=True
     ):
         np.testing.assert_array_equal(knobs, recording.knobs)
         assert durations is None
         seen = np.isfinite(observed)
         np.testing.assert_array_equal(observed[seen], recording.marble[seen])
+        np.testing.assert_array_equal(way[seen[:, 0]], recording.way[seen[:, 0]])
         np.testing.assert_array_equal(before, recording.knobs[0])
     assert not any(at_rest for *_, at_rest in asked["stretches"])
 

@@ -65,6 +65,17 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
         }
     }
 
+    fn let_go(&mut self, rolled: Lanes<S>) {
+        let angles = (2.0 * self.half_curvature * rolled).to_array();
+        let simd = rolled.simd();
+        let sin = Lanes::from_fn(simd, |lane| libm::sin(angles[lane]));
+        let cos = Lanes::from_fn(simd, |lane| libm::cos(angles[lane]));
+        (self.sin, self.cos) = (
+            self.sin * cos + self.cos * sin,
+            self.cos * cos - self.sin * sin,
+        );
+    }
+
     #[inline(always)]
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let (vx, vy) = (marbles.vx, marbles.vy);

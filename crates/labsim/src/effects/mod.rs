@@ -70,6 +70,9 @@ pub(crate) trait Effect<S: Simd>: Sized {
     #[inline(always)]
     fn pass(&mut self, _tilt: &Pair<S>, _length: Lanes<S>) {}
 
+    /// [`Acts::OnMarble`]: the marbles are let go, and have rolled so far before (m).
+    fn let_go(&mut self, _rolled: Lanes<S>) {}
+
     /// [`Acts::OnMarble`]: what acts on the marbles in the next substep.
     #[inline(always)]
     fn act(&mut self, _marbles: &Marbles<S>, _push: &mut Push<S>) {}
@@ -137,6 +140,10 @@ macro_rules! any {
             #[inline(always)]
             pub(crate) fn pass(&mut self, tilt: &Pair<S>, length: Lanes<S>) {
                 match self { $(Self::$Type(effect) => effect.pass(tilt, length)),* }
+            }
+
+            pub(crate) fn let_go(&mut self, rolled: Lanes<S>) {
+                match self { $(Self::$Type(effect) => effect.let_go(rolled)),* }
             }
 
             #[inline(always)]

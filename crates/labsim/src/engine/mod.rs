@@ -172,6 +172,8 @@ pub(crate) struct Job<'a> {
     pub(crate) start: [f64; 2],
     /// Observed velocity at that row (board edges per second); the marble rolls without slip.
     pub(crate) start_velocity: [f64; 2],
+    /// How far the marble has rolled before (m).
+    pub(crate) rolled: f64,
     pub(crate) clock: Clock,
     /// Of what effects draw.
     pub(crate) seed: u64,

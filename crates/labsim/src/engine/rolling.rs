@@ -164,8 +164,10 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
         }
         let actuation = Actuation::new(simd, setup, job);
         let mut forces = effects(|acts| matches!(acts, Acts::OnMarble { .. }));
+        let rolled = Lanes::from_fn(simd, |lane| job(lane).rolled);
         for effect in &mut forces {
             effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
+            effect.let_go(rolled);
         }
         Self {
             jobs,
@@ -330,6 +332,7 @@ mod tests {
                 commands: &commands,
                 start: [0.01 * f64::from(i), -0.2],
                 start_velocity: [0.3, 0.0],
+                rolled: 0.0,
                 clock: Clock::Even(Step::rounded(f64::from(substeps(i)))),
             })
             .collect();

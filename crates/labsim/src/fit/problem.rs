@@ -55,6 +55,8 @@ pub struct Recording<'a> {
     pub durations: Option<&'a [f64]>,
     /// Positions (board edges); not a number in rows where the tracker lost the marble.
     pub observed: &'a [[f64; 2]],
+    /// How far the marble has rolled up to each row (board edges), where that is known; nothing else.
+    pub way: Option<&'a [f64]>,
 }
 
 /// Rows of a recording that are predicted from one start state.
@@ -241,6 +243,14 @@ impl Problem<'_> {
                 .is_some_and(|durations| durations.len() != rows)
             {
                 let what = format!("durations of recording {i}");
+                return Err(Error::invalid(
+                    what,
+                    &format!("{rows} rows"),
+                    "another number",
+                ));
+            }
+            if one.way.is_some_and(|way| way.len() != rows) {
+                let what = format!("way of recording {i}");
                 return Err(Error::invalid(
                     what,
                     &format!("{rows} rows"),

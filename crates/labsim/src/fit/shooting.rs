@@ -160,7 +160,7 @@ impl<'a> Shooting<'a> {
         let mut effects: Vec<Vec<f64>> = vec![Vec::new(); problem.effects.len()];
         let (mut start, mut start_velocity) =
             (Vec::with_capacity(count), Vec::with_capacity(count));
-        let mut updates = Vec::with_capacity(count);
+        let (mut rolled, mut updates) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for trial in trials {
             let (base, of_effects) = trial.values.split_at(5);
             let base = Parameters::from(std::array::from_fn::<f64, 5, _>(|i| base[i]));
@@ -170,6 +170,7 @@ impl<'a> Shooting<'a> {
                 parameters.push(base);
                 start.push([state[0], state[1]]);
                 start_velocity.push([state[2] / row_s, state[3] / row_s]);
+                rolled.push(window.rolled * problem.rig.board.edge_x_m / base.observation_scale);
                 updates.push(trial.updates);
                 let mut rest = of_effects;
                 for (values, one) in effects.iter_mut().zip(problem.effects) {
@@ -231,6 +232,7 @@ impl<'a> Shooting<'a> {
             first: PerRollout::Each(&first),
             start: PerRollout::Each(&start),
             start_velocity: PerRollout::Each(&start_velocity),
+            rolled: PerRollout::Each(&rolled),
             time: if problem.is_stamped() {
                 TimeBase::Durations(PerRollout::Of(&durations))
             } else {

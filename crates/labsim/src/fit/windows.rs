@@ -27,6 +27,8 @@ pub(super) struct Window {
     pub(super) offset: usize,
     /// Seconds of a row where the recording is stamped.
     pub(super) row_s: Option<f64>,
+    /// How far the marble has rolled before (board edges).
+    pub(super) rolled: f64,
 }
 
 impl Window {
@@ -103,6 +105,9 @@ impl Windows {
             guess: guess(observed, begin, at_rest),
             offset: self.observed.len(),
             row_s: durations.map(|seconds| median(seconds[first..first + rows].to_vec())),
+            rolled: problem.recordings[stretch.recording]
+                .way
+                .map_or(0.0, |way| way[first]),
         });
         for seen in own {
             let known = is_seen(seen);

@@ -98,6 +98,7 @@ mod tests {
                     commands: &commands,
                     start: [x, y],
                     start_velocity: [0.0; 2],
+                    rolled: 0.0,
                     clock: Clock::Even(Step::rounded(f64::from(substeps))),
                 })
                 .collect();

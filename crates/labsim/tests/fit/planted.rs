@@ -143,6 +143,7 @@ impl Planted {
                 knobs_before: [0.0; 2],
                 durations: self.durations.as_deref(),
                 observed,
+                way: None,
             })
             .collect();
         ask(&Problem {

@@ -72,6 +72,7 @@ impl<'a> Marble<'a> {
         );
         for effect in &mut forces {
             effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
+            effect.let_go(Lanes::splat(simd, job.rolled));
         }
         Self {
             job,

@@ -1,0 +1,72 @@
+"""How far a marble has rolled, from where a camera saw it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: A local parabola's value in the middle of five points (Savitzky and Golay, 1964).
+_PARABOLA = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0
+#: Fourth differences of a smooth path are noise, this many times its standard deviation.
+_FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+#: From a median of absolute values to a standard deviation.
+_OF_MEDIAN = 1.4826
+#: Standard deviations that a position has to lie off its neighbours to be none of the marble's.
+_WILD = 6.0
+#: What a marble must have moved to have rolled on, in standard deviations of a position.
+_MOVED = 4.0
+
+
+def way_rolled(marble: Array) -> Array:
+    """Return the length of the path up to each row, (n,) [board edges], from (n, 2) positions.
+
+    Noise makes every path longer, and without end where the marble rests. So positions are smoothed, and one
+    counts once it lies farther from the last that counted than noise takes it. Rows in which the tracker
+    lost the marble are bridged by a straight line.
+    """
+    seen = np.flatnonzero(np.isfinite(marble).all(axis=1))
+    if len(seen) < 2:
+        return np.zeros(len(marble))
+    rows = np.arange(len(marble))
+    path = np.stack([np.interp(rows, seen, marble[seen, axis]) for axis in (0, 1)], axis=1)
+    noise = _noise(path)
+    smooth = _smoothed(_tamed(path, noise))
+    way = np.zeros(len(path))
+    done, last = 0.0, smooth[0]
+    for row, place in enumerate(smooth):
+        step = float(np.hypot(*(place - last)))
+        if step > _MOVED * noise:
+            done, last = done + step, place
+        way[row] = done
+    return way
+
+
+def _noise(path: Array) -> float:
+    """Return the standard deviation of a position about a smooth path."""
+    if len(path) < len(_FOURTH):
+        return 0.0
+    rough = np.stack([np.convolve(path[:, axis], _FOURTH, "valid") for axis in (0, 1)])
+    return float(_OF_MEDIAN * np.median(np.abs(rough)) / np.sqrt((_FOURTH**2).sum()))
+
+
+def _tamed(path: Array, noise: float) -> Array:
+    """Return a path with positions far off both neighbours put between these."""
+    tamed = path.copy()
+    middle = 0.5 * (path[:-2] + path[2:])
+    wild = np.linalg.norm(path[1:-1] - middle, axis=1) > _WILD * noise + np.linalg.norm(
+        path[2:] - path[:-2], axis=1
+    )
+    tamed[1:-1][wild] = middle[wild]
+    return tamed
+
+
+def _smoothed(path: Array) -> Array:
+    """Return a path under a local parabola; its ends are left as they are."""
+    if len(path) < len(_PARABOLA):
+        return path
+    smooth = path.copy()
+    for axis in (0, 1):
+        smooth[2:-2, axis] = np.convolve(path[:, axis], _PARABOLA, "valid")
+    return smooth
