@@ -73,7 +73,7 @@ class Found:
         before, after = self._proofs[base.effects], self._proofs[best.effects]
         effects = tuple(self._named(name) for name in self._ordered())
         if self._spread is not None:
-            effects = (self._jitter(effects[0]),)
+            effects = tuple(self._jitter(one) if one.name == "delay" else one for one in effects)
         noise = max(best.noise, FINEST) if explained else case.noise
         verdict = "missing" if effects else "sufficient"
         lost = self._spread is None and not explained and not between and is_lost(case, best)

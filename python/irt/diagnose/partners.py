@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.evidence import Evidence, excess
 from irt.diagnose.heldout import hold_out, is_supported
+from irt.diagnose.hypotheses import hypotheses
 from irt.diagnose.impacts import acts_on_impacts_alone, refitted
 from irt.diagnose.screen import ROWS, Screen
 
@@ -53,11 +53,7 @@ def likeliest_partner(between: Case, parent: Fitted, noise: float, report: Repor
     if not between.segments:
         return None
     before = refitted(between, parent, [parent])
-    names = [
-        one.name
-        for one in effects()
-        if one.name not in parent.effects and not acts_on_impacts_alone(one.name)
-    ]
+    names = [name for name in hypotheses() if name not in parent.effects and not acts_on_impacts_alone(name)]
     fits = []
     for name, (_, points) in seeds(between, before, names, report).items():
         report(f"{' + '.join([*parent.effects, name])}, between impacts")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,10 +22,10 @@ SAME = 0.1
 NEAR = 60.0
 
 
-def rivals(search: Search, best: Fitted) -> dict[str, list[Fitted]]:
-    """Return for each effect of a hypothesis those that have another in its place and do as well."""
+def rivals(search: Search, best: Fitted, asked: Sequence[str]) -> dict[str, list[Fitted]]:
+    """Return for some effects of a hypothesis those that have another in its place and do as well."""
     found: dict[str, list[Fitted]] = {}
-    for name in best.effects:
+    for name in asked:
         same: set[tuple[str, ...]] = set()
         for other in _namesakes(name, best):
             names = tuple(other if one == name else one for one in best.effects)

@@ -5,17 +5,20 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
+from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding
+from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding, NamedEffect
 from irt.diagnose.evidence import is_explained
 from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
+from irt.diagnose.hypotheses import hypotheses
 from irt.diagnose.jitter import differing_delays
 from irt.diagnose.latent import Leftover
 from irt.diagnose.locate import locate, stages, variables
 from irt.diagnose.partners import Report
 from irt.diagnose.rivals import rivals
+from irt.diagnose.screen import size_of
 from irt.diagnose.search import Search
 from irt.diagnose.unlisted import Term, confirmed
 from irt.files import PathLike
@@ -25,6 +28,8 @@ from irt.rig import Rig, load_rig
 
 #: Effects that look like delays that differ, by their mean.
 LATE = ("delay", "lag", "latency", "clock_drift")
+#: The effect that stands for the mean of delays that differ.
+MEAN = "delay"
 #: What leaves far more than noise, and more than this share of the error on recordings held out, only stands
 #: in for something else: no name is better than such a one.
 BELIEVED = 0.8
@@ -117,17 +122,46 @@ def _found(search: Search, report: Report) -> Diagnosis:
             *stages(search.case, search.base, sources),
         )
     report("rivals")
-    tied = rivals(search, best) if answer.is_of_catalogue else {}
+    tied = {} if UNLISTED in best.effects else rivals(search, best, answer.rivalled)
     report("the proof")
     told = Found(search, possible, tied, answer.spread).diagnosis(where)
-    if told.verdict == "unlisted" and answer.is_of_catalogue and best.effects and not _is_believed(told):
+    if answer.is_of_catalogue and not _is_all(search, best):
+        # Beside what was not found, a size that may as well be none says nothing.
+        kept = best
+        for name in [one.name for one in told.effects if may_be_absent(one)]:
+            kept = search.without(kept, name)
+        if kept is not best:
+            tied = rivals(search, kept, kept.effects)
+            told, best = Found(search, [(search.case, kept)], tied, None).diagnosis(where), kept
+    if told.verdict == "unlisted" and best.effects and not _is_believed(told, answer):
         return Found(search, [(search.case, search.base)], {}, None).diagnosis(where)
     return told
 
 
-def _is_believed(told: Diagnosis) -> bool:
-    """Whether recordings held out are predicted so much better that a part of the physics must be right."""
-    return told.is_held_out and told.final_heldout_mae < BELIEVED * told.base_heldout_mae
+def _is_all(search: Search, best: Fitted) -> bool:
+    """Whether a hypothesis leaves noise, everywhere or between impacts."""
+    return is_explained(search.case, best, search.base) or search.is_explained_between(best)
+
+
+def may_be_absent(one: NamedEffect) -> bool:
+    """Whether the interval of an effect's size, or those of all its parameters, hold the neutral values."""
+    parameters, size = effect(one.name).parameters, size_of(one.name)
+    asked = parameters if size is None else (parameters[size],)
+    told = [(one.parameters[parameter.name], parameter.neutral) for parameter in asked]
+    return all(
+        value.low is None or value.high is None or value.low <= neutral <= value.high
+        for value, neutral in told
+    )
+
+
+def _is_believed(told: Diagnosis, answer: _Answer) -> bool:
+    """Whether recordings held out are predicted so much better that a part of the physics must be right.
+
+    Where nothing can be held out, what was learned without a name claims less than a name would.
+    """
+    if not told.is_held_out:
+        return not answer.is_of_catalogue
+    return told.final_heldout_mae < BELIEVED * told.base_heldout_mae
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +180,11 @@ class _Answer:
     def is_of_catalogue(self) -> bool:
         return self.spread is None and UNLISTED not in self.best.effects
 
+    @property
+    def rivalled(self) -> list[str]:
+        """Effects in whose place another may do as well: no other is like delays that differ."""
+        return [name for name in self.best.effects if self.spread is None or name != MEAN]
+
 
 def _searched(search: Search, report: Report) -> _Answer:
     """Choose a hypothesis: one effect, delays that differ, several effects, something unlisted.
@@ -162,7 +201,7 @@ def _searched(search: Search, report: Report) -> _Answer:
     if jittering is not None:
         return jittering
     best = search.larger(best)
-    if is_explained(case, best, search.base) or search.is_explained_between(best):
+    if _is_all(search, best):
         return _Answer(case, best)
     jittering = None if late else _jittering(search, report)
     if jittering is not None:
@@ -176,6 +215,11 @@ def _searched(search: Search, report: Report) -> _Answer:
 
 def _jittering(search: Search, report: Report) -> _Answer | None:
     report("delays that differ from command to command")
-    mean = search.with_effect("delay")
-    spread = differing_delays(search.case, mean, search.evidence().price(2, 1))
-    return None if spread is None else _Answer(search.case, mean, spread)
+    """Choose delays that differ, with what else is missing beside their mean."""
+    mean = search.with_effect(MEAN)
+    price = search.evidence().price(2, 1)
+    if differing_delays(search.case, mean, price) is None:
+        return None
+    best = search.beside(mean, [name for name in hypotheses() if name not in LATE])
+    spread = differing_delays(search.case, best, price)
+    return None if spread is None else _Answer(search.case, best, spread)

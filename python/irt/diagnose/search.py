@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
+from irt.diagnose.hypotheses import hypotheses
 from irt.diagnose.impacts import (
     acts_on_impacts_alone,
     between_impacts,
@@ -74,7 +74,7 @@ class Search:
         """Try one effect at a time, and return the best hypothesis."""
         self.report("the five parameters")
         self.keep(self.case.fit(starts=8))
-        seeds = self.seeds(self.base, [one.name for one in effects()])
+        seeds = self.seeds(self.base, hypotheses())
         ranked = sorted(seeds, key=lambda name: -seeds[name][0])
         best = self.base
         for names in (ranked[:SINGLES], ranked[SINGLES:]):
@@ -96,7 +96,7 @@ class Search:
                 break
             counts = PARTNERS if size == 2 else PARTNERS[:1]
             for parent, count in zip(self.ranked(size - 1), counts, strict=False):
-                others = [one.name for one in effects() if one.name not in parent.effects]
+                others = [name for name in hypotheses() if name not in parent.effects]
                 self._expand(parent, others, count)
                 if is_explained(self.case, self.ranked(size)[0], self.base):
                     break
@@ -105,13 +105,20 @@ class Search:
             best = self._grown(best, size)
         return self._with_partners(self._pruned(best))
 
+    def beside(self, parent: Fitted, names: Sequence[str]) -> Fitted:
+        """Return a hypothesis that has to stay with the one effect more that is worth it, or as it is."""
+        self._expand(parent, names, PARTNERS[0])
+        found = [self.fits.get(frozenset({*parent.effects, name}), parent) for name in names]
+        best = min(found, key=lambda one: (one.loss(self.case.noise), one.effects))
+        return best if self._is_worth(best, parent) else parent
+
     def is_explained_between(self, one: Fitted) -> bool:
         """Whether nothing is left between impacts, so that what is left is how the marble meets the rim."""
         return is_explained_between(self.between_impacts, one)
 
     def _with_impacts(self, best: Fitted) -> Fitted:
         """Try a law of impacts beside a hypothesis that leaves nothing between them."""
-        names = [info.name for info in effects() if acts_on_impacts_alone(info.name)]
+        names = [name for name in hypotheses() if acts_on_impacts_alone(name)]
         self._expand(best, [name for name in names if name not in best.effects], len(names))
         size = len(best.effects) + 1
         self._refine(size)
@@ -165,7 +172,7 @@ class Search:
     def _swap(self, one: Fitted) -> None:
         """Try others in the place of each effect of a hypothesis: what came first may only have stood in."""
         for name in one.effects:
-            others = [other.name for other in effects() if other.name not in one.effects]
+            others = [other for other in hypotheses() if other not in one.effects]
             self._expand(self.without(one, name), others, SWAPS)
         self._refine(len(one.effects))
 
@@ -182,12 +189,15 @@ class Search:
         if not ranked or not self.evidence().is_better(ranked[0], best):
             return best
         best = self.thorough(best, ranked[0])
-        if not self.evidence().is_better(ranked[0], best):
-            return best
-        left, before = excess(self.case, ranked[0]), excess(self.case, best)
-        if best.effects and left > (1.0 - WORTH) * before:
-            return best
-        return ranked[0] if self.is_supported(ranked[0], best) else best
+        return ranked[0] if self._is_worth(ranked[0], best) else best
+
+    def _is_worth(self, one: Fitted, over: Fitted) -> bool:
+        """Whether a larger hypothesis is better by enough, and on recordings held out."""
+        if not self.evidence().is_better(one, over):
+            return False
+        if over.effects and excess(self.case, one) > (1.0 - WORTH) * excess(self.case, over):
+            return False
+        return self.is_supported(one, over)
 
     def thorough(self, parent: Fitted, child: Fitted) -> Fitted:
         """Fit a hypothesis once more, from where it led and from where a larger one did, and look around."""

@@ -142,14 +142,17 @@ def confirmed(search: Search, best: Fitted) -> tuple[Case, Fitted, tuple[Term, .
 def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
     """Whether what was learned beats the catalogue's best hypothesis, and recordings held out agree.
 
-    Effects that leave much of the mismatch are not believed: a wrong name is worse than none.
+    Effects that leave much of the mismatch are not believed, a wrong name is worse than none; but what was
+    learned and explains less than they do is believed even less.
     """
     if not best.effects:
         return True
     evidence, left = search.evidence(), excess(search.case, best)
+    if evidence.margin(learned, best) <= 0.0:
+        return False
     if left > TRUSTED * excess(search.case, search.base):
         return True
-    if evidence.margin(learned, best) <= 0.0 or excess(search.case, learned) > HALF * left:
+    if excess(search.case, learned) > HALF * left:
         return False
     return is_supported(search.held_out(learned), search.held_out(best), evidence.scale)
 

@@ -4,6 +4,7 @@ import pytest
 
 from irt import catalogue
 from irt.diagnose.diagnosis import UNLISTED, NamedEffect
+from irt.diagnose.run import may_be_absent
 from irt.diagnose.words import suggestion, summary
 from irt.model import Parameter
 
@@ -41,6 +42,27 @@ def test_a_name_that_leaves_much_is_told_as_what_it_is():
     told = summary([effect()], noise=0.001, before=0.04, after=0.02, heldout=True, explained=False, lost=True)
     assert "may stand in for what is missing" in told
     assert "stand in" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "intervals", "may_be"),
+    [
+        ("bump", {"height_m": (-1e-4, 3e-4), "x_m": (0.01, 0.02)}, True),
+        ("bump", {"height_m": (1e-4, 3e-4), "x_m": (-0.1, 0.1)}, False),
+        ("anisotropic_friction", {"ratio": (1.0, 5.0), "grain_rad": (0.7, 2.0)}, True),
+        ("backlash", {"width_x_rad": (0.0, 0.02), "width_y_rad": (0.01, 0.03)}, False),
+        ("backlash", {"width_x_rad": (0.0, 0.02), "width_y_rad": (0.0, 0.03)}, True),
+        ("side_force", {"rate_per_s": (None, None)}, True),
+    ],
+)
+def test_a_size_that_may_as_well_be_none_is_no_effect(name, intervals, may_be):
+    parameters = {
+        one.name: Parameter(0.5 * sum(intervals[one.name]), *intervals[one.name])
+        if intervals.get(one.name, (None,))[0] is not None
+        else Parameter(0.5)
+        for one in catalogue.effect(name).parameters
+    }
+    assert may_be_absent(NamedEffect(name, "board", parameters, {}, 0.04, 0.03)) is may_be
 
 
 def test_what_was_learned_is_told_by_what_it_depends_on():

@@ -29,7 +29,7 @@ def test_an_effect_that_the_screen_did_not_see_is_tried_in_the_end(begun, monkey
 def test_a_late_command_and_a_late_picture_are_one_thing_by_two_names(begun):
     found = begun({"name": "latency", "latency_s": 0.15})
     best = found.with_effect("latency")
-    assert "delay" in {one.effects[0] for one in rivals(found, best)["latency"]}
+    assert "delay" in {one.effects[0] for one in rivals(found, best, best.effects)["latency"]}
 
 
 def test_a_hypothesis_is_begun_where_a_larger_one_led(begun):

@@ -1,9 +1,12 @@
 """What the leftover depends on, and what is learned of it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from irt.catalogue import effect
+from irt.diagnose import unlisted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.latent import Leftover
 from irt.diagnose.unlisted import formula, learn, library
@@ -70,3 +73,13 @@ def test_the_likeliest_source_of_a_wave_is_the_position(plant):
 def test_noise_has_no_source(plant):
     case = plant(runs=6)
     assert all(one.p_value > 0.01 or one.gain == 0.0 for one in Leftover(case, case.fit()).sources(0))
+
+
+@pytest.mark.parametrize(("margin", "preferred"), [(-1.0, False), (1.0, True)])
+def test_what_explains_less_than_names_do_is_not_learned(margin, preferred, monkeypatch):
+    """Not even where these leave much of the mismatch, and are not believed themselves."""
+    monkeypatch.setattr(unlisted, "excess", lambda case, one: {"base": 100.0, "best": 50.0}[one.name])
+    best, base = SimpleNamespace(name="best", effects=("stribeck",)), SimpleNamespace(name="base")
+    evidence = SimpleNamespace(margin=lambda one, over: margin)
+    search = SimpleNamespace(case=None, base=base, evidence=lambda: evidence)
+    assert unlisted._is_preferred(search, SimpleNamespace(name="learned"), best) is preferred
