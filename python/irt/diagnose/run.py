@@ -187,23 +187,19 @@ class _Answer:
 
 
 def _searched(search: Search, report: Report) -> _Answer:
-    """Choose a hypothesis: one effect, delays that differ, several effects, something unlisted.
+    """Choose a hypothesis: one effect, several effects, delays that differ, something unlisted.
 
-    What leaves noise ends the search. What was learned comes last and has to beat the catalogue: two terms of
-    a library can stand for two effects that have names.
+    What leaves noise ends the search: nothing that repeats does so where delays differ, while a lag and a
+    clock that drifts together may look like those. What was learned comes last and has to beat the catalogue:
+    two terms of a library can stand for two effects that have names.
     """
     case, best = search.case, search.singles()
     if is_explained(case, best, search.base):
         return _Answer(case, best)
-    likeliest = search.ranked(1)[0]
-    late = likeliest.effects[0] in LATE and search.evidence().is_better(likeliest, search.base)
-    jittering = _jittering(search, report) if late else None
-    if jittering is not None:
-        return jittering
     best = search.larger(best)
     if _is_all(search, best):
         return _Answer(case, best)
-    jittering = None if late else _jittering(search, report)
+    jittering = _jittering(search, report)
     if jittering is not None:
         return jittering
     report("physics that the catalogue does not have")
@@ -214,8 +210,8 @@ def _searched(search: Search, report: Report) -> _Answer:
 
 
 def _jittering(search: Search, report: Report) -> _Answer | None:
-    report("delays that differ from command to command")
     """Choose delays that differ, with what else is missing beside their mean."""
+    report("delays that differ from command to command")
     mean = search.with_effect(MEAN)
     price = search.evidence().price(2, 1)
     if differing_delays(search.case, mean, price) is None:

@@ -33,6 +33,8 @@ SWAPS = 4
 REFINED = 3
 #: Once a hypothesis leaves nothing to explain, others are fitted if they explained this share of its share.
 RIVAL = 0.3
+#: A single effect that explains less is compared with all others [nats].
+CLEAR = 100.0
 #: Effects that are named together, at most.
 MOST_EFFECTS = 3
 
@@ -83,6 +85,12 @@ class Search:
             best = self._grown(self.base, 1)
             if is_explained(self.case, best, self.base) or self.is_explained_between(best):
                 break
+        if best.effects and self.evidence().gain(best, self.base) < CLEAR:
+            # Where little is to be explained, draws hardly tell which effect would explain most of it.
+            left = {name: seeds[name] for name in ranked if frozenset({name}) not in self.fits}
+            self._fit(self.base, left, rivals_alone=False)
+            self._refine(1)
+            best = self._grown(self.base, 1)
         return best
 
     def larger(self, best: Fitted) -> Fitted:
@@ -153,8 +161,10 @@ class Search:
         ranked = sorted(seeds, key=lambda name: -seeds[name][0])[:count]
         self._fit(parent, {name: seeds[name] for name in ranked})
 
-    def _fit(self, parent: Fitted, seeds: Mapping[str, tuple[float, Array]]) -> None:
-        """Fit a parent with one effect more, each in turn; once one explains all, only its rivals."""
+    def _fit(
+        self, parent: Fitted, seeds: Mapping[str, tuple[float, Array]], *, rivals_alone: bool = True
+    ) -> None:
+        """Fit a parent with one effect more, each in turn; once one explains all, its rivals alone."""
         enough: float | None = None
         for name in seeds:
             self.report(" + ".join([*parent.effects, name]))
@@ -162,7 +172,7 @@ class Search:
                 break
             fitted = self.case.fit((*parent.effects, name), points=seeds[name][1], rounds=0)
             self.keep(fitted)
-            if is_explained(self.case, fitted, self.base):
+            if rivals_alone and is_explained(self.case, fitted, self.base):
                 enough = RIVAL * seeds[name][0]
 
     def seeds(self, parent: Fitted, names: Iterable[str]) -> dict[str, tuple[float, Array]]:
