@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 NAME = "demo"
 HELP = "tune the sample rig that is shipped, judge the result on runs held out, and write a page about it"
 
-METHODS = ("irt", "least-squares")
+METHODS = ("irt+", "least-squares")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
