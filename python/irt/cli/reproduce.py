@@ -108,13 +108,16 @@ def _done(
 
     from irt.files import make_folder, write_atomic
     from irt.reproduce import drawn, tables
+    from irt.reproduce.contenders import available
     from irt.reproduce.page import write_page
     from irt.reproduce.recorded import judge
     from irt.reproduce.simulated import experiment1
     from irt.reproduce.standin import experiment2
 
     folder = make_folder(page.with_suffix(""))
-    lines: list[str] = []
+    lines = (
+        [] if "npe" in available() else ["without neural posterior estimation: pip install 'labsim-irt[npe]'"]
+    )
     numbers = {}
     first = experiment1(setting, progress=progress) if items & set(_OF_FIRST) else None
     second = experiment2(setting, progress=progress) if items & set(_OF_SECOND) else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import count
 
 import numpy as np
@@ -147,7 +148,7 @@ def strategy(name: str) -> Contender:
 def neural_posterior(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
     """Draw from a neural posterior, first its mean; the best so far is held."""
     drive, estimator = setting.drive, networks.posterior(setting, progress)
-    with torch.random.fork_rng(devices=[]), torch.no_grad():
+    with torch.random.fork_rng(devices=[]), torch.no_grad(), networks.quiet():
         torch.manual_seed(setting.seed)
         condition = torch.tensor(drive.inputs([trials.observed]), dtype=torch.float32)
         drawn = estimator.sample((ROLLOUTS,), condition=condition).double().numpy().swapaxes(0, 1)
@@ -239,6 +240,11 @@ def _errors(setting: Setting, trials: Trials, parameters: Array) -> Array:
     """Return the state errors (n,) of one proposal for each target."""
     seen: Seen = compare(setting.drive, parameters, [trials.observed], setting.threads)
     return seen.mae
+
+
+def available() -> tuple[str, ...]:
+    """Return the methods whose packages are installed: all but for sbi, an optional extra."""
+    return tuple(name for name in METHODS if name != "npe" or find_spec("sbi") is not None)
 
 
 #: In the order of tables; those of the paper first.

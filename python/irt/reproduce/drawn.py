@@ -48,6 +48,7 @@ def fig4(folder: Path, first: Experiment1) -> None:
         {name: first.parameter_error(held) for name, held in first.held.items()},
         "mean absolute parameter error",
         floor=(under.parameters, "floor by symmetry"),
+        logarithmic=False,
         papers=[(5, 0.10, "paper, IRT: around 10 %")],
     )
     figures.plot_errors(
@@ -137,6 +138,6 @@ def _proposals(setting: Setting, parameters: Array, count: str) -> list[tuple[st
 
 
 def _lively(first: Experiment1) -> int:
-    """Return the target whose marble moves a median amount: neither still nor always at the rim."""
-    moved = np.abs(np.diff(first.trials.observed, axis=1)).sum(axis=(1, 2))
-    return int(np.argmin(np.abs(moved - np.median(moved))))
+    """Return a target whose marble moves well along both axes: the one that moves most along its lesser."""
+    moved = np.abs(np.diff(first.trials.observed, axis=1)).sum(axis=1).min(axis=1)
+    return int(np.argmax(moved))

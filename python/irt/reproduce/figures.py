@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
+from PIL import Image
 
-from irt.files import PathLike
+from irt.files import PathLike, write_atomic
 from irt.report import style
 from irt.report.plots import FLOOR, PERCENT, make_logarithmic
 from irt.reproduce.contenders import METHODS
@@ -31,6 +35,8 @@ COLOURS = {
     "least-squares": style.INK,
 }
 _WIDE = 7.6
+#: Colours of a picture.
+_SHADES = 64
 #: Bootstrap draws of the band about a mean.
 _DRAWS = 400
 
@@ -41,6 +47,7 @@ def plot_errors(
     what: str,
     *,
     floor: tuple[float, str] | None = None,
+    logarithmic: bool = True,
     papers: Sequence[tuple[float, float, str]] = (),
 ) -> None:
     """Draw mean errors over the number of simulated rollouts, with 95 % bands (paper, Figs. 4, 5 and 8).
@@ -55,6 +62,8 @@ def plot_errors(
         Which error, for the axis.
     floor : (height, text), optional
         What no method can go below.
+    logarithmic : bool
+        Whether the height is, or begins at zero, as in the paper.
     papers : sequence of (rollouts, height, text)
         The paper's own numbers, as crosses.
 
@@ -63,7 +72,7 @@ def plot_errors(
     IrtError
         If the file cannot be written.
     """
-    with style.drawing(path, _WIDE, 4.2) as figure:
+    with _drawing(path, _WIDE, 4.2) as figure:
         axes = figure.subplots()
         ends = []
         for name, trials in errors.items():
@@ -80,7 +89,10 @@ def plot_errors(
             axes.annotate(
                 text, (max(at, 1), PERCENT * height), xytext=(5, 4), textcoords="offset points", fontsize=7.5
             )
-        make_logarithmic(axes)
+        if logarithmic:
+            make_logarithmic(axes)
+        else:
+            axes.set_ylim(bottom=0.0)
         _count(axes)
         axes.set_xlim(1, ROLLOUTS)
         axes.set_ylabel(f"{what}  [%]")
@@ -107,7 +119,7 @@ def plot_pretraining(path: PathLike, errors: Mapping[str, Array], pretraining: M
     IrtError
         If the file cannot be written.
     """
-    with style.drawing(path, _WIDE, 3.8) as figure:
+    with _drawing(path, _WIDE, 3.8) as figure:
         both = figure.subplots(1, 2, sharey=True)
         for axes, targets in zip(both, (1, 100), strict=True):
             ends = []
@@ -144,7 +156,7 @@ def plot_observations(
         If the file cannot be written.
     """
     rows = max(len(proposals) for _, _, proposals in columns)
-    with style.drawing(path, _WIDE, 1.25 * rows + 0.6) as figure:
+    with _drawing(path, _WIDE, 1.25 * rows + 0.6) as figure:
         grid = figure.subplots(rows, len(columns), sharex=True, sharey=True, squeeze=False)
         for axis, (title, target, proposals) in enumerate(columns):
             for row, (label, proposed) in enumerate(proposals):
@@ -189,7 +201,7 @@ def plot_evolution(path: PathLike, scaled: Array, truth: Array, titles: Sequence
     IrtError
         If the file cannot be written.
     """
-    with style.drawing(path, _WIDE, 1.9 * len(scaled) + 0.3) as figure:
+    with _drawing(path, _WIDE, 1.9 * len(scaled) + 0.3) as figure:
         grid = figure.subplots(len(scaled), len(PARAMETERS), sharex=True, sharey=True, squeeze=False)
         for row, (traces, title) in enumerate(zip(scaled, titles, strict=True)):
             for column, name in enumerate(PARAMETERS):
@@ -220,21 +232,37 @@ def plot_symmetry(path: PathLike, found: Symmetry) -> None:
         If the file cannot be written.
     """
     colours = (style.MUTED, style.TUNED, style.SECOND, style.UNTUNED)
-    with style.drawing(path, _WIDE, 3.6) as figure:
+    with _drawing(path, _WIDE, 3.6) as figure:
         axes = figure.subplots()
         ends = []
+        # The unmoved end says nothing on a logarithmic axis.
+        moved = found.parameter_error > 0.0
+        away = PERCENT * found.parameter_error[moved]
         for (name, quartiles), colour in zip(found.change.items(), colours, strict=True):
-            low, middle, high = np.maximum(PERCENT * quartiles.T, 1e-4)
-            axes.fill_between(PERCENT * found.parameter_error, low, high, color=colour, alpha=0.15, lw=0)
-            axes.plot(PERCENT * found.parameter_error, middle, color=colour)
-            # The unmoved end says nothing on a logarithmic axis.
+            low, middle, high = PERCENT * quartiles[moved].T
+            axes.fill_between(away, low, high, color=colour, alpha=0.15, lw=0)
+            axes.plot(away, middle, color=colour)
             ends.append((float(middle[0]), name, colour))
         make_logarithmic(axes)
         axes.yaxis.set_major_locator(LogLocator())
-        axes.set_xlim(0.0, PERCENT * float(found.parameter_error.max()))
+        axes.set_xlim(0.0, float(away.max()))
         axes.set_xlabel("mean absolute parameter error along time_scale f, gears and friction 1/f²  [%]")
         axes.set_ylabel("change of the observation  [% of edge]")
         style.label_ends(axes, ends)
+
+
+@contextmanager
+def _drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
+    """Yield an empty figure, and write it to ``path``: a PNG in few colours, as pages keep many."""
+    with style.drawing(path, width, height) as figure:
+        yield figure
+    if str(path).endswith(".png"):
+        file = io.BytesIO()
+        with Image.open(path) as picture:
+            picture.convert("RGB").quantize(_SHADES, dither=Image.Dither.NONE).save(
+                file, "png", optimize=True
+            )
+        write_atomic(path, file.getvalue())
 
 
 def _bands(errors: Array) -> tuple[Array, Array, Array]:

@@ -15,7 +15,7 @@ from irt.fitting.fit import Progress
 from irt.fitting.least_squares import least_squares
 from irt.recording import Recording
 from irt.reproduce import errors
-from irt.reproduce.contenders import METHODS, Held, Trials
+from irt.reproduce.contenders import METHODS, Held, Trials, available
 from irt.reproduce.setting import ROLLOUTS, Setting, digest, within
 from irt.rig import PARAMETERS, Rig
 
@@ -105,7 +105,7 @@ class Experiment1:
 
 
 def experiment1(
-    setting: Setting, methods: Sequence[str] = tuple(METHODS), progress: Progress | None = None
+    setting: Setting, methods: Sequence[str] | None = None, progress: Progress | None = None
 ) -> Experiment1:
     """Tune to random targets by every method; what is kept of an earlier call is not done again.
 
@@ -123,7 +123,7 @@ def experiment1(
     folder = setting.folder("experiment-1")
     of = digest(observed, trials.start)
     held = {}
-    for name in methods:
+    for name in available() if methods is None else methods:
         kept = setting.kept(
             folder / f"{name}.npz",
             lambda name=name: vars(METHODS[name].tune(setting, trials, within(progress, name))),  # type: ignore[misc]

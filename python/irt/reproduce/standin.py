@@ -6,6 +6,7 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from irt.fitting.fit import Progress
 from irt.fitting.least_squares import least_squares
 from irt.model import Model
 from irt.prove.pipe import Pipe
-from irt.reproduce.contenders import METHODS, Held, Trials
+from irt.reproduce.contenders import METHODS, Held, Trials, available
 from irt.reproduce.errors import median_interval
 from irt.reproduce.setting import ROLLOUTS, Setting, digest, within
 from irt.residual import evaluate
@@ -32,6 +33,8 @@ PAPERS_TABLE = {"cma-es": (0.0668, 30), "direct": (0.346, 0), "irt-paper": (0.04
 #: Rollouts after which the floors of this project count.
 FEW = 5
 _STARTS = 7
+#: The process that records the rigs.
+LABORATORY = (sys.executable, "-m", "irt.reproduce.laboratory")
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,7 @@ class Row:
 
 
 def experiment2(
-    setting: Setting, methods: Sequence[str] = tuple(METHODS), progress: Progress | None = None
+    setting: Setting, methods: Sequence[str] | None = None, progress: Progress | None = None
 ) -> Experiment2:
     """Record rigs, tune to each by every method, diagnose some; what is kept is not done again.
 
@@ -149,7 +152,7 @@ def experiment2(
     held: dict[str, dict[str, Held]] = {"random": {}, "middle": {}}
     for start, chosen in (("random", trials), ("middle", replace(trials, start=np.full_like(random, 0.5)))):
         of = digest(chosen.observed, chosen.start)
-        for name in methods:
+        for name in available() if methods is None else methods:
             kept = setting.kept(
                 setting.folder("experiment-2") / f"{name}-{start}.npz",
                 lambda name=name, chosen=chosen: vars(  # type: ignore[misc]
@@ -180,11 +183,9 @@ def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any
     """Have the laboratory record the rigs that are not there yet; return what they truly are."""
     missing = [rig for rig in range(setting.rigs) if not (_folder(setting, rig) / "truth.json").exists()]
     if missing:
-        try:
-            import pybullet  # noqa: F401, PLC0415
-        except ImportError as error:
-            raise IrtError("the laboratory needs PyBullet: pip install 'labsim-irt[prove]'") from error
-        with Pipe([sys.executable, "-m", "irt.reproduce.laboratory"], "the laboratory") as laboratory:
+        if find_spec("pybullet") is None:
+            raise IrtError("the laboratory needs PyBullet: pip install 'labsim-irt[prove]'")
+        with Pipe(LABORATORY, "the laboratory") as laboratory:
             for done, rig in enumerate(missing):
                 folder = _folder(setting, rig)
                 told = laboratory.ask({"record": {"rig": rig, "seed": setting.seed, "folder": str(folder)}})

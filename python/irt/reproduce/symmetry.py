@@ -108,7 +108,7 @@ def _alike(drive: Drive, target: Array, rim: bool, random: np.random.Generator) 
     """Return parameters (k, 5) with the path of a target, and weights: how often targets are drawn so."""
     low, high = np.array([drive.ranges[name] for name in PARAMETERS]).T
     steps = np.maximum(np.rint(target[_TIME]), 1.0)
-    others = np.rint(random.uniform(low[_TIME] + 0.5, high[_TIME], _DRAWS))
+    others = np.maximum(np.rint(random.uniform(low[_TIME], high[_TIME], _DRAWS)), 1.0)
     scale = np.full(_DRAWS, target[_SCALE]) if rim else random.uniform(low[_SCALE], high[_SCALE], _DRAWS)
     factor = target[_SCALE] * steps**2 / (scale * others**2)
     alike = np.column_stack([factor[:, None] * target[:3], others, scale])

@@ -30,7 +30,7 @@ _DATA = Path(__file__).resolve().parents[1] / "data"
 SHIPPED = _DATA / "tunenet-paper.safetensors"
 SHIPPED_STEPS = _DATA / "steps-paper.safetensors"
 #: Of a network of IRT+ that is trained when it is needed: minutes, and near enough for Gauss-Newton.
-SAMPLES = 1_000_000
+SAMPLES = 400_000
 
 #: Methods that need a network.
 Networked = Literal["irt", "irt+", "direct"]

@@ -71,7 +71,7 @@ class Streamed:
         network learns to find the parameters of what it cannot match.
     """
 
-    samples: int = 6_000_000
+    samples: int = 5_000_000
     seed: int = 0
     batch: int = 512
     learning_rate: float = 2e-3
