@@ -158,16 +158,19 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
     """
     with style.drawing(path, style.WIDTH, 3.1) as figure:
         axes = figure.subplots()
+        # Before the first iteration there is a start; before the first rollout nothing is known.
+        first = int(result.method in _BY_ROLLOUT)
         for estimate in reversed(result.estimates):
             errors = PERCENT * np.array([iteration.mae for iteration in estimate.history])
             won = estimate is result.estimates[0]
-            axes.plot(errors, color=style.TUNED if won else style.MUTED, **_weight(won))
+            count = first + np.arange(len(errors))
+            axes.plot(count, errors, color=style.TUNED if won else style.MUTED, **_weight(won))
         best = result.estimates[0].best
-        place = (_index(result.estimates[0].history, best), PERCENT * best.mae)
+        place = (first + _index(result.estimates[0].history, best), PERCENT * best.mae)
         axes.plot(*place, "o", color=style.TUNED, ms=6, mfc=style.PAPER, zorder=4)
         make_logarithmic(axes)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_xlabel("rollout" if result.method in _BY_ROLLOUT else "iteration")
+        axes.set_xlabel("rollout" if first else "iteration")
         axes.set_ylabel(_ERROR)
         axes.margins(x=0.02)
         name = "best start" if len(result.estimates) > 1 else ""

@@ -132,11 +132,12 @@ def _floors(first: Experiment1, second: Experiment2) -> Iterator[str]:
         yield f"| {one.what} | {one.promise} | {one.measured} | {'kept' if one.kept else '**missed**'} |"
     yield ""
     engine = first.engine
-    plus = first.held["irt+"].mae[:, -1]
+    plus = first.held["irt+"].mae[: len(engine.mae), -1]
     better = "as good or better" if np.median(engine.mae) <= np.median(plus) else "not as good"
     yield (
         f"Least squares as `irt tune` runs it, with as many rollouts as it likes (median "
-        f"{np.median(first.engine_rollouts):,.0f}), ends at a median state MAE of "
+        f"{np.median(first.engine_rollouts):,.0f}, on the first {len(engine.mae)} targets), ends at a "
+        "median state MAE of "
         f"{100 * np.median(engine.mae):.2g} %, mean {100 * engine.mae.mean():.2g} %; IRT+ after 300 "
         "rollouts at "
         f"{100 * np.median(plus):.2g} %, mean {100 * plus.mean():.2g} %. Where rollouts cost nothing it is "
