@@ -10,8 +10,10 @@ import pytest
 
 from irt.cli import pretrain as verb
 from irt.tuning import pretrain as training
+from irt.tuning import streaming
 from irt.tuning.drive import Drive
-from irt.tuning.pretrain import checkpoint_path
+from irt.tuning.pretrain import Recipe, checkpoint_path
+from irt.tuning.stepnet import load_steps
 from irt.tuning.tunenet import load_network
 
 FEW = ("--pairs", "50", "--epochs", "6")
@@ -120,4 +122,56 @@ def test_defaults_are_the_papers():
     parser = argparse.ArgumentParser()
     verb.add_arguments(parser)
     args = parser.parse_args([])
-    assert (args.pairs, args.epochs, args.engine, args.literal_drive) == (10_000, 200, "rolling", False)
+    assert (args.method, args.engine, args.literal_drive) == ("irt", "rolling", False)
+    assert (Recipe().pairs, Recipe().epochs) == (10_000, 200)
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Let a pool of irt+ be small."""
+    monkeypatch.setattr(streaming, "POOL", 64)
+    monkeypatch.setattr(streaming, "CHECKPOINT_POOLS", 2)
+
+
+def test_the_network_of_irt_plus_is_streamed(irt, tmp_path, small):
+    out = tmp_path / "steps.safetensors"
+    done = irt("pretrain", "--method", "irt+", "--pairs", "300", "--seed", "3", "--out", out)
+    assert (done.status, done.err) == (0, "")
+    file = load_steps(out)
+    command = "irt pretrain --method irt+ --pairs 300 --seed 3 --engine rolling"
+    assert file.metadata["command"] == command
+    assert "384 learned from, 384 rollouts" in done.out
+    assert (tmp_path / "steps-loss.svg").is_file()
+    irt(*command.split()[1:], "--out", tmp_path / "again.safetensors")
+    assert (tmp_path / "again.safetensors").read_bytes() == out.read_bytes()
+
+
+def test_a_streamed_training_goes_on_to_the_same_bytes(irt, tmp_path, monkeypatch, small):
+    words = ("pretrain", "--method", "irt+", "--pairs", "640")
+    run_pool = streaming._Training.run_pool
+
+    def interrupted(self):
+        if self.pool == 3:
+            raise KeyboardInterrupt
+        run_pool(self)
+
+    out, whole = tmp_path / "a.safetensors", tmp_path / "b.safetensors"
+    with monkeypatch.context() as patch:
+        patch.setattr(streaming._Training, "run_pool", interrupted)
+        assert irt(*words, "--out", out).status == 130
+    assert irt(*words, "--resume", "--out", out).status == 0
+    irt(*words, "--out", whole)
+    assert out.read_bytes() == whole.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--method", "irt+", "--epochs", "3"), "--epochs belongs to --method irt or direct"),
+        (("--device", "abacus"), "no device abacus here"),
+    ],
+)
+def test_what_does_not_fit_takes_one_line(irt, tmp_path, words, message):
+    done = irt("pretrain", *words, "--out", tmp_path / "net.safetensors")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert message in done.err

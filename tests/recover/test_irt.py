@@ -66,7 +66,7 @@ def test_what_noise_and_lost_rows_leave_is_recovered(write_rig):
 def test_another_engines_recordings_are_met():
     """The sample rig, from PyBullet: all starts together, against an error of half a board untuned."""
     rig = load_rig(data("labyrinth"))
-    result = tune(rig, starts=5, seed=0)
+    result = tune(rig, "irt", starts=5, seed=0)
     assert evaluate(result.model, rig.recordings).free_run.mae < 0.015
     assert result.mae == min(step.mae for each in result.estimates for step in each.history)
     assert [each.best.mae for each in result.estimates] == sorted(each.best.mae for each in result.estimates)

@@ -15,6 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
     "cli",
+    "reproduce",
     "prove",
     "report",
     "suggest",
@@ -36,7 +37,18 @@ LAYERS = (
     "errors",
 )
 EXTENSION = "irt._labsim"
-HEAVY = {"cryptography", "cv2", "matplotlib", "playwright", "pybullet", "pysindy", "ray", "scipy", "torch"}
+HEAVY = {
+    "cryptography",
+    "cv2",
+    "matplotlib",
+    "playwright",
+    "pybullet",
+    "pysindy",
+    "ray",
+    "sbi",
+    "scipy",
+    "torch",
+}
 
 
 def module_name(path: Path) -> str:

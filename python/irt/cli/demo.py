@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 NAME = "demo"
 HELP = "tune the sample rig that is shipped, judge the result on runs held out, and write a page about it"
 
-METHODS = ("irt", "least-squares")
+METHODS = ("irt+", "least-squares")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the starts (default: 0)")
     parser.add_argument(
-        "--starts", metavar="N", type=whole(1), default=8, help="random starts of each method (default: 8)"
+        "--starts", metavar="N", type=whole(1), default=8, help="starts of each method (default: 8)"
     )
     parser.epilog = "example:\n  irt demo --out demo --starts 4"
 
@@ -80,7 +80,7 @@ def _settings(
         "tuned to": _recordings(rig),
         "judged by": _recordings(heldout),
         "recorded by": "PyBullet, another engine than the one tuned (benches/record_pybullet.py)",
-        "seed": f"{args.seed}: the random starts of both methods",
+        "seed": f"{args.seed}: the starts of both methods",
         "time": ", ".join(f"{result.method} {result.seconds:.1f} s" for result in results),
     }
 

@@ -7,21 +7,33 @@ import shlex
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 from irt.cli.inputs import whole
+from irt.errors import IrtError
 
 if TYPE_CHECKING:
+    from irt.fitting.fit import Progress
     from irt.tuning.drive import Drive
 
 NAME = "pretrain"
 HELP = "simulate pairs of parameter sets and train the network that tunes by them"
 
+METHODS = ("irt", "irt+", "direct")
+#: Of a full training: what the network that is shipped for irt+ has seen.
+_SAMPLES = 5_000_000
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `irt pretrain`."""
     parser.add_argument(
-        "--pairs", metavar="N", type=whole(1), default=10_000, help="pairs to learn from (default: 10000)"
+        "--method", choices=METHODS, default=METHODS[0], help=f"what tunes by it (default: {METHODS[0]})"
+    )
+    parser.add_argument(
+        "--pairs",
+        metavar="N",
+        type=whole(1),
+        help=f"pairs to learn from (default: 10000; of irt+, which sees each once or twice, {_SAMPLES})",
     )
     parser.add_argument(
         "--out",
@@ -31,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the network to write, its loss curve beside it (default: tunenet.safetensors)",
     )
     parser.add_argument(
-        "--epochs", metavar="N", type=whole(1), default=200, help="passes over the pairs (default: 200)"
+        "--epochs", metavar="N", type=whole(1), help="of irt and direct, passes over the pairs (default: 200)"
     )
     parser.add_argument(
         "--seed", metavar="S", type=whole(0), default=0, help="of all that is random (default: 0)"
@@ -56,44 +68,83 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
     )
     parser.add_argument(
+        "--device", metavar="D", help="where to train: cpu, cuda, mps (default: the fastest there is)"
+    )
+    parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
         help='simulate on an existing Ray cluster ("auto" finds a local one); the network is the same',
     )
-    parser.epilog = "example:\n  irt pretrain --pairs 20000 --out tunenet.safetensors"
+    parser.epilog = (
+        "examples:\n"
+        "  irt pretrain --pairs 20000 --out tunenet.safetensors\n"
+        "  irt pretrain --method irt+ --out steps.safetensors   a quarter of an hour on one core"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
     """Train the network, write it with its loss curve, and say what came out."""
     from irt.cli.progress import progress_bar
-    from irt.report.plots import plot_loss
-    from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain
-    from irt.workers.choice import make_workers
+    from irt.tuning.pretrain import checkpoint_path
 
     began = time.perf_counter()
     try:
         with progress_bar() as progress:
-            file = pretrain(
-                _drive(args),
-                args.out,
-                Recipe(pairs=args.pairs, epochs=args.epochs, seed=args.seed),
-                resume=args.resume,
-                command=_command(args),
-                threads=args.threads,
-                progress=progress,
-                workers=None if args.cluster is None else make_workers(cluster=args.cluster),
-            )
+            told, plot = (_streamed if args.method == "irt+" else _dealt)(args, progress)
     except KeyboardInterrupt:
         if (checkpoint := checkpoint_path(args.out)).exists():
             again = f"{_command(args)} --out {shlex.quote(str(args.out))} --resume"
             print(f"irt: {checkpoint} holds the training so far; go on with: {again}", file=sys.stderr)
         raise
+    for line in told:
+        print(line)
+    print(f"time      {time.perf_counter() - began:.0f} s")
+    print(f"\nwrote {args.out} and {plot}")
+
+
+def _dealt(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Path]:
+    """Train the paper's network, or that of direct prediction, on pairs that are dealt anew each epoch."""
+    from irt.report.plots import plot_loss
+    from irt.tuning.pretrain import Recipe, pretrain
+    from irt.workers.choice import make_workers
+
+    task: Literal["difference", "parameters"] = "parameters" if args.method == "direct" else "difference"
+    recipe = Recipe(pairs=args.pairs or 10_000, epochs=args.epochs or 200, seed=args.seed, task=task)
+    workers = None if args.cluster is None else make_workers(cluster=args.cluster)
+    file = pretrain(_drive(args), args.out, recipe, **_options(args), progress=progress, workers=workers)
     plot = args.out.with_name(f"{args.out.stem}-loss.svg")
     plot_loss(plot, file.training.numpy(), file.heldout.numpy())
-    print(f"pairs     {args.pairs} to learn from, {max(1, args.pairs // 10)} held out")
-    print(f"loss      {file.training[-1]:.5f} training, {file.heldout[-1]:.5f} held out")
-    print(f"time      {time.perf_counter() - began:.0f} s on {file.metadata['device']}")
-    print(f"\nwrote {args.out} and {plot}")
+    return [
+        f"pairs     {recipe.pairs} to learn from, {max(1, recipe.pairs // 10)} held out",
+        f"loss      {file.training[-1]:.5f} training, {file.heldout[-1]:.5f} held out",
+        f"device    {file.metadata['device']}",
+    ], plot
+
+
+def _streamed(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Path]:
+    """Train the network of irt+, on pairs that are simulated as it goes."""
+    from irt.report.plots import plot_likelihood
+    from irt.tuning.streaming import Streamed, train_steps
+
+    for option in ("epochs", "cluster"):
+        if getattr(args, option) is not None:
+            raise IrtError(f"--{option} belongs to --method irt or direct; leave it out")
+    recipe = Streamed(samples=args.pairs or _SAMPLES, seed=args.seed)
+    file = train_steps(_drive(args), args.out, recipe, **_options(args), progress=progress)
+    plot = args.out.with_name(f"{args.out.stem}-loss.svg")
+    plot_likelihood(plot, file.losses.numpy())
+    return [
+        f"pairs     {file.metadata['samples']} learned from, {file.metadata['rollouts']} rollouts",
+        f"loss      {file.losses[-1]:.3f} nats a coordinate, each pool before it was learned from",
+        f"device    {file.metadata['device']}",
+    ], plot
+
+
+def _options(args: argparse.Namespace) -> dict[str, Any]:
+    from irt.tuning.pretrain import checked_device
+
+    device = None if args.device is None else checked_device(args.device)
+    return {"resume": args.resume, "command": _command(args), "device": device, "threads": args.threads}
 
 
 def _drive(args: argparse.Namespace) -> Drive:
@@ -108,8 +159,10 @@ def _drive(args: argparse.Namespace) -> Drive:
 
 def _command(args: argparse.Namespace) -> str:
     """Return the command that makes the same network again, wherever it is written."""
-    words = ["irt", "pretrain", "--pairs", args.pairs, "--epochs", args.epochs, "--seed", args.seed]
-    words += ["--engine", args.engine]
+    words = ["irt", "pretrain", *(["--method", args.method] if args.method != METHODS[0] else [])]
+    for name in ("pairs", "epochs"):
+        words += [f"--{name}", getattr(args, name)] if getattr(args, name) is not None else []
+    words += ["--seed", args.seed, "--engine", args.engine]
     words += ["--rig", args.rig] if args.rig is not None else []
     words += ["--literal-drive"] if args.literal_drive else []
     return shlex.join(str(word) for word in words)

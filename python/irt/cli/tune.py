@@ -21,7 +21,15 @@ if TYPE_CHECKING:
 NAME = "tune"
 HELP = "fit the simulator's five parameters to recordings"
 
-METHODS = ("irt", "least-squares")
+#: In the order of `irt.tuning.METHODS`, which loading all verbs must not import.
+METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
+#: Which methods an option belongs to.
+_BELONGS = {
+    "starts": METHODS[:-1],
+    "iterations": ("irt",),
+    "rollouts": ("irt+", "cma-es", "es"),
+    "network": ("irt+", "irt", "direct"),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,18 +46,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--starts",
         metavar="N",
         type=whole(1),
-        help="random start points (default: 5 of irt, 8 of least-squares)",
+        help="start points (default: 8 of least-squares, 1 of irt+, 5 of the others)",
     )
     parser.add_argument(
         "--iterations", metavar="N", type=whole(1), help="of irt, from each start (default: 20)"
+    )
+    parser.add_argument(
+        "--rollouts",
+        metavar="N",
+        type=whole(1),
+        help="proposals that irt+, cma-es or es simulate from each start (default: 60, 300, 1005)",
     )
     parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the starts (default: 0)")
     parser.add_argument(
         "--network",
         metavar="FILE",
         type=Path,
-        help="of irt, from `irt pretrain` (default: under the paper's drive the one that is shipped; for any "
-        "other drive one is trained and cached)",
+        help="of irt+, irt or direct, from `irt pretrain` (default: under the paper's drive the one that is "
+        "shipped, if there is one; else one is trained and cached)",
     )
     parser.add_argument(
         "--engine", choices=("rolling", "rapier"), default="rolling", help="the simulator (default: rolling)"
@@ -57,7 +71,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
     )
-    parser.epilog = "example:\n  irt tune my-rig --method irt --out tuned"
+    parser.epilog = (
+        "methods:\n"
+        "  least-squares  through the simulator: the surest answer, and tens of thousands of rollouts\n"
+        "  irt+           a network leads near, Gauss-Newton goes the rest of the way: some ten rollouts\n"
+        "  irt            iterative residual tuning as in the paper\n"
+        "  cma-es, es, direct  what the paper compares with\n\n"
+        "example:\n  irt tune my-rig --method irt+ --out tuned"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
@@ -73,7 +94,7 @@ def run(args: argparse.Namespace) -> None:
     options = _options(args)
     rig = load_rig(args.rig)
     folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
-    training = _announce_training(rig, args) if args.method == "irt" and args.network is None else None
+    training = _announce_training(rig, args) if args.network is None else None
     try:
         with progress_bar() as progress:
             result = tune(rig, args.method, progress=progress, **options)
@@ -100,12 +121,10 @@ def run(args: argparse.Namespace) -> None:
 def _options(args: argparse.Namespace) -> dict[str, Any]:
     """Return what was asked for, as options of the method."""
     options = {"seed": args.seed, "engine": args.engine, "threads": args.threads}
-    if args.starts is not None:
-        options["starts"] = args.starts
-    for name in ("iterations", "network"):
+    for name, methods in _BELONGS.items():
         value = getattr(args, name)
-        if value is not None and args.method != "irt":
-            raise IrtError(f"--{name} belongs to --method irt; leave it out")
+        if value is not None and args.method not in methods:
+            raise IrtError(f"--{name} belongs to --method {' or '.join(methods)}; leave it out")
         if value is not None:
             options[name] = value
     return options
@@ -113,14 +132,16 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
 
 def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
     """Say so where there is no network for a rig yet; return the checkpoint of its training."""
-    from irt.tuning.cache import need
-    from irt.tuning.pretrain import Recipe, checkpoint_path
+    if args.method not in _BELONGS["network"]:
+        return None
+    from irt.tuning.cache import need, training_data
+    from irt.tuning.pretrain import checkpoint_path
 
-    path = need(rig, args.engine).path
+    path = need(rig, args.engine).path(args.method)
     if path.exists():
         return None
     print(
-        f"There is no network for this rig's drive yet: training one on {Recipe().pairs} simulated pairs, a "
+        f"There is no network for this rig's drive yet: training one on {training_data(args.method)}, a "
         f"matter of minutes. It stays in {path}.",
         flush=True,
     )
@@ -186,7 +207,7 @@ def _change(before: Errors, after: Errors) -> str:
 def _command(args: argparse.Namespace) -> str:
     """Return the command that does the same again."""
     words = ["irt", "tune", args.rig, "--method", args.method, "--seed", args.seed, "--engine", args.engine]
-    for name in ("starts", "iterations", "network"):
+    for name in _BELONGS:
         if getattr(args, name) is not None:
             words += [f"--{name}", getattr(args, name)]
     return shlex.join(str(word) for word in words)

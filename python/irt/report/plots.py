@@ -28,6 +28,8 @@ PERCENT = 100.0
 FLOOR: dict[str, Any] = {"color": style.INK, "lw": 0.9, "ls": (0, (4, 3))}
 TICKS = (-0.4, -0.2, 0.0, 0.2, 0.4)
 _ERROR = "mean error  [% of edge]"
+#: Methods whose history has an entry for each rollout.
+_BY_ROLLOUT = ("irt+", "cma-es", "es", "direct")
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,16 +158,19 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
     """
     with style.drawing(path, style.WIDTH, 3.1) as figure:
         axes = figure.subplots()
+        # Before the first iteration there is a start; before the first rollout nothing is known.
+        first = int(result.method in _BY_ROLLOUT)
         for estimate in reversed(result.estimates):
             errors = PERCENT * np.array([iteration.mae for iteration in estimate.history])
             won = estimate is result.estimates[0]
-            axes.plot(errors, color=style.TUNED if won else style.MUTED, **_weight(won))
+            count = first + np.arange(len(errors))
+            axes.plot(count, errors, color=style.TUNED if won else style.MUTED, **_weight(won))
         best = result.estimates[0].best
-        place = (_index(result.estimates[0].history, best), PERCENT * best.mae)
+        place = (first + _index(result.estimates[0].history, best), PERCENT * best.mae)
         axes.plot(*place, "o", color=style.TUNED, ms=6, mfc=style.PAPER, zorder=4)
         make_logarithmic(axes)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_xlabel("iteration")
+        axes.set_xlabel("rollout" if first else "iteration")
         axes.set_ylabel(_ERROR)
         axes.margins(x=0.02)
         name = "best start" if len(result.estimates) > 1 else ""
@@ -286,6 +291,32 @@ def plot_loss(path: PathLike, training: ArrayLike, heldout: ArrayLike) -> None:
         axes.set_ylabel("mean squared error")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         style.label_ends(axes, ends)
+
+
+def plot_likelihood(path: PathLike, losses: ArrayLike) -> None:
+    """Draw the loss of a network of IRT+ over the pools of simulations of its training.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    losses : (pools,) array
+        Mean negative log-likelihood of the coordinates [nats].
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    values = np.asarray(losses, dtype=np.float64)
+    with style.drawing(path, style.WIDTH, 3.1) as figure:
+        axes = figure.subplots()
+        axes.plot(np.arange(1, len(values) + 1), values, color=style.TUNED)
+        # The first pools, of a network that knows nothing, would leave no room for the others.
+        axes.set_ylim(top=max(float(np.quantile(values, 0.97)), float(values[-1])) + 0.2)
+        axes.set_xlabel("pool")
+        axes.set_ylabel("negative log-likelihood  [nats]")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 def mean_absolute(noise: float) -> float:

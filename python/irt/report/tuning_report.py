@@ -28,7 +28,14 @@ from irt.residual import Evaluation, RunEvaluation, evaluate
 from irt.rig import PARAMETERS, Rig
 from irt.segments import segments
 
-_METHODS = {"irt": "IRT", "least-squares": "least squares"}
+_METHODS = {
+    "irt": "IRT",
+    "irt+": "IRT+",
+    "least-squares": "least squares",
+    "cma-es": "CMA-ES",
+    "es": "the (5+100) evolution strategy",
+    "direct": "direct prediction",
+}
 _COLOURS = (style.TUNED, style.SECOND, style.THIRD)
 
 
@@ -302,7 +309,7 @@ def _add_history(page: Page, folder: Path, rig: Rig, results: Sequence[FitResult
         histories.append(
             Picture(
                 history,
-                f"{name}: error over the iterations from {starts} random start{'s' if starts != 1 else ''}; "
+                f"{name}: error on the way from {starts} start{'s' if starts != 1 else ''}; "
                 f"{result.rollouts:,} simulated runs and {result.seconds:.1f} s in all.",
             )
         )

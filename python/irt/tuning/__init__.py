@@ -12,21 +12,21 @@ if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
 
 #: In the order in which help lists them; the first is the default.
-METHODS = ("irt", "least-squares")
+METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
 
 
-def tune(rig: Rig | PathLike, method: str = "irt", **options: Any) -> FitResult:
+def tune(rig: Rig | PathLike, method: str = METHODS[0], **options: Any) -> FitResult:
     """Fit the five parameters to the recordings of a rig.
 
     Parameters
     ----------
     rig : Rig or path
         A rig, or its folder.
-    method : {"irt", "least-squares"}
-        How.
+    method : {"least-squares", "irt+", "irt", "cma-es", "es", "direct"}
+        How: the last four are the paper's method and those that it compares with.
     **options
-        Of the method, see `irt.tuning.residual_tuning.irt` and `irt.fitting.least_squares.least_squares`. All
-        take ``starts``, ``seed``, ``engine``, ``threads`` and ``progress``.
+        Of the method, see `irt.fitting.least_squares.least_squares`, `irt.tuning.residual_tuning.irt` and
+        `irt.tuning.budgeted`. All take ``seed``, ``engine``, ``threads`` and ``progress``.
 
     Returns
     -------
@@ -39,12 +39,21 @@ def tune(rig: Rig | PathLike, method: str = "irt", **options: Any) -> FitResult:
         If the method is unknown, the rig or an option is not as it must be, or a file cannot be written.
     """
     rig = rig if isinstance(rig, Rig) else load_rig(rig)
-    if method == "irt":
-        from irt.tuning.residual_tuning import irt  # noqa: PLC0415  # torch loads only where it is used
-
-        return irt(rig, **options)
+    # torch, scipy and pycma load only where they are used.
     if method == "least-squares":
-        from irt.fitting.least_squares import least_squares  # noqa: PLC0415  # as does scipy
+        from irt.fitting.least_squares import least_squares  # noqa: PLC0415
 
         return least_squares(rig, **options)
-    raise unknown_name("method", method, METHODS)
+    if method == "irt":
+        from irt.tuning.residual_tuning import irt  # noqa: PLC0415
+
+        return irt(rig, **options)
+    if method not in METHODS:
+        raise unknown_name("method", method, METHODS)
+    from irt.tuning import budgeted  # noqa: PLC0415
+
+    if method == "irt+":
+        return budgeted.irt_plus(rig, **options)
+    if method == "direct":
+        return budgeted.direct(rig, **options)
+    return budgeted.strategy(rig, method, **options)

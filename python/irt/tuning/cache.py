@@ -6,10 +6,12 @@ import hashlib
 import json
 import os
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal, TypeVar
 
 from irt.errors import IrtError
 from irt.files import PathLike, make_folder
@@ -19,10 +21,19 @@ from irt.rollouts import Engine
 from irt.segments import Segment, segments
 from irt.tuning.drive import Drive, is_paper_drive
 from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain
+from irt.tuning.stepnet import StepFile, load_steps
+from irt.tuning.streaming import Streamed, train_steps
 from irt.tuning.tunenet import NetworkFile, load_network
 
-#: Trained by the command in its metadata.
-SHIPPED = Path(__file__).resolve().parents[1] / "data" / "tunenet-paper.safetensors"
+_DATA = Path(__file__).resolve().parents[1] / "data"
+#: Trained by the commands in their metadata, for the paper's drive.
+SHIPPED = _DATA / "tunenet-paper.safetensors"
+SHIPPED_STEPS = _DATA / "steps-paper.safetensors"
+#: Of a network of IRT+ that is trained when it is needed: minutes, and near enough for Gauss-Newton.
+SAMPLES = 400_000
+
+#: Methods that need a network.
+Networked = Literal["irt", "irt+", "direct"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,14 +59,15 @@ class Need:
         """Whether the network sees all runs at once."""
         return self.network_drive is self.rig_drive
 
-    @property
-    def path(self) -> Path:
-        """Where the network is, or will be once it is trained."""
-        if SHIPPED.exists() and self.network_drive.digest == Drive.paper().digest:
-            return SHIPPED
-        recipe = json.dumps(asdict(Recipe()), sort_keys=True)
+    def path(self, method: Networked = "irt") -> Path:
+        """Return where the network of a method is, or will be once it is trained."""
+        shipped = {"irt": SHIPPED, "irt+": SHIPPED_STEPS}.get(method)
+        if shipped and shipped.exists() and self.network_drive.digest == Drive.paper().digest:
+            return shipped
+        chosen = _streamed() if method == "irt+" else _recipe(method)
+        recipe = json.dumps(asdict(chosen), sort_keys=True)
         key = hashlib.sha256(f"{self.network_drive.digest} {recipe}".encode()).hexdigest()
-        return cache_folder() / f"tunenet-{key[:16]}.safetensors"
+        return cache_folder() / f"{_STEMS[method]}-{key[:16]}.safetensors"
 
 
 def need(rig: Rig, engine: Engine = "rolling") -> Need:
@@ -76,6 +88,7 @@ def obtain(
     needed: Need,
     path: PathLike | None = None,
     *,
+    task: Literal["difference", "parameters"] = "difference",
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> NetworkFile:
@@ -87,6 +100,8 @@ def obtain(
         From `need`.
     path : path, optional
         A network file to use instead.
+    task : {"difference", "parameters"}
+        Of the paper's method, or of direct prediction.
     threads : int, optional
         Of the simulations.
     progress : callable, optional
@@ -95,29 +110,53 @@ def obtain(
     Raises
     ------
     IrtError
-        If the file named is broken or was trained for another drive, or the cache cannot be written.
+        If the file named is broken or was trained for another drive or task, or the cache cannot be written.
     """
+    method: Networked = "irt" if task == "difference" else "direct"
+
+    def load(path: PathLike) -> NetworkFile:
+        file = _for_drive(path, load_network(path), needed)
+        if (found := file.metadata.get("task", "difference")) != task:
+            raise IrtError(
+                f"{path}: trained to tell {found}, not {task}; "
+                f"train one with 'irt pretrain --method {method}'"
+            )
+        return file
+
+    train = partial(pretrain, needed.network_drive, recipe=_recipe(method))
+    return _obtained(needed, method, path, load, train, threads=threads, progress=progress)
+
+
+def obtain_steps(
+    needed: Need,
+    path: PathLike | None = None,
+    *,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> StepFile:
+    """Return the network of IRT+ that is needed, as `obtain` does for the paper's method."""
+
+    def load(path: PathLike) -> StepFile:
+        return _for_drive(path, load_steps(path), needed)
+
+    train = partial(train_steps, needed.network_drive, recipe=_streamed())
+    return _obtained(needed, "irt+", path, load, train, threads=threads, progress=progress)
+
+
+def described(needed: Need, method: Networked, path: PathLike | None, trained: str) -> str:
+    """Say which network it was: the one named, the one shipped, or the rig's own."""
     if path is not None:
-        return _load_for(path, needed.network_drive)
-    path = needed.path
-    if path.exists():
-        if path == SHIPPED:
-            return _load_for(path, needed.network_drive)
-        with suppress(IrtError):
-            return _load_for(path, needed.network_drive)
-    try:
-        make_folder(path.parent)
-    except IrtError as error:
-        raise IrtError(f"{error}; or set IRT_CACHE to a folder for trained networks") from error
-    train = partial(
-        pretrain, needed.network_drive, path, command="irt tune", threads=threads, progress=progress
-    )
-    if (checkpoint := checkpoint_path(path)).exists():
-        # One of another release, or broken, is no loss: it is only a cache.
-        with suppress(IrtError):
-            return train(resume=True)
-        checkpoint.unlink(missing_ok=True)
-    return train()
+        return f"The network is {path}: {trained}."
+    if needed.path(method).parent == _DATA:
+        return f"The network is the one shipped for the paper's drive: {trained}."
+    return f"The network was made for this rig's drive and is kept in {needed.path(method)}: {trained}."
+
+
+def training_data(method: Networked) -> str:
+    """Say what a network that is trained when it is needed learns from."""
+    if method == "irt+":
+        return f"{SAMPLES} pairs, simulated as it goes"
+    return f"{_recipe(method).pairs} simulated pairs"
 
 
 def cache_folder() -> Path:
@@ -131,9 +170,51 @@ def cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "irt"
 
 
-def _load_for(path: PathLike, drive: Drive) -> NetworkFile:
-    file = load_network(path)
-    if file.metadata.get("drive") != drive.digest:
+_STEMS: dict[Networked, str] = {"irt": "tunenet", "irt+": "steps", "direct": "direct"}
+_File = TypeVar("_File", NetworkFile, StepFile)
+
+
+def _streamed() -> Streamed:
+    return Streamed(samples=SAMPLES)
+
+
+def _recipe(method: Networked) -> Recipe:
+    return Recipe(task="parameters") if method == "direct" else Recipe()
+
+
+def _obtained(
+    needed: Need,
+    method: Networked,
+    named: PathLike | None,
+    load: Callable[[PathLike], _File],
+    train: Callable[..., _File],
+    *,
+    threads: int | None,
+    progress: Progress | None,
+) -> _File:
+    if named is not None:
+        return load(named)
+    path = needed.path(method)
+    if path.exists():
+        if path.parent == _DATA:
+            return load(path)
+        with suppress(IrtError):
+            return load(path)
+    try:
+        make_folder(path.parent)
+    except IrtError as error:
+        raise IrtError(f"{error}; or set IRT_CACHE to a folder for trained networks") from error
+    train = partial(train, path=path, command="irt tune", threads=threads, progress=progress)
+    if (checkpoint := checkpoint_path(path)).exists():
+        # One of another release, or broken, is no loss: it is only a cache.
+        with suppress(IrtError):
+            return train(resume=True)
+        checkpoint.unlink(missing_ok=True)
+    return train()
+
+
+def _for_drive(path: PathLike, file: _File, needed: Need) -> _File:
+    if file.metadata.get("drive") != needed.network_drive.digest:
         raise IrtError(
             f"{path}: trained for another drive (commands, start, board, ranges or engine); "
             "train one for this rig with 'irt pretrain --rig', or leave --network out"

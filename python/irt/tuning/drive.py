@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.fitting.least_squares import stamped_time_scale
 from irt.rig import PARAMETERS, RANGES, Board, Marble, Rig, Start
-from irt.rollouts import Engine, paper_drive, rollouts
+from irt.rollouts import Engine, TimeStep, paper_drive, rollouts
 from irt.segments import Segment
 
 Array = NDArray[np.float64]
@@ -128,14 +129,23 @@ class Drive:
             values[..., _TIME_SCALE] = self.time_scale
         return values
 
-    def simulate(self, parameters: Array, threads: int | None = None) -> list[Array]:
+    def simulate(
+        self,
+        parameters: Array,
+        threads: int | None = None,
+        *,
+        effects: Sequence[Mapping[str, Any]] = (),
+        time_step: TimeStep = "rounded",
+    ) -> list[Array]:
         """Simulate every run with each of (k, 5) parameters in their own units.
+
+        Effects are as `irt.rollouts` takes them, their parameters (k,) arrays.
 
         Returns
         -------
         list of (k, n, 2) arrays
             Observations of each run [board edges], with ``round(time_scale)`` physics updates a row as in the
-            paper.
+            paper unless the time step is continuous.
         """
         observed: dict[int, Array] = {}
         for indices in self._batches:
@@ -155,6 +165,8 @@ class Drive:
                 start=start,
                 start_velocity=velocity * (1.0 if stamps else self._rate(every)),
                 durations=np.tile(stamps, (len(parameters), 1)) if stamps else None,
+                effects=[_repeated(one, len(batch)) for one in effects],
+                time_step=time_step,
                 threads=threads,
             )
             result = result.reshape(len(parameters), len(batch), *result.shape[1:])
@@ -259,6 +271,11 @@ def is_paper_drive(rig: Rig, *, literal: bool = False) -> bool:
             for recording in rig.recordings
         )
     )
+
+
+def _repeated(effect: Mapping[str, Any], times: int) -> dict[str, Any]:
+    """Return an effect whose arrays hold each value so many times."""
+    return {key: value if key == "name" else np.repeat(value, times) for key, value in effect.items()}
 
 
 def _times(run: Run) -> Array:

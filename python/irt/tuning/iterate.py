@@ -10,8 +10,8 @@ import torch
 from numpy.typing import NDArray
 
 from irt.fitting.fit import Progress
-from irt.fitting.robust import deviation
 from irt.tuning.drive import Drive
+from irt.tuning.search import lacking, left_over
 from irt.tuning.tunenet import TuneNet
 
 Array = NDArray[np.float64]
@@ -21,8 +21,6 @@ STEP_DECAY = 0.85
 #: A row is a slip of the tracker if it lies this many typical distances from the median of five rows around
 #: it, and this far [board edges].
 _SPIKE, _SPIKE_EDGES = 8.0, 0.02
-#: No camera sees better than this [board edges].
-_FINEST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +67,7 @@ class Tuner:
         observed: Sequence[Array],
         iterations: int,
         *,
+        decay: float = STEP_DECAY,
         threads: int | None = None,
         progress: Progress | None = None,
     ) -> Trace:
@@ -81,7 +80,9 @@ class Tuner:
         observed : sequence of (n, 2) or (k, n, 2) arrays
             Target observations of each run [board edges], NaN rows where there is none.
         iterations : int
-            Steps; each is 0.85 times as long as the one before, and clipped to the ranges.
+            Steps, clipped to the ranges.
+        decay : float
+            How long each is, beside the one before.
         threads : int, optional
             Of the simulations.
         progress : callable, optional
@@ -90,19 +91,14 @@ class Tuner:
         path, errors = [np.where(self.drive.open, scaled, 0.0)], []
         for k in range(iterations + 1):
             proposed = self.drive.simulate(self.drive.parameters(path[-1]), threads)
-            missing = _missing(proposed, observed)
-            errors.append(np.abs(self._left_over(missing, observed)).mean(axis=1))
+            missing = lacking(proposed, observed)
+            errors.append(np.abs(left_over(self.drive, missing, observed)).mean(axis=1))
             if progress:
                 progress(k, iterations, f"tuning, error {100 * errors[-1].min():.2f} % of the edge")
             if k < iterations:
                 estimated = self._difference(proposed, missing)
-                path.append(np.clip(path[-1] + STEP_DECAY**k * estimated, 0.0, 1.0))
+                path.append(np.clip(path[-1] + decay**k * estimated, 0.0, 1.0))
         return Trace(np.array(path), np.array(errors))
-
-    def noise_left(self, parameters: Array, observed: Sequence[Array], threads: int | None = None) -> float:
-        """Return the robust standard deviation [board edges] of what (5,) parameters leave of a target."""
-        proposed = self.drive.simulate(parameters[None], threads)
-        return max(deviation(self._left_over(_missing(proposed, observed), observed)), _FINEST)
 
     def _difference(self, proposed: Sequence[Array], missing: Sequence[Array]) -> Array:
         """Estimated (k, 5) differences of the scaled parameters, target minus proposal."""
@@ -121,13 +117,6 @@ class Tuner:
         ask = self.network.both_orders if self.both_orders else self.network
         return ask(*both).double().numpy()
 
-    def _left_over(self, missing: Sequence[Array], observed: Sequence[Array]) -> Array:
-        """Return what k proposals lack [board edges], (k, 2 rows seen)."""
-        seen = [np.isfinite(each).reshape(-1, *each.shape[-2:])[0] for each in observed]
-        return np.concatenate(
-            [values[:, s] for values, s in zip(self.drive.residual(missing), seen, strict=True)], axis=1
-        )
-
 
 def without_spikes(observed: Array) -> Array:
     """Return an (n, 2) observation with NaN where the tracker took something else for the marble.
@@ -144,25 +133,6 @@ def without_spikes(observed: Array) -> Array:
     cleaned = observed.copy()
     cleaned[rows[(off > max(_SPIKE * typical, _SPIKE_EDGES)).any(axis=1)]] = np.nan
     return cleaned
-
-
-def _missing(proposed: Sequence[Array], observed: Sequence[Array]) -> list[Array]:
-    """Return what (k, n, 2) proposals lack of observations.
-
-    In lost rows that is interpolated: between its neighbours it is smooth, even where the marble turned.
-    """
-    return [_interpolated(o - p) for p, o in zip(proposed, observed, strict=True)]
-
-
-def _interpolated(difference: Array) -> Array:
-    """Return (k, n, 2) differences with their NaN rows, the same for every k, told by those around them."""
-    known = np.isfinite(difference[0, :, 0])
-    if known.all():
-        return difference
-    rows = np.arange(len(known))
-    columns = np.moveaxis(difference, 1, -1).reshape(-1, len(rows))
-    filled = np.array([np.interp(rows, rows[known], column[known]) for column in columns])
-    return np.moveaxis(filled.reshape(len(difference), 2, len(rows)), -1, 1)
 
 
 def _flat(observed: Array) -> Array:

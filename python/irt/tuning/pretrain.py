@@ -69,6 +69,9 @@ class Recipe:
         scatter, and what five parameters leave of a real rig. Log-uniform, drawn anew every time. A network
         that never saw noise may take a difference from any few rows, and real ones are not that good. The
         paper says nothing of noise; (0, 0) is none.
+    task : {"difference", "parameters"}
+        What the network is to tell: the difference of two sets of parameters, or, for direct prediction, the
+        target's own, its proposed input zero (paper, section 6.1).
     """
 
     pairs: int = 10_000
@@ -79,6 +82,7 @@ class Recipe:
     dealing: Literal["every epoch", "once"] = "every epoch"
     schedule: Literal["cosine", "constant"] = "cosine"
     noise: tuple[float, float] = (0.0005, 0.05)
+    task: Literal["difference", "parameters"] = "difference"
 
     def __post_init__(self) -> None:
         for name, least in (("pairs", 1), ("epochs", 1), ("seed", 0), ("batch", 1)):
@@ -145,7 +149,7 @@ def pretrain(
     )
     metadata = _metadata(drive, recipe, pairs, command)
     place = torch.device(device or best_device())
-    with _reproducible():
+    with reproducible():
         training = _Training(drive, recipe, pairs.to(place))
         if resume:
             training.restore(checkpoint, metadata)
@@ -179,6 +183,21 @@ def best_device() -> str:
     if torch.cuda.is_available():
         return "cuda"
     return "mps" if torch.backends.mps.is_available() else "cpu"
+
+
+def checked_device(name: str) -> str:
+    """Return the name of a device that this machine has.
+
+    Raises
+    ------
+    IrtError
+        If it has none of that name.
+    """
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError) as error:
+        raise IrtError(f"no device {name} here: {str(error).splitlines()[0]}; leave --device out") from error
+    return name
 
 
 class _Training:
@@ -280,6 +299,9 @@ class _Training:
             level = torch.rand((len(observed), 1), generator=noise, device=observed.device)
             drawn = torch.randn(observed.shape, generator=noise, device=observed.device)
             observed = observed + least * (largest / least) ** level * drawn
+        if self.recipe.task == "parameters":
+            estimated = self.network(torch.zeros_like(observed), observed)
+            return torch.nn.functional.mse_loss(estimated, pairs.scaled[target])
         estimated = self.network(pairs.inputs[proposed], observed)
         return torch.nn.functional.mse_loss(estimated, pairs.scaled[target] - pairs.scaled[proposed])
 
@@ -301,6 +323,7 @@ def _metadata(drive: Drive, recipe: Recipe, pairs: Pairs, command: str) -> dict[
         "ranges": json.dumps({name: drive.ranges[name] for name in PARAMETERS}),
         "recipe": json.dumps(asdict(recipe)),
         "seed": f"{recipe.seed}",
+        "task": recipe.task,
         "pairs": f"{recipe.pairs}",
         "epochs": f"{recipe.epochs}",
         "data": pairs.digest,
@@ -309,7 +332,7 @@ def _metadata(drive: Drive, recipe: Recipe, pairs: Pairs, command: str) -> dict[
 
 
 @contextmanager
-def _reproducible() -> Iterator[None]:
+def reproducible() -> Iterator[None]:
     """Train on one thread, by algorithms that give the same bits every time.
 
     The layers are so small that more threads would only wait for each other.

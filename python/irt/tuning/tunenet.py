@@ -123,7 +123,7 @@ def load_network(path: PathLike) -> NetworkFile:
     return NetworkFile(network.eval(), metadata, *losses)
 
 
-def load_weights(path: PathLike, network: TuneNet, tensors: Mapping[str, Tensor]) -> None:
+def load_weights(path: PathLike, network: nn.Module, tensors: Mapping[str, Tensor]) -> None:
     """Put the weights of a file, named ``network.*``, into a network.
 
     Raises

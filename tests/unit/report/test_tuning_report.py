@@ -97,8 +97,8 @@ def test_page_tells_the_errors_that_evaluation_finds(tmp_path, simulated, result
         assert text in page
     assert "<li>IRT: gears" not in page  # both methods say it, so nobody in particular does
     assert "<li>least squares: a note</li>" in page
-    assert "from 2 random starts" in page
-    assert "from 1 random start;" in page
+    assert "from 2 starts" in page
+    assert "from 1 start;" in page
     assert page.count("<figure>") == len(list((tmp_path / "out").glob("*.svg"))) == 2 + 2 + 2 + 4
     assert "nan" not in page.split("</style>")[1].lower()
 

@@ -27,7 +27,9 @@ def quick(monkeypatch, recipe):
     monkeypatch.setattr(cache, "Recipe", recipe)
     train = cache.pretrain
     monkeypatch.setattr(
-        cache, "pretrain", lambda drive, path, **options: train(drive, path, recipe(), **options)
+        cache,
+        "pretrain",
+        lambda drive, path, **options: train(drive, path, **{**options, "recipe": recipe()}),
     )
 
 
@@ -62,7 +64,7 @@ def test_a_network_is_trained_once(needed, quick, folder):
     told = []
     first = obtain(needed, progress=lambda *step: told.append(step))
     assert told
-    assert needed.path.parent == folder
+    assert needed.path().parent == folder
     again = obtain(needed, progress=lambda *_: pytest.fail("trained again"))
     assert again.metadata == {"format": again.metadata["format"], **first.metadata}
 
@@ -70,16 +72,16 @@ def test_a_network_is_trained_once(needed, quick, folder):
 def test_another_recording_is_another_place(needed):
     run = needed.rig_drive.runs[0]
     other = replace(needed.rig_drive, runs=(replace(run, knobs=run.knobs + 1e-3),))
-    assert replace(needed, rig_drive=other, network_drive=other).path != needed.path
+    assert replace(needed, rig_drive=other, network_drive=other).path() != needed.path()
 
 
 @pytest.mark.parametrize("keep", [0, 1000])
 def test_a_broken_file_in_the_cache_is_made_anew(needed, quick, keep):
     obtain(needed)
-    whole = needed.path.read_bytes()
-    needed.path.write_bytes(whole[:keep])
+    whole = needed.path().read_bytes()
+    needed.path().write_bytes(whole[:keep])
     obtain(needed)
-    assert needed.path.read_bytes() == whole
+    assert needed.path().read_bytes() == whole
 
 
 def test_a_stopped_training_goes_on(needed, quick):
@@ -95,7 +97,7 @@ def test_a_stopped_training_goes_on(needed, quick):
 
 
 def test_a_broken_checkpoint_in_the_cache_is_left_behind(needed, quick):
-    checkpoint = checkpoint_path(needed.path)
+    checkpoint = checkpoint_path(needed.path())
     checkpoint.parent.mkdir()
     checkpoint.write_bytes(b"half")
     assert obtain(needed).metadata["drive"] == needed.network_drive.digest
@@ -115,7 +117,7 @@ def test_a_network_of_another_drive_is_refused(needed, quick):
     run = replace(needed.rig_drive.runs[0], knobs=knobs)
     other = replace(needed.rig_drive, runs=(run,))
     with pytest.raises(IrtError, match="trained for another drive"):
-        obtain(replace(needed, network_drive=other), needed.path)
+        obtain(replace(needed, network_drive=other), needed.path())
 
 
 def test_the_shipped_network_is_for_the_papers_drive():

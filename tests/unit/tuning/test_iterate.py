@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from irt.tuning.iterate import STEP_DECAY, Tuner, without_spikes
+from irt.tuning.outcome import noise_left
 
 
 @dataclass
@@ -115,14 +116,13 @@ def test_where_marbles_move_the_error_is_what_no_start_state_takes_up(stamped_dr
 
 
 def test_noise_left_is_robust(small_drive):
-    tuner = Tuner(small_drive, Constant((0.0,) * 5), joint=True)
     parameters = np.array([0.05, 0.04, 2e-4, 20.0, 1.0])
     random = np.random.default_rng(0)
     observed = [
         o[0] + 0.003 * random.standard_normal(o[0].shape) for o in small_drive.simulate(parameters[None])
     ]
     observed[0][::9] += 0.5
-    assert tuner.noise_left(parameters, observed) == pytest.approx(0.003, rel=0.35)
+    assert noise_left(small_drive, parameters, observed) == pytest.approx(0.003, rel=0.35)
 
 
 def test_spikes_are_taken_out_and_nothing_else():

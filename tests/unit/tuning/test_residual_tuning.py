@@ -5,7 +5,8 @@ from irt.fitting.fit import Iteration
 from irt.model import Parameter
 from irt.rig import RANGES, load_rig
 from irt.rollouts import rollouts
-from irt.tuning.residual_tuning import irt, spread, widened
+from irt.tuning.outcome import spread, widened
+from irt.tuning.residual_tuning import irt
 
 
 def steps(*errors):

@@ -1,0 +1,152 @@
+"""`irt reproduce`: the paper's experiments, figures and table, beside the paper's own numbers."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from irt.cli.inputs import whole
+
+if TYPE_CHECKING:
+    from irt.fitting.fit import Progress
+    from irt.reproduce.setting import Setting
+
+NAME = "reproduce"
+HELP = "do the paper's experiments again, with intervals, and write its figures, its table and a page"
+
+ITEMS = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "table1", "symmetry")
+_OF_FIRST, _OF_SECOND = ITEMS[:4], ITEMS[4:7]
+#: Targets, rigs and diagnosed rigs of a quick reproduction and of the full one.
+_QUICK, _FULL = (100, 20, 3), (500, 100, 20)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `irt reproduce`."""
+    parser.add_argument(
+        "items",
+        metavar="ITEM",
+        nargs="*",
+        choices=[*ITEMS, "all"],
+        default="all",
+        help=f"{', '.join(ITEMS)} or all (default: all, with the page)",
+    )
+    parser.add_argument(
+        "--full",
+        action="store_true",
+        help=f"{_FULL[0]} targets, {_FULL[1]} rigs and {_FULL[2]} diagnoses, instead of "
+        f"{_QUICK[0]}, {_QUICK[1]} and {_QUICK[2]} (an hour on two cores)",
+    )
+    parser.add_argument("--targets", metavar="N", type=whole(2), help="of Experiment 1")
+    parser.add_argument("--rigs", metavar="N", type=whole(2), help="of Experiment 2")
+    parser.add_argument("--diagnosed", metavar="N", type=whole(0), help="of these, diagnosed as well")
+    parser.add_argument(
+        "--real", metavar="RIG", type=Path, help="a folder of real recordings; the last third is held out"
+    )
+    parser.add_argument(
+        "--literal-drive", action="store_true", help="the paper's Eq. 3 to the letter, a fortieth of a period"
+    )
+    parser.add_argument("--damping", action="store_true", help="damp the marble as PyBullet does by default")
+    parser.add_argument(
+        "--seed", metavar="S", type=whole(0), default=0, help="of all that is random (default: 0)"
+    )
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        type=Path,
+        default=Path("irt-reproduce"),
+        help="folder of the results; what is there is not done again (default: irt-reproduce)",
+    )
+    parser.add_argument("--page", metavar="FILE", type=Path, help="the page (default: DIR/paper.md)")
+    parser.add_argument(
+        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+    )
+    parser.epilog = (
+        "examples:\n"
+        "  irt reproduce fig5 --targets 20 --out paper     one figure and its numbers\n"
+        "  irt reproduce --out paper                       everything; the same goes on after Ctrl-C\n"
+        "  irt reproduce --full --page docs/paper.md --out paper-full"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Do the experiments that are needed, draw, and print the tables."""
+    from irt.cli.progress import progress_bar
+    from irt.files import make_folder
+    from irt.reproduce.setting import Setting
+
+    targets, rigs, diagnosed = _FULL if args.full else _QUICK
+    setting = Setting(
+        out=make_folder(args.out),
+        targets=args.targets or targets,
+        rigs=args.rigs or rigs,
+        diagnosed=diagnosed if args.diagnosed is None else args.diagnosed,
+        seed=args.seed,
+        literal=args.literal_drive,
+        damped=args.damping,
+        threads=args.threads,
+    )
+    items = set(ITEMS) if "all" in args.items else set(args.items)
+    page = args.page or args.out / "paper.md"
+    try:
+        with progress_bar() as progress:
+            lines = _done(args, setting, items, page, progress)
+    except KeyboardInterrupt:
+        print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
+        raise
+    for line in lines:
+        print(line)
+
+
+def _done(
+    args: argparse.Namespace, setting: Setting, items: set[str], page: Path, progress: Progress
+) -> list[str]:
+    """Write what was asked for; return what is to be printed."""
+    import json
+
+    from irt.files import make_folder, write_atomic
+    from irt.reproduce import drawn, tables
+    from irt.reproduce.contenders import available
+    from irt.reproduce.page import write_page
+    from irt.reproduce.recorded import judge
+    from irt.reproduce.simulated import experiment1
+    from irt.reproduce.standin import experiment2
+
+    folder = make_folder(page.with_suffix(""))
+    lines = (
+        [] if "npe" in available() else ["without neural posterior estimation: pip install 'labsim-irt[npe]'"]
+    )
+    numbers = {}
+    first = experiment1(setting, progress=progress) if items & set(_OF_FIRST) else None
+    second = experiment2(setting, progress=progress) if items & set(_OF_SECOND) else None
+    real = judge(setting, args.real, progress) if args.real is not None else []
+    if first is not None:
+        for name in sorted(items & set(_OF_FIRST)):
+            drawn.OF_FIRST[name](folder, first)
+        numbers["experiment_1"] = first.as_dict()
+        lines += [*tables.of_methods(first), ""]
+    if second is not None:
+        for name in sorted(items & set(drawn.OF_SECOND)):
+            drawn.OF_SECOND[name](folder, second)
+        numbers["experiment_2"] = second.as_dict()
+        lines += [*tables.table1(second), "", *tables.of_diagnoses(second.diagnosed), ""]
+    if "symmetry" in items:
+        drawn.symmetries(folder, setting)
+    if numbers:
+        write_atomic(folder / "results.json", json.dumps(numbers, indent=1) + "\n")
+    if first is None or second is None or items != set(ITEMS):
+        return [*lines, f"wrote {folder}"]
+    write_page(page, f"`{_command(args)}`", first, second, real)
+    return [*lines, f"wrote {page} and {folder}"]
+
+
+def _command(args: argparse.Namespace) -> str:
+    """Return the command that does the same again."""
+    words = ["irt", "reproduce"]
+    for name in ("full", "literal_drive", "damping"):
+        words += [f"--{name.replace('_', '-')}"] if getattr(args, name) else []
+    for name in ("targets", "rigs", "diagnosed", "real", "page"):
+        words += [f"--{name}", f"{getattr(args, name)}"] if getattr(args, name) is not None else []
+    return shlex.join([*words, "--seed", f"{args.seed}", "--out", f"{args.out}"])

@@ -1,0 +1,85 @@
+"""How far proposals are from the truth, in the parameters and in what a path can show of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.rig import PARAMETERS
+from irt.tuning.drive import Drive
+
+Array = NDArray[np.float64]
+
+#: Normal quantile of a two-sided 95 % interval.
+NORMAL_95 = 1.96
+#: As near to the rim as this share of the way there counts as there.
+_AT_RIM = 0.995
+_TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
+
+
+def parameter_error(drive: Drive, parameters: Array, truth: Array) -> Array:
+    """Return the mean absolute errors (...) of (..., 5) parameters in shares of their ranges (Fig. 4)."""
+    error: Array = np.abs(drive.scaled(parameters) - drive.scaled(truth)).mean(axis=-1)
+    return error
+
+
+def combinations(parameters: Array) -> Array:
+    """Return what a path can show (..., 4): time_scale^2 times gears and friction, and observation_scale."""
+    steps = np.rint(parameters[..., _TIME, None])
+    return np.concatenate([steps**2 * parameters[..., :3], parameters[..., [_SCALE]]], axis=-1)
+
+
+def combination_error(drive: Drive, parameters: Array, truth: Array) -> Array:
+    """Return the mean absolute error (...) of the four combinations in shares of their ranges."""
+    low, high = (combinations(np.array([drive.ranges[name][k] for name in PARAMETERS])) for k in (0, 1))
+    error: Array = (np.abs(combinations(parameters) - combinations(truth)) / (high - low)).mean(axis=-1)
+    return error
+
+
+def meets_rim(drive: Drive, parameters: Array, observed: Array) -> NDArray[np.bool_]:
+    """Return which of k marbles (observations (k, n, 2) without noise) met the rim, which tells the scale."""
+    room = np.array([drive.board.edge_x_m, drive.board.edge_y_m]) / 2.0 - drive.marble.radius_m
+    furthest = np.abs(observed / parameters[:, _SCALE, None, None]).max(axis=1)
+    return np.asarray((furthest > _AT_RIM * room / drive.board.edge_x_m).any(axis=1))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Errors over many trials, in the unit of the errors.
+
+    Attributes
+    ----------
+    mean, low, high : float
+        With its 95 % interval.
+    median, p05, p95 : float
+        And the percentiles between which nine trials in ten lie.
+    worst : float
+        Of all.
+    """
+
+    mean: float
+    low: float
+    high: float
+    median: float
+    p05: float
+    p95: float
+    worst: float
+
+    @classmethod
+    def of(cls, errors: Array) -> Summary:
+        """Summarise errors (n,); the interval of the mean is normal theory's."""
+        mean = float(errors.mean())
+        half = NORMAL_95 * float(errors.std(ddof=1)) / np.sqrt(len(errors)) if len(errors) > 1 else np.inf
+        p05, median, p95 = (float(value) for value in np.percentile(errors, [5, 50, 95]))
+        return cls(mean, mean - half, mean + half, median, p05, p95, float(errors.max()))
+
+
+def median_interval(values: Array) -> tuple[float, float]:
+    """Return the 95 % interval of the median of (n,) values: order statistics, without any model."""
+    ordered = np.sort(values)
+    half = 0.5 * NORMAL_95 * np.sqrt(len(ordered))
+    low = int(max(0, np.floor(0.5 * len(ordered) - half)))
+    high = int(min(len(ordered) - 1, np.ceil(0.5 * len(ordered) + half)))
+    return float(ordered[low]), float(ordered[high])

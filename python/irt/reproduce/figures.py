@@ -1,0 +1,281 @@
+"""The paper's figures again: the same axes and units, more methods, and the spread over many trials."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import NDArray
+from PIL import Image
+
+from irt.files import PathLike, write_atomic
+from irt.report import style
+from irt.report.plots import FLOOR, PERCENT, make_logarithmic
+from irt.reproduce.contenders import METHODS
+from irt.reproduce.setting import ROLLOUTS
+from irt.reproduce.symmetry import Symmetry
+from irt.rig import PARAMETERS
+
+Array = NDArray[np.float64]
+
+#: One colour for each method in all figures (Okabe and Ito's, and greys).
+COLOURS = {
+    "irt+": style.TUNED,
+    "irt": "#56b4e9",
+    "irt-paper": style.SECOND,
+    "direct": style.THIRD,
+    "cma-es": style.UNTUNED,
+    "es": "#e69f00",
+    "npe": style.MUTED,
+    "least-squares": style.INK,
+}
+_WIDE = 7.6
+#: Colours of a picture.
+_SHADES = 64
+#: Bootstrap draws of the band about a mean.
+_DRAWS = 400
+
+
+def plot_errors(
+    path: PathLike,
+    errors: Mapping[str, Array],
+    what: str,
+    *,
+    floor: tuple[float, str] | None = None,
+    logarithmic: bool = True,
+    papers: Sequence[tuple[float, float, str]] = (),
+) -> None:
+    """Draw mean errors over the number of simulated rollouts, with 95 % bands (paper, Figs. 4, 5 and 8).
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    errors : mapping of (n, rollouts + 1) arrays
+        Of n trials, by method; in shares.
+    what : str
+        Which error, for the axis.
+    floor : (height, text), optional
+        What no method can go below.
+    logarithmic : bool
+        Whether the height is, or begins at zero, as in the paper.
+    papers : sequence of (rollouts, height, text)
+        The paper's own numbers, as crosses.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with _drawing(path, _WIDE, 4.2) as figure:
+        axes = figure.subplots()
+        ends = []
+        for name, trials in errors.items():
+            rollouts = np.arange(1, trials.shape[1])
+            mean, low, high = _bands(PERCENT * trials[:, 1:])
+            axes.fill_between(rollouts, low, high, color=COLOURS[name], alpha=0.15, lw=0)
+            axes.plot(rollouts, mean, color=COLOURS[name], lw=2.2 if name == "irt+" else 1.4)
+            ends.append((float(mean[-1]), METHODS[name].title, COLOURS[name]))
+        if floor is not None:
+            axes.axhline(PERCENT * floor[0], **FLOOR)
+            ends.append((PERCENT * floor[0], floor[1], style.INK))
+        for at, height, text in papers:
+            axes.plot(max(at, 1), PERCENT * height, "x", color=style.INK, ms=7, mew=1.6, zorder=5)
+            axes.annotate(
+                text, (max(at, 1), PERCENT * height), xytext=(5, 4), textcoords="offset points", fontsize=7.5
+            )
+        if logarithmic:
+            make_logarithmic(axes)
+        else:
+            axes.set_ylim(bottom=0.0)
+        _count(axes)
+        axes.set_xlim(1, ROLLOUTS)
+        axes.set_ylabel(f"{what}  [%]")
+        style.label_ends(axes, ends)
+
+
+def plot_pretraining(path: PathLike, errors: Mapping[str, Array], pretraining: Mapping[str, int]) -> None:
+    """Draw the mean state error over all rollouts, those of the pretraining counted, for one target and many.
+
+    The rollouts that a network has learned from are shared by all targets that it ever meets: left they count
+    in full, right a hundredth part, as for a hundred targets.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    errors : mapping of (n, rollouts + 1) arrays
+        As of `plot_errors`.
+    pretraining : mapping
+        Rollouts by method.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with _drawing(path, _WIDE, 3.8) as figure:
+        both = figure.subplots(1, 2, sharey=True)
+        for axes, targets in zip(both, (1, 100), strict=True):
+            ends = []
+            for name, trials in errors.items():
+                rollouts = np.arange(1, trials.shape[1]) + pretraining[name] / targets
+                mean = PERCENT * trials[:, 1:].mean(axis=0)
+                axes.plot(rollouts, mean, color=COLOURS[name], lw=2.2 if name == "irt+" else 1.4)
+                ends.append((float(mean[-1]), METHODS[name].title, COLOURS[name]))
+            make_logarithmic(axes)
+            axes.set_xscale("log")
+            axes.set_title("one target" if targets == 1 else f"each of {targets} targets")
+            axes.set_xlabel("rollouts, the pretraining's included")
+        both[0].set_ylabel("mean absolute state error  [%]")
+        style.label_ends(both[1], ends)
+
+
+def plot_observations(
+    path: PathLike, columns: Sequence[tuple[str, Array, Sequence[tuple[str, Array]]]]
+) -> None:
+    """Draw proposed and target observations over time, a column for each start, a row for each iteration.
+
+    As in the paper's Figs. 3 and 7.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    columns : sequence of (title, (n, 2) array, sequence of (label, (n, 2) array))
+        What stands above a column, the target, and the proposals.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    rows = max(len(proposals) for _, _, proposals in columns)
+    with _drawing(path, _WIDE, 1.25 * rows + 0.6) as figure:
+        grid = figure.subplots(rows, len(columns), sharex=True, sharey=True, squeeze=False)
+        for axis, (title, target, proposals) in enumerate(columns):
+            for row, (label, proposed) in enumerate(proposals):
+                axes = grid[row, axis]
+                for coordinate, colour in enumerate((style.TUNED, style.UNTUNED)):
+                    axes.plot(target[:, coordinate], color=colour, lw=1.0, ls=(0, (2, 1.5)))
+                    axes.plot(proposed[:, coordinate], color=colour, lw=1.5)
+                axes.set_title(f"{title}\n{label}" if row == 0 else label, fontsize=8)
+                axes.set_ylim(-0.62, 0.62)
+                axes.set_yticks([-0.5, 0.0, 0.5])
+        for axes in grid[-1]:
+            axes.set_xlabel("timestep")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("position")
+        texts = (
+            (style.TUNED, "-", "x, proposed"),
+            (style.UNTUNED, "-", "y, proposed"),
+            (style.MUTED, (0, (2, 1.5)), "target"),
+        )
+        handles = [grid[0, 0].plot([], [], color=colour, ls=ls)[0] for colour, ls, _ in texts]
+        figure.legend(
+            handles, [text for *_, text in texts], loc="outside lower center", ncols=3, frameon=False
+        )
+
+
+def plot_evolution(path: PathLike, scaled: Array, truth: Array, titles: Sequence[str]) -> None:
+    """Draw how each parameter moves over the iterations of IRT (paper, Fig. 6).
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    scaled : (panels, traces, iterations + 1, 5) array
+        Parameters scaled to [0, 1], a row of panels each.
+    truth : (5,) array
+        The target's.
+    titles : sequence of str
+        Of the rows.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    with _drawing(path, _WIDE, 1.9 * len(scaled) + 0.3) as figure:
+        grid = figure.subplots(len(scaled), len(PARAMETERS), sharex=True, sharey=True, squeeze=False)
+        for row, (traces, title) in enumerate(zip(scaled, titles, strict=True)):
+            for column, name in enumerate(PARAMETERS):
+                axes = grid[row, column]
+                axes.plot(traces[:, :, column].T, color=style.TUNED, lw=0.9, alpha=0.7)
+                axes.axhline(truth[column], **FLOOR)
+                axes.set_ylim(-0.03, 1.03)
+                if row == 0:
+                    axes.set_title(name, fontsize=8)
+                if row == len(scaled) - 1:
+                    axes.set_xlabel("iteration")
+            grid[row, 0].set_ylabel(title)
+
+
+def plot_symmetry(path: PathLike, found: Symmetry) -> None:
+    """Draw how little the observation changes along the symmetry, and how much the parameters do.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    found : Symmetry
+        From `irt.reproduce.symmetry.symmetry`.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    colours = (style.MUTED, style.TUNED, style.SECOND, style.UNTUNED)
+    with _drawing(path, _WIDE, 3.6) as figure:
+        axes = figure.subplots()
+        ends = []
+        # The unmoved end says nothing on a logarithmic axis.
+        moved = found.parameter_error > 0.0
+        away = PERCENT * found.parameter_error[moved]
+        for (name, quartiles), colour in zip(found.change.items(), colours, strict=True):
+            low, middle, high = PERCENT * quartiles[moved].T
+            axes.fill_between(away, low, high, color=colour, alpha=0.15, lw=0)
+            axes.plot(away, middle, color=colour)
+            ends.append((float(middle[0]), name, colour))
+        make_logarithmic(axes)
+        axes.yaxis.set_major_locator(LogLocator())
+        axes.set_xlim(0.0, float(away.max()))
+        axes.set_xlabel("mean absolute parameter error along time_scale f, gears and friction 1/f²  [%]")
+        axes.set_ylabel("change of the observation  [% of edge]")
+        style.label_ends(axes, ends)
+
+
+@contextmanager
+def _drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
+    """Yield an empty figure, and write it to ``path``: a PNG in few colours, as pages keep many."""
+    with style.drawing(path, width, height) as figure:
+        yield figure
+    if str(path).endswith(".png"):
+        file = io.BytesIO()
+        with Image.open(path) as picture:
+            picture.convert("RGB").quantize(_SHADES, dither=Image.Dither.NONE).save(
+                file, "png", optimize=True
+            )
+        write_atomic(path, file.getvalue())
+
+
+def _bands(errors: Array) -> tuple[Array, Array, Array]:
+    """Return the mean of (n, k) errors and the ends of its 95 % band, by drawing trials anew."""
+    random = np.random.default_rng(0)
+    weights = random.multinomial(len(errors), np.full(len(errors), 1.0 / len(errors)), _DRAWS) / len(errors)
+    low, high = np.percentile(weights @ errors, [2.5, 97.5], axis=0)
+    return errors.mean(axis=0), low, high
+
+
+def _count(axes: Any) -> None:
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_xlabel("number of simulated rollouts")

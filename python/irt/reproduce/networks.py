@@ -1,0 +1,170 @@
+"""The networks that methods are compared by, each trained once and kept beside the results."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.fitting.fit import Progress
+from irt.reproduce.setting import Setting, within
+from irt.tuning import cache
+from irt.tuning.pairs import simulate_pairs
+from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain, reproducible
+from irt.tuning.stepnet import StepFile, load_steps
+from irt.tuning.streaming import Streamed, train_steps
+from irt.tuning.tunenet import NetworkFile, load_network
+
+if TYPE_CHECKING:
+    from sbi.neural_nets.estimators import ConditionalDensityEstimator
+
+Array = NDArray[np.float64]
+
+#: The paper's way (section 5.2 and 5.3): always the same pairs, a constant learning rate, no noise.
+PAPERS_WAY: dict[str, Any] = {"dealing": "once", "schedule": "constant", "noise": (0.0, 0.0)}
+#: Pairs whose simulations it learns from: the paper's.
+NPE_PAIRS = Recipe().pairs
+#: Epochs of neural posterior estimation at most; it stops by itself once a tenth held out says so.
+NPE_EPOCHS = 60
+#: Widths of the network that reduces an observation for it.
+_EMBEDDING = (256, 64)
+
+
+def papers(
+    setting: Setting, task: Literal["difference", "parameters"], progress: Progress | None = None
+) -> NetworkFile:
+    """Return the paper's network, or that of direct prediction, trained in the paper's own way."""
+    path = setting.folder("networks") / f"{'irt' if task == 'difference' else 'direct'}.safetensors"
+    recipe = Recipe(**PAPERS_WAY, task=task, seed=setting.seed)
+    if path.exists():
+        file = load_network(path)
+        if file.metadata["drive"] == setting.drive.digest and file.metadata["seed"] == f"{setting.seed}":
+            return file
+    return pretrain(
+        setting.drive,
+        path,
+        recipe,
+        resume=checkpoint_path(path).exists(),
+        command="irt reproduce",
+        device="cpu",
+        threads=setting.threads,
+        progress=within(progress, f"the paper's network, {task}"),
+    )
+
+
+def shipped(setting: Setting) -> NetworkFile | None:
+    """Return the network of `irt tune --method irt`, where it is for this drive."""
+    file = load_network(cache.SHIPPED)
+    return file if file.metadata["drive"] == setting.drive.digest else None
+
+
+def steps(setting: Setting, progress: Progress | None = None) -> StepFile:
+    """Return the network of IRT+: the one that is shipped, or one trained now for another drive."""
+    if cache.SHIPPED_STEPS.exists():
+        file = load_steps(cache.SHIPPED_STEPS)
+        if file.metadata["drive"] == setting.drive.digest:
+            return file
+    path = setting.folder("networks") / "steps.safetensors"
+    if path.exists():
+        return load_steps(path)
+    return train_steps(
+        setting.drive,
+        path,
+        Streamed(samples=cache.SAMPLES, seed=setting.seed),
+        resume=checkpoint_path(path).exists(),
+        command="irt reproduce",
+        device="cpu",
+        threads=setting.threads,
+        progress=within(progress, "the network of irt+"),
+    )
+
+
+def posterior(setting: Setting, progress: Progress | None = None) -> ConditionalDensityEstimator:
+    """Return a neural posterior (sbi) that has seen as many simulations as the paper's network has.
+
+    Raises
+    ------
+    IrtError
+        If sbi is not installed.
+    """
+    try:
+        from sbi.inference import NPE  # noqa: PLC0415
+        from sbi.neural_nets import posterior_nn  # noqa: PLC0415
+        from sbi.utils import BoxUniform  # noqa: PLC0415
+    except ImportError as error:
+        raise IrtError("neural posterior estimation needs sbi: pip install 'labsim-irt[npe]'") from error
+    path = setting.folder("networks") / "npe.pt"
+    if path.exists():
+        # sbi's own way to keep one; the file is this program's.
+        kept: ConditionalDensityEstimator = torch.load(path, weights_only=False)
+        return kept
+    pairs = simulate_pairs(setting.drive, NPE_PAIRS, setting.seed, setting.threads)
+    with reproducible(), torch.random.fork_rng(devices=[]), quiet():
+        torch.manual_seed(setting.seed)
+        first, second = _EMBEDDING
+        embedding = torch.nn.Sequential(
+            torch.nn.Linear(pairs.inputs.shape[1], first),
+            torch.nn.ReLU(),
+            torch.nn.Linear(first, second),
+            torch.nn.ReLU(),
+        )
+        inference = NPE(
+            BoxUniform(torch.zeros(5), torch.ones(5)),
+            density_estimator=posterior_nn("nsf", embedding_net=embedding, z_score_x="structured"),
+            tracker=_Epochs(within(progress, "neural posterior")),
+            show_progress_bars=False,
+        )
+        inference.append_simulations(pairs.scaled, pairs.inputs)
+        estimator = inference.train(max_num_epochs=NPE_EPOCHS).eval()
+    part = path.with_suffix(".part")
+    torch.save(estimator, part)
+    part.replace(path)
+    return estimator
+
+
+class _Epochs:
+    """What sbi tells of its training, as progress; nothing is written."""
+
+    log_dir = None
+
+    def __init__(self, progress: Progress | None) -> None:
+        self._progress = progress
+
+    def log_metric(self, name: str, value: float, step: int | None = None) -> None:
+        """Count an epoch."""
+        if self._progress and step is not None:
+            self._progress(min(step + 1, NPE_EPOCHS), NPE_EPOCHS, f"{name} {value:.3f}")
+
+    def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
+        """Count an epoch."""
+        for name, value in metrics.items():
+            self.log_metric(name, value, step)
+
+    def log_params(self, params: dict[str, Any]) -> None:
+        """Leave it."""
+
+    def add_figure(self, name: str, figure: Any, step: int | None = None) -> None:
+        """Leave it."""
+
+    def flush(self) -> None:
+        """Leave it."""
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what sbi says of data that it has no quarrel with: the first row is the same in every path."""
+    level = logging.getLogger().level
+    logging.getLogger().setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logging.getLogger().setLevel(level)

@@ -1,0 +1,240 @@
+"""The page of a reproduction: claims, floors, figures and tables, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from irt.files import write_atomic
+from irt.report.words import versions
+from irt.reproduce import claims, tables
+from irt.reproduce.contenders import METHODS
+from irt.reproduce.recorded import WINDOW_S, Judged
+from irt.reproduce.setting import Setting
+from irt.reproduce.simulated import Experiment1
+from irt.reproduce.standin import FEW, PAPERS_TABLE, Experiment2
+from irt.reproduce.symmetry import floor
+
+#: Methods that IRT+ is to be ahead of at every number of rollouts.
+_RIVALS = ("cma-es", "es", "direct", "npe")
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A promise of this project, and what was measured."""
+
+    what: str
+    promise: str
+    measured: str
+    kept: bool
+
+
+def write_page(
+    page: Path,
+    command: str,
+    first: Experiment1,
+    second: Experiment2,
+    real: Sequence[Judged],
+) -> None:
+    """Write the page; its figures lie in the folder of its name.
+
+    Raises
+    ------
+    IrtError
+        If it cannot be written.
+    """
+    lines = [
+        "# The paper, reproduced",
+        "",
+        "Written by `irt reproduce`. Every number was measured by the command below; state errors are mean "
+        "absolute errors in % of the board's long edge.",
+        "",
+        *_claims(first, second),
+        *_floors(first, second),
+        *_first(first, page.stem),
+        *_second(second, page.stem),
+        *_real(real),
+        *_how(first.setting, command),
+    ]
+    write_atomic(page, "\n".join(lines) + "\n")
+
+
+def floors(first: Experiment1, second: Experiment2) -> Iterator[Floor]:
+    """Yield this project's promises."""
+    plus = first.held["irt+"]
+    combined = first.combination_error(plus)
+    under = floor(first.setting.drive, first.truth, first.at_rim, first.setting.seed)
+    for rollouts, most in ((5, 0.01), (20, 0.003)):
+        mean = plus.mae[:, rollouts].mean()
+        yield Floor(
+            f"IRT+: mean state MAE after {rollouts} rollouts",
+            f"below {100 * most:g} %",
+            f"{100 * mean:.3f} %, worst {100 * plus.mae[:, rollouts].max():.2f} %",
+            bool(mean < most),
+        )
+    yield Floor(
+        "IRT+: mean error in the identifiable combinations after 5 rollouts",
+        "below 2 %",
+        f"{100 * combined[:, 5].mean():.2f} %; {100 * combined[first.at_rim, 5].mean():.2f} % where the "
+        "rim tells "
+        f"observation_scale; symmetry alone makes {100 * under.combinations:.2f} %",
+        bool(combined[:, 5].mean() < 0.02),
+    )
+    yield Floor("IRT+: trials that diverge", "none", f"{first.diverged(plus)}", first.diverged(plus) == 0)
+    for name in _RIVALS:
+        if name in first.held:
+            behind = (first.held[name].mae.mean(axis=0) <= plus.mae.mean(axis=0))[1:]
+            times = "none" if not behind.any() else f"{int(behind.sum())} of {len(behind)}"
+            yield Floor(
+                f"IRT+ ahead of {METHODS[name].title} in mean state MAE at 1 to {len(behind)} rollouts",
+                "always",
+                f"behind at {times}",
+                not behind.any(),
+            )
+    row = next(row for row in second.rows() if row.name == "irt+")
+    papers = PAPERS_TABLE["irt-paper"][0]
+    yield Floor(
+        f"stand-in rigs, five parameters: median state MAE after {FEW} rollouts of IRT+",
+        f"below the paper's {100 * papers:.2f} %",
+        f"{100 * row.early[0]:.2f} % ({100 * row.early[1]:.2f} to {100 * row.early[2]:.2f})",
+        row.early[0] < papers,
+    )
+    if second.diagnosed:
+        full = float(np.median([one.full for one in second.diagnosed]))
+        again = float(np.median([one.full_again for one in second.diagnosed]))
+        yield Floor(
+            f"stand-in rigs after diagnosis: median state MAE of {len(second.diagnosed)}",
+            "at most 1.0 %",
+            f"{100 * full:.2f} %; of the same drive recorded again {100 * again:.2f} %",
+            full <= 0.01,
+        )
+
+
+def _claims(first: Experiment1, second: Experiment2) -> Iterator[str]:
+    yield "## Claim by claim"
+    yield ""
+    yield "| where | the paper says | | why |"
+    yield "| --- | --- | --- | --- |"
+    for claim in (*claims.of_experiment1(first), *claims.of_experiment2(second)):
+        yield f"| {claim.place} | {claim.text} | **{claim.verdict}** | {claim.why} |"
+    yield ""
+
+
+def _floors(first: Experiment1, second: Experiment2) -> Iterator[str]:
+    yield "## What this project promises"
+    yield ""
+    yield "| | promise | measured | |"
+    yield "| --- | --- | --- | --- |"
+    for one in floors(first, second):
+        yield f"| {one.what} | {one.promise} | {one.measured} | {'kept' if one.kept else '**missed**'} |"
+    yield ""
+    engine = first.engine
+    plus = first.held["irt+"].mae[: len(engine.mae), -1]
+    better = "as good or better" if np.median(engine.mae) <= np.median(plus) else "not as good"
+    yield (
+        f"Least squares as `irt tune` runs it, with as many rollouts as it likes (median "
+        f"{np.median(first.engine_rollouts):,.0f}, on the first {len(engine.mae)} targets), ends at a "
+        "median state MAE of "
+        f"{100 * np.median(engine.mae):.2g} %, mean {100 * engine.mae.mean():.2g} %; IRT+ after 300 "
+        "rollouts at "
+        f"{100 * np.median(plus):.2g} %, mean {100 * plus.mean():.2g} %. Where rollouts cost nothing it is "
+        f"{better} and needs no network: it is the default. IRT+ is for simulators whose rollouts are dear."
+    )
+    yield ""
+
+
+def _first(first: Experiment1, folder: str) -> Iterator[str]:
+    count = len(first.truth)
+    yield f"## Experiment 1: {count} simulated targets (the paper: 10)"
+    yield ""
+    yield (
+        "After n rollouts a method holds the best of the proposals that it has simulated. The paper's IRT "
+        "holds "
+        "its newest one, as in the paper, and direct prediction its only one. Bands are 95 % of the mean."
+    )
+    yield ""
+    for name, caption in (
+        ("fig3", "Fig. 3: two starts, one target, and IRT+ on the same."),
+        ("fig4", "Fig. 4: raw parameter error, and what symmetry alone makes."),
+        ("fig4-combinations", "The same in the combinations that a path can show."),
+        ("fig5", "Fig. 5: state error."),
+        ("fig5-pretraining", "State error over all rollouts, those of the pretraining included."),
+        ("fig6", "Fig. 6: parameters over the iterations of IRT, ten starts; dashed: the target's."),
+        (
+            "symmetry",
+            "Along this line parameters change and the path hardly does: the floor under every method. "
+            "Medians "
+            "and quartiles over targets.",
+        ),
+    ):
+        yield f"![{caption}]({folder}/{name}.png)"
+        yield ""
+        yield f"*{caption}*"
+        yield ""
+    yield from tables.of_methods(first)
+    yield ""
+
+
+def _second(second: Experiment2, folder: str) -> Iterator[str]:
+    yield f"## Experiment 2: {len(second.truths)} rigs of a stand-in laboratory"
+    yield ""
+    yield (
+        "The paper's recordings are not public. In their place a rigid-body world in PyBullet, apart from "
+        "this "
+        "package's simulator, with the effects that the paper names: anisotropic friction, motor delays that "
+        "differ from command to command, an uneven marble; besides controller lag, parallax, camera noise "
+        "(`irt.reproduce.laboratory` has the sizes). They are no copy of the paper's rig: how far its "
+        "physics "
+        "is from five parameters is not known."
+    )
+    yield ""
+    yield from tables.table1(second)
+    yield ""
+    yield "Medians over the rigs with their 95 % intervals, from random proposals."
+    yield ""
+    for name, caption in (
+        ("fig7", "Fig. 7: a success and a failure of the paper's method, and IRT+ on both."),
+        ("fig8", "Fig. 8: state error from the middle of the ranges; crosses: the paper's Table 1."),
+    ):
+        yield f"![{caption}]({folder}/{name}.png)"
+        yield ""
+        yield f"*{caption}*"
+        yield ""
+    if second.diagnosed:
+        yield (
+            f"Diagnosed were the first {len(second.diagnosed)} rigs, from eight recordings each; errors "
+            "are of "
+            "free runs under the paper's drive."
+        )
+        yield ""
+        yield from tables.of_diagnoses(second.diagnosed)
+        yield ""
+
+
+def _real(real: Sequence[Judged]) -> Iterator[str]:
+    yield "## A real recording"
+    yield ""
+    if not real:
+        yield "None was given (`--real RIG`)."
+        yield ""
+        return
+    yield f"Mean error over windows of {WINDOW_S:g} s, on runs given and on runs held out."
+    yield ""
+    yield "| | given | held out | rollouts |"
+    yield "| --- | ---: | ---: | ---: |"
+    for one in real:
+        rollouts = f"{one.rollouts:,}" if one.rollouts else ""
+        yield f"| {one.name} | {100 * one.tuned:.2f} % | {100 * one.heldout:.2f} % | {rollouts} |"
+    yield ""
+
+
+def _how(setting: Setting, command: str) -> Iterator[str]:
+    yield "## To do the same again"
+    yield ""
+    yield f"- command: {command}"
+    yield f"- seed: {setting.seed}"
+    for name, version in versions().items():
+        yield f"- {name}: {version}"

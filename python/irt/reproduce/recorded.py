@@ -1,0 +1,95 @@
+"""Methods on a real recording, judged on runs that they have not seen."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from irt.diagnose.run import diagnose
+from irt.errors import IrtError
+from irt.files import read_text, write_atomic
+from irt.fitting.fit import Progress
+from irt.model import Model
+from irt.report.tuning_report import untuned
+from irt.reproduce.setting import Setting, within
+from irt.residual import evaluate
+from irt.rig import Rig, load_rig
+from irt.tuning import tune
+
+#: Methods of `irt tune` that are tried, and what each is given.
+METHODS: dict[str, dict[str, Any]] = {
+    "irt": {},
+    "cma-es": {},
+    "irt+": {},
+    "least-squares": {},
+}
+#: Share of the recordings that is held out, the last ones.
+_HELD_OUT = 1 / 3
+#: Length of the windows that are predicted [s].
+WINDOW_S = 2.0
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Mean absolute errors over windows [board edges], and the rollouts that a method has simulated.
+
+    Attributes
+    ----------
+    name : str
+        "untuned", a method, or "diagnosed: ..." with what was named.
+    tuned, heldout : float
+        On the recordings that it was given, and on the others.
+    rollouts : int
+    """
+
+    name: str
+    tuned: float
+    heldout: float
+    rollouts: int
+
+
+def judge(setting: Setting, folder: Path, progress: Progress | None = None) -> list[Judged]:
+    """Tune to a rig by several methods and diagnose it; what is kept is not done again.
+
+    Raises
+    ------
+    IrtError
+        If the rig has fewer than two recordings, or is not as it must be.
+    """
+    rig = load_rig(folder)
+    count = len(rig.recordings)
+    if count < 2:
+        raise IrtError(f"{folder}: expected at least two recordings, one to tune to and one held out")
+    first = count - max(1, round(_HELD_OUT * count))
+    given, heldout = (
+        replace(rig, recordings=part) for part in (rig.recordings[:first], rig.recordings[first:])
+    )
+    kept = setting.out / "real" / f"{folder.resolve().name}.json"
+    told: dict[str, dict[str, Any]] = json.loads(read_text(kept)) if kept.exists() else {}
+    if "untuned" not in told:
+        told["untuned"] = _errors(untuned(given), given, heldout, 0)
+    for name, options in METHODS.items():
+        if name not in told:
+            result = tune(given, name, threads=setting.threads, progress=within(progress, name), **options)
+            told[name] = _errors(result.model, given, heldout, result.rollouts)
+            _keep(kept, told)
+    if not any(name.startswith("diagnosed") for name in told):
+        found = diagnose(given, threads=setting.threads, progress=within(progress, "diagnosis"))
+        named = ", ".join(one.name for one in found.effects) or "nothing missing"
+        told[f"diagnosed: {named}"] = _errors(found.model, given, heldout, 0)
+        _keep(kept, told)
+    return [Judged(name, **numbers) for name, numbers in told.items()]
+
+
+def _keep(path: Path, told: dict[str, dict[str, Any]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, json.dumps(told, indent=1) + "\n")
+
+
+def _errors(model: Model, given: Rig, heldout: Rig, rollouts: int) -> dict[str, Any]:
+    tuned, unseen = (evaluate(model, rig.recordings, WINDOW_S).windowed for rig in (given, heldout))
+    if tuned is None or unseen is None:
+        raise IrtError(f"{given.path}: no window of {WINDOW_S:g} s fits into its recordings")
+    return {"tuned": tuned.mae, "heldout": unseen.mae, "rollouts": rollouts}

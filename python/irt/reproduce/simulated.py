@@ -1,0 +1,153 @@
+"""Experiment 1 (paper, section 6.1): simulated targets, so that parameters can be compared with the truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.fitting.fit import Progress
+from irt.fitting.least_squares import least_squares
+from irt.recording import Recording
+from irt.reproduce import errors
+from irt.reproduce.contenders import METHODS, Held, Trials, available
+from irt.reproduce.setting import ROLLOUTS, Setting, digest, within
+from irt.rig import PARAMETERS, Rig
+
+Array = NDArray[np.float64]
+
+#: Rollouts of the table.
+SHOWN = (1, 2, 5, 10, 30, 100, 300)
+#: Targets that the engine's least squares is tried on, the first ones: it takes half a second each.
+ENGINE_TARGETS = 100
+_ENGINE = "least squares (irt tune)"
+_TRIALS = 2023
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment1:
+    """What came of it.
+
+    Attributes
+    ----------
+    setting : Setting
+        With which.
+    truth : (n, 5) array
+        Parameters of the targets, in their own units.
+    trials : Trials
+        Their observations, and the random proposals.
+    held : dict of Held
+        What each method held, by its key in `irt.reproduce.contenders.METHODS`.
+    engine : Held
+        What the engine's least squares ends with on the first e targets, at one count of rollouts.
+    engine_rollouts : (e,) array
+        How many it has simulated.
+    """
+
+    setting: Setting
+    truth: Array
+    trials: Trials
+    held: Mapping[str, Held]
+    engine: Held
+    engine_rollouts: Array
+
+    @cached_property
+    def at_rim(self) -> NDArray[np.bool_]:
+        """Which targets met the rim: only those show observation_scale."""
+        return errors.meets_rim(self.setting.drive, self.truth, self.trials.observed)
+
+    def parameter_error(self, held: Held) -> Array:
+        """Return the raw parameter errors (n, rollouts + 1)."""
+        return errors.parameter_error(self.setting.drive, held.parameters, self.truth[:, None])
+
+    def combination_error(self, held: Held) -> Array:
+        """Return the errors in the identifiable combinations (n, rollouts + 1), of the first n targets."""
+        truth = self.truth[: len(held.parameters), None]
+        return errors.combination_error(self.setting.drive, held.parameters, truth)
+
+    def diverged(self, held: Held) -> int:
+        """Count the trials that end further off than they began."""
+        return int((held.mae[:, -1] > held.mae[:, 0]).sum())
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the numbers of tables and figures as what JSON can hold."""
+        methods = {}
+        for name, held in self.held.items():
+            raw, combined = self.parameter_error(held), self.combination_error(held)
+            methods[name] = {
+                "title": METHODS[name].title,
+                "pretraining_rollouts": METHODS[name].pretraining(self.setting),
+                "diverged": self.diverged(held),
+                "after": {
+                    f"{n}": {
+                        "state_mae": asdict(errors.Summary.of(held.mae[:, n])),
+                        "parameter_error": asdict(errors.Summary.of(raw[:, n])),
+                        "combination_error": asdict(errors.Summary.of(combined[:, n])),
+                        "combination_error_at_rim": asdict(errors.Summary.of(combined[self.at_rim, n])),
+                    }
+                    for n in (0, *SHOWN[:3], 20, *SHOWN[3:])
+                },
+            }
+        return {
+            "targets": len(self.truth),
+            "targets_at_rim": int(self.at_rim.sum()),
+            "unit": "board edges; shares of the parameters' ranges",
+            "methods": methods,
+            "engine": {
+                "rollouts": asdict(errors.Summary.of(self.engine_rollouts)),
+                "state_mae": asdict(errors.Summary.of(self.engine.mae[:, -1])),
+                "combination_error": asdict(errors.Summary.of(self.combination_error(self.engine)[:, -1])),
+            },
+        }
+
+
+def experiment1(
+    setting: Setting, methods: Sequence[str] | None = None, progress: Progress | None = None
+) -> Experiment1:
+    """Tune to random targets by every method; what is kept of an earlier call is not done again.
+
+    Raises
+    ------
+    IrtError
+        If a file cannot be read or written, or a package is missing that a method needs.
+    """
+    drive = setting.drive
+    random = np.random.default_rng([setting.seed, _TRIALS])
+    drawn = random.random((2, setting.targets, len(PARAMETERS)))
+    truth = drive.parameters(drawn[0])
+    observed = drive.simulate(truth, setting.threads)[0]
+    trials = Trials(observed, drawn[1])
+    folder = setting.folder("experiment-1")
+    of = digest(observed, trials.start)
+    held = {}
+    for name in available() if methods is None else methods:
+        kept = setting.kept(
+            folder / f"{name}.npz",
+            lambda name=name: vars(METHODS[name].tune(setting, trials, within(progress, name))),  # type: ignore[misc]
+            of=of,
+            rollouts=ROLLOUTS,
+        )
+        held[name] = Held(**kept)
+    engine = setting.kept(folder / "engine.npz", lambda: _engine(setting, trials, progress), of=of)
+    rollouts = engine.pop("rollouts")
+    return Experiment1(setting, truth, trials, held, Held(**engine), rollouts)
+
+
+def _engine(setting: Setting, trials: Trials, progress: Progress | None) -> dict[str, Array]:
+    """Fit the first targets as ``irt tune`` does by default, over as many rollouts as that takes."""
+    drive, found = setting.drive, []
+    for i, observed in enumerate(trials.observed[:ENGINE_TARGETS]):
+        name = f"target-{i}"
+        recording = Recording(name, Path(f"{name}.csv"), drive.runs[0].knobs, observed)
+        rig = Rig(Path(), drive.board, drive.marble, "rest", dict(drive.ranges), (recording,))
+        result = least_squares(rig, seed=setting.seed + i, threads=setting.threads)
+        found.append((result.model.values, result.mae, result.rollouts))
+        if progress:
+            progress(i + 1, min(ENGINE_TARGETS, len(trials.observed)), _ENGINE)
+    parameters, mae, rollouts = (np.array(each, dtype=np.float64) for each in zip(*found, strict=True))
+    return {"parameters": parameters[:, None], "mae": mae[:, None], "rollouts": rollouts}

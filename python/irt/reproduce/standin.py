@@ -1,0 +1,224 @@
+"""Experiment 2 (paper, section 6.2) on a stand-in for its laboratory: the recordings are not public."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.diagnose.run import diagnose
+from irt.errors import IrtError
+from irt.files import read_text, write_atomic
+from irt.fitting.fit import Progress
+from irt.fitting.least_squares import least_squares
+from irt.model import Model
+from irt.prove.pipe import Pipe
+from irt.reproduce.contenders import METHODS, Held, Trials, available
+from irt.reproduce.errors import median_interval
+from irt.reproduce.setting import ROLLOUTS, Setting, digest, within
+from irt.residual import evaluate
+from irt.rig import PARAMETERS, Rig, load_rig
+
+Array = NDArray[np.float64]
+
+#: What the paper's Table 1 says: minimum state MAE, and rollouts to reach it.
+PAPERS_TABLE = {"cma-es": (0.0668, 30), "direct": (0.346, 0), "irt-paper": (0.0402, 5)}
+#: Rollouts after which the floors of this project count.
+FEW = 5
+_STARTS = 7
+#: The process that records the rigs.
+LABORATORY = (sys.executable, "-m", "irt.reproduce.laboratory")
+
+
+@dataclass(frozen=True)
+class Diagnosed:
+    """What a diagnosis made of a rig: mean absolute errors of free runs [board edges].
+
+    Attributes
+    ----------
+    names : tuple of str
+        The effects that it named.
+    verdict : str
+        "sufficient", "missing" or "unlisted".
+    plain, plain_again : float
+        Of five parameters fitted to the first run alone: on that run, and on the same drive recorded again.
+    full, full_again : float
+        The same of the model that the diagnosis left behind.
+    """
+
+    names: tuple[str, ...]
+    verdict: str
+    plain: float
+    plain_again: float
+    full: float
+    full_again: float
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment2:
+    """What came of it.
+
+    Attributes
+    ----------
+    setting : Setting
+        With which.
+    truths : list of dict
+        What each rig truly is.
+    random, middle : dict of Held
+        What each method held, by its key: from random proposals (Table 1), and from the middle (Fig. 8).
+    trials : Trials
+        What was seen of the rigs, and the random proposals.
+    diagnosed : list of Diagnosed
+        Of the first rigs.
+    """
+
+    setting: Setting
+    truths: list[dict[str, Any]]
+    trials: Trials
+    random: Mapping[str, Held]
+    middle: Mapping[str, Held]
+    diagnosed: list[Diagnosed]
+
+    def rows(self) -> list[Row]:
+        """Return the rows of Table 1."""
+        return [Row.of(name, held) for name, held in self.random.items()]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the numbers as what JSON can hold."""
+        return {
+            "rigs": len(self.truths),
+            "table1": {row.name: vars(row) for row in self.rows()},
+            "papers_table1": {name: list(told) for name, told in PAPERS_TABLE.items()},
+            "diagnosed": [vars(one) for one in self.diagnosed],
+        }
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of Table 1: medians over the rigs, each with the ends of its 95 % interval.
+
+    Attributes
+    ----------
+    name : str
+        Of the method.
+    minimum, rollouts, final, early, best : tuple
+        Smallest state MAE on the way, the rollouts after which it was reached, what was held at the end, the
+        best so far after `FEW` rollouts, and the best of all [board edges].
+    """
+
+    name: str
+    minimum: tuple[float, float, float]
+    rollouts: tuple[float, float, float]
+    final: tuple[float, float, float]
+    early: tuple[float, float, float]
+    failures: int
+
+    @classmethod
+    def of(cls, name: str, held: Held) -> Row:
+        """Return the row of a method."""
+        best = np.minimum.accumulate(held.mae, axis=1)
+        return cls(
+            name,
+            _median(held.mae.min(axis=1)),
+            _median(held.mae.argmin(axis=1).astype(np.float64)),
+            _median(held.mae[:, -1]),
+            _median(best[:, FEW]),
+            int((held.mae[:, -1] > held.mae[:, 0]).sum()),
+        )
+
+
+def experiment2(
+    setting: Setting, methods: Sequence[str] | None = None, progress: Progress | None = None
+) -> Experiment2:
+    """Record rigs, tune to each by every method, diagnose some; what is kept is not done again.
+
+    Raises
+    ------
+    IrtError
+        If a package is missing, or a file cannot be read or written.
+    """
+    truths = _recorded(setting, progress)
+    folders = [_folder(setting, rig) for rig in range(setting.rigs)]
+    observed = np.array([_target(folder).recordings[0].marble for folder in folders])
+    random = np.random.default_rng([setting.seed, _STARTS]).random((setting.rigs, len(PARAMETERS)))
+    trials = Trials(observed, random)
+    held: dict[str, dict[str, Held]] = {"random": {}, "middle": {}}
+    for start, chosen in (("random", trials), ("middle", replace(trials, start=np.full_like(random, 0.5)))):
+        of = digest(chosen.observed, chosen.start)
+        for name in available() if methods is None else methods:
+            kept = setting.kept(
+                setting.folder("experiment-2") / f"{name}-{start}.npz",
+                lambda name=name, chosen=chosen: vars(  # type: ignore[misc]
+                    METHODS[name].tune(setting, chosen, within(progress, f"{name}, rigs"))
+                ),
+                of=of,
+                rollouts=ROLLOUTS,
+            )
+            held[start][name] = Held(**kept)
+    diagnosed = [
+        _diagnosed(setting, rig, within(progress, f"diagnosis {rig + 1} of {setting.diagnosed}"))
+        for rig in range(min(setting.diagnosed, setting.rigs))
+    ]
+    return Experiment2(setting, truths, trials, held["random"], held["middle"], diagnosed)
+
+
+def _folder(setting: Setting, rig: int) -> Path:
+    return setting.out / "rigs" / f"rig-{setting.seed}-{rig:03d}"
+
+
+def _target(folder: Path) -> Rig:
+    """Return a rig with the one recording that is tuned to."""
+    rig = load_rig(folder)
+    return replace(rig, recordings=tuple(one for one in rig.recordings if one.name == "paper-1"))
+
+
+def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any]]:
+    """Have the laboratory record the rigs that are not there yet; return what they truly are."""
+    missing = [rig for rig in range(setting.rigs) if not (_folder(setting, rig) / "truth.json").exists()]
+    if missing:
+        if find_spec("pybullet") is None:
+            raise IrtError("the laboratory needs PyBullet: pip install 'labsim-irt[prove]'")
+        with Pipe(LABORATORY, "the laboratory") as laboratory:
+            for done, rig in enumerate(missing):
+                folder = _folder(setting, rig)
+                told = laboratory.ask({"record": {"rig": rig, "seed": setting.seed, "folder": str(folder)}})
+                write_atomic(folder / "truth.json", json.dumps(told["truth"], indent=1) + "\n")
+                if progress:
+                    progress(done + 1, len(missing), "recording in PyBullet")
+    return [json.loads(read_text(_folder(setting, rig) / "truth.json")) for rig in range(setting.rigs)]
+
+
+def _diagnosed(setting: Setting, rig: int, progress: Progress | None) -> Diagnosed:
+    """Diagnose a rig from all of its recordings but the one held out; return what that wins."""
+    folder = _folder(setting, rig)
+    kept = folder / "diagnosed.json"
+    if not kept.exists():
+        target, again = _target(folder), load_rig(folder / "heldout")
+        plain = least_squares(target, seed=setting.seed, threads=setting.threads).model
+        found = diagnose(load_rig(folder), seed=setting.seed, threads=setting.threads, progress=progress)
+        told = {
+            "names": [one.name for one in found.effects],
+            "verdict": found.verdict,
+            "plain": _mae(plain, target),
+            "plain_again": _mae(plain, again),
+            "full": _mae(found.model, target),
+            "full_again": _mae(found.model, again),
+        }
+        write_atomic(kept, json.dumps(told, indent=1) + "\n")
+    told = json.loads(read_text(kept))
+    return Diagnosed(**{**told, "names": tuple(told["names"])})
+
+
+def _mae(model: Model, rig: Rig) -> float:
+    return evaluate(model, rig.recordings).free_run.mae
+
+
+def _median(values: Array) -> tuple[float, float, float]:
+    return (float(np.median(values)), *median_interval(values))

@@ -1,0 +1,96 @@
+"""The tables of a reproduction, as lines of Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.reproduce.contenders import METHODS
+from irt.reproduce.setting import ROLLOUTS
+from irt.reproduce.simulated import SHOWN, Experiment1
+from irt.reproduce.standin import PAPERS_TABLE, Diagnosed, Experiment2
+
+
+def of_methods(first: Experiment1) -> Iterator[str]:
+    """Yield the table of all methods: state error, then error in the combinations, then what diverged."""
+    yield "State MAE in % of the edge: mean, and in brackets median and 95th percentile."
+    yield ""
+    yield from _by_rollouts(first, {name: 100 * held.mae for name, held in first.held.items()})
+    yield ""
+    yield (
+        "Error in the identifiable combinations in % of their ranges, over all targets: mean, and in "
+        "brackets median and 95th percentile."
+    )
+    yield ""
+    yield from _by_rollouts(
+        first, {name: 100 * first.combination_error(held) for name, held in first.held.items()}
+    )
+    yield ""
+    yield (
+        f"The same over the {first.at_rim.sum()} targets of {len(first.truth)} whose marble meets the rim, "
+        "which alone tells observation_scale."
+    )
+    yield ""
+    at_rim = {name: 100 * first.combination_error(held)[first.at_rim] for name, held in first.held.items()}
+    yield from _by_rollouts(first, at_rim)
+    yield ""
+    yield "Raw parameter error in % of the ranges: mean, and in brackets median and 95th percentile."
+    yield ""
+    yield from _by_rollouts(
+        first, {name: 100 * first.parameter_error(held) for name, held in first.held.items()}
+    )
+
+
+def table1(second: Experiment2) -> Iterator[str]:
+    """Yield Table 1 beside the paper's: medians over the rigs, with 95 % intervals."""
+    yield (
+        "| method | paper: minimum | paper: rollouts | minimum state MAE | rollouts to reach it "
+        f"| held after {ROLLOUTS} | best after 5 | ended worse than it began |"
+    )
+    yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
+    for row in second.rows():
+        told = PAPERS_TABLE.get(row.name)
+        papers = ("", "") if told is None else (f"{100 * told[0]:.3g} %", f"{told[1]}")
+        cells = [
+            METHODS[row.name].title,
+            *papers,
+            _percent(row.minimum),
+            f"{row.rollouts[0]:.0f} ({row.rollouts[1]:.0f} to {row.rollouts[2]:.0f})",
+            _percent(row.final),
+            _percent(row.early),
+            f"{row.failures} of {len(second.truths)}",
+        ]
+        yield f"| {' | '.join(cells)} |"
+
+
+def of_diagnoses(diagnosed: list[Diagnosed]) -> Iterator[str]:
+    """Yield what each diagnosis named and won."""
+    yield "| rig | named | plain, tuned to this run | plain, run again | diagnosed | diagnosed, run again |"
+    yield "| ---: | --- | ---: | ---: | ---: | ---: |"
+    for rig, one in enumerate(diagnosed):
+        cells = (one.plain, one.plain_again, one.full, one.full_again)
+        named = ", ".join(one.names) or one.verdict
+        yield f"| {rig} | {named} | {' | '.join(f'{100 * each:.2f} %' for each in cells)} |"
+
+
+def _by_rollouts(first: Experiment1, errors: dict[str, NDArray[np.float64]]) -> Iterator[str]:
+    yield f"| method | {' | '.join(f'{n}' for n in SHOWN)} | diverged |"
+    yield f"| --- | {' | '.join('---:' for _ in SHOWN)} | ---: |"
+    for name, trials in errors.items():
+        cells = []
+        for n in SHOWN:
+            median, high = np.percentile(trials[:, n], [50, 95])
+            cells.append(f"{_digits(trials[:, n].mean())} ({_digits(median)}; {_digits(high)})")
+        diverged = first.diverged(first.held[name])
+        yield f"| {METHODS[name].title} | {' | '.join(cells)} | {diverged} |"
+
+
+def _digits(value: float) -> str:
+    return f"{value:.3f}" if value < 0.1 else f"{value:.2f}" if value < 10 else f"{value:.1f}"
+
+
+def _percent(interval: tuple[float, float, float]) -> str:
+    middle, low, high = (100 * value for value in interval)
+    return f"{middle:.2f} % ({low:.2f} to {high:.2f})"

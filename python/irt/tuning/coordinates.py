@@ -1,0 +1,112 @@
+"""Coordinates in which a marble's path says where the parameters are.
+
+Off the rim a path depends on the products observation_scale x time_scale^2 x (gear_x, gear_y,
+rolling_friction) alone; where the rim shows, it tells observation_scale; time_scale by itself hardly shows at
+all. Small products move the path in proportion, large ones with their logarithm: the marble is at the rim
+then, and they say how soon.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.rig import PARAMETERS
+from irt.tuning.drive import Drive
+
+Array = NDArray[np.float64]
+
+#: Share of the largest product at which proportion turns into a logarithm.
+_BEND = 0.02
+_TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """From parameters to coordinates and back, for one drive.
+
+    The five coordinates are the bent products with gear_x, gear_y and rolling_friction, the observation scale
+    in half widths of its range, doubled, and the logarithm of the time scale.
+
+    Attributes
+    ----------
+    drive : Drive
+        Its ranges, and the largest knob angle, beside which friction counts.
+    """
+
+    drive: Drive
+
+    def of(self, parameters: Array) -> Array:
+        """Return the coordinates (k, 5) of (k, 5) parameters, the time scale as the simulator rounds it."""
+        steps, scale = self.time_scale(parameters), parameters[:, _SCALE]
+        products = (scale * steps**2)[:, None] * parameters[:, :3] / self._sizes
+        bent = np.sign(products) * np.log1p(np.abs(products))
+        return np.column_stack([bent, (scale - self._middle) / self._half, np.log1p(steps)])
+
+    def parameters(self, coordinates: Array) -> Array:
+        """Return the parameters (k, 5) of coordinates, within the ranges.
+
+        The products count: where the ranges allow them for other time scales only, one of those is taken.
+        """
+        low, high = self._ends
+        scale = np.clip(self._middle + self._half * coordinates[:, 3], low[_SCALE], high[_SCALE])
+        products = self._unbent(coordinates)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            least = np.sqrt(np.maximum(products / (scale[:, None] * high[:3]), 0.0).max(axis=1))
+        steps = np.rint(np.maximum(np.expm1(coordinates[:, 4]), np.nan_to_num(least, posinf=0.0) - 0.5))
+        steps = np.clip(np.where(steps < least - 1e-9, steps + 1.0, steps), max(1.0, low[_TIME]), high[_TIME])
+        return np.clip(self._assembled(products, scale, steps), low, high)
+
+    def at_time_scale(self, coordinates: Array, steps: Array) -> Array:
+        """Return the parameters (k, 5) of coordinates at given time scales (k,), wherever they lie."""
+        scale = self._middle + self._half * coordinates[:, 3]
+        return self._assembled(self._unbent(coordinates), scale, steps)
+
+    def time_scale(self, parameters: Array) -> Array:
+        """Return the time scales (k,) as the simulator takes them: whole physics updates, at least one."""
+        if self.drive.time_scale is not None:
+            return np.full(len(parameters), self.drive.time_scale)
+        return np.maximum(np.rint(parameters[:, _TIME]), 1.0)
+
+    @cached_property
+    def shown(self) -> NDArray[np.int64]:
+        """Which coordinates a path can show: all but the time scale, of parameters that are open."""
+        return np.flatnonzero(self.drive.open[[0, 1, 2, _SCALE]])
+
+    def _assembled(self, products: Array, scale: Array, steps: Array) -> Array:
+        if self.drive.time_scale is not None:
+            steps = np.full(len(products), self.drive.time_scale)
+        return np.column_stack([products / (scale * steps**2)[:, None], steps, scale])
+
+    def _unbent(self, coordinates: Array) -> Array:
+        bent = coordinates[:, :3]
+        return np.sign(bent) * np.expm1(np.abs(bent)) * self._sizes
+
+    @cached_property
+    def _ends(self) -> tuple[Array, Array]:
+        low, high = np.array([self.drive.ranges[name] for name in PARAMETERS]).T
+        if self.drive.time_scale is not None:
+            low[_TIME] = high[_TIME] = self.drive.time_scale
+        return low, high
+
+    @property
+    def _middle(self) -> float:
+        low, high = self._ends
+        return float(low[_SCALE] + high[_SCALE]) / 2.0
+
+    @property
+    def _half(self) -> float:
+        low, high = self._ends
+        return float(high[_SCALE] - low[_SCALE]) / 4.0 or 1.0
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """Products of the gears, and of the friction, at which the coordinate bends."""
+        low, high = self._ends
+        gear = float(np.abs([low[:2], high[:2]]).max()) or 1.0
+        largest = float(high[_SCALE] * high[_TIME] ** 2 * gear)
+        knob = max(float(np.abs(run.knobs).max()) for run in self.drive.runs) or 1.0
+        return _BEND * largest * np.array([1.0, 1.0, knob])

@@ -1,0 +1,35 @@
+"""Direct prediction, a baseline of the paper: the same network tells the parameters from the target alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from irt.tuning.cache import Need
+from irt.tuning.search import lacking
+from irt.tuning.tunenet import NetworkFile, TuneNet
+
+Array = NDArray[np.float64]
+
+
+def predicted(needed: Need, file: NetworkFile, observed: Sequence[Array]) -> Array:
+    """Return the parameters (1, 5) that observations (n, 2) of each run of a rig suggest."""
+    # What nothing lacks of them: the same, with lost rows told by their neighbours.
+    target = lacking([np.zeros((1, *each.shape)) for each in observed], observed)
+    drive = needed.rig_drive
+    if needed.joint:
+        scaled = suggested(file.network, drive.inputs(target))
+    else:
+        scaled = np.mean([suggested(file.network, run.reshape(1, -1)) for run in target], axis=0)
+    return drive.parameters(np.clip(scaled, 0.0, 1.0))
+
+
+@torch.no_grad()
+def suggested(network: TuneNet, inputs: Array) -> Array:
+    """Return the parameters (k, 5), scaled to [0, 1], that inputs (k, m) suggest."""
+    target = torch.tensor(inputs, dtype=torch.float32)
+    suggestion: Array = network(torch.zeros_like(target), target).double().numpy()
+    return suggestion

@@ -1,0 +1,163 @@
+"""From where starts have ended to a result: the model, how sure it is, and what else there is to know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.fitting.fit import Estimate, FitResult, Iteration
+from irt.fitting.identifiability import estimates
+from irt.fitting.least_squares import MISFIT
+from irt.fitting.problem import tracker_noise
+from irt.fitting.robust import deviation
+from irt.model import Model, Parameter
+from irt.rig import PARAMETERS, Rig
+from irt.rollouts import SUBSTEP_S
+from irt.tuning.cache import Need
+from irt.tuning.drive import Drive
+from irt.tuning.search import Path, compare
+
+Array = NDArray[np.float64]
+
+#: Normal quantile of a two-sided 95 % interval.
+_NORMAL_95 = 1.96
+#: A start that ends with more than this many times the best one's error has failed; its place says nothing.
+_FAILED = 2.0
+#: This close to an end of its range (in widths of it) a parameter has been clipped.
+_AT_END = 1e-3
+#: No camera sees better than this [board edges].
+_FINEST = 1e-6
+
+_TIME_SCALE = PARAMETERS.index("time_scale")
+
+
+def concluded(
+    rig: Rig,
+    needed: Need,
+    paths: Sequence[Path],
+    observed: Sequence[Array],
+    *,
+    threads: int | None,
+    notes: Sequence[str] = (),
+    **about: Any,
+) -> FitResult:
+    """Return the result of the proposals that each start has led to.
+
+    Parameters
+    ----------
+    rig : Rig
+        The recordings.
+    needed : Need
+        What was simulated of it.
+    paths : sequence of Path
+        Of each start; the best proposal of all is the answer.
+    observed : sequence of (n, 2) arrays
+        What they were compared with.
+    threads : int, optional
+        Of the engine.
+    notes : sequence of str
+        What the method has to say, before all else.
+    **about
+        What a `FitResult` says of the way: ``method``, ``rollouts``, ``seed``, ``seconds``.
+    """
+    drive = needed.rig_drive
+    found = sorted((_estimate(path) for path in paths), key=lambda estimate: estimate.best.mae)
+    best = _model(rig, found[0].best.parameters)
+    noise = noise_left(drive, best.values, observed, threads)
+    parameters, unidentifiable = estimates(best, needed.segments, noise, engine=drive.engine, threads=threads)
+    sd = spread([each.best for each in found])
+    parameters = {
+        name: widened(parameters[name], _NORMAL_95 * sd[i], rig.ranges[name])
+        for i, name in enumerate(PARAMETERS)
+    }
+    return FitResult(
+        model=Model(rig.board, rig.marble, rig.start, dict(rig.ranges), parameters),
+        noise=noise,
+        estimates=tuple(found),
+        unidentifiable=unidentifiable,
+        notes=(*notes, *_notes(needed, best, noise, about["method"])),
+        **about,
+    )
+
+
+def noise_left(
+    drive: Drive, parameters: Array, observed: Sequence[Array], threads: int | None = None
+) -> float:
+    """Return the robust standard deviation [board edges] of what (5,) parameters leave of a target."""
+    return max(deviation(compare(drive, parameters[None], observed, threads).residual), _FINEST)
+
+
+def checked(**least: tuple[int, int]) -> None:
+    """Check options given as (value, least value) by name.
+
+    Raises
+    ------
+    IrtError
+        If one is too small.
+    """
+    for name, (value, smallest) in least.items():
+        if value < smallest:
+            raise IrtError(f"{name}: expected at least {smallest}, found {value}")
+
+
+def spread(best: Sequence[Iteration]) -> Array:
+    """Return the standard deviation, (5,), of where those starts ended that did not fail."""
+    ended = np.array([each.parameters for each in best if each.mae <= _FAILED * best[0].mae])
+    return ended.std(axis=0, ddof=1) if len(ended) > 1 else np.zeros(len(PARAMETERS))
+
+
+def widened(parameter: Parameter, more: float, limits: tuple[float, float]) -> Parameter:
+    """Return a parameter whose interval holds another, independent half width, within the range."""
+    if parameter.low is None or parameter.high is None:
+        return parameter
+    value = parameter.value
+    low = value - np.hypot(value - parameter.low, more)
+    high = value + np.hypot(parameter.high - value, more)
+    return Parameter(value, min(value, max(float(low), limits[0])), max(value, min(float(high), limits[1])))
+
+
+def _estimate(path: Path) -> Estimate:
+    return Estimate(tuple(Iteration(p, float(mae)) for p, mae in zip(path.parameters, path.mae, strict=True)))
+
+
+def _model(rig: Rig, values: Array) -> Model:
+    """Return the model of a proposal, its time scale as the simulator takes it: in whole physics updates."""
+    values = values.copy()
+    if all(recording.stamps is None for recording in rig.recordings):
+        values[_TIME_SCALE] = np.rint(values[_TIME_SCALE])
+    return Model.from_rig(rig, values)
+
+
+def _notes(needed: Need, model: Model, noise: float, method: str) -> Iterator[str]:
+    """Say what the user should know of any result."""
+    drive = needed.rig_drive
+    if drive.time_scale is not None:
+        yield (
+            f"time_scale is {drive.time_scale:.4g}, which is what the stamps say (240 times the median of "
+            f"{drive.time_scale * SUBSTEP_S:.4g} s a row); it was not estimated."
+        )
+    for i in np.flatnonzero(drive.open):
+        name, value = PARAMETERS[i], model.values[i]
+        low, high = model.ranges[name]
+        if min(value - low, high - value) < _AT_END * (high - low):
+            yield f"{name} = {value:.4g} is an end of its range, which {_NAMES[method]} does not leave."
+    scatter = tracker_noise(needed.segments)
+    if noise > MISFIT * scatter:
+        yield (
+            f"The predictions miss by {noise:.2g} of an edge, {noise / scatter:.0f} times what the tracker "
+            f"scatters ({scatter:.2g}): five parameters do not explain these recordings, or these five are "
+            "not yet the best."
+        )
+
+
+_NAMES = {
+    "irt": "IRT",
+    "irt+": "IRT+",
+    "direct": "direct prediction",
+    "cma-es": "CMA-ES",
+    "es": "the evolution strategy",
+}

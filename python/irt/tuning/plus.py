@@ -1,0 +1,151 @@
+"""IRT+: a network that learned from millions of pairs leads near, Gauss-Newton goes the rest of the way."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.tuning.coordinates import Coordinates
+from irt.tuning.drive import Drive
+from irt.tuning.search import Search, Seen
+from irt.tuning.stepnet import Belief, StepFile, middle
+
+Array = NDArray[np.float64]
+
+#: Proposals of the network, one after another, before Gauss-Newton begins.
+NETWORK_STEPS = 5
+#: A forward difference of this size in a coordinate makes a column of the Jacobian.
+_DIFFERENCE = 2e-3
+#: Levenberg-Marquardt's damping of the candidates that are simulated together, in shares of the Jacobian's
+#: squared columns.
+_DAMPING = (1e-4, 1e-2, 1.0)
+#: A step of Gauss-Newton that wins less than this share of the error is the last one there.
+_WORTH = 0.02
+#: Errors below this [board edges] are as good as none: a thousandth of a marble.
+_EXACT = 2e-5
+#: Below this error [board edges] there is nothing to look for: no camera sees a hundredth of a marble.
+_SOLVED = 1e-4
+#: Draws of the network's belief that are simulated together where Gauss-Newton has come to an end.
+_DRAWS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Plus:
+    """The search of IRT+ for one drive.
+
+    Attributes
+    ----------
+    drive : Drive
+        What is simulated.
+    file : StepFile
+        A network for this drive if ``joint``, else for each of its runs.
+    joint : bool
+        Whether the network sees all runs at once.
+    first : Seen
+        The model in the middle of the ranges beside the target: the first question. What it shows is the same
+        for every target of a drive.
+    """
+
+    drive: Drive
+    file: StepFile
+    joint: bool
+    first: Seen
+
+    def search(self, random: np.random.Generator) -> Search:
+        """Propose the network's steps, then Gauss-Newton's, then both again from elsewhere.
+
+        Each step starts at the best proposal so far. The search ends where nothing is left.
+        """
+        best, belief = yield from self._led(self.first, 1)
+        best, belief = yield from self._led(best, NETWORK_STEPS - 1, belief)
+        best = yield from self._descended(best, belief)
+        while best.mae[0] > _SOLVED:
+            best, belief = yield from self._drawn(best, belief, random)
+
+    def _led(
+        self, best: Seen, steps: int, belief: Belief | None = None
+    ) -> Generator[Array, Seen, tuple[Seen, Belief]]:
+        """Go where the network believes the target to be; return the best place and the belief there."""
+        belief = self.file.ask(self.drive, best, joint=self.joint) if belief is None else belief
+        begin = best is self.first
+        for _ in range(steps):
+            found = yield self._coordinates.parameters(belief.mean)
+            if begin or found.mae[0] < best.mae[0]:
+                best, begin = found, False
+                belief = self.file.ask(self.drive, best, joint=self.joint)
+            else:
+                # What this proposal lacks says more about the way than the old question again.
+                other = self.file.ask(self.drive, found, joint=self.joint)
+                belief = _joined(belief, other)
+        return best, belief
+
+    def _descended(self, best: Seen, belief: Belief) -> Generator[Array, Seen, Seen]:
+        """Follow Gauss-Newton from a place until it wins no more; where nothing shows, the belief counts."""
+        while best.mae[0] > _EXACT:
+            jacobian = yield from self._jacobian(best)
+            found = yield self._candidates(best, jacobian, belief)
+            leader = int(found.mae.argmin())
+            before = best.mae[0]
+            if found.mae[leader] < before:
+                best = found[leader : leader + 1]
+            if found.mae[leader] > (1.0 - _WORTH) * before:
+                break
+        return best
+
+    def _jacobian(self, best: Seen) -> Generator[Array, Seen, Array]:
+        """Return how the residual changes with each coordinate that shows (m, c), from a rollout for each."""
+        at, steps = self._coordinates.of(best.parameters), self._coordinates.time_scale(best.parameters)
+        shown = self._coordinates.shown
+        # Towards the middle of the range, so that no rollout is spent outside.
+        sense = np.where(at[0, shown] > _middle_of(self._coordinates, shown), -1.0, 1.0) * _DIFFERENCE
+        moved = np.repeat(at, len(shown), axis=0)
+        moved[np.arange(len(shown)), shown] += sense
+        found = yield self._coordinates.at_time_scale(moved, np.repeat(steps, len(shown)))
+        slopes: Array = ((found.residual - best.residual) / sense[:, None]).T
+        return slopes
+
+    def _candidates(self, best: Seen, jacobian: Array, belief: Belief) -> Array:
+        """Return the parameters (k, 5) to which differently damped steps lead."""
+        at, shown = self._coordinates.of(best.parameters), self._coordinates.shown
+        square = jacobian.T @ jacobian
+        scale = np.maximum(np.diag(square), 1e-9 * max(float(np.diag(square).max()), 1e-12))
+        # The belief is one more observation, in what is left over's own scale.
+        known = np.square(best.residual).mean() / np.square(belief.deviation[0, shown])
+        towards = known * (belief.mean - at)[0, shown]
+        moved = np.repeat(at, len(_DAMPING), axis=0)
+        for row, damping in enumerate(_DAMPING):
+            hessian = square + np.diag(known + damping * scale)
+            moved[row, shown] -= np.linalg.solve(hessian, jacobian.T @ best.residual[0] - towards)
+        return self._coordinates.parameters(moved)
+
+    def _drawn(
+        self, best: Seen, belief: Belief, random: np.random.Generator
+    ) -> Generator[Array, Seen, tuple[Seen, Belief]]:
+        """Begin anew from draws of the belief, or from anywhere; return the best place of all."""
+        spread = np.maximum(belief.deviation, 0.05) * random.choice([1.0, 3.0, 10.0])
+        drawn = belief.mean + spread * random.standard_normal((_DRAWS, belief.mean.shape[1]))
+        found = yield self._coordinates.parameters(drawn)
+        leader = int(found.mae.argmin())
+        start = found[leader : leader + 1]
+        other, belief = yield from self._led(start, 2)
+        other = yield from self._descended(other, belief)
+        return (other if other.mae[0] < best.mae[0] else best), belief
+
+    @property
+    def _coordinates(self) -> Coordinates:
+        return Coordinates(self.drive)
+
+
+def _middle_of(coordinates: Coordinates, shown: NDArray[np.int64]) -> Array:
+    at_middle: Array = coordinates.of(middle(coordinates.drive))[0, shown]
+    return at_middle
+
+
+def _joined(one: Belief, other: Belief) -> Belief:
+    """Return the product of two normal distributions."""
+    weights = one.deviation**-2.0, other.deviation**-2.0
+    total = weights[0] + weights[1]
+    return Belief((weights[0] * one.mean + weights[1] * other.mean) / total, total**-0.5)

@@ -1,0 +1,327 @@
+"""Training of IRT+: simulations that are drawn as they are needed, and never twice.
+
+A run that is stopped goes on from its last checkpoint and ends with the same bits as one that was not: what
+is drawn depends on the seed and the number of the pool alone.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from irt.catalogue import EffectInfo, effects
+from irt.errors import IrtError
+from irt.files import PathLike, make_folder
+from irt.fitting.fit import Progress
+from irt.rig import PARAMETERS
+from irt.tuning.coordinates import Coordinates
+from irt.tuning.drive import Drive
+from irt.tuning.pretrain import best_device, checkpoint_path, reproducible
+from irt.tuning.stepnet import StepFile, StepNet, middle, save_steps
+from irt.tuning.tunenet import load_weights, read_tensors, write_tensors
+
+Array = NDArray[np.float64]
+
+#: Pairs that are simulated at a time, and how often each is learned from, every time with other noise.
+POOL, PASSES = 8192, 2
+#: Pools between two checkpoints.
+CHECKPOINT_POOLS = 20
+#: What the metadata of a checkpoint says under "format".
+CHECKPOINT_FORMAT = "irt-stepnet-checkpoint-1"
+#: Targets that share a choice of effects.
+_COMPANY = 512
+#: Shares of the proposals that stand in the middle, and anywhere; the rest lie about the target.
+_MIDDLE, _ANYWHERE = 0.25, 0.2
+#: Distances of the latter from the target, in coordinates: decimal logarithms.
+_NEAREST, _FURTHEST = -2.5, 0.0
+#: Steps over which the learning rate rises.
+_WARM_UP = 200
+#: Degrees of freedom of Student's t.
+_FREEDOM = 4.0
+#: Weight decay of AdamW, and the norm to which gradients are clipped.
+_DECAY, _CLIP = 1e-4, 1.0
+
+
+@dataclass(frozen=True)
+class Streamed:
+    """How a network of IRT+ is trained.
+
+    Attributes
+    ----------
+    samples : int
+        Pairs of simulations to learn from; none is repeated but for `PASSES` with other noise.
+    seed : int
+        Of everything random.
+    batch : int
+        Pairs to one step.
+    learning_rate : float
+        Of AdamW; it falls to zero along half a cosine.
+    noise : (float, float)
+        Least and largest standard deviation [board edges] of what is added to half of the targets.
+    affected : float
+        Share of the targets that come from a board with an effect of the catalogue or two, of any size: the
+        network learns to find the parameters of what it cannot match.
+    """
+
+    samples: int = 5_000_000
+    seed: int = 0
+    batch: int = 512
+    learning_rate: float = 2e-3
+    noise: tuple[float, float] = (0.0003, 0.03)
+    affected: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name, least in (("samples", 1), ("seed", 0), ("batch", 1)):
+            if getattr(self, name) < least:
+                raise IrtError(f"{name} must be at least {least}, not {getattr(self, name)}")
+
+    @property
+    def pools(self) -> int:
+        """How many pools that takes."""
+        return -(-self.samples // (POOL * PASSES))
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Pairs to learn from: coordinates (n, 5) and observations (n, m) of proposals and targets."""
+
+    proposal: Tensor
+    proposed: Tensor
+    target: Tensor
+    observed: Tensor
+
+
+def draw_pool(
+    drive: Drive, recipe: Streamed, number: int, count: int = POOL, threads: int | None = None
+) -> Pool:
+    """Draw and simulate the pairs of a pool; the same seed and number give the same bits."""
+    random = np.random.default_rng([recipe.seed, number])
+    coordinates = Coordinates(drive)
+
+    def anywhere(k: int) -> Array:
+        return drive.parameters(random.random((k, len(PARAMETERS))))
+
+    truth = anywhere(count)
+    target = coordinates.of(truth)
+    kind = random.random(count)[:, None]
+    distance = 10.0 ** random.uniform(_NEAREST, _FURTHEST, (count, 1))
+    about = coordinates.parameters(target + distance * random.standard_normal(target.shape))
+    proposal = np.where(
+        kind < _MIDDLE, middle(drive), np.where(kind < _MIDDLE + _ANYWHERE, anywhere(count), about)
+    )
+    observed = np.concatenate(
+        [
+            drive.inputs(
+                drive.simulate(
+                    truth[k : k + _COMPANY],
+                    threads,
+                    effects=_affecting(random, recipe, truth[k : k + _COMPANY]),
+                )
+            )
+            for k in range(0, count, _COMPANY)
+        ]
+    )
+    proposed = drive.inputs(drive.simulate(proposal, threads))
+    of_all = (coordinates.of(proposal), proposed, target, observed)
+    return Pool(*(torch.from_numpy(each.astype(np.float32)) for each in of_all))
+
+
+def train_steps(
+    drive: Drive,
+    path: PathLike,
+    recipe: Streamed | None = None,
+    *,
+    resume: bool = False,
+    command: str = "",
+    device: str | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> StepFile:
+    """Train a network for IRT+ on streamed simulations and write it.
+
+    Parameters
+    ----------
+    drive : Drive
+        What the network is to be for.
+    path : path
+        The file to write; its folder is made. Until it is complete, a checkpoint stands beside it.
+    recipe : Streamed, optional
+        How to train.
+    resume : bool
+        Go on from the checkpoint.
+    command : str
+        What to record as the command that made the file.
+    device : str, optional
+        Where to train; by default CUDA or Apple's MPS where there is one, else the processor.
+    threads : int, optional
+        Of the simulations; the result does not depend on it.
+    progress : callable, optional
+        Called with (done, total, text).
+
+    Raises
+    ------
+    IrtError
+        If a file cannot be read or written, or the checkpoint is broken or of another training.
+    """
+    recipe = recipe or Streamed()
+    checkpoint = checkpoint_path(path)
+    if Path(path).is_dir():
+        raise IrtError(f"{path}: is a folder; name the file to write")
+    make_folder(checkpoint.parent)
+    place = torch.device(device or best_device())
+    metadata = {
+        "drive": drive.digest,
+        "engine": drive.engine,
+        "recipe": json.dumps(asdict(recipe)),
+        "seed": f"{recipe.seed}",
+        "samples": f"{recipe.pools * POOL * PASSES}",
+        "rollouts": f"{recipe.pools * POOL * 2}",
+        "command": command,
+    }
+    with reproducible():
+        training = _Training(drive, recipe, place, threads)
+        if resume:
+            training.restore(checkpoint, metadata)
+        while training.pool < recipe.pools:
+            training.run_pool()
+            if progress:
+                progress(training.pool, recipe.pools, f"training, loss {training.losses[-1]:.3f}")
+            if training.pool % CHECKPOINT_POOLS == 0 and training.pool < recipe.pools:
+                training.save(checkpoint, metadata)
+    done = StepFile(
+        training.network.cpu().eval(), {**metadata, "device": place.type}, torch.tensor(training.losses)
+    )
+    save_steps(path, done)
+    with suppress(OSError):
+        checkpoint.unlink()
+    return done
+
+
+class _Training:
+    """A network on its way: weights, the optimiser's moments, the losses so far."""
+
+    def __init__(self, drive: Drive, recipe: Streamed, place: torch.device, threads: int | None) -> None:
+        self.drive, self.recipe, self.place, self.threads = drive, recipe, place, threads
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(recipe.seed)
+            self.network = StepNet(drive.input_count)
+        first = draw_pool(drive, recipe, 0, _COMPANY, threads)
+        self.network.input_gain.fill_(1.0 / max(float(first.observed.std()), 1e-6))
+        self.network.to(place)
+        self.adam = torch.optim.AdamW(
+            self.network.parameters(), lr=recipe.learning_rate, weight_decay=_DECAY, fused=True
+        )
+        self.losses: list[float] = []
+
+    @property
+    def pool(self) -> int:
+        """Pools done."""
+        return len(self.losses)
+
+    def run_pool(self) -> None:
+        """Simulate a pool and learn from it, in batches in a random order."""
+        number = self.pool
+        pool = draw_pool(self.drive, self.recipe, number, threads=self.threads)
+        # The seed and the pool make the state of what is random: a checkpoint needs none.
+        random = torch.Generator().manual_seed(self.recipe.seed * 1_000_003 + number)
+        batches = [
+            chosen
+            for _ in range(PASSES)
+            for chosen in torch.split(torch.randperm(len(pool.target), generator=random), self.recipe.batch)
+        ]
+        total = torch.zeros((), device=self.place)
+        for step, chosen in enumerate(batches):
+            self._set_rate(number * len(batches) + step, self.recipe.pools * len(batches))
+            loss = self._loss(pool, chosen, random)
+            self.adam.zero_grad()
+            torch.autograd.backward(loss)
+            nn.utils.clip_grad_norm_(self.network.parameters(), _CLIP)
+            self.adam.step()
+            total += loss.detach()
+        self.losses.append(float(total) / len(batches))
+
+    def save(self, path: Path, metadata: dict[str, str]) -> None:
+        """Write all that is needed to go on."""
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        for (name, _), state in zip(
+            self.network.named_parameters(), self.adam.state_dict()["state"].values(), strict=True
+        ):
+            tensors |= {f"adam.{key}.{name}": value for key, value in state.items()}
+        tensors["losses"] = torch.tensor(self.losses, dtype=torch.float64)
+        write_tensors(path, tensors, {"format": CHECKPOINT_FORMAT, **metadata})
+
+    def restore(self, path: Path, metadata: dict[str, str]) -> None:
+        """Go on from a checkpoint of the same training."""
+        tensors, found = read_tensors(path)
+        if found.get("format") != CHECKPOINT_FORMAT:
+            raise IrtError(f"{path}: not a checkpoint of this release; train without --resume")
+        for name in ("drive", "recipe"):
+            if found.get(name) != metadata[name]:
+                raise IrtError(
+                    f"{path}: of another training: its {name} is {found.get(name)}, not {metadata[name]}; "
+                    "give the same options as then, or train without --resume"
+                )
+        load_weights(path, self.network, tensors)
+        try:
+            state = {
+                i: {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
+                for i, (name, _) in enumerate(self.network.named_parameters())
+            }
+            self.losses = tensors["losses"].tolist()
+        except KeyError as error:
+            raise IrtError(f"{path}: broken: it lacks {error}; train without --resume") from error
+        self.adam.load_state_dict({**self.adam.state_dict(), "state": state})
+
+    def _set_rate(self, step: int, steps: int) -> None:
+        rise = min(1.0, (step + 1) / _WARM_UP)
+        fall = 0.5 * (1.0 + math.cos(math.pi * step / steps))
+        self.adam.param_groups[0]["lr"] = self.recipe.learning_rate * rise * fall
+
+    def _loss(self, pool: Pool, chosen: Tensor, random: torch.Generator) -> Tensor:
+        """Negative log-likelihood of the targets' coordinates under Student's t, up to a constant.
+
+        Its tails keep the few targets that no parameters match from leading the way.
+        """
+        least, largest = self.recipe.noise
+        observed = pool.observed[chosen]
+        level = torch.rand((len(chosen), 1), generator=random)
+        noisy = torch.rand((len(chosen), 1), generator=random) < 0.5
+        drawn = torch.randn(observed.shape, generator=random)
+        observed = observed + noisy * least * (largest / least) ** level * drawn
+        asked = (pool.proposal[chosen], pool.proposed[chosen], observed, pool.target[chosen])
+        proposal, proposed, observed, target = (each.to(self.place) for each in asked)
+        mean, log_deviation = self.network(proposal, proposed, observed)
+        off = (target - mean) * torch.exp(-log_deviation)
+        nats = 0.5 * (_FREEDOM + 1.0) * torch.log1p(off.square() / _FREEDOM)
+        loss: Tensor = (log_deviation + nats).mean()
+        return loss
+
+
+def _affecting(random: np.random.Generator, recipe: Streamed, parameters: Array) -> list[dict[str, object]]:
+    """Draw an effect or two for some of (k, 5) targets; for the others they are neutral."""
+    known = effects()
+    chosen = random.choice(len(known), int(random.integers(1, 3)), replace=False)
+    affected = random.random(len(parameters)) < recipe.affected
+    return [_drawn(random, known[i], affected) for i in sorted(chosen)] if affected.any() else []
+
+
+def _drawn(random: np.random.Generator, info: EffectInfo, affected: NDArray[np.bool_]) -> dict[str, object]:
+    """Draw the parameters of an effect, small ones more often than large ones."""
+    size = random.random(len(affected)) ** 2
+    drawn: dict[str, object] = {"name": info.name}
+    for one in info.parameters:
+        plausible = random.uniform(one.low, one.high, len(affected))
+        if np.isfinite(one.neutral):
+            value = one.neutral + size * (plausible - one.neutral)
+        else:
+            value = plausible / np.maximum(size, 1e-3)
+        drawn[one.name] = np.where(affected, value, one.neutral)
+    return drawn

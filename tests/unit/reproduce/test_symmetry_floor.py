@@ -1,0 +1,48 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irt.reproduce.setting import Setting
+from irt.reproduce.symmetry import floor, symmetry
+from irt.tuning.drive import Drive
+
+DRIVE = Drive.paper()
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    setting = Setting(tmp_path_factory.mktemp("out"), threads=1)
+    return symmetry(setting, np.array([0.7, 0.85, 1.0]))
+
+
+def test_off_the_rim_and_without_damping_nothing_changes(found):
+    assert found.change["no rim, no damping"].max() < 1e-3
+    assert found.change["no rim, no damping"][-1].max() == 0.0
+
+
+def test_damping_brings_a_physical_time(found):
+    """At the furthest of the factors, which stands first."""
+    change = {name: quartiles[0, 1] for name, quartiles in found.change.items()}
+    assert change["rim, no damping"] < change["rim, damping 0.04/s"] < change["rim, damping 0.4/s"]
+
+
+def test_parameters_change_all_the_same(found):
+    assert found.parameter_error[0] > 0.05
+    assert found.parameter_error[-1] == 0.0
+
+
+def test_where_the_rim_tells_the_scale_combinations_have_no_floor():
+    truth = np.array([[0.05, 0.03, 3e-4, 25.0, 0.95]])
+    told = floor(DRIVE, truth, np.array([True]), 0)
+    untold = floor(DRIVE, truth, np.array([False]), 0)
+    assert told.combinations == pytest.approx(0.0, abs=1e-9)
+    assert untold.combinations > 0.005
+    assert told.parameters > 0.02
+
+
+def test_a_range_that_is_closed_leaves_no_choice():
+    ranges = {**DRIVE.ranges, "time_scale": (25.0, 25.0), "observation_scale": (0.94, 0.96)}
+    drive = replace(DRIVE, ranges=ranges)
+    told = floor(drive, np.array([[0.05, 0.03, 3e-4, 25.0, 0.95]]), np.array([True]), 0)
+    assert told.parameters == pytest.approx(0.0, abs=1e-9)
