@@ -105,7 +105,7 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
         # sbi's own way to keep one; the file is this program's.
         kept: ConditionalDensityEstimator = torch.load(path, weights_only=False)
         return kept
-    pairs = simulate_pairs(setting.drive, NPE_PAIRS, setting.seed, setting.threads)
+    pairs = simulate_pairs(setting.drive, NPE_PAIRS, setting.seed, threads=setting.threads)
     with reproducible(), torch.random.fork_rng(devices=[]), quiet():
         torch.manual_seed(setting.seed)
         first, second = _EMBEDDING
