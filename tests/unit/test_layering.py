@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 LAYERS = (
     "cli",
     "prove",
+    "importing",
     "report",
     "suggest",
     "diagnose",
@@ -28,13 +29,25 @@ LAYERS = (
     "model",
     "rig",
     "recording",
+    "bag",
     "files",
     "catalogue",
     "tracking",
     "errors",
 )
 EXTENSION = "irt._labsim"
-HEAVY = {"cryptography", "cv2", "matplotlib", "playwright", "pybullet", "pysindy", "ray", "scipy", "torch"}
+HEAVY = {
+    "cryptography",
+    "cv2",
+    "matplotlib",
+    "mcap",
+    "playwright",
+    "pybullet",
+    "pysindy",
+    "ray",
+    "scipy",
+    "torch",
+}
 
 
 def module_name(path: Path) -> str:
