@@ -21,7 +21,7 @@ pub mod rollout;
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;
 pub use effects::{About, Chosen, effects};
-pub use engine::Engine;
+pub use engine::{Engine, Live};
 pub use error::{Error, Result};
 pub use parameters::Parameters;
 pub use rollout::{Batch, PerRollout, TimeBase};

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
 use labsim::effects::known;
-use labsim::{About, Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{About, Batch, Chosen, Engine, Live, Parameters, PerRollout, Rig, TimeBase};
 use proptest::prelude::*;
 
 const ROWS: usize = 60;
@@ -316,4 +316,68 @@ fn the_catalogue_is_in_order() {
         let twins = known().filter(|other| other.name == effect.name).count();
         assert_eq!(twins, 1, "{}", effect.name);
     }
+}
+
+/// A marble that learns its commands one by one goes the same way as one whose commands are known.
+#[test]
+fn a_live_rollout_has_the_bits_of_a_batch() {
+    let (rig, parameters, commands, start) =
+        (Rig::default(), parameters()[0], commands(), [0.1, -0.05]);
+    let causal = known().filter(|effect| effect.name != "clock_drift");
+    let sets = causal
+        .clone()
+        .map(|effect| vec![(effect, within(effect, |i| 0.3 + 0.1 * i as f64))]);
+    let all: Vec<_> = causal
+        .map(|effect| (effect, within(effect, |_| 0.6)))
+        .collect();
+    for set in sets.chain([vec![], all]) {
+        let effects: Vec<_> = set
+            .iter()
+            .map(|(effect, values)| chosen(effect, values))
+            .collect();
+        let known = Batch {
+            effects: &effects,
+            start: PerRollout::Shared(&[start]),
+            time: TimeBase::Durations(PerRollout::Shared(&[0.05; ROWS])),
+            seeds: PerRollout::Shared(&[3]),
+            ..Batch::new(&rig, &[parameters], &commands)
+        }
+        .run(Engine::Rolling, Some(1), &AtomicBool::new(false))
+        .expect("the inputs are physical");
+        let mut live = Live::new(&rig, parameters, &effects, start, (ROWS, 0.05), 3)
+            .expect("the inputs are physical");
+        let mut found = vec![live.seen()];
+        found.extend(
+            commands[..ROWS - 1]
+                .iter()
+                .map(|&command| live.play(command)),
+        );
+        assert_eq!(live.left(), 0);
+        assert_eq!(
+            found,
+            known,
+            "{:?}",
+            effects
+                .iter()
+                .map(|one| one.effect.name)
+                .collect::<Vec<_>>()
+        );
+    }
+}
+
+#[test]
+fn a_live_rollout_refuses_what_would_need_commands_to_come() {
+    let drift = known()
+        .find(|effect| effect.name == "clock_drift")
+        .expect("it is known");
+    let (values, rig) = (drift.neutral(), Rig::default());
+    let refused = Live::new(
+        &rig,
+        parameters()[0],
+        &[chosen(drift, &values)],
+        [0.0; 2],
+        (10, 0.05),
+        0,
+    );
+    assert!(refused.is_err_and(|error| error.to_string().contains("clock_drift")));
 }

@@ -94,6 +94,13 @@ impl<S: Simd> Actuation<S> {
         actuation
     }
 
+    /// Says what the command of a row is (rad), in the first lane, where it was not known from the start.
+    pub(super) fn issue(&mut self, row: usize, command: [f64; 2]) {
+        if let Some((arrivals, _)) = &mut self.arrivals {
+            arrivals.issue(row, command);
+        }
+    }
+
     /// Whether the board moves within a row.
     pub(super) fn moves(&self) -> bool {
         self.moves || self.arrivals.is_some()

@@ -22,6 +22,8 @@ pub(super) struct Arrivals<S: Simd> {
     waves: Vec<Wave>,
     /// Where in them those of each row begin, and the end of the last.
     begins: Vec<usize>,
+    /// In which of them the command of each row comes in the first lane, unless a later one overtakes it.
+    comes: Vec<Option<usize>>,
     /// The last commands that came (rad).
     command: Pair<S>,
     /// Whether the last substep saw more than one command.
@@ -65,9 +67,15 @@ impl<S: Simd> Arrivals<S> {
             command: [[0.0; 8]; 2],
         };
         let mut waves = vec![none; begins[rows.rows()]];
+        let mut comes = vec![None; issued.rows()];
         for (lane, all) in moments.iter().enumerate() {
             for row in all.chunk_by(of_one_row) {
-                for (wave, moment) in waves[begins[row[0].row]..].iter_mut().zip(row) {
+                let begin = begins[row[0].row];
+                for (number, moment) in row.iter().enumerate() {
+                    let wave = &mut waves[begin + number];
+                    if lane == 0 {
+                        comes[moment.what] = Some(begin + number);
+                    }
                     let [x, y] = job(lane).commands[moment.what];
                     wave.at[lane] = moment.at;
                     wave.command[0][lane] = x;
@@ -78,8 +86,17 @@ impl<S: Simd> Arrivals<S> {
         Self {
             waves,
             begins,
+            comes,
             command: before,
             was_mixed: false,
+        }
+    }
+
+    /// Says what the command of a row is (rad), in the first lane, before it comes.
+    pub(super) fn issue(&mut self, row: usize, command: [f64; 2]) {
+        if let Some(wave) = self.comes[row] {
+            self.waves[wave].command[0][0] = command[0];
+            self.waves[wave].command[1][0] = command[1];
         }
     }
 

@@ -4,8 +4,11 @@ mod actuation;
 mod agenda;
 mod arrivals;
 mod camera;
+mod live;
 pub(crate) mod rapier;
 pub(crate) mod rolling;
+
+pub use live::Live;
 
 use std::cmp::Ordering;
 use std::str::FromStr;

@@ -67,35 +67,40 @@ fn simulate<S: Simd, const N: usize>(
     jobs: &[Job<'_>],
     out: &mut [&mut [[f64; 2]]],
 ) {
-    let mut registers: [Register<'_, '_, S>; N] = std::array::from_fn(|register| {
+    let companies: [Company<'_, '_>; N] = std::array::from_fn(|register| {
         let begin = register * S::F64_LANES;
         let end = jobs.len().min(begin + S::F64_LANES);
-        Register::new(simd, setup, jobs.get(begin..end).unwrap_or(&[]), &jobs[0])
+        Company {
+            jobs: jobs.get(begin..end).unwrap_or(&[]),
+            filler: &jobs[0],
+        }
     });
+    let mut registers = companies.map(|company| Register::new(simd, setup, company));
     let (first, step) = (jobs[0].first, |row: usize| jobs[0].clock.step(row).substeps);
     for row in 0..first {
-        for register in &mut registers {
-            register.wait(row, step(row));
+        for (register, company) in registers.iter_mut().zip(companies) {
+            register.wait(row, step(row), company);
         }
     }
-    let mut marbles: [Marbles<S>; N] =
-        std::array::from_fn(|register| registers[register].release());
+    let mut marbles: [Marbles<S>; N] = std::array::from_fn(|i| registers[i].release(companies[i]));
     for row in first..first + setup.rows {
-        for ((register, marbles), out) in registers
+        for (((register, company), marbles), out) in registers
             .iter()
+            .zip(companies)
             .zip(&marbles)
             .zip(out.chunks_mut(S::F64_LANES))
         {
-            register.observe(row, marbles, out);
+            register.observe(row, marbles, company, out);
         }
         if row + 1 == first + setup.rows || setup.is_cancelled() {
             break;
         }
-        for register in &mut registers {
-            register.begin_row(row);
+        for (register, company) in registers.iter_mut().zip(companies) {
+            register.begin_row(row, company);
         }
         if setup.is_plain() {
-            let substeps: [Substeps<S>; N] = std::array::from_fn(|i| registers[i].substeps(row));
+            let substeps: [Substeps<S>; N] =
+                std::array::from_fn(|i| registers[i].substeps(row, companies[i]));
             let pushes: [Push<S>; N] = std::array::from_fn(|i| registers[i].actuation.push);
             let most = substeps.iter().map(|substeps| substeps.most).max();
             for done in 0..most.unwrap_or(0) {
@@ -109,8 +114,10 @@ fn simulate<S: Simd, const N: usize>(
         } else {
             for i in 0..step(row) {
                 let mut out = out.chunks_mut(S::F64_LANES);
-                for (register, marbles) in registers.iter_mut().zip(&mut marbles) {
-                    if register.jobs.is_empty() {
+                for ((register, company), marbles) in
+                    registers.iter_mut().zip(companies).zip(&mut marbles)
+                {
+                    if company.jobs.is_empty() {
                         break;
                     }
                     register.substep(row, i, marbles, out.next().unwrap_or_default());
@@ -139,20 +146,32 @@ impl<S: Simd> Substeps<S> {
     }
 }
 
-/// The rollouts of a register.
-struct Register<'a, 'b, S: Simd> {
-    jobs: &'a [Job<'b>],
+/// Whose rollouts the lanes of a register are.
+#[derive(Clone, Copy)]
+pub(super) struct Company<'a, 'b> {
+    pub(super) jobs: &'a [Job<'b>],
     /// What empty lanes repeat, and nobody reads.
-    filler: &'a Job<'b>,
+    pub(super) filler: &'a Job<'b>,
+}
+
+impl<'a, 'b> Company<'a, 'b> {
+    #[inline(always)]
+    fn of(self, lane: usize) -> &'a Job<'b> {
+        self.jobs.get(lane).unwrap_or(self.filler)
+    }
+}
+
+/// The rollouts of a register, as far as they have come.
+pub(super) struct Register<S: Simd> {
     rims: Rims<S>,
-    actuation: Actuation<S>,
+    pub(super) actuation: Actuation<S>,
     camera: Camera<S>,
     forces: Vec<Any<S>>,
 }
 
-impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
-    fn new(simd: S, setup: &Setup<'_>, jobs: &'a [Job<'b>], filler: &'a Job<'b>) -> Self {
-        let job = |lane: usize| jobs.get(lane).unwrap_or(filler);
+impl<S: Simd> Register<S> {
+    pub(super) fn new(simd: S, setup: &Setup<'_>, company: Company<'_, '_>) -> Self {
+        let job = |lane: usize| company.of(lane);
         let effects = |places: fn(Acts) -> bool| {
             acting(simd, setup.rig, setup.effects, places, |lane| {
                 job(lane).rollout
@@ -170,8 +189,6 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
             effect.let_go(rolled);
         }
         Self {
-            jobs,
-            filler,
             rims,
             camera: Camera::new(simd, setup, &actuation, job),
             actuation,
@@ -180,10 +197,10 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
     }
 
     #[inline(always)]
-    fn substeps(&self, row: usize) -> Substeps<S> {
+    fn substeps(&self, row: usize, company: Company<'_, '_>) -> Substeps<S> {
         let (mut fewest, mut most) = (u32::MAX, 0);
         let lanes = Lanes::from_fn(self.rims.reach_x.simd(), |lane| {
-            self.jobs.get(lane).map_or(0.0, |job| {
+            company.jobs.get(lane).map_or(0.0, |job| {
                 let substeps = job.clock.step(row).substeps;
                 (fewest, most) = (fewest.min(substeps), most.max(substeps));
                 f64::from(substeps)
@@ -197,10 +214,8 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
     }
 
     #[inline(always)]
-    fn begin_row(&mut self, row: usize) {
-        let (jobs, filler) = (self.jobs, self.filler);
-        let job = |lane: usize| jobs.get(lane).unwrap_or(filler);
-        self.actuation.begin_row(row, job);
+    pub(super) fn begin_row(&mut self, row: usize, company: Company<'_, '_>) {
+        self.actuation.begin_row(row, |lane| company.of(lane));
         if let Some(agenda) = &mut self.camera.agenda {
             agenda.begin_row(row);
         }
@@ -208,17 +223,16 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
 
     /// Plays the commands of a row before the marbles are let go.
     #[inline(always)]
-    fn wait(&mut self, row: usize, substeps: u32) {
-        self.begin_row(row);
+    fn wait(&mut self, row: usize, substeps: u32, company: Company<'_, '_>) {
+        self.begin_row(row, company);
         if self.actuation.moves() {
             for substep in 0..substeps {
                 self.actuation.substep(row, substep);
             }
         }
         if !self.forces.is_empty() {
-            let (jobs, filler) = (self.jobs, self.filler);
-            let job = |lane: usize| jobs.get(lane).unwrap_or(filler);
-            let length = f64::from(substeps) * self.actuation.length(row, job);
+            let length = self.actuation.length(row, |lane| company.of(lane));
+            let length = f64::from(substeps) * length;
             for effect in &mut self.forces {
                 effect.pass(&self.actuation.tilt, length);
             }
@@ -226,10 +240,9 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
     }
 
     /// Lets the marbles go.
-    fn release(&self) -> Marbles<S> {
+    pub(super) fn release(&self, company: Company<'_, '_>) -> Marbles<S> {
         let lanes = |value: fn(&Job<'_>) -> f64| {
-            let value = |lane: usize| value(self.jobs.get(lane).unwrap_or(self.filler));
-            Lanes::from_fn(self.rims.reach_x.simd(), value)
+            Lanes::from_fn(self.rims.reach_x.simd(), |lane| value(company.of(lane)))
         };
         let start = [lanes(|job| job.start[0]), lanes(|job| job.start[1])];
         let velocity = [
@@ -252,15 +265,21 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
 
     /// Writes down what the camera sees as a row begins.
     #[inline(always)]
-    fn observe(&self, row: usize, marbles: &Marbles<S>, out: &mut [&mut [[f64; 2]]]) {
-        if row > self.filler.first && self.camera.agenda.is_some() {
+    pub(super) fn observe(
+        &self,
+        row: usize,
+        marbles: &Marbles<S>,
+        company: Company<'_, '_>,
+        out: &mut [&mut [[f64; 2]]],
+    ) {
+        if row > company.filler.first && self.camera.agenda.is_some() {
             return;
         }
         let seen = self
             .camera
             .see([marbles.x, marbles.y], &self.actuation.tilt);
         let (x, y) = (seen[0].to_array(), seen[1].to_array());
-        for (lane, (job, out)) in self.jobs.iter().zip(out).enumerate() {
+        for (lane, (job, out)) in company.jobs.iter().zip(out).enumerate() {
             out[row - job.first] = if row == job.first {
                 job.start
             } else {
@@ -270,7 +289,7 @@ impl<'a, 'b, S: Simd> Register<'a, 'b, S> {
     }
 
     #[inline(always)]
-    fn substep(
+    pub(super) fn substep(
         &mut self,
         row: usize,
         index: u32,

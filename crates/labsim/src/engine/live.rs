@@ -1,0 +1,153 @@
+//! One marble whose commands are not known beforehand: what a stand-in for the real board answers with.
+
+use std::sync::atomic::AtomicBool;
+
+use pulp::Scalar;
+
+use super::rolling::{Company, Register};
+use super::{Clock, Job, Setup, Step};
+use crate::board::Rig;
+use crate::effects::{Acts, Chosen, in_order};
+use crate::error::{Error, Result};
+use crate::motion::Marbles;
+use crate::parameters::Parameters;
+use crate::rollout::{Batch, PerRollout, TimeBase};
+
+/// A rollout of the rolling engine that is given its commands one by one.
+///
+/// It begins at rest with level knobs, and has the same bits as a [`Batch`] of as many rows that knows all
+/// commands from the start.
+pub struct Live {
+    register: Register<Scalar>,
+    marbles: Marbles<Scalar>,
+    parameters: Parameters,
+    step: Step,
+    seed: u64,
+    row: usize,
+    commands: Vec<[f64; 2]>,
+    seen: Vec<[f64; 2]>,
+}
+
+impl Live {
+    /// A marble at rest that is seen at `start` (board edges), for at most `rows` rows of `row_s` seconds.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] for values that no physics allows, and for an effect that lets rows begin at other
+    /// times than their commands: the commands of rows to come would have to be known.
+    pub fn new(
+        rig: &Rig,
+        parameters: Parameters,
+        effects: &[Chosen<'_>],
+        start: [f64; 2],
+        (rows, row_s): (usize, f64),
+        seed: u64,
+    ) -> Result<Self> {
+        if let Some(one) = effects.iter().find(|one| one.effect.acts == Acts::OnClock) {
+            return Err(Error::invalid(
+                "effects",
+                "any that need one clock only",
+                one.effect.name,
+            ));
+        }
+        let commands = vec![[0.0; 2]; rows];
+        Batch {
+            effects,
+            rows: rows.min(1),
+            start: PerRollout::Shared(&[start]),
+            time: TimeBase::Durations(PerRollout::Shared(&vec![row_s; rows])),
+            ..Batch::new(rig, &[parameters], &commands)
+        }
+        .run(super::Engine::Rolling, Some(1), &AtomicBool::new(false))?;
+        let effects = in_order(effects);
+        let setup = Setup {
+            rig,
+            effects: &effects,
+            rows,
+            cancel: &AtomicBool::new(false),
+        };
+        let step = Step::lasting(row_s);
+        let job = job(parameters, &commands, start, step, seed);
+        let company = Company {
+            jobs: std::slice::from_ref(&job),
+            filler: &job,
+        };
+        let register = Register::new(Scalar, &setup, company);
+        let marbles = register.release(company);
+        Ok(Self {
+            marbles,
+            register,
+            parameters,
+            step,
+            seed,
+            row: 0,
+            seen: vec![start; rows],
+            commands,
+        })
+    }
+
+    /// Where the marble is seen (board edges) as the present row begins.
+    pub fn seen(&self) -> [f64; 2] {
+        self.seen[self.row]
+    }
+
+    /// Rows that are left to play.
+    pub fn left(&self) -> usize {
+        self.commands.len() - 1 - self.row
+    }
+
+    /// Plays the present row under a command (knob angles, rad), and returns where the marble is then seen.
+    ///
+    /// # Panics
+    /// If no row is left.
+    pub fn play(&mut self, command: [f64; 2]) -> [f64; 2] {
+        let row = self.row;
+        assert!(
+            self.left() > 0,
+            "all {} rows are played",
+            self.commands.len()
+        );
+        self.commands[row] = command;
+        self.register.actuation.issue(row, command);
+        let job = job(
+            self.parameters,
+            &self.commands,
+            self.seen[0],
+            self.step,
+            self.seed,
+        );
+        let company = Company {
+            jobs: std::slice::from_ref(&job),
+            filler: &job,
+        };
+        self.register.begin_row(row, company);
+        let mut out = [&mut self.seen[..]];
+        for substep in 0..self.step.substeps {
+            self.register
+                .substep(row, substep, &mut self.marbles, &mut out);
+        }
+        self.row += 1;
+        self.register
+            .observe(self.row, &self.marbles, company, &mut out);
+        self.seen[self.row]
+    }
+}
+
+fn job(
+    parameters: Parameters,
+    commands: &[[f64; 2]],
+    start: [f64; 2],
+    step: Step,
+    seed: u64,
+) -> Job<'_> {
+    Job {
+        rollout: 0,
+        parameters,
+        commands,
+        knobs_before: [0.0; 2],
+        first: 0,
+        start,
+        start_velocity: [0.0; 2],
+        clock: Clock::Even(step),
+        seed,
+    }
+}
