@@ -1,10 +1,325 @@
-//! Placeholder for the lab machine's ROS 2 node: it says that it is one, and exits with failure.
+//! The lab machine's ROS 2 node: plays commands on two arms, records everything, and stops safely.
 
+#![allow(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "an age that is no number is too old"
+)]
+
+mod backend;
+mod check;
+mod clock;
+mod commands;
+mod config;
+mod dds;
+mod error;
+mod messages;
+mod model;
+mod motion;
+mod recorder;
+mod recover;
+mod safety;
+mod signals;
+mod station;
+mod twin;
+mod watch;
+
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use clap::{Args, Parser, Subcommand};
+
+use crate::commands::Commands;
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::motion::Motion;
+use crate::station::{Level, Station};
+
+/// Plays commands on two arms that turn the knobs of a marble board, records everything, and stops safely.
+///
+/// Nothing moves without --arm. A software stop never cuts an arm's power: keep a hardware e-stop at hand.
+#[derive(Parser)]
+#[command(name = "rig", version, after_help = EXAMPLES)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+const EXAMPLES: &str = "Examples:
+  rig twin --model model.toml             # a stand-in for arms, board and tracker, to try the rest with
+  rig check                               # what is ready, and what is not
+  rig home --arm                          # slowly to the level pose
+  rig play suggest.csv --out bags         # dry run: everything but the motion
+  rig play suggest.csv --out bags --arm
+  irt import bags/suggest.mcap --out my-rig";
+
+#[derive(Args)]
+struct Configured {
+    /// Names, signs, limits, networks: see rig/README.md
+    #[arg(long, value_name = "TOML", default_value = "rig.toml")]
+    config: PathBuf,
+}
+
+#[derive(Subcommand)]
+enum Verb {
+    /// Say what is ready and what is not: peers, whether they match, rates, clock offsets
+    Check {
+        #[command(flatten)]
+        configured: Configured,
+    },
+    /// Move slowly to the level pose
+    Home {
+        #[command(flatten)]
+        configured: Configured,
+        /// Folder for the bag
+        #[arg(long, value_name = "DIR", default_value = "bags")]
+        out: PathBuf,
+        /// Move the arms; without it all but that is done
+        #[arg(long)]
+        arm: bool,
+    },
+    /// Play a file of commands, and record it
+    Play {
+        /// CSV: `knob_x_rad`, `knob_y_rad`, and `t_s` or --period
+        #[arg(value_name = "COMMANDS.csv")]
+        commands: PathBuf,
+        #[command(flatten)]
+        configured: Configured,
+        /// Folder for the bag
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+        /// Seconds that a row lasts, where the file has no stamps
+        #[arg(long, value_name = "S")]
+        period: Option<f64>,
+        /// Move the arms; without it all but that is done
+        #[arg(long)]
+        arm: bool,
+    },
+    /// Hear and record, and command nothing
+    Listen {
+        #[command(flatten)]
+        configured: Configured,
+        /// Folder for the bag
+        #[arg(long, value_name = "DIR", default_value = "bags")]
+        out: PathBuf,
+        /// How long; until Ctrl-C where it is not said
+        #[arg(long, value_name = "S")]
+        seconds: Option<f64>,
+    },
+    /// Stand in for the laboratory: arms, board, marble and tracker, simulated
+    Twin {
+        #[command(flatten)]
+        configured: Configured,
+        /// Any model.toml of irt, effects included
+        #[arg(long, value_name = "MODEL")]
+        model: PathBuf,
+        /// Of noise, delays and lost pictures
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+        /// How long; until Ctrl-C where it is not said
+        #[arg(long, value_name = "S")]
+        seconds: Option<f64>,
+    },
+    /// Make a bag whole that was cut short
+    Recover {
+        /// A bag of this program, or any other MCAP file
+        #[arg(value_name = "BAG")]
+        bag: PathBuf,
+        /// Where to (default: BAG-recovered.mcap beside it)
+        #[arg(long, value_name = "MCAP")]
+        out: Option<PathBuf>,
+    },
+}
+
 fn main() -> ExitCode {
-    eprintln!(
-        "rig: the ROS 2 node is not built yet; record with your own tools and give irt the CSV files"
+    env_logger::Builder::from_env(env_logger::Env::default().default_filter_or("off")).init();
+    match run(Cli::parse().verb) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("rig: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(verb: Verb) -> Result<()> {
+    match verb {
+        Verb::Check { configured } => run_check(&configured.config),
+        Verb::Home {
+            configured,
+            out,
+            arm,
+        } => {
+            let (config, text) = Config::read(&configured.config)?;
+            let motion = Motion::open(&config, &text, (&out, "home"), arm)?;
+            finished(motion, arm, Motion::home)
+        }
+        Verb::Play {
+            commands,
+            configured,
+            out,
+            period,
+            arm,
+        } => {
+            let (config, text) = Config::read(&configured.config)?;
+            let played = Commands::read(&commands, period)?;
+            played
+                .check(&config)
+                .map_err(|error| Error::refused(format!("{}, {error}", commands.display())))?;
+            let name = commands
+                .file_stem()
+                .unwrap_or_default()
+                .to_string_lossy()
+                .into_owned();
+            let motion = Motion::open(&config, &text, (&out, &name), arm)?;
+            let mut bar = Bar::new(played.seconds());
+            finished(motion, arm, |motion| {
+                let outcome = motion.play(&played, &name, |part| bar.show(part));
+                bar.clear();
+                outcome
+            })
+        }
+        Verb::Listen {
+            configured,
+            out,
+            seconds,
+        } => run_listen(&configured.config, &out, seconds),
+        Verb::Twin {
+            configured,
+            model,
+            seed,
+            seconds,
+        } => {
+            let (config, _) = Config::read(&configured.config)?;
+            twin::run(&config, &model, seed, seconds, || {
+                say("the twin is ready; Ctrl-C ends it");
+            })
+        }
+        Verb::Recover { bag, out } => {
+            let found = recover::recover(&bag, out.as_deref())?;
+            let was = if found.was_whole {
+                "was whole"
+            } else {
+                "was cut short"
+            };
+            say(&format!(
+                "{was}: {} messages over {:.2} s are in {}",
+                found.messages,
+                found.nanos as f64 / 1e9,
+                found.path.display()
+            ));
+            Ok(())
+        }
+    }
+}
+
+fn finished(
+    mut motion: Motion,
+    arm: bool,
+    act: impl FnOnce(&mut Motion) -> Result<()>,
+) -> Result<()> {
+    let path = motion.station.recorder.path().to_owned();
+    let outcome = act(&mut motion);
+    let summary = motion.finish(outcome).inspect_err(|_| {
+        eprintln!("rig: what happened is in {}", path.display());
+    })?;
+    let (ticks, late, worst) = summary.loop_ticks;
+    say(&format!(
+        "{}: {} messages; {late} of {ticks} ticks more than 2 ms late, the worst {:.1} ms; into the bag within {:.2} ms (p50), {:.2} ms (p99)",
+        path.display(),
+        summary.written.messages,
+        1e3 * worst,
+        summary.written.latency_ms(0.5),
+        summary.written.latency_ms(0.99),
+    ));
+    if !arm {
+        say("dry run: nothing was moved; --arm moves the arms");
+    }
+    Ok(())
+}
+
+fn run_check(path: &Path) -> Result<()> {
+    let (config, text) = Config::read(path)?;
+    let folder = std::env::temp_dir().join(format!("rig-check-{}", std::process::id()));
+    let mut station = Station::open(&config, &text, &folder, "check", &[])?;
+    let lines = check::lines(&mut station);
+    let _ = station.recorder.finish();
+    let _ = std::fs::remove_dir_all(&folder);
+    check::table(&lines, |line| say(&line))
+}
+
+fn run_listen(path: &Path, out: &Path, seconds: Option<f64>) -> Result<()> {
+    let (config, text) = Config::read(path)?;
+    let mut station = Station::open(
+        &config,
+        &text,
+        out,
+        "listen",
+        &[("verb", "listen".to_owned())],
+    )?;
+    station.event(Level::Info, "begin", "listening");
+    let bag = station.recorder.path().to_owned();
+    let begin = station.clock.now().steady;
+    let ended = loop {
+        let (now, _) = station.ticker.wait();
+        match station.hear(now, false) {
+            Some(safety::Reason::Signal(_)) => break Ok(()),
+            Some(safety::Reason::Recorder(what)) => break Err(Error::refused(what)),
+            // What would stop arms is only written down.
+            Some(reason) => station.event(Level::Error, reason.code(), &reason.to_string()),
+            None => (),
+        }
+        if seconds.is_some_and(|seconds| now.steady - begin >= seconds) {
+            break Ok(());
+        }
+    };
+    station.event(Level::Info, "end", "");
+    let (points, x, y) = (
+        station.marble.tally.came,
+        station.joints[0].tally.came,
+        station.joints[1].tally.came,
     );
-    ExitCode::FAILURE
+    let written = station.recorder.finish();
+    ended?;
+    say(&format!(
+        "{}: {} messages; {points} points, {x} and {y} joint states",
+        bag.display(),
+        written?.messages
+    ));
+    Ok(())
+}
+
+fn say(line: &str) {
+    // A reader that has gone is no reason to stop.
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
+/// How much of a file is played, on a terminal.
+struct Bar {
+    seconds: f64,
+    shown: Option<u64>,
+}
+
+impl Bar {
+    fn new(seconds: f64) -> Self {
+        Self {
+            seconds,
+            shown: None,
+        }
+    }
+
+    fn show(&mut self, part: f64) {
+        let percent = (100.0 * part) as u64;
+        if self.shown == Some(percent) || !std::io::stderr().is_terminal() {
+            return;
+        }
+        self.shown = Some(percent);
+        eprint!("\r{percent:3} % of {:.0} s", self.seconds);
+    }
+
+    fn clear(&self) {
+        if self.shown.is_some() {
+            eprint!("\r\x1b[K");
+        }
+    }
 }

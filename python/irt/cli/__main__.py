@@ -8,6 +8,7 @@ also sets the parser's ``epilog`` to an example, and ``run(args)``. It imports w
 from __future__ import annotations
 
 import argparse
+import keyword
 import os
 import sys
 import traceback
@@ -18,7 +19,18 @@ from typing import Any, Protocol, cast
 from irt.errors import IrtError
 
 #: One list for parser, help and tests; in the order in which a user meets them.
-VERBS = ("demo", "simulate", "evaluate", "pretrain", "tune", "diagnose", "suggest", "prove", "reproduce")
+VERBS = (
+    "demo",
+    "simulate",
+    "evaluate",
+    "pretrain",
+    "tune",
+    "diagnose",
+    "suggest",
+    "prove",
+    "reproduce",
+    "import",
+)
 
 DONE = 0
 COULD_NOT = 1
@@ -80,7 +92,9 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subparsers = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for name in VERBS:
-        verb = cast("Verb", import_module(f"irt.cli.{name}"))
+        # A word of Python's own cannot be a module's name.
+        module = f"{name}_" if keyword.iskeyword(name) else name
+        verb = cast("Verb", import_module(f"irt.cli.{module}"))
         subparser = subparsers.add_parser(
             verb.NAME,
             help=verb.HELP,

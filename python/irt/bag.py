@@ -1,0 +1,203 @@
+"""A bag that `rig` recorded: commands, joint states and marble points of ROS 2 messages in an MCAP file."""
+
+from __future__ import annotations
+
+import struct
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.files import PathLike
+
+Array = NDArray[np.float64]
+
+#: Topics that `rig` adds to a bag: what happened, the rows of the files that it played, and its set points.
+EVENTS, ROWS, SET_POINTS = "/rig/events", "/rig/command", "/rig/setpoint"
+_ERROR = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """What a topic said, by the stamps of its messages.
+
+    Attributes
+    ----------
+    stamps : (n,) array
+        When it was so [s since 1970], rising.
+    values : (n, 2) array
+        Two numbers each time, never NaN.
+    ages : (n,) array
+        How old the stamps were when the messages came [s]: transport, and the difference of the clocks.
+    """
+
+    stamps: Array
+    values: Array
+    ages: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Play:
+    """One file that was played.
+
+    Attributes
+    ----------
+    name : str
+        Of the file, without its ending.
+    stamps : (n,) array
+        When each row was issued [s since 1970].
+    end : float
+        When the last row ended, or the motion was stopped [s since 1970].
+    stop : str
+        Why it was stopped, empty where it was not.
+    """
+
+    name: str
+    stamps: Array
+    end: float
+    stop: str
+
+
+@dataclass(frozen=True, eq=False)
+class Bag:
+    """What a bag holds.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    config : dict
+        The rig's configuration, as it was recorded.
+    plays : tuple of Play
+        In the order in which they were played.
+    set_points : Series
+        Knob angles that were commanded [rad].
+    measured : Series or None
+        Knob angles that the joints were at [rad], where both joints were heard.
+    marble : Series
+        Positions [board edges].
+    """
+
+    path: Path
+    config: dict[str, Any]
+    plays: tuple[Play, ...]
+    set_points: Series
+    measured: Series | None
+    marble: Series
+
+
+def load_bag(path: PathLike) -> Bag:
+    """Read a bag.
+
+    Raises
+    ------
+    IrtError
+        If it cannot be read, was cut short, or was recorded by another program.
+    """
+    path = Path(path)
+    try:
+        stream = path.open("rb")
+    except OSError as error:
+        raise IrtError(f"{path}: cannot be read: {error.strerror}") from error
+    with stream:
+        try:
+            config, messages = _read(path, stream)
+        # A file that is too short cannot even be looked at from its end.
+        except (McapError, OSError, struct.error) as error:
+            raise IrtError(
+                f"{path}: no bag, or one that was cut short ({error}); try 'rig recover {path}'"
+            ) from error
+    if ROWS not in messages or SET_POINTS not in messages:
+        raise IrtError(f"{path}: nothing was played in it (no {ROWS}); record it with 'rig play'")
+    arms = [config["arms"][axis] for axis in ("x", "y")]
+    joints = [_joint(messages.get(arm["joint_states"], []), arm) for arm in arms]
+    tracker = config.get("tracker", {})
+    unit = 1.0 / tracker.get("edge_x_m", 0.276) if tracker.get("unit", "edges") == "m" else 1.0
+    marble = messages.get(tracker.get("topic", "/marble/position"), [])
+    points = [
+        (age, message.header, (message.point.x * unit, message.point.y * unit)) for age, message in marble
+    ]
+    return Bag(
+        path=path,
+        config=config,
+        plays=tuple(_plays(messages)),
+        set_points=_series([(age, point.header, point.position) for age, point in messages[SET_POINTS]]),
+        measured=_together(*joints),
+        marble=_series(points),
+    )
+
+
+def _read(path: Path, stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    """Return the configuration, and by topic each message with the age of its stamp [s]."""
+    reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+    if reader.get_summary() is None:
+        raise IrtError(f"{path}: was cut short; make it whole with 'rig recover {path}'")
+    attached = {one.name: one.data for one in reader.iter_attachments()}
+    if "rig.toml" not in attached:
+        raise IrtError(f"{path}: another program recorded it (no rig.toml in it); record with 'rig play'")
+    messages: dict[str, list[Any]] = {}
+    for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
+        age = (message.log_time - message.publish_time) / 1e9
+        messages.setdefault(channel.topic, []).append((age, decoded))
+    return tomllib.loads(attached["rig.toml"].decode()), messages
+
+
+def _stamp(time: Any) -> float:
+    return float(time.sec) + float(time.nanosec) / 1e9
+
+
+def _series(messages: list[tuple[float, Any, Any]]) -> Series:
+    """Return what came, by its stamps; what is no number, or no later than what was before, is left out."""
+    kept: list[tuple[float, float, float, float]] = []
+    for age, header, (x, y) in messages:
+        stamp = _stamp(header.stamp)
+        if np.isfinite(x) and np.isfinite(y) and (not kept or stamp > kept[-1][0]):
+            kept.append((stamp, x, y, age))
+    columns = np.array(kept, dtype=np.float64).reshape(-1, 4)
+    return Series(columns[:, 0], columns[:, 1:3], columns[:, 3])
+
+
+def _joint(messages: list[Any], arm: dict[str, Any]) -> Series:
+    """Return the knob angle that a joint was at; the second number is not used."""
+    found = []
+    for age, message in messages:
+        if arm["joint"] in message.name:
+            angle = message.position[list(message.name).index(arm["joint"])]
+            found.append((age, message.header, (angle, 0.0)))
+    series = _series(found)
+    joint = np.unwrap(series.values[:, 0])
+    turned = joint - arm["level_rad"]
+    if turned.size:
+        # A wrist that turns for ever may be some turns away from where its angles were written down.
+        turned = turned - 2.0 * np.pi * np.round(turned[0] / (2.0 * np.pi))
+    return Series(series.stamps, np.column_stack([turned / arm["gear"], np.zeros(turned.size)]), series.ages)
+
+
+def _together(x: Series, y: Series) -> Series | None:
+    """Return both knobs at the stamps of the first."""
+    if x.stamps.size < 2 or y.stamps.size < 2:
+        return None
+    other = np.interp(x.stamps, y.stamps, y.values[:, 0])
+    return Series(x.stamps, np.column_stack([x.values[:, 0], other]), x.ages)
+
+
+def _plays(messages: dict[str, list[Any]]) -> Iterator[Play]:
+    stops = [
+        (_stamp(event.stamp), str(event.msg))
+        for _, event in messages.get(EVENTS, [])
+        if event.level >= _ERROR and event.function.startswith("stopping:")
+    ]
+    rows = [(message.header.frame_id, _stamp(message.header.stamp)) for _, message in messages[ROWS]]
+    for name in dict.fromkeys(name for name, _ in rows):
+        stamps = np.array([stamp for run, stamp in rows if run == name])
+        end = stamps[-1] + (stamps[-1] - stamps[-2] if stamps.size > 1 else 0.0)
+        stop = next(((at, why) for at, why in stops if stamps[0] <= at <= end), None)
+        yield Play(name, stamps, end if stop is None else stop[0], "" if stop is None else stop[1])

@@ -1,0 +1,304 @@
+//! ROS 2 topics and services over DDS, on the networks that the configuration names and no other.
+
+use std::net::IpAddr;
+use std::thread;
+
+use ros2_client::dds::rustdds::{DomainParticipant, DomainParticipantBuilder, RTPSEntity};
+use ros2_client::qos::{Durability, History, WhenFull};
+use ros2_client::{
+    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile,
+    ServiceMapping, ServiceTypeName, Subscription,
+};
+
+use crate::clock::Clock;
+use crate::config::{Network, Reliability, Services};
+use crate::error::{Error, Result};
+use crate::messages::{Message, TriggerRequest, TriggerResponse};
+use crate::watch::Moment;
+
+/// Messages that a subscription keeps until the loop takes them: a second at a kilohertz.
+const KEPT: usize = 1000;
+
+/// A node on the network.
+pub struct Link {
+    participant: DomainParticipant,
+    node: Node,
+    services: Services,
+}
+
+/// What another node asks this one to do.
+pub struct Trigger(ros2_client::Server<TriggerRequest, TriggerResponse>);
+
+/// What this node asks another one to do.
+pub struct Caller(ros2_client::Client<TriggerRequest, TriggerResponse>);
+
+/// What comes on a topic.
+pub struct Inbox<M> {
+    /// The topic.
+    pub topic: String,
+    subscription: Subscription<M>,
+}
+
+/// What goes out on a topic.
+pub struct Outlet<M: Message> {
+    /// The topic.
+    pub topic: String,
+    publisher: Publisher<M>,
+}
+
+fn broken(what: &str, error: &dyn std::fmt::Debug) -> Error {
+    Error::refused(format!("{what}: {error:?}"))
+}
+
+/// What service requests and answers travel with: as ROS 2 has it.
+pub fn service_qos() -> QosProfile {
+    QosProfile::publisher_default()
+        .durability(Durability::Volatile)
+        .history(History::KeepLast { depth: 10 })
+}
+
+fn topic_qos(reliability: Reliability, depth: usize) -> QosProfile {
+    let qos = QosProfile::subscription_default().history(History::KeepLast { depth });
+    match reliability {
+        Reliability::BestEffort => qos,
+        // A full window of a reliable publisher must not hold the loop up.
+        Reliability::Reliable => qos.reliability_reliable(WhenFull::Fail),
+    }
+}
+
+impl Link {
+    /// A node of a name.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if an interface is not there or the network cannot be used.
+    pub fn open(network: &Network, name: &str) -> Result<Self> {
+        let shown = || {
+            let all: Vec<String> = network.interfaces.iter().map(IpAddr::to_string).collect();
+            all.join(", ")
+        };
+        let there = addresses();
+        if let Some(missing) = network.interfaces.iter().find(|one| !there.contains(one)) {
+            let there: Vec<String> = there.iter().map(IpAddr::to_string).collect();
+            return Err(Error::refused(format!(
+                "network.interfaces: this machine has no {missing}; it has {}",
+                there.join(", ")
+            )));
+        }
+        let participant = DomainParticipantBuilder::new(network.domain)
+            .with_only_networks(network.interfaces.iter().copied())
+            .build()
+            .map_err(|error| broken(&format!("DDS cannot start on {}", shown()), &error))?;
+        let context = Context::from_domain_participant(participant.clone())
+            .map_err(|error| broken("DDS cannot start", &error))?;
+        let name = NodeName::new("/", name).map_err(|error| broken("the node's name", &error))?;
+        let options = NodeOptions::new()
+            .enable_rosout(false)
+            .start_parameter_services(false);
+        let mut node = context
+            .new_node(name, options)
+            .map_err(|error| broken("the node cannot start", &error))?;
+        let spinner = node
+            .spinner()
+            .map_err(|error| broken("the node cannot start", &error))?;
+        thread::Builder::new()
+            .name("discovery".to_owned())
+            .spawn(move || futures::executor::block_on(spinner.spin()))
+            .map_err(|error| broken("the node cannot start", &error))?;
+        Ok(Self {
+            participant,
+            node,
+            services: network.services,
+        })
+    }
+
+    fn topic<M: Message>(
+        &self,
+        name: &str,
+        qos: &QosProfile,
+    ) -> Result<ros2_client::dds::rustdds::Topic> {
+        let parsed = Name::parse(name).map_err(|error| broken(name, &error))?;
+        self.node
+            .create_topic(&parsed, MessageTypeName::new(M::PACKAGE, M::NAME), qos)
+            .map_err(|error| broken(name, &error))
+    }
+
+    /// Hears a topic.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if DDS does not allow it.
+    pub fn subscribe<M: Message>(
+        &mut self,
+        topic: &str,
+        reliability: Reliability,
+    ) -> Result<Inbox<M>> {
+        let qos = topic_qos(reliability, KEPT);
+        let dds = self.topic::<M>(topic, &qos)?;
+        let subscription = self
+            .node
+            .create_subscription(&dds, Some(qos))
+            .map_err(|error| broken(topic, &error))?;
+        Ok(Inbox {
+            topic: topic.to_owned(),
+            subscription,
+        })
+    }
+
+    /// Speaks on a topic.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if DDS does not allow it.
+    pub fn publish<M: Message>(
+        &mut self,
+        topic: &str,
+        reliability: Reliability,
+    ) -> Result<Outlet<M>> {
+        let qos = topic_qos(reliability, 10);
+        let dds = self.topic::<M>(topic, &qos)?;
+        let publisher = self
+            .node
+            .create_publisher(&dds, Some(qos))
+            .map_err(|error| broken(topic, &error))?;
+        Ok(Outlet {
+            topic: topic.to_owned(),
+            publisher,
+        })
+    }
+
+    /// Answers a service of `std_srvs/Trigger`.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if DDS does not allow it.
+    pub fn serve(&mut self, name: &str) -> Result<Trigger> {
+        let parsed = Name::parse(name).map_err(|error| broken(name, &error))?;
+        self.node
+            .create_server(
+                self.mapping(),
+                &parsed,
+                &ServiceTypeName::new("std_srvs", "Trigger"),
+                service_qos(),
+                service_qos(),
+            )
+            .map(Trigger)
+            .map_err(|error| broken(name, &error))
+    }
+
+    /// Calls a service of `std_srvs/Trigger`.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if DDS does not allow it.
+    pub fn caller(&mut self, name: &str) -> Result<Caller> {
+        let parsed = Name::parse(name).map_err(|error| broken(name, &error))?;
+        self.node
+            .create_client(
+                self.mapping(),
+                &parsed,
+                &ServiceTypeName::new("std_srvs", "Trigger"),
+                service_qos(),
+                service_qos(),
+            )
+            .map(Caller)
+            .map_err(|error| broken(name, &error))
+    }
+
+    /// How services travel.
+    pub fn mapping(&self) -> ServiceMapping {
+        match self.services {
+            Services::Enhanced => ServiceMapping::Enhanced,
+            Services::Cyclone => ServiceMapping::Cyclone,
+        }
+    }
+
+    /// The node itself, for actions.
+    pub fn node(&mut self) -> &mut Node {
+        &mut self.node
+    }
+
+    /// How many publishers of other nodes there are on a topic, whether they match or not.
+    pub fn publishers(&self, topic: &str) -> usize {
+        let (name, own) = (format!("rt{topic}"), self.participant.guid().prefix);
+        let writers = self.participant.discovered_writers();
+        // What this node announces comes back to it.
+        let others = writers.iter().filter(|one| {
+            one.publication_topic_data.topic_name == name
+                && one.writer_proxy.remote_writer_guid.prefix != own
+        });
+        others.count()
+    }
+
+    /// How many subscriptions of other nodes there are on a topic, whether they match or not.
+    pub fn subscriptions(&self, topic: &str) -> usize {
+        self.node.subscription_count(topic)
+    }
+
+    /// How many publishers a subscription hears.
+    pub fn heard<M: Message>(&self, inbox: &Inbox<M>) -> usize {
+        inbox.subscription.get_publisher_count(&self.node)
+    }
+
+    /// How many subscriptions hear a publisher.
+    pub fn hearing<M: Message>(&self, outlet: &Outlet<M>) -> usize {
+        outlet.publisher.get_subscription_count(&self.node)
+    }
+}
+
+impl<M: Message> Inbox<M> {
+    /// Takes everything that has come, oldest first, each with the moment at which it did.
+    pub fn drain(&self, clock: Clock, mut take: impl FnMut(Moment, M)) {
+        // What cannot be read is no message; what follows it may be one.
+        for _ in 0..2 * KEPT {
+            match self.subscription.take() {
+                Ok(Some((message, info))) => {
+                    let now = clock.now();
+                    let moment = info
+                        .received_timestamp()
+                        .map_or(now, |at| clock.at(at.to_nanos()));
+                    take(moment, message);
+                }
+                Ok(None) => break,
+                Err(_) => (),
+            }
+        }
+    }
+}
+
+impl<M: Message> Outlet<M> {
+    /// Sends a message.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if DDS does not take it.
+    pub fn send(&self, message: M) -> Result<()> {
+        self.publisher
+            .publish(message)
+            .map_err(|error| Error::refused(format!("{}: {error:?}", self.topic)))
+    }
+}
+
+impl Trigger {
+    /// Whether somebody asked; whoever did is told yes.
+    pub fn asked(&self) -> bool {
+        let mut asked = false;
+        while let Ok(Some((id, _))) = self.0.receive_request() {
+            asked = true;
+            let answer = TriggerResponse {
+                success: true,
+                message: "stopping".to_owned(),
+            };
+            let _ = self.0.send_response(id, answer);
+        }
+        asked
+    }
+}
+
+impl Caller {
+    /// Asks, and does not wait for an answer.
+    pub fn call(&self) {
+        let _ = self.0.send_request(TriggerRequest::default());
+    }
+}
+
+/// The addresses of this machine's interfaces.
+fn addresses() -> Vec<IpAddr> {
+    if_addrs::get_if_addrs()
+        .map(|all| all.iter().map(if_addrs::Interface::ip).collect())
+        .unwrap_or_default()
+}

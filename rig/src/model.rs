@@ -1,0 +1,180 @@
+//! `model.toml`, as far as the stand-in laboratory needs it.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use labsim::effects::effect;
+use labsim::{About, Chosen, Live, Parameters, PerRollout, Rig};
+use serde::Deserialize;
+
+use crate::error::{Error, Result};
+
+/// A board to simulate.
+#[derive(Debug, Clone)]
+pub struct Model {
+    rig: Rig,
+    parameters: Parameters,
+    effects: Vec<(&'static About, Vec<f64>)>,
+}
+
+#[derive(Deserialize)]
+struct File {
+    #[serde(default)]
+    board: BTreeMap<String, f64>,
+    #[serde(default)]
+    marble: BTreeMap<String, f64>,
+    parameters: BTreeMap<String, Value>,
+    #[serde(default)]
+    effects: Vec<BTreeMap<String, toml::Value>>,
+}
+
+#[derive(Deserialize)]
+struct Value {
+    value: f64,
+}
+
+impl Model {
+    /// Reads a model as `irt` writes it.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] names file and key.
+    pub fn read(path: &Path) -> Result<Self> {
+        let shown = path.display();
+        let text = fs::read_to_string(path)
+            .map_err(|error| Error::refused(format!("{shown}: cannot be read: {error}")))?;
+        let file: File = toml::from_str(&text).map_err(|error| {
+            Error::refused(format!("{shown}: {}", error.message().replace('\n', " ")))
+        })?;
+        Self::from_file(&file).map_err(|what| Error::refused(format!("{shown}, {what}")))
+    }
+
+    fn from_file(file: &File) -> std::result::Result<Self, String> {
+        let mut rig = Rig::default();
+        for (key, &value) in &file.board {
+            *match key.as_str() {
+                "edge_x_m" => &mut rig.board.edge_x_m,
+                "edge_y_m" => &mut rig.board.edge_y_m,
+                "wall_restitution" => &mut rig.board.wall_restitution,
+                "wall_friction" => &mut rig.board.wall_friction,
+                "sliding_friction" => &mut rig.board.sliding_friction,
+                _ => return Err(format!("board: unknown key '{key}'")),
+            } = value;
+        }
+        for (key, &value) in &file.marble {
+            *match key.as_str() {
+                "radius_m" => &mut rig.marble.radius_m,
+                "mass_kg" => &mut rig.marble.mass_kg,
+                "damping_per_s" => &mut rig.marble.damping_per_s,
+                _ => return Err(format!("marble: unknown key '{key}'")),
+            } = value;
+        }
+        let parameter = |name: &str| {
+            let found = file.parameters.get(name).map(|one| one.value);
+            found.ok_or(format!("parameters: {name} is missing"))
+        };
+        let parameters = Parameters {
+            gear_x: parameter("gear_x")?,
+            gear_y: parameter("gear_y")?,
+            rolling_friction: parameter("rolling_friction")?,
+            time_scale: parameter("time_scale")?,
+            observation_scale: parameter("observation_scale")?,
+        };
+        let effects = file
+            .effects
+            .iter()
+            .map(read_effect)
+            .collect::<std::result::Result<_, _>>()?;
+        Ok(Self {
+            rig,
+            parameters,
+            effects,
+        })
+    }
+
+    /// Where the marble can be seen at most (board edges), along x and y.
+    pub fn reach(&self) -> [f64; 2] {
+        self.rig
+            .reach_m()
+            .map(|reach| reach / self.rig.board.edge_x_m * self.parameters.observation_scale)
+    }
+
+    /// The marble at rest at a place (board edges), for so many rows of so many seconds.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] for what the engine refuses.
+    pub fn live(&self, start: [f64; 2], rows: (usize, f64), seed: u64) -> Result<Live> {
+        let effects: Vec<Chosen<'_>> = self
+            .effects
+            .iter()
+            .map(|(effect, values)| Chosen {
+                effect,
+                values: PerRollout::Shared(values),
+            })
+            .collect();
+        Live::new(&self.rig, self.parameters, &effects, start, rows, seed)
+            .map_err(|error| Error::refused(error.to_string()))
+    }
+}
+
+fn read_effect(
+    table: &BTreeMap<String, toml::Value>,
+) -> std::result::Result<(&'static About, Vec<f64>), String> {
+    let name = table
+        .get("name")
+        .and_then(toml::Value::as_str)
+        .ok_or("effects: a name is missing")?;
+    let about = effect(name).map_err(|error| format!("effects: {error}"))?;
+    let mut values = about.neutral();
+    for (key, value) in table.iter().filter(|(key, _)| *key != "name") {
+        let place = about.parameters.iter().position(|one| one.name == key);
+        let place = place.ok_or(format!("effects, {name}: unknown parameter '{key}'"))?;
+        let table = value.get("value").unwrap_or(value);
+        let number = table
+            .as_float()
+            .or_else(|| table.as_integer().map(|whole| whole as f64));
+        values[place] = number.ok_or(format!(
+            "effects, {name}, {key}: expected a number, found {table}"
+        ))?;
+    }
+    Ok((about, values))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PLAIN: &str = "format = 1\n[board]\nedge_x_m = 0.3\n[parameters]\ngear_x = { value = 0.07, low = 0.06, high = 0.08, range = [0.0, 0.1] }\ngear_y = { value = 0.06 }\nrolling_friction = { value = 3e-4 }\ntime_scale = { value = 24 }\nobservation_scale = { value = 1.0 }\n";
+
+    fn parse(text: &str) -> std::result::Result<Model, String> {
+        Model::from_file(&toml::from_str(text).expect("its form is right"))
+    }
+
+    #[test]
+    fn a_model_is_read_with_its_effects() {
+        let text = format!("{PLAIN}[[effects]]\nname = \"backlash\"\nwidth_x_rad = 0.03\n");
+        let model = parse(&text).expect("it is right");
+        assert_eq!(model.rig.board.edge_x_m, 0.3);
+        assert_eq!(model.effects[0].1, [0.03, 0.0]);
+        let mut live = model
+            .live([0.1, 0.0], (10, 1.0 / 120.0), 0)
+            .expect("it is physical");
+        assert_eq!(live.play([0.0, 0.1])[1], 0.0);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (change, said) in [
+            ("[[effects]]\nname = \"backslash\"\n", "unknown effect"),
+            (
+                "[[effects]]\nname = \"backlash\"\nwidth = 1\n",
+                "unknown parameter 'width'",
+            ),
+        ] {
+            let error = parse(&format!("{PLAIN}{change}")).expect_err(said);
+            assert!(error.contains(said), "{error}");
+        }
+        let error = parse(&PLAIN.replace("gear_y", "gear_z")).expect_err("a gear is missing");
+        assert!(error.contains("gear_y is missing"), "{error}");
+    }
+}

@@ -1,0 +1,328 @@
+//! The bag: everything said and heard, in one MCAP file that ROS 2 tools read, written by a thread of its own.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File, OpenOptions};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, WriteOptions, Writer};
+
+use crate::error::{Error, Result};
+use crate::messages::{Message, to_cdr};
+
+/// A crash loses no more than this.
+const FLUSH: Duration = Duration::from_millis(250);
+
+/// Messages that may wait for the disk: two minutes at a kilohertz.
+const WAITING: usize = 1 << 17;
+
+/// What goes to the thread.
+enum Item {
+    Channel {
+        id: u16,
+        topic: String,
+        kind: String,
+        package_definition: &'static str,
+    },
+    Message {
+        id: u16,
+        log_nanos: i64,
+        publish_nanos: i64,
+        data: Vec<u8>,
+        since: Instant,
+    },
+    Flush(SyncSender<()>),
+}
+
+/// What a recording came to.
+#[derive(Debug, Clone, Default)]
+pub struct Written {
+    /// Messages in the bag.
+    pub messages: u64,
+    /// From the loop's hand into the bag (µs), of the loop's own messages, sorted.
+    pub latencies_us: Vec<u32>,
+}
+
+impl Written {
+    /// A quantile of the latencies (ms).
+    pub fn latency_ms(&self, part: f64) -> f64 {
+        let last = self.latencies_us.len().saturating_sub(1);
+        let index = (part * last as f64).round() as usize;
+        self.latencies_us
+            .get(index)
+            .map_or(f64::NAN, |&us| f64::from(us) / 1e3)
+    }
+}
+
+/// The loop's end of the recording.
+pub struct Recorder {
+    path: PathBuf,
+    sender: Option<SyncSender<Item>>,
+    thread: Option<JoinHandle<Result<Written>>>,
+    failed: Arc<Mutex<Option<String>>>,
+    lost: AtomicU64,
+    channels: BTreeMap<String, u16>,
+}
+
+/// A topic of a bag.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Channel(u16);
+
+impl Recorder {
+    /// Begins a bag; `config` goes into it word for word, with these facts.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if the file is there already or cannot be written.
+    pub fn create(path: &Path, config: &str, facts: BTreeMap<String, String>) -> Result<Self> {
+        let cannot = |error: &dyn std::fmt::Display| {
+            Error::refused(format!("{}: cannot be written: {error}", path.display()))
+        };
+        let file = OpenOptions::new()
+            .write(true)
+            .read(true)
+            .create_new(true)
+            .open(path)
+            .map_err(|error| cannot(&error))?;
+        let mut writer = writer(file).map_err(|error| cannot(&said(&error)))?;
+        writer
+            .attach(&Attachment {
+                log_time: 0,
+                create_time: 0,
+                name: "rig.toml".to_owned(),
+                media_type: "application/toml".to_owned(),
+                data: config.as_bytes().into(),
+            })
+            .and_then(|()| {
+                writer.write_metadata(&Metadata {
+                    name: "rig".to_owned(),
+                    metadata: facts,
+                })
+            })
+            .and_then(|()| writer.flush())
+            .map_err(|error| cannot(&said(&error)))?;
+        let (sender, receiver) = sync_channel(WAITING);
+        let failed = Arc::new(Mutex::new(None));
+        let thread = thread::Builder::new()
+            .name("recorder".to_owned())
+            .spawn({
+                let failed = Arc::clone(&failed);
+                move || {
+                    write(writer, &receiver).map_err(|error| {
+                        let message = said(&error);
+                        *failed.lock().unwrap_or_else(PoisonError::into_inner) =
+                            Some(message.clone());
+                        Error::Refused(message)
+                    })
+                }
+            })
+            .map_err(|error| cannot(&error))?;
+        Ok(Self {
+            path: path.to_owned(),
+            sender: Some(sender),
+            thread: Some(thread),
+            failed,
+            lost: AtomicU64::new(0),
+            channels: BTreeMap::new(),
+        })
+    }
+
+    /// The bag.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The channel of a topic, which is made if it is new.
+    pub fn channel<M: Message>(&mut self, topic: &str) -> Channel {
+        let next = self.channels.len() as u16 + 1;
+        let id = *self.channels.entry(topic.to_owned()).or_insert(next);
+        if id == next {
+            self.send(Item::Channel {
+                id,
+                topic: topic.to_owned(),
+                kind: M::type_name(),
+                package_definition: M::DEFINITION,
+            });
+        }
+        Channel(id)
+    }
+
+    /// Hands a message over, with the times (ns since 1970) at which it came or went and at which it was published.
+    pub fn record<M: Message>(
+        &self,
+        channel: Channel,
+        log_nanos: i64,
+        publish_nanos: i64,
+        message: &M,
+    ) {
+        match to_cdr(message) {
+            Ok(data) => self.send(Item::Message {
+                id: channel.0,
+                log_nanos,
+                publish_nanos,
+                data,
+                since: Instant::now(),
+            }),
+            Err(_) => {
+                self.lost.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
+    fn send(&self, item: Item) {
+        let Some(sender) = &self.sender else { return };
+        // The loop never waits for the disk.
+        if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = sender.try_send(item) {
+            self.lost.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// What goes wrong, if something does.
+    pub fn failure(&self) -> Option<String> {
+        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        let lost = self.lost.load(Ordering::Relaxed);
+        failed
+            .clone()
+            .or_else(|| (lost > 0).then(|| format!("{lost} messages were lost")))
+    }
+
+    /// Brings what was handed over to the disk, and waits for that, but not long.
+    pub fn flush(&self) {
+        let (done, wait) = sync_channel(1);
+        self.send(Item::Flush(done));
+        let _ = wait.recv_timeout(Duration::from_secs(1));
+    }
+
+    /// Ends the bag.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if something of it is lost.
+    pub fn finish(mut self) -> Result<Written> {
+        self.sender = None;
+        let shown = self.path.display().to_string();
+        let written = match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(written)) => written,
+            _ => Err(Error::refused("the recorder's thread is gone")),
+        };
+        match (written, self.failure()) {
+            (Ok(written), None) => Ok(written),
+            (Err(error), _) => Err(Error::refused(format!("{shown}: {error}"))),
+            (_, Some(failure)) => Err(Error::refused(format!("{shown}: {failure}"))),
+        }
+    }
+}
+
+/// What the system says of a file, or MCAP of what is in it.
+pub fn said(error: &mcap::McapError) -> String {
+    match error {
+        mcap::McapError::Io(error) => error.to_string(),
+        error => error.to_string(),
+    }
+}
+
+/// A writer of bags as ROS 2 reads them: plain chunks, each written whole, so that a cut leaves the ones before.
+pub fn writer(file: File) -> mcap::McapResult<Writer<BufWriter<File>>> {
+    WriteOptions::new()
+        .profile("ros2")
+        .library(concat!("rig ", env!("CARGO_PKG_VERSION")))
+        .compression(None)
+        .disable_seeking(true)
+        .create(BufWriter::new(file))
+}
+
+/// Writes until the loop lets go of its end, or something fails.
+fn write(
+    mut writer: Writer<BufWriter<File>>,
+    receiver: &Receiver<Item>,
+) -> mcap::McapResult<Written> {
+    let written = take(&mut writer, receiver)?;
+    writer.finish()?;
+    Ok(written)
+}
+
+fn take(
+    writer: &mut Writer<BufWriter<File>>,
+    receiver: &Receiver<Item>,
+) -> mcap::McapResult<Written> {
+    let mut written = Written::default();
+    let mut channels = BTreeMap::new();
+    let mut sequences: BTreeMap<u16, u32> = BTreeMap::new();
+    let mut flushed = Instant::now();
+    loop {
+        match receiver.recv_timeout(FLUSH.saturating_sub(flushed.elapsed())) {
+            Ok(Item::Channel {
+                id,
+                topic,
+                kind,
+                package_definition,
+            }) => {
+                let schema = writer.add_schema(&kind, "ros2msg", package_definition.as_bytes())?;
+                channels.insert(
+                    id,
+                    writer.add_channel(schema, &topic, "cdr", &BTreeMap::new())?,
+                );
+            }
+            Ok(Item::Message {
+                id,
+                log_nanos,
+                publish_nanos,
+                data,
+                since,
+            }) => {
+                let sequence = sequences.entry(id).or_default();
+                *sequence += 1;
+                let header = MessageHeader {
+                    channel_id: channels[&id],
+                    sequence: *sequence,
+                    log_time: log_nanos.max(0) as u64,
+                    publish_time: publish_nanos.max(0) as u64,
+                };
+                writer.write_to_known_channel(&header, &data)?;
+                written.messages += 1;
+                let us = since.elapsed().as_micros();
+                written
+                    .latencies_us
+                    .push(us.min(u128::from(u32::MAX)) as u32);
+            }
+            Ok(Item::Flush(done)) => {
+                writer.flush()?;
+                flushed = Instant::now();
+                let _ = done.send(());
+            }
+            Err(RecvTimeoutError::Timeout) => (),
+            Err(RecvTimeoutError::Disconnected) => break,
+        }
+        if flushed.elapsed() >= FLUSH {
+            writer.flush()?;
+            flushed = Instant::now();
+        }
+    }
+    written.latencies_us.sort_unstable();
+    Ok(written)
+}
+
+/// A path in a folder that no file has yet: `name.mcap`, `name-2.mcap`, and so on.
+///
+/// # Errors
+/// [`Error::Refused`] if the folder cannot be made.
+pub fn fresh(folder: &Path, name: &str) -> Result<PathBuf> {
+    fs::create_dir_all(folder).map_err(|error| {
+        Error::refused(format!(
+            "{}: the folder cannot be made: {error}",
+            folder.display()
+        ))
+    })?;
+    let paths = (1..).map(|i| match i {
+        1 => folder.join(format!("{name}.mcap")),
+        _ => folder.join(format!("{name}-{i}.mcap")),
+    });
+    paths
+        .into_iter()
+        .find(|path| !path.exists())
+        .ok_or_else(|| Error::refused("no name is free"))
+}

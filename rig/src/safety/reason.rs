@@ -1,0 +1,98 @@
+//! Why arms are stopped.
+
+use std::fmt;
+
+/// Why arms are stopped.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Reason {
+    /// No valid point of the marble for so long (s).
+    TrackerSilent(f64),
+    /// The tracker says what cannot be, in words: jumps, floods, stands still.
+    TrackerLies(String),
+    /// No joint states for so long (s).
+    JointsSilent(f64),
+    /// Joint states say what cannot be, in words.
+    JointsLie(String),
+    /// A joint does not follow: by so much (rad).
+    TrackingError(f64),
+    /// A joint is outside its window: which, and by how much (rad).
+    OutsideWindow {
+        /// 0 about x, 1 about y.
+        axis: usize,
+        /// By how much (rad).
+        by: f64,
+    },
+    /// The loop came so late (s).
+    Overrun(f64),
+    /// No command came for so long (s).
+    CommandExpired(f64),
+    /// A command is no number.
+    CommandRefused,
+    /// Somebody else commands the arms: on this topic.
+    OtherPublisher(String),
+    /// The emergency stop: which.
+    EmergencyStop(String),
+    /// A signal: which.
+    Signal(&'static str),
+    /// This machine's clock was set: by so much (s).
+    ClockStepped(f64),
+    /// What is recorded is lost, in words.
+    Recorder(String),
+    /// Commands cannot be sent, in words.
+    Unsendable(String),
+}
+
+impl Reason {
+    /// Its name in bags: a word to search for.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::TrackerSilent(_) => "tracker_silent",
+            Self::TrackerLies(_) => "tracker_lies",
+            Self::JointsSilent(_) => "joints_silent",
+            Self::JointsLie(_) => "joints_lie",
+            Self::TrackingError(_) => "tracking_error",
+            Self::OutsideWindow { .. } => "outside_window",
+            Self::Overrun(_) => "overrun",
+            Self::CommandExpired(_) => "command_expired",
+            Self::CommandRefused => "command_refused",
+            Self::OtherPublisher(_) => "other_publisher",
+            Self::EmergencyStop(_) => "emergency_stop",
+            Self::Signal(_) => "signal",
+            Self::ClockStepped(_) => "clock_stepped",
+            Self::Recorder(_) => "recorder",
+            Self::Unsendable(_) => "unsendable",
+        }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TrackerSilent(s) if s.is_infinite() => {
+                write!(f, "the tracker has sent no valid point yet")
+            }
+            Self::TrackerSilent(s) => write!(f, "no valid point from the tracker for {s:.3} s"),
+            Self::TrackerLies(what) => write!(f, "the tracker cannot be right: {what}"),
+            Self::JointsSilent(s) if s.is_infinite() => write!(f, "no joint states yet"),
+            Self::JointsSilent(s) => write!(f, "no joint states for {s:.3} s"),
+            Self::JointsLie(what) => write!(f, "the joint states cannot be right: {what}"),
+            Self::TrackingError(by) => write!(f, "a joint is {by:.4} rad from its set point"),
+            Self::OutsideWindow { axis, by } => {
+                write!(
+                    f,
+                    "the joint of arms.{} is {by:.4} rad outside its window",
+                    ["x", "y"][*axis]
+                )
+            }
+            Self::Overrun(s) => write!(f, "the loop came {:.1} ms late", 1e3 * s),
+            Self::CommandExpired(s) => write!(f, "no command for {s:.3} s"),
+            Self::CommandRefused => write!(f, "a command is no number"),
+            Self::OtherPublisher(topic) => write!(f, "somebody else publishes on {topic}"),
+            Self::EmergencyStop(which) => write!(f, "emergency stop from {which}"),
+            Self::Signal(which) => write!(f, "{which}"),
+            Self::ClockStepped(by) => write!(f, "this machine's clock was set by {by:+.3} s"),
+            Self::Recorder(what) => write!(f, "the recording fails: {what}"),
+            Self::Unsendable(what) => write!(f, "commands cannot be sent: {what}"),
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! The board of the stand-in, and the hand that puts the marble back.
+
+use labsim::Live;
+
+use super::TICK_S;
+use crate::error::{Error, Result};
+use crate::model::Model;
+
+/// Ticks that a run may have: half an hour. A longer one goes on from where the marble then lies.
+const ROWS: usize = 30 * 60 * super::HZ as usize;
+
+/// Knobs closer to level than this are level (rad).
+const LEVEL_RAD: f64 = 1e-4;
+
+/// A marble that a hand holds at its start until the knobs turn, and brings back once they have long been level.
+pub struct Board {
+    model: Model,
+    live: Live,
+    start: [f64; 2],
+    hand_ticks: u64,
+    seed: u64,
+    level_for: u64,
+    held: bool,
+}
+
+impl Board {
+    /// The marble lies at its start (board edges).
+    ///
+    /// # Errors
+    /// [`Error::Refused`] for a model that the engine refuses, or a start off the board.
+    pub fn new(model: Model, start: [f64; 2], hand_s: f64, seed: u64) -> Result<Self> {
+        let reach = model.reach();
+        if !start
+            .iter()
+            .zip(reach)
+            .all(|(place, reach)| place.abs() <= reach)
+        {
+            return Err(Error::refused(format!(
+                "twin.start: expected a place on the board, up to {:.3} and {:.3}, found {start:?}",
+                reach[0], reach[1]
+            )));
+        }
+        Ok(Self {
+            live: model.live(start, (ROWS, TICK_S), seed)?,
+            model,
+            start,
+            hand_ticks: (hand_s / TICK_S) as u64,
+            seed,
+            level_for: 0,
+            held: true,
+        })
+    }
+
+    /// Where the marble is seen (board edges).
+    pub fn seen(&self) -> [f64; 2] {
+        self.live.seen()
+    }
+
+    /// One tick under these knob angles (rad).
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if the engine refuses to begin anew.
+    pub fn tick(&mut self, knobs: [f64; 2]) -> Result<()> {
+        let level = knobs.iter().all(|angle| angle.abs() < LEVEL_RAD);
+        self.level_for = if level { self.level_for + 1 } else { 0 };
+        if !level {
+            self.held = false;
+        }
+        if self.held {
+            return Ok(());
+        }
+        if self.live.left() == 0 {
+            self.live = self
+                .model
+                .live(self.live.seen(), (ROWS, TICK_S), self.seed)?;
+        }
+        self.live.play(knobs);
+        if self.level_for > self.hand_ticks {
+            self.held = true;
+            self.seed += 1;
+            self.live = self.model.live(self.start, (ROWS, TICK_S), self.seed)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,219 @@
+//! The arms of the stand-in: each kind of driver, and a joint that follows it as fast as it can.
+
+use std::collections::VecDeque;
+
+use ros2_client::action::{ActionServerQosPolicies, SendGoalResponse};
+use ros2_client::qos::Durability;
+use ros2_client::{ActionServer, ActionTypeName, Name, action_msgs};
+
+use crate::clock::Clock;
+use crate::config::{Arm, Config, Kind, Reliability};
+use crate::dds::{Inbox, Link, service_qos};
+use crate::error::{Error, Result};
+use crate::messages::{
+    Float64MultiArray, FollowFeedback, FollowGoal, FollowResult, JointTrajectory, JointVelocity,
+};
+
+/// Messages that Kinova's driver keeps; each is 10 ms of motion.
+const BUFFER: usize = 2000;
+const KINOVA_S: f64 = 0.01;
+
+/// What an arm has been told.
+enum Plan {
+    /// To rest.
+    Rest,
+    /// To be at angles (rad) at times (s).
+    Way(Vec<(f64, f64)>),
+    /// To turn at a rate (rad/s) until a time (s).
+    Rate(f64, f64),
+    /// To turn at each rate (rad/s) for 10 ms.
+    Queue(VecDeque<f64>),
+}
+
+enum Ears {
+    Trajectory(Inbox<JointTrajectory>),
+    Velocities(Inbox<Float64MultiArray>),
+    Kinova(Inbox<JointVelocity>),
+    Action(Box<ActionServer<FollowGoal, FollowResult, FollowFeedback>>),
+}
+
+/// A driver and its joint.
+pub struct Driver {
+    ears: Ears,
+    joint: String,
+    number: usize,
+    clock: Clock,
+    plan: Plan,
+    angle: f64,
+    rate: f64,
+    /// Seconds of a Kinova message that are not played yet.
+    credit: f64,
+}
+
+impl Driver {
+    /// At its level pose.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if DDS does not allow it.
+    pub fn open(config: &Config, arm: &Arm, link: &mut Link) -> Result<Self> {
+        let command = &arm.command;
+        let ears = match config.backend.kind {
+            Kind::Trajectory => Ears::Trajectory(link.subscribe(command, Reliability::Reliable)?),
+            Kind::Velocities => Ears::Velocities(link.subscribe(command, Reliability::Reliable)?),
+            Kind::Kinova => Ears::Kinova(link.subscribe(command, Reliability::Reliable)?),
+            Kind::Action => Ears::Action(Box::new(action(link, command)?)),
+        };
+        Ok(Self {
+            ears,
+            joint: arm.joint.clone(),
+            number: arm.number,
+            clock: Clock::new(),
+            plan: Plan::Rest,
+            angle: arm.level_rad,
+            rate: 0.0,
+            credit: 0.0,
+        })
+    }
+
+    /// Where the joint is (rad).
+    pub fn angle(&self) -> f64 {
+        self.angle
+    }
+
+    /// How fast it turns (rad/s).
+    pub fn rate(&self) -> f64 {
+        self.rate
+    }
+
+    /// Forgets what it was told.
+    pub fn rest(&mut self) {
+        self.plan = Plan::Rest;
+    }
+
+    /// Hears, and turns for a tick, no faster than `fastest` (rad/s); rates expire. Returns the angle (rad).
+    pub fn step(&mut self, now: f64, tick: f64, fastest: f64, expires_s: f64) -> f64 {
+        self.hear(now, expires_s);
+        let wanted = match &mut self.plan {
+            Plan::Way(points) => along(points, now),
+            Plan::Rate(rate, until) if now < *until => self.angle + *rate * tick,
+            Plan::Rest | Plan::Rate(..) => self.angle,
+            Plan::Queue(queue) => {
+                self.credit += tick;
+                let mut angle = self.angle;
+                while self.credit >= KINOVA_S {
+                    self.credit -= KINOVA_S;
+                    angle += queue.pop_front().unwrap_or(0.0) * KINOVA_S;
+                }
+                angle
+            }
+        };
+        let most = fastest * tick;
+        let turn = (wanted - self.angle).clamp(-most, most);
+        self.rate = turn / tick;
+        self.angle += turn;
+        self.angle
+    }
+
+    fn hear(&mut self, now: f64, expires_s: f64) {
+        let (angle, number, clock) = (self.angle, self.number, self.clock);
+        let plan = &mut self.plan;
+        match &self.ears {
+            Ears::Trajectory(inbox) => inbox.drain(clock, |_, message| {
+                *plan = way(&message, &self.joint, now, angle).unwrap_or(Plan::Rest);
+            }),
+            Ears::Velocities(inbox) => inbox.drain(clock, |_, message| {
+                let rate = message.data.get(number - 1).copied().unwrap_or(0.0);
+                *plan = Plan::Rate(rate, now + expires_s);
+            }),
+            Ears::Kinova(inbox) => inbox.drain(clock, |_, message| {
+                if !matches!(plan, Plan::Queue(_)) {
+                    *plan = Plan::Queue(VecDeque::new());
+                }
+                if let Plan::Queue(queue) = plan
+                    && queue.len() < BUFFER
+                {
+                    queue.push_back(message.joint(number).to_radians());
+                }
+            }),
+            Ears::Action(server) => {
+                while let Ok(Some((id, request))) = server.receive_goal() {
+                    let found = way(&request.goal.trajectory, &self.joint, now, angle);
+                    let response = SendGoalResponse {
+                        accepted: found.is_some(),
+                        stamp: ros2_client::builtin_interfaces::Time::now(),
+                    };
+                    *plan = found.unwrap_or(Plan::Rest);
+                    let _ = server.send_goal_response(id, response);
+                }
+            }
+        }
+    }
+}
+
+/// The way of a joint from where it is; none if the message is of other joints or out of order.
+fn way(message: &JointTrajectory, joint: &str, now: f64, angle: f64) -> Option<Plan> {
+    let index = message.joint_names.iter().position(|name| name == joint)?;
+    let mut points = vec![(now, angle)];
+    for point in &message.points {
+        let at = now + point.time_from_start.seconds();
+        let angle = *point.positions.get(index)?;
+        if !angle.is_finite() || at <= points[points.len() - 1].0 {
+            return None;
+        }
+        points.push((at, angle));
+    }
+    Some(Plan::Way(points))
+}
+
+/// Where a way is at a time; at its end it rests.
+fn along(points: &[(f64, f64)], now: f64) -> f64 {
+    let after = points.partition_point(|&(at, _)| at <= now);
+    match (points.get(after.wrapping_sub(1)), points.get(after)) {
+        (Some(&(t0, a0)), Some(&(t1, a1))) => a0 + (a1 - a0) * (now - t0) / (t1 - t0),
+        (None, Some(&(_, angle))) | (Some(&(_, angle)), None) => angle,
+        (None, None) => 0.0,
+    }
+}
+
+fn action(
+    link: &mut Link,
+    command: &str,
+) -> Result<ActionServer<FollowGoal, FollowResult, FollowFeedback>> {
+    let name =
+        Name::parse(command).map_err(|error| Error::refused(format!("{command}: {error:?}")))?;
+    let qos = ActionServerQosPolicies {
+        goal_service: service_qos(),
+        result_service: service_qos(),
+        cancel_service: service_qos(),
+        feedback_publisher: service_qos(),
+        status_publisher: service_qos().durability(Durability::TransientLocal),
+    };
+    let mapping = link.mapping();
+    let mut server: ActionServer<FollowGoal, FollowResult, FollowFeedback> = link
+        .node()
+        .create_action_server(
+            mapping,
+            &name,
+            &ActionTypeName::new("control_msgs", "FollowJointTrajectory"),
+            qos,
+        )
+        .map_err(|error| Error::refused(format!("{command}: {error:?}")))?;
+    let _ = server
+        .my_status_publisher()
+        .publish(action_msgs::GoalStatusArray {
+            status_list: vec![],
+        });
+    Ok(server)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_way_is_followed_point_by_point_and_then_held() {
+        let points = [(1.0, 0.0), (2.0, 0.1), (4.0, -0.1)];
+        let found = [0.5, 1.5, 3.0, 9.0].map(|now| along(&points, now));
+        assert_eq!(found, [0.0, 0.05, 0.0, -0.1]);
+    }
+}

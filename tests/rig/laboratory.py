@@ -1,0 +1,235 @@
+"""A laboratory inside a network namespace of its own: peers, a fault, and what the rig made of it."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+HERE = Path(__file__).resolve().parent
+
+CONFIG = """
+[network]
+services = "cyclone"
+match_s = {match_s}
+
+[arms.x]
+joint = "left_wrist"
+joint_states = "/left/joint_states"
+command = "/left/joint_trajectory"
+gear = 1.0
+level_rad = 0.0
+
+[arms.y]
+joint = "right_wrist"
+joint_states = "/right/joint_states"
+command = "/right/joint_trajectory"
+gear = -1.0
+level_rad = 0.0
+
+[backend]
+kind = "trajectory"
+
+[limits]
+window_rad = 0.5
+velocity_rad_s = 0.35
+acceleration_rad_s2 = {acceleration}
+step_rad = 0.005
+tracking_error_rad = {tracking_error}
+home_velocity_rad_s = 0.1
+
+# Longer than a laboratory would have them: the machine that runs the tests may be busy.
+[timeouts]
+tracker_s = 0.5
+joints_s = 0.4
+tracking_error_s = 0.2
+overrun_s = {overrun_s}
+command_s = 0.5
+stamp_s = 1.0
+frozen_s = 1.0
+
+[tracker]
+reliability = "{reliability}"
+most_hz = 1000.0
+
+[safety]
+allow_arming = {allow_arming}
+hold_s = 0.5
+"""
+
+DEFAULTS = {
+    "match_s": 15.0,
+    "acceleration": 4.0,
+    "tracking_error": 0.1,
+    "overrun_s": 0.5,
+    "reliability": "best_effort",
+    "allow_arming": "true",
+}
+
+
+class Laboratory:
+    """Processes of one test, and its files."""
+
+    def __init__(self, folder: Path, rig: Path, **config: Any) -> None:
+        self.folder, self.binary = folder, rig
+        self.processes: list[subprocess.Popen[str]] = []
+        (folder / "rig.toml").write_text(CONFIG.format_map({**DEFAULTS, **config}))
+        self.write_commands()
+        self.environment: dict[str, str] = {}
+        self.bags = folder / "bags"
+
+    def write_commands(self, amplitude: float = 0.2, seconds: float = 12.0) -> None:
+        """A knob that turns to and fro, so that it is on its way most of the time."""
+        rows = ["step,t_s,knob_x_rad,knob_y_rad"]
+        for i in range(int(seconds / 0.05)):
+            t = 0.05 * i
+            x = amplitude * math.sin(1.3 * t)
+            rows.append(f"{i},{t:.3f},{x!r},{0.5 * x!r}")
+        (self.folder / "run.csv").write_text("\n".join(rows) + "\n")
+
+    def start(self, *command: str | Path, **options: Any) -> subprocess.Popen[str]:
+        process = subprocess.Popen(
+            [str(part) for part in command],
+            cwd=self.folder,
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            **options,
+        )
+        self.processes.append(process)
+        return process
+
+    def peer(self, *words: str) -> subprocess.Popen[str]:
+        return self.start(sys.executable, HERE / "peers.py", *words)
+
+    def peers(self, *, tracker: str = "reliable") -> None:
+        self.tracker = self.peer("tracker", tracker)
+        self.arms = self.peer("arms", "told.json")
+
+    def play(self, *options: str) -> subprocess.Popen[str]:
+        words = ("play", "run.csv", "--out", self.bags, "--arm", *options)
+        self.rig = self.start(self.binary, *words, env={**os.environ, **self.environment})
+        return self.rig
+
+    def ask(self, peer: subprocess.Popen[str], request: str) -> None:
+        assert peer.stdin is not None
+        peer.stdin.write(request + "\n")
+        peer.stdin.flush()
+
+    def wait_for_motion(self, seconds: float = 30.0) -> None:
+        """Return once the bag says that the file is played, and some of it has been."""
+        end = time.monotonic() + seconds
+        bag = self.bags / "run.mcap"
+        while time.monotonic() < end:
+            if bag.exists() and b"playing" in bag.read_bytes():
+                time.sleep(1.0)
+                return
+            if self.rig.poll() is not None:
+                raise RuntimeError(f"the rig has ended: {self.rig.communicate()}")
+            time.sleep(0.05)
+        raise RuntimeError("the rig does not play")
+
+    def end(self) -> None:
+        for process in self.processes:
+            if process.poll() is None:
+                process.send_signal(signal.SIGCONT)
+                process.kill()
+            process.communicate()
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What happens, which stop or refusal must follow, and what the configuration says otherwise."""
+
+    what: str
+    inject: Callable[[Laboratory], None]
+    stop: str = ""
+    refusal: str = ""
+    killed: bool = False
+    config: dict[str, Any] = field(default_factory=dict)
+
+
+def run(fault: Fault, folder: Path, rig: Path) -> dict[str, Any]:
+    """Play, let a fault happen, and return what became of it."""
+    laboratory = Laboratory(folder, rig, **fault.config)
+    try:
+        began = time.time()
+        fault.inject(laboratory)
+        at = getattr(laboratory, "injected", began)
+        try:
+            _, err = laboratory.rig.communicate(timeout=40)
+        except subprocess.TimeoutExpired:
+            return {"error": "the rig goes on"}
+        found = {"status": laboratory.rig.returncode, "err": err.strip(), "injected": at}
+        return {**found, **read(laboratory.bags / "run.mcap", rig)}
+    finally:
+        laboratory.end()
+
+
+def read(bag: Path, rig: Path) -> dict[str, Any]:
+    """Return when and why the bag says that the arms were stopped, and how they came to rest."""
+    if not bag.exists():
+        return {"bag": None}
+    # Not beside it, where the disk may be full.
+    whole = bag.parent.with_name("whole.mcap")
+    recovered = subprocess.run(
+        [rig, "recover", bag, "--out", whole], capture_output=True, text=True, check=True
+    )
+    events, points, commands, last = [], [], [], 0.0
+    for topic, logged, message in messages(whole):
+        last = max(last, logged)
+        if topic == "/rig/events":
+            events.append((seconds(message.stamp), message.function, message.msg))
+        elif topic == "/rig/setpoint":
+            rate = max(abs(rate) for rate in message.velocity)
+            points.append((seconds(message.header.stamp), rate))
+        elif topic.endswith("joint_trajectory"):
+            commands.append((logged, message.points[0].velocities[0]))
+    stop = next(((at, code, why) for at, code, why in events if code.startswith("stopping:")), None)
+    found: dict[str, Any] = {
+        "bag": recovered.stdout.strip(),
+        "codes": [code for _, code, _ in events],
+        "end": events[-1][2] if events else "",
+        "last": last,
+    }
+    if stop is not None:
+        at, code, why = stop
+        after = [(when, rate) for when, rate in points if when >= at - 0.001]
+        moving = [when for when, rate in after if rate > 0.0]
+        told = [when for when, rate in commands if when >= at - 0.001 and rate != 0.0]
+        before = [rate for when, rate in points if when < at]
+        found |= {
+            "code": code.removeprefix("stopping:"),
+            "why": why,
+            "stopped": at,
+            "rate_before": before[-1] if before else 0.0,
+            "ramp_s": (max(moving) - at + 0.01) if moving else 0.0,
+            "ramp_ticks": len(moving),
+            "ramp_told_s": (max(told) - at + 0.01) if told else 0.0,
+            "rests": bool(after) and after[-1][1] == 0.0,
+            "latched": any(code.startswith("latched:") for _, code, _ in events),
+        }
+    return found
+
+
+def messages(bag: Path):  # type: ignore[no-untyped-def]
+    """Yield topic, time of logging and message, read by what is not ours."""
+    with bag.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
+            yield channel.topic, message.log_time / 1e9, decoded
+
+
+def seconds(time: Any) -> float:
+    return float(time.sec + time.nanosec / 1e9)

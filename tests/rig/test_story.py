@@ -1,0 +1,126 @@
+"""The whole story: a board with a concealed effect is played, recorded, imported, and diagnosed by name."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import numpy as np
+import pytest
+
+from irt.bag import load_bag
+from irt.cli.__main__ import main
+from irt.recording import load_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+Inside = Callable[..., CompletedProcess[str]]
+
+pytestmark = pytest.mark.slow
+
+MODEL = """
+[parameters]
+gear_x = { value = 0.07 }
+gear_y = { value = 0.06 }
+rolling_friction = { value = 3e-4 }
+time_scale = { value = 24.0 }
+observation_scale = { value = 1.0 }
+"""
+CONCEALED = '[[effects]]\nname = "backlash"\nwidth_x_rad = 0.05\nwidth_y_rad = 0.06\n'
+
+#: Starts the twin, waits for it, and runs the rig with the words that follow.
+PLAY = """
+rig=$1 seed=$2; shift 2
+"$rig" twin --model model.toml --seed "$seed" & "$rig" "$@"
+status=$?
+kill $!
+exit $status
+"""
+
+
+def configuration(backend: str) -> str:
+    """Return the example for another backend, allowed to move, on a machine that may be busy."""
+    text = (ROOT / "rig" / "example" / "rig.toml").read_text(encoding="utf-8")
+    for old, new in (
+        ('kind = "trajectory"', f'kind = "{backend}"'),
+        ("allow_arming = false", "allow_arming = true"),
+        ("overrun_s = 0.05", "overrun_s = 1.0"),
+        ("joints_s = 0.1", "joints_s = 1.0"),
+        ("tracker_s = 0.3", "tracker_s = 1.0"),
+        ("stamp_s = 0.5", "stamp_s = 1.0"),
+        ("[network]", "[network]\nmatch_s = 20.0"),
+        ("tracking_error_rad = 0.05", "tracking_error_rad = 0.15"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def laboratory(
+    folder: Path, run: int, seconds: float, backend: str = "trajectory", model: str = MODEL
+) -> Path:
+    folder.mkdir()
+    (folder / "model.toml").write_text(model)
+    (folder / "rig.toml").write_text(configuration(backend))
+    draw = random.Random(run)
+    rates = [[draw.uniform(0.7, 2.2) for _ in range(3)] for _ in range(2)]
+    rows = ["step,t_s,knob_x_rad,knob_y_rad"]
+    for i in range(round(seconds / 0.1)):
+        knobs = [0.05 * sum(math.sin(rate * 0.1 * i) for rate in axis) for axis in rates]
+        rows.append(f"{i},{0.1 * i:.1f},{knobs[0]!r},{knobs[1]!r}")
+    (folder / f"run-{run}.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+def play(rig: Path, inside: Inside, folder: Path, run: int) -> Path:
+    words = ("play", f"run-{run}.csv", "--out", "bags", "--arm")
+    ran = inside("bash", "-c", PLAY, "_", rig, str(run), *words, cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+    return folder / "bags" / f"run-{run}.mcap"
+
+
+@pytest.mark.parametrize("backend", ["trajectory", "velocities", "kinova", "action"])
+def test_each_backend_moves_the_arms_as_the_file_says(
+    rig: Path, inside: Inside, tmp_path: Path, backend: str
+) -> None:
+    folder = laboratory(tmp_path / "lab", 1, 3.0, backend)
+    bag = load_bag(play(rig, inside, folder, 1))
+    (played,) = bag.plays
+    assert bag.measured is not None
+    during = (bag.measured.stamps > played.stamps[0]) & (bag.measured.stamps < played.end)
+    asked = [
+        np.interp(bag.measured.stamps[during] - 0.03, bag.set_points.stamps, column)
+        for column in bag.set_points.values.T
+    ]
+    assert np.ptp(bag.set_points.values, axis=0).min() > 0.1
+    assert np.abs(bag.measured.values[during] - np.column_stack(asked)).max() < 0.03
+    # Level in the end, and the marble was seen throughout.
+    assert np.abs(bag.measured.values[-1]).max() < 0.01
+    assert bag.marble.stamps.size > 100
+
+
+def test_a_concealed_effect_is_named(
+    rig: Path, inside: Inside, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = range(6)
+    folders = [laboratory(tmp_path / f"lab-{run}", run, 9.0, model=MODEL + CONCEALED) for run in runs]
+    with ThreadPoolExecutor(len(folders)) as pool:
+        bags = list(pool.map(lambda run: play(rig, inside, folders[run], run), runs))
+
+    assert main(["import", *map(str, bags), "--out", str(tmp_path / "rig")]) == 0
+    told = capsys.readouterr().out
+    assert told.count("measured knobs") == len(bags)
+    assert "tracker 59" in told or "tracker 60" in told or "tracker 58" in told
+    recording = load_recording(tmp_path / "rig" / "run-3.csv")
+    assert recording.stamps is not None
+    assert recording.knobs.shape == (90, 2)
+    assert np.isclose(np.median(np.diff(recording.stamps)), 0.1, atol=0.005)
+
+    assert main(["diagnose", str(tmp_path / "rig"), "--out", str(tmp_path / "found")]) == 0
+    found = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
+    assert found["verdict"] == "missing", found["summary"]
+    assert "backlash" in [effect["name"] for effect in found["effects"]], found["summary"]
