@@ -234,10 +234,13 @@ impl Motion {
         let state = self.safety.state().clone();
         if state.name() != before {
             match &state {
-                State::Stopping(reason) | State::Latched(reason) => {
-                    let code = format!("{}:{}", state.name(), reason.code());
-                    self.station.event(Level::Error, &code, &reason.to_string());
-                    self.station.recorder.flush();
+                State::Stopping(reason) => self.note_stop("stopping", reason),
+                State::Latched(reason) => {
+                    // Arms that were at rest already are stopped and held in one tick.
+                    if before != "stopping" {
+                        self.note_stop("stopping", reason);
+                    }
+                    self.note_stop("latched", reason);
                 }
                 _ => self.station.event(Level::Info, state.name(), ""),
             }
@@ -246,6 +249,11 @@ impl Motion {
             self.stop_called = true;
             self.callers.iter().for_each(Caller::call);
         }
+    }
+
+    fn note_stop(&self, state: &str, reason: &Reason) {
+        let code = format!("{state}:{}", reason.code());
+        self.station.event(Level::Error, &code, &reason.to_string());
     }
 
     /// Ticks until `done`, or until a stop has been held.

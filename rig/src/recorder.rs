@@ -37,6 +37,7 @@ enum Item {
         data: Vec<u8>,
         since: Instant,
     },
+    #[cfg(test)]
     Flush(SyncSender<()>),
 }
 
@@ -191,7 +192,8 @@ impl Recorder {
             .or_else(|| (lost > 0).then(|| format!("{lost} messages were lost")))
     }
 
-    /// Brings what was handed over to the disk, and waits for that, but not long.
+    /// Brings what was handed over to the disk, and waits for that.
+    #[cfg(test)]
     pub fn flush(&self) {
         let (done, wait) = sync_channel(1);
         self.send(Item::Flush(done));
@@ -289,6 +291,7 @@ fn take(
                     .latencies_us
                     .push(us.min(u128::from(u32::MAX)) as u32);
             }
+            #[cfg(test)]
             Ok(Item::Flush(done)) => {
                 writer.flush()?;
                 flushed = Instant::now();

@@ -71,6 +71,9 @@ struct Copied {
 }
 
 fn copy(bytes: &[u8], to: &Path) -> std::result::Result<Copied, String> {
+    if !bytes.starts_with(mcap::MAGIC) {
+        return Err("is no bag: it does not begin like an MCAP file".to_owned());
+    }
     let records = LinearReader::new_with_options(bytes, Options::IgnoreEndMagic.into())
         .map_err(|error| format!("is no bag: {}", recorder::said(&error)))?;
     let file = File::create_new(to)

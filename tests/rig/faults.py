@@ -213,7 +213,7 @@ FAULTS = {
         "best-effort tracker, reliable rig",
         quality_differs,
         refusal="QoS",
-        config={"reliability": "reliable", "match_s": 4.0},
+        config={"reliability": "reliable", "match_s": 10.0},
     ),
     "limits": Fault(
         "a stop would take too long",

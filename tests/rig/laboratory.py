@@ -88,12 +88,12 @@ class Laboratory:
         self.environment: dict[str, str] = {}
         self.bags = folder / "bags"
 
-    def write_commands(self, amplitude: float = 0.2, seconds: float = 12.0) -> None:
-        """A knob that turns to and fro, so that it is on its way most of the time."""
+    def write_commands(self, amplitude: float = 0.24, seconds: float = 12.0) -> None:
+        """Knobs that turn to and fro at an even rate: they are nearly always on their way."""
         rows = ["step,t_s,knob_x_rad,knob_y_rad"]
         for i in range(int(seconds / 0.05)):
             t = 0.05 * i
-            x = amplitude * math.sin(1.3 * t)
+            x = amplitude * 2.0 / math.pi * math.asin(math.sin(math.pi / 2.0 * t))
             rows.append(f"{i},{t:.3f},{x!r},{0.5 * x!r}")
         (self.folder / "run.csv").write_text("\n".join(rows) + "\n")
 
@@ -214,9 +214,12 @@ def read(bag: Path, rig: Path) -> dict[str, Any]:
             "why": why,
             "stopped": at,
             "rate_before": before[-1] if before else 0.0,
-            "ramp_s": (max(moving) - at + 0.01) if moving else 0.0,
+            # A clock that was set tells no times: then ticks do.
+            "ramp_s": 0.01 * len(moving)
+            if code.endswith("clock_stepped") or not moving
+            else max(moving) - at + 0.01,
             "ramp_ticks": len(moving),
-            "ramp_told_s": (max(told) - at + 0.01) if told else 0.0,
+            "told_ticks": len(told),
             "rests": bool(after) and after[-1][1] == 0.0,
             "latched": any(code.startswith("latched:") for _, code, _ in events),
         }
