@@ -86,27 +86,13 @@ impl Recorder {
         };
         let file = OpenOptions::new()
             .write(true)
-            .read(true)
             .create_new(true)
             .open(path)
             .map_err(|error| cannot(&error))?;
-        let mut writer = writer(file).map_err(|error| cannot(&said(&error)))?;
-        writer
-            .attach(&Attachment {
-                log_time: 0,
-                create_time: 0,
-                name: "rig.toml".to_owned(),
-                media_type: "application/toml".to_owned(),
-                data: config.as_bytes().into(),
-            })
-            .and_then(|()| {
-                writer.write_metadata(&Metadata {
-                    name: "rig".to_owned(),
-                    metadata: facts,
-                })
-            })
-            .and_then(|()| writer.flush())
-            .map_err(|error| cannot(&said(&error)))?;
+        let writer = begin(file, config, facts).map_err(|error| {
+            let _ = fs::remove_file(path);
+            cannot(&said(&error))
+        })?;
         let (sender, receiver) = sync_channel(WAITING);
         let failed = Arc::new(Mutex::new(None));
         let thread = thread::Builder::new()
@@ -217,6 +203,28 @@ impl Recorder {
             (_, Some(failure)) => Err(Error::refused(format!("{shown}: {failure}"))),
         }
     }
+}
+
+/// Writes what comes before all messages: configuration and facts.
+fn begin(
+    file: File,
+    config: &str,
+    facts: BTreeMap<String, String>,
+) -> mcap::McapResult<Writer<BufWriter<File>>> {
+    let mut writer = writer(file)?;
+    writer.attach(&Attachment {
+        log_time: 0,
+        create_time: 0,
+        name: "rig.toml".to_owned(),
+        media_type: "application/toml".to_owned(),
+        data: config.as_bytes().into(),
+    })?;
+    writer.write_metadata(&Metadata {
+        name: "rig".to_owned(),
+        metadata: facts,
+    })?;
+    writer.flush()?;
+    Ok(writer)
 }
 
 /// What the system says of a file, or MCAP of what is in it.

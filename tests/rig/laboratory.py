@@ -186,42 +186,36 @@ def read(bag: Path, rig: Path) -> dict[str, Any]:
     recovered = subprocess.run(
         [rig, "recover", bag, "--out", whole], capture_output=True, text=True, check=True
     )
-    events, points, commands, last = [], [], [], 0.0
+    events: list[tuple[str, str]] = []
+    points: list[tuple[float, float]] = []
+    told: list[float] = []
+    last, stop = 0.0, 0
+    # In the order in which they were written: a clock may be set in between.
     for topic, logged, message in messages(whole):
         last = max(last, logged)
         if topic == "/rig/events":
-            events.append((seconds(message.stamp), message.function, message.msg))
+            events.append((message.function, message.msg))
+            stop = len(points) if message.function.startswith("stopping:") else stop
         elif topic == "/rig/setpoint":
-            rate = max(abs(rate) for rate in message.velocity)
-            points.append((seconds(message.header.stamp), rate))
-        elif topic.endswith("joint_trajectory"):
-            commands.append((logged, message.points[0].velocities[0]))
-    stop = next(((at, code, why) for at, code, why in events if code.startswith("stopping:")), None)
-    found: dict[str, Any] = {
-        "bag": recovered.stdout.strip(),
-        "codes": [code for _, code, _ in events],
-        "end": events[-1][2] if events else "",
-        "last": last,
-    }
-    if stop is not None:
-        at, code, why = stop
-        after = [(when, rate) for when, rate in points if when >= at - 0.001]
-        moving = [when for when, rate in after if rate > 0.0]
-        told = [when for when, rate in commands if when >= at - 0.001 and rate != 0.0]
-        before = [rate for when, rate in points if when < at]
+            points.append((seconds(message.header.stamp), max(abs(rate) for rate in message.velocity)))
+        elif topic.endswith("joint_trajectory") and stop:
+            told.append(abs(message.points[0].velocities[0]))
+    codes = [code for code, _ in events]
+    found: dict[str, Any] = {"bag": recovered.stdout.strip(), "codes": codes, "last": last}
+    if stop:
+        code, why = next(event for event in events if event[0].startswith("stopping:"))
+        # The set point of the tick that stops is written just before the event.
+        ramp = points[stop - 1 :]
+        moving = [when for when, rate in ramp if rate > 0.0]
         found |= {
             "code": code.removeprefix("stopping:"),
             "why": why,
-            "stopped": at,
-            "rate_before": before[-1] if before else 0.0,
-            # A clock that was set tells no times: then ticks do.
-            "ramp_s": 0.01 * len(moving)
-            if code.endswith("clock_stepped") or not moving
-            else max(moving) - at + 0.01,
+            "stopped": ramp[0][0],
+            "rate_before": points[stop - 2][1],
+            "ramp_s": max(moving) - ramp[0][0] + 0.01 if moving else 0.0,
             "ramp_ticks": len(moving),
-            "told_ticks": len(told),
-            "rests": bool(after) and after[-1][1] == 0.0,
-            "latched": any(code.startswith("latched:") for _, code, _ in events),
+            "rests": ramp[-1][1] == 0.0 and bool(told) and told[-1] == 0.0,
+            "latched": any(code.startswith("latched:") for code in codes),
         }
     return found
 
