@@ -113,6 +113,7 @@ def e_stop(lab: Laboratory) -> None:
 def e_stop_is_pressed(lab: Laboratory) -> None:
     lab.peers()
     lab.start(sys.executable, "-c", _E_STOP, env={**os.environ, "PYTHONPATH": f"{HERE}"})
+    time.sleep(5.0)
     lab.play()
 
 
