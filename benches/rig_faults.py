@@ -56,7 +56,8 @@ def row(name: str, what: str, found: dict[str, Any]) -> str:
         kept = found["bag"].split(" are in")[0]
         return f"| {name} | {what} | {kept} | | the last {1e3 * lost:.0f} ms are lost |"
     if "code" not in found:
-        return f"| {name} | {what} | refused: {found['err'].splitlines()[-1].removeprefix('rig: ')} | | |"
+        why = found["err"].splitlines()[-1].removeprefix("rig: ")
+        return f"| {name} | {what} | {why if why.startswith('stopped') else f'refused: {why}'} | | |"
     rest = 1e3 * (found["stopped"] - found["injected"] + found["ramp_s"])
     ramp = f"{1e3 * found['ramp_s']:.0f} ms from {found['rate_before']:.2f} rad/s"
     after = f"{rest:.0f} ms" if rest > 0.0 else ""  # a clock that was set tells no times

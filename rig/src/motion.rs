@@ -103,7 +103,7 @@ impl Motion {
         let ticks = (seconds / TICK_S) as u64;
         let mut missing = String::new();
         // Others that publish are known only after a while.
-        let settled = ticks.min(100);
+        let settled = ticks.min(200);
         for tick in 0..ticks {
             let (now, _) = self.station.ticker.wait();
             if let Some(reason) = self.station.hear(now, false) {

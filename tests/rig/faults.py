@@ -113,6 +113,7 @@ def e_stop(lab: Laboratory) -> None:
 def e_stop_is_pressed(lab: Laboratory) -> None:
     lab.peers()
     lab.start(sys.executable, "-c", _E_STOP, env={**os.environ, "PYTHONPATH": f"{HERE}"})
+    time.sleep(5.0)
     lab.play()
 
 
@@ -190,7 +191,7 @@ FAULTS = {
     "tracker NaN": Fault("positions that are no number", tracker_says("nan"), stop="tracker_silent"),
     "tracker old": Fault("stamps 3 s old", tracker_says("old"), stop="tracker_silent"),
     "joints stop": Fault("joint states stop, the driver lives", arms_say("silent"), stop="joints_silent"),
-    "joints lie": Fault("joint states stay at level", arms_say("lie"), stop="tracking_error"),
+    "joints lie": Fault("joint states stay at their last value", arms_say("lie"), stop="tracking_error"),
     "joints jump": Fault("joint states 1 rad off", arms_say("jump"), stop="joints_lie"),
     "arms killed": Fault("kill -9 of the driver", arms_get(signal.SIGKILL), stop="joints_silent"),
     "arms stalled": Fault("SIGSTOP of the driver, SIGCONT after 0.8 s", arms_stall, stop="joints_silent"),
