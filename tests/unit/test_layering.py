@@ -26,15 +26,26 @@ LAYERS = (
     "start_state",
     "rollouts",
     "model",
+    "tracking",
     "rig",
     "recording",
     "files",
     "catalogue",
-    "tracking",
     "errors",
 )
 EXTENSION = "irt._labsim"
-HEAVY = {"cryptography", "cv2", "matplotlib", "playwright", "pybullet", "pysindy", "ray", "scipy", "torch"}
+HEAVY = {
+    "cryptography",
+    "cv2",
+    "cyclonedds",
+    "matplotlib",
+    "playwright",
+    "pybullet",
+    "pysindy",
+    "ray",
+    "scipy",
+    "torch",
+}
 
 
 def module_name(path: Path) -> str:

@@ -18,7 +18,7 @@ from typing import Any, Protocol, cast
 from irt.errors import IrtError
 
 #: One list for parser, help and tests; in the order in which a user meets them.
-VERBS = ("demo", "simulate", "evaluate", "pretrain", "tune", "diagnose", "suggest", "prove")
+VERBS = ("demo", "track", "simulate", "evaluate", "pretrain", "tune", "diagnose", "suggest", "prove")
 
 DONE = 0
 COULD_NOT = 1

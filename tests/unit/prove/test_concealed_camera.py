@@ -17,7 +17,8 @@ from irt.prove.concealed.engine import Played
 from irt.prove.concealed.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, acts
 from irt.prove.concealed.record import record
 from irt.prove.concealed.spec import Spec
-from irt.tracking import find_corners, positions
+from irt.tracking import positions
+from irt.tracking.corners import find_corners
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels up to Python 3.11 only: pip install pybullet")
 
