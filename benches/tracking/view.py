@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,7 +82,11 @@ class View:
         down, right = np.mgrid[: self.height * finer, : self.width * finer]
         pixels = np.stack([right.ravel(), down.ravel()], axis=1).astype(np.float64)
         pixels = (pixels + 0.5) / finer - 0.5
-        straight = cv2.undistortPoints(pixels[:, None], self.matrix, self.distortion)
+        bent = (pixels - [(self.width - 1) / 2, (self.height - 1) / 2]) / self.focal
+        straight = bent
+        for _ in range(12):
+            square = (straight**2).sum(axis=1, keepdims=True)
+            straight = bent / (1.0 + self.lens[0] * square + self.lens[1] * square**2)
         return np.asarray(straight.reshape(*right.shape, 2), dtype=np.float32)
 
 

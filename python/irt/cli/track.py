@@ -201,7 +201,7 @@ def _question(args: argparse.Namespace, folder: Path, board: Board, marble: Marb
     """Return what is asked, from the command line and the folder's calibration."""
     from irt.tracking.calibration import load_lens
     from irt.tracking.geometry import Size
-    from irt.tracking.learn import Clue
+    from irt.tracking.learning import Clue
     from irt.tracking.run import Question
 
     lens = args.lens or (folder / _LENS if (folder / _LENS).exists() else None)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from irt.tracking.corners import find_corners
 from irt.tracking.geometry import Plane, Size
-from irt.tracking.learn import NoMarbleError, learn, scale_of
+from irt.tracking.learning import NoMarbleError, learn, scale_of
 from irt.tracking.seek import Box
 from irt.tracking.tracker import Tracker
 

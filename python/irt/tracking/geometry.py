@@ -46,8 +46,14 @@ class Lens:
 
     def straight(self, pixels: Array) -> Array:
         """Return the tangents (n, 2) of the rays of pixels (n, 2), right of and below the line of sight."""
+        if not len(pixels):
+            return np.empty((0, 2))
         points = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
-        return np.asarray(opencv().undistortPoints(points, self.matrix, self.distortion).reshape(-1, 2))
+        rays = opencv().undistortPoints(points, self.matrix, self.distortion).reshape(-1, 2)
+        # OpenCV stops after five rounds, in the corners of a wide lens too early.
+        for _ in range(3):
+            rays = rays + (points[:, 0] - self.bent(rays)) / self.matrix[[0, 1], [0, 1]]
+        return np.asarray(rays)
 
     def bent(self, tangents: Array) -> Array:
         """Return the pixels (n, 2) of rays (n, 2); the inverse of `straight`."""
@@ -140,12 +146,11 @@ class Pose:
         cv2 = opencv()
         there = np.column_stack([points, np.zeros(len(points))])
         straight = lens.straight(seen)
-        found, turns, origin = cv2.solvePnP(there, straight, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE)
+        found, turns, origin = cv2.solvePnP(there, straight, np.eye(3), None, flags=cv2.SOLVEPNP_ITERATIVE)
         if not found:
             raise IrtError(
                 "the board's corners fit no place of a board before this lens: is it this camera's?"
             )
-        turns, origin = cv2.solvePnPRefineLM(there, straight, np.eye(3), None, turns, origin)
         rotation, _ = cv2.Rodrigues(turns)
         return cls(lens, np.asarray(rotation), np.asarray(origin).ravel(), radius)
 

@@ -1,3 +1,4 @@
+# mypy: disable-error-code="call-arg, misc"
 """The ROS 2 messages that the tracker speaks, by their names on the wire; needs cyclonedds."""
 
 # cyclonedds reads the annotations as they run: they must not be postponed.

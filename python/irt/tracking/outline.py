@@ -42,6 +42,10 @@ HUE = 40.0
 #: Rays to either side of a shadow that are not trusted either.
 NEAR_SHADOW = 2
 ROUNDS = 6
+#: Share by which the light on the board may be uncertain where hue tells a marble from its shadow.
+SHADE = 0.03
+#: A difference in hue of so many noises tells.
+CLEAR = 3.0
 #: Smaller samples tell of their pictures more than of the marble.
 LEAST_VIEWS = 6
 
@@ -66,26 +70,35 @@ def learn_outline(views: Sequence[View]) -> Outline:
     """
     if len(views) < LEAST_VIEWS:
         return Outline()
+    centres, radii, outline = _located(views)
+    return _levelled(views, centres, radii, outline)
+
+
+def _located(views: Sequence[View]) -> tuple[Array, Array, Outline]:
+    """Return centres (n, 2) and radii (n,) of the views' discs, and the outline by which they were found."""
     centres = np.array([[view.x, view.y] for view in views])
     radii = np.array([view.radius for view in views])
-    quiet = float(np.mean([view.patch.noise for view in views])) / len(views) ** 0.5
-    outline = Outline(free=KNOWN)
+    noise = float(np.mean([view.patch.noise for view in views]))
+    quiet = noise / len(views) ** 0.5
     for _ in range(ROUNDS):
         mean = _mean([view.patch.layers for view in views], centres, radii)
         without = _mean([_known(view.patch) for view in views], centres, radii)
         lit = _lit(mean, without)
         dx, dy, radius = _disc(mean, without, lit, quiet)
         inside = _between(mean, INSIDE).astype(np.float32)
-        outline = Outline(weights=SHADOW_COUNTS + (1.0 - SHADOW_COUNTS) * lit, inside=inside, free=KNOWN)
+        weights = SHADOW_COUNTS + (1.0 - SHADOW_COUNTS) * lit
+        hue = float(np.median(np.linalg.norm(_hues(mean, without), axis=1)))
+        shade = SHADE if hue > CLEAR * noise else 0.0
         centres = centres + np.outer(radii, [dx, dy])
         radii = radii * radius
+        outline = Outline(weights=weights, inside=inside, shade=shade, free=KNOWN)
         outline = _levelled(views, centres, radii, outline)
         fits = [
             fit_rim(view.patch, (x, y), r, outline)
             for view, (x, y), r in zip(views, centres, radii, strict=True)
         ]
         centres = np.array([[fit.x, fit.y] for fit in fits])
-    return outline
+    return centres, radii, outline
 
 
 def _known(patch: Patch) -> Values:

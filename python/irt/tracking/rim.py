@@ -40,8 +40,6 @@ SHARPEST = 0.85
 KNOWN, UNKNOWN = 0.02, 0.3
 #: A ray agrees within this much [pixels], or this share of the radius.
 AGREES_PX, AGREES = 0.75, 0.09
-#: Share by which the light on the board is uncertain where a marble's colour tells it from a shadow.
-SHADE = 0.03
 #: What is left of the noise's variance between pixels, in the difference of two samples.
 _SMOOTHED = 1.2
 #: Least step that is a rim, in multiples of the noise, and in levels.
@@ -89,6 +87,8 @@ class Outline:
         What each ray counts.
     inside : (RAYS, 3) array or None
         The marble's colour within its rim [levels]; by default any change of colour counts.
+    shade : float
+        Share by which the light on the board is uncertain, so that a marble's colour tells it from a shadow.
     free : float
         How far a radius may be from what is expected (standard deviation, as a share).
     """
@@ -96,6 +96,7 @@ class Outline:
     radii: Array = field(default_factory=lambda: np.ones(RAYS))
     weights: Array = field(default_factory=lambda: np.ones(RAYS))
     inside: Values | None = None
+    shade: float = 0.0
     free: float = UNKNOWN
 
 
@@ -151,7 +152,8 @@ def _steps(
     if outline.inside is None or patch.without is None:
         steps = changes(colours, patch.noise)
     else:
-        steps = uncoverings(colours, look(patch.without, *centre, along), outline.inside, patch.noise)
+        without = look(patch.without, *centre, along)
+        steps = uncoverings(colours, without, outline.inside, patch.noise, outline.shade)
     return sampled[:, :, 3], steps, along
 
 
@@ -171,7 +173,7 @@ def changes(colours: Values, noise: float) -> Values:
     return np.asarray(np.maximum(square - np.float32(3.0 * _SMOOTHED * noise**2), 0.0))
 
 
-def uncoverings(colours: Values, without: Values, inside: Values, noise: float) -> Values:
+def uncoverings(colours: Values, without: Values, inside: Values, noise: float, shade: float) -> Values:
     """Return the squared changes along rays (RAYS, n - 2) from a marble to what it covers [levels].
 
     Parameters
@@ -180,13 +182,13 @@ def uncoverings(colours: Values, without: Values, inside: Values, noise: float) 
         What rays meet, and would without the marble.
     inside : (RAYS, 3) array
         The marble's colour within its rim.
-    noise : float
-        Standard deviation of a colour.
+    noise, shade : float
+        Standard deviation of a colour, and of the light on the board as a share of it.
     """
     apart = inside[:, None, :] - without
-    # As if the light on the board were uncertain by a share SHADE: by the inverse of a covariance that is the
+    # As if the light on the board were uncertain by a share: by the inverse of a covariance that is the
     # noise's and one along the board's own colour.
-    part = np.float32((SHADE / noise) ** 2)
+    part = np.float32((shade / noise) ** 2)
     bright = np.einsum("ijk,ijk->ij", without, without)
     along = np.einsum("ijk,ijk->ij", without, apart) * (part / (1.0 + part * bright))
     across = apart - without * along[:, :, None]

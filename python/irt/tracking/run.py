@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.tracking.corners import checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
-from irt.tracking.learn import Clue, learn, scale_of
+from irt.tracking.learning import Clue, learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
 from irt.tracking.opencv import opencv
 from irt.tracking.partial import Partial
@@ -160,7 +160,7 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         geometry = Pose.of(lens, corners, size.corners, size.radius)
     markers = Markers(pictures[0], geometry, size, lens)
     progress(2, 3, "the marble")
-    learned = learn(pictures, geometry, _box(corners, geometry, (width, height)), question.clue)
+    learned = learn(pictures, geometry, board_box(corners, geometry, (width, height)), question.clue)
     return Scene(
         size,
         corners,
@@ -193,7 +193,7 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
         raise IrtError(f"{reason}; --corners X,Y X,Y X,Y X,Y says where they are") from None
 
 
-def _box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:
+def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:
     """Return where in pictures of this size the marble can be."""
     middle = corners.mean(axis=0)
     margin = BEYOND * geometry.radius_at((float(middle[0]), float(middle[1])))

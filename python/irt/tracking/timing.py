@@ -25,6 +25,8 @@ DROPPED = 1.5
 BUMP_S, STEP_S = 0.4, 1.0 / 240.0
 #: Parts of a run whose offsets, each left out in turn, tell how sure their mean is.
 PARTS = 8
+#: Accelerations that miss the explained ones by so many times the median are no answers.
+UNANSWERED = 3.0
 #: Least share of the accelerations that commands must explain.
 EXPLAINED = 0.2
 
@@ -106,7 +108,7 @@ def align(
     shorter = min(np.ptp(stamps), np.ptp(command_stamps))
     if shorter < 4 * BUMP_S:
         raise IrtError(f"{shorter:.2g} s are too short to align commands and video by")
-    seen, weights = _accelerations(stamps, marble)
+    seen, weights, ways = _accelerations(stamps, marble)
     told = _weighed_commands(command_stamps, knobs)
     low = stamps[0] - command_stamps[-1] + shorter / 2
     high = stamps[-1] - command_stamps[0] - shorter / 2
@@ -117,14 +119,21 @@ def align(
     lags = np.arange(int(np.ceil((low - base) / STEP_S)), int(np.floor((high - base) / STEP_S)) + 1)
     if not len(lags):
         lags = np.array([0])
-    scores = np.array([_explained(seen, weights, told, int(lag))[0] for lag in lags])
-    best = int(np.argmax(scores))
+    scores = np.array([_explained(seen, ways, weights, told, int(lag))[0] for lag in lags])
+    # By likelihood: where little overlaps, chance explains more.
+    shared = np.array([weights[max(lag, 0) : max(lag + len(told), 0)].sum() for lag in lags])
+    best = int(np.argmax(-shared * np.log1p(-np.clip(scores, 0.0, 1.0 - 1e-9))))
     if not scores[best] > EXPLAINED:
         raise IrtError(
             "the marble's accelerations follow these commands at no offset: are they of this run, and in the "
             "board's axes? --offset SECONDS says where they begin"
         )
     near = slice(max(best - 30, 0), best + 31)
+    for _ in range(3):
+        # A marble that leans on the rim answers no command.
+        weights = _answering(seen, ways, weights, told, int(lags[best]))
+        scores[near] = [_explained(seen, ways, weights, told, int(lag))[0] for lag in lags[near]]
+        best = near.start + int(np.argmax(scores[near]))
     offset = base + STEP_S * _peak(lags[near], scores[near])
     pieces = []
     edges = np.linspace(0, len(weights), PARTS + 1).astype(int)
@@ -132,7 +141,7 @@ def align(
         kept = weights.copy()
         kept[first:last] = 0.0
         if kept.sum() > 0.3 * weights.sum():
-            part = np.array([_explained(seen, kept, told, int(lag))[0] for lag in lags[near]])
+            part = np.array([_explained(seen, ways, kept, told, int(lag))[0] for lag in lags[near]])
             pieces.append(base + STEP_S * _peak(lags[near], part))
     # The jackknife: offsets of the parts left in, about their mean.
     count = len(pieces)
@@ -150,8 +159,11 @@ def _bump() -> tuple[Array, Array]:
     return bump / area, second / area / (half * STEP_S) ** 2
 
 
-def _accelerations(stamps: Array, marble: Array) -> tuple[Array, Array]:
-    """Return accelerations (k, 2) [edges/s^2] on the grid, and whether each is known (k,)."""
+def _accelerations(stamps: Array, marble: Array) -> tuple[Array, Array, Array]:
+    """Return accelerations (k, 2) [edges/s^2] on the grid, whether each is known (k,), and ways (k, 2).
+
+    A way is the direction of motion, of length 1 at most.
+    """
     grid = np.arange(stamps[0], stamps[-1], STEP_S)
     seen = ~np.isnan(marble[:, 0])
     path = np.column_stack([np.interp(grid, stamps[seen], marble[seen, axis]) for axis in range(2)])
@@ -168,7 +180,16 @@ def _accelerations(stamps: Array, marble: Array) -> tuple[Array, Array]:
     # What the rim does to a marble is no answer to a command.
     size = np.abs(curved).max(axis=1)
     known &= size < 6.0 * np.median(size[known]) if known.any() else False
-    return curved, known.astype(np.float64)
+    return curved, known.astype(np.float64), _ways(path)
+
+
+def _ways(path: Array) -> Array:
+    """Return the directions of motion (k, 2) along a path on the grid, weighed with the bump."""
+    bump, _ = _bump()
+    speed = np.gradient(path, STEP_S, axis=0)
+    smooth = np.column_stack([np.convolve(speed[:, axis], bump, mode="same") for axis in range(2)]) * STEP_S
+    size = np.linalg.norm(smooth, axis=1, keepdims=True)
+    return np.asarray(smooth / (size + 0.2 * np.median(size) + 1e-12))
 
 
 def _weighed_commands(stamps: Array, knobs: Array) -> Array:
@@ -180,26 +201,47 @@ def _weighed_commands(stamps: Array, knobs: Array) -> Array:
     return np.column_stack([np.convolve(pushes[:, axis], bump, mode="same") for axis in range(2)]) * STEP_S
 
 
-def _explained(seen: Array, weights: Array, told: Array, lag: int) -> tuple[float, Array]:
-    """Return the share of the accelerations that commands explain when moved by a lag, and their gears.
+def _explained(seen: Array, ways: Array, weights: Array, told: Array, lag: int) -> tuple[float, Array, Array]:
+    """Return the share of the accelerations that commands moved by a lag explain, their gears, and drags.
 
-    A tilt that stays is allowed for: a mean is taken off both.
+    A tilt that stays is allowed for: means are taken off. What drag alone explains is nobody's credit.
     """
+    none = np.zeros(2)
     first, last = max(lag, 0), min(lag + len(told), len(seen))
     if last - first < 2 * round(BUMP_S / STEP_S):
-        return 0.0, np.zeros(2)
+        return 0.0, none, none
     kept = weights[first:last, None]
     total = kept.sum()
     if total < 10:
-        return 0.0, np.zeros(2)
-    pushes, answers = told[first - lag : last - lag], seen[first:last]
-    pushes = pushes - (kept * pushes).sum(axis=0) / total
-    answers = answers - (kept * answers).sum(axis=0) / total
-    together = (kept * pushes * answers).sum(axis=0)
-    own = (kept * pushes**2).sum(axis=0) + 1e-30
-    gears = together / own
-    left = (kept * (answers - gears * pushes) ** 2).sum()
-    return float(1.0 - left / ((kept * answers**2).sum() + 1e-30)), gears
+        return 0.0, none, none
+
+    def freed(values: Array) -> Array:
+        return np.asarray(values - (kept * values).sum(axis=0) / total)
+
+    push, way, answer = (
+        freed(told[first - lag : last - lag]),
+        freed(ways[first:last]),
+        freed(seen[first:last]),
+    )
+    pp, pw, ww = (kept * push**2).sum(axis=0), (kept * push * way).sum(axis=0), (kept * way**2).sum(axis=0)
+    pa, wa = (kept * push * answer).sum(axis=0), (kept * way * answer).sum(axis=0)
+    size = pp * ww - pw**2 + 1e-30
+    gears, drags = (pa * ww - wa * pw) / size, (wa * pp - pa * pw) / size
+    left = (kept * (answer - gears * push - drags * way) ** 2).sum()
+    alone = (kept * (answer - wa / (ww + 1e-30) * way) ** 2).sum()
+    return float(1.0 - left / (alone + 1e-30)), gears, drags
+
+
+def _answering(seen: Array, ways: Array, weights: Array, told: Array, lag: int) -> Array:
+    """Return the weights without the accelerations that commands moved by a lag do not explain."""
+    first, last = max(lag, 0), min(lag + len(told), len(seen))
+    _, gears, drags = _explained(seen, ways, weights, told, lag)
+    known = weights[first:last] > 0
+    left = seen[first:last] - gears * told[first - lag : last - lag] - drags * ways[first:last]
+    left = np.abs(left - np.median(left[known], axis=0)).max(axis=1)
+    kept = np.zeros_like(weights)
+    kept[first:last] = known & (left < UNANSWERED * np.median(left[known]))
+    return kept
 
 
 def _peak(lags: NDArray[np.int64], scores: Array) -> float:

@@ -12,26 +12,35 @@ from irt.tracking.colour import ColourModel
 from irt.tracking.opencv import opencv
 from irt.tracking.rim import Outline, Patch, Rim, fit_rim
 from irt.tracking.seek import COARSE_FROM, Box, seek
+from irt.tracking.underlay import Underlay
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 #: Confidence that a marble has where it is expected, and where it is not.
 NEAR, FAR = 0.5, 0.72
+#: Of a marble that is seen well, over its usual one: then nothing else is looked for, and it tells where the
+#: next picture should have it. A marble that is half hidden does not.
+CLEAR = 0.82
 #: Candidates whose rim is looked at: in a window, and in the whole picture.
 FEW, MANY = 2, 5
 #: Pictures in a row that must agree on a place where no marble was expected.
 AGREEING = 2
-#: A marble is expected within this many radii of its predicted place, and this share of its last step.
-REACH_RADII, REACH_STEPS = 1.5, 0.7
+#: Within so many radii of each other.
+FIRST_STEP = 3.0
+#: A marble is expected within this many radii of its predicted place, and this share of its last step: a
+#: wall may turn it, and a tilt changes its step by less than a pixel from one picture to the next.
+REACH_RADII, REACH_STEPS = 0.5, 1.5
+#: Share of that for a marble that is half hidden.
+HALF = 0.5
 #: Radii by which that grows with each picture in which it was lost.
-GROWS = 0.7
+GROWS = 0.35
 #: Lost for so many pictures, its place says nothing any more.
 FORGOTTEN = 60
 #: Levels by which a pixel must differ from the empty board to be of the marble, in noises, and at least.
 DIFFERS, LEAST_LEVELS = 3.0, 9.0
 #: What a patch shows around a disc, in radii.
-MARGIN = 2.3
+MARGIN = 2.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +61,8 @@ class Learned:
         Standard deviation of a colour [levels].
     box : Box
         Where the marble can be.
+    usual : float
+        The marble's usual confidence.
     first : (x, y) or None
         Where the marble is in the first picture [pixels], where that is known.
     """
@@ -62,6 +73,7 @@ class Learned:
     radius: float
     noise: float
     box: Box
+    usual: float = 1.0
     first: tuple[float, float] | None = None
 
     @property
@@ -112,16 +124,17 @@ class Tracker:
         self._coarse = 2 if learned.radius > COARSE_FROM else 1
         rows, columns = learned.box.slices
         without = learned.without
-        self._without = None if without is None else without.astype(np.float32)
+        self._under = None if without is None else Underlay(without)
         self._empty = None if without is None else self._smaller(without[rows, columns])
+        self._clear = max(CLEAR * learned.usual, FAR)
         self._least = max(DIFFERS * learned.noise, LEAST_LEVELS)
         self._last: list[tuple[int, float, float]] = []
         self._waiting: list[tuple[int, float, float]] = []
         self._count = -1
 
     def expect(self, x: float, y: float) -> None:
-        """Say where the marble is now [pixels]."""
-        self._last = [(self._count, x, y)]
+        """Say where the marble is in the next picture [pixels]."""
+        self._last = [(self._count + 1, x, y)]
 
     def see(self, picture: Picture) -> Sighting:
         """Find the marble in the next picture."""
@@ -130,8 +143,15 @@ class Tracker:
         expected = self._expected()
         if expected is not None:
             x, y, reach = expected
-            box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.box)
-            rims = [one for one in self._rims(picture, box, FEW) if np.hypot(one.x - x, one.y - y) < reach]
+            rims = [self.rim(picture, x, y)]
+            if rims[0].confidence < self._clear:
+                box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.box)
+                rims += self._rims(picture, box, FEW)
+            rims = [
+                one
+                for one in rims
+                if np.hypot(one.x - x, one.y - y) < reach * (1.0 if one.confidence >= self._clear else HALF)
+            ]
             if rims:
                 found = max(
                     rims, key=lambda one: one.confidence - 0.2 * np.hypot(one.x - x, one.y - y) / reach
@@ -156,7 +176,7 @@ class Tracker:
             one
             for one in self._waiting
             if one[0] == self._count - 1
-            and np.hypot(found.x - one[1], found.y - one[2]) < 2.0 * REACH_RADII * self.learned.radius
+            and np.hypot(found.x - one[1], found.y - one[2]) < FIRST_STEP * self.learned.radius
         ]
         self._waiting = [*(self._waiting if near else []), (self._count, found.x, found.y)]
         if len(self._waiting) >= AGREEING or self._count == 0:
@@ -165,7 +185,9 @@ class Tracker:
         return Sighting(np.nan, np.nan, best, False)
 
     def _accept(self, found: Rim, *, in_window: bool) -> Sighting:
-        self._last = [*self._last[-1:], (self._count, found.x, found.y)]
+        if found.confidence >= self._clear:
+            before = [one for one in self._last[-1:] if one[0] < self._count]
+            self._last = [*before, (self._count, found.x, found.y)]
         self._waiting = []
         return Sighting(found.x, found.y, found.confidence, in_window)
 
@@ -174,14 +196,16 @@ class Tracker:
         if not self._last or self._count - self._last[-1][0] > FORGOTTEN:
             return None
         count, x, y = self._last[-1]
-        gone = self._count - count
+        gone = max(self._count - count, 1)
         step = np.zeros(2)
         if len(self._last) == 2 and count > self._last[0][0]:
             step = np.array([x - self._last[0][1], y - self._last[0][2]]) / (count - self._last[0][0])
         # A marble that was lost for long may have turned.
         ahead = step * min(gone, 6)
         speed = float(np.hypot(*step))
-        reach = self.learned.radius * (REACH_RADII + GROWS * (gone - 1)) + REACH_STEPS * speed * gone
+        # One sighting alone tells nothing of the speed.
+        least = REACH_RADII if len(self._last) == 2 else FIRST_STEP
+        reach = self.learned.radius * (least + GROWS * (gone - 1)) + REACH_STEPS * speed * gone
         return x + ahead[0], y + ahead[1], reach
 
     def _rims(self, picture: Picture, box: Box, most: int) -> list[Rim]:
@@ -219,19 +243,22 @@ class Tracker:
         """Return the disc about a rough place of a picture."""
         radius = self.learned.radius * self._scale(x, y)
         height, width = picture.shape[:2]
-        patch, left, top = self.patch(picture, Box.about(x, y, MARGIN * radius, Box(0, 0, width, height)))
+        whole = Box(0, 0, width, height)
+        patch, left, top = self.patch(picture, Box.about(x, y, MARGIN * radius, whole), (x, y, radius))
         rim = fit_rim(patch, (x - left, y - top), radius, self.learned.outline)
         return replace(rim, x=rim.x + left, y=rim.y + top)
 
-    def patch(self, picture: Picture, box: Box) -> tuple[Patch, int, int]:
-        """Return a part of a picture, and where it begins."""
+    def patch(self, picture: Picture, box: Box, disc: tuple[float, float, float]) -> tuple[Patch, int, int]:
+        """Return a part of a picture with a disc in it (x, y, radius), and where it begins."""
         rows, columns = box.slices
         part = picture[rows, columns]
         likeness = self.learned.colours.likeness(part)
         layers = np.empty((*part.shape[:2], 4), np.float32)
         layers[:, :, :3] = part
         layers[:, :, 3] = likeness * np.float32(1.0 / 255.0)
-        without = None if self._without is None else self._without[rows, columns]
+        without = None
+        if self._under is not None:
+            without = self._under.beneath(layers, box, disc, self.learned.noise)
         return Patch(layers, without, self.learned.noise), box.left, box.top
 
     def _smaller(self, picture: Picture) -> Picture:

@@ -306,12 +306,7 @@ def _refined(
     scale: Callable[[float, float], float],
 ) -> Learned:
     """Return more exactly what is roughly known: the marble's colours, the board without it, its rim."""
-    tracker = Tracker(replace(known, without=None), scale)
-    discs = []
-    for index, picture in enumerate(pictures):
-        rims = tracker.everywhere(picture)
-        if rims and rims[0].confidence > 0.6:
-            discs.append((index, rims[0]))
+    discs = _discs(pictures, replace(known, without=without), scale)
     if not discs:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
     radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in discs]))
@@ -323,7 +318,7 @@ def _refined(
     views = []
     for index, rim in discs:
         box = Box.about(rim.x, rim.y, MARGIN * radius, Box(0, 0, pictures[0].shape[1], pictures[0].shape[0]))
-        patch, left, top = tracker.patch(pictures[index], box)
+        patch, left, top = tracker.patch(pictures[index], box, (rim.x, rim.y, radius))
         if patch.without is not None and rim.support > 0.8:
             views.append(View(patch, rim.x - left, rim.y - top, radius * scale(rim.x, rim.y)))
     outline = learn_outline(views)
@@ -332,7 +327,38 @@ def _refined(
     refits = [(index, tracker.rim(pictures[index], rim.x, rim.y)) for index, rim in discs]
     radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in refits]))
     first = next(((rim.x, rim.y) for index, rim in refits if index == 0 and rim.confidence > 0.5), None)
-    return replace(known, radius=radius, first=first)
+    usual = float(np.median([rim.confidence for _, rim in refits]))
+    return replace(known, radius=radius, first=first, usual=usual)
+
+
+def _discs(
+    pictures: Sequence[Picture], known: Learned, scale: Callable[[float, float], float]
+) -> list[tuple[int, Rim]]:
+    """Return the marble's disc in the pictures that show it, with the picture's number.
+
+    Where nothing differs from the board it may rest where it does in most pictures. It is the marble then,
+    and not painted, if in other pictures there is something else.
+    """
+    tracker, colours = Tracker(known, scale), Tracker(replace(known, without=None), scale)
+    discs = []
+    for index, picture in enumerate(pictures):
+        rims = [rim for rim in tracker.everywhere(picture) if rim.confidence > 0.6]
+        if not rims:
+            rims = [
+                rim
+                for rim in colours.everywhere(picture)
+                if rim.confidence > 0.6 and (known.without is None or _leaves(pictures, rim, known))
+            ]
+        if rims:
+            discs.append((index, rims[0]))
+    return discs
+
+
+def _leaves(pictures: Sequence[Picture], rim: Rim, known: Learned) -> bool:
+    """Return whether in a tenth of the pictures there is none of the marble's colours where a disc is."""
+    place = _within(pictures[0], rim, 0.8)
+    alike = [float((known.colours.likeness(picture[place]) > 127).mean()) for picture in pictures]
+    return float(np.mean(np.array(alike) < 0.3)) > 0.1
 
 
 def _emptied(pictures: Sequence[Picture], without: Picture, discs: Sequence[tuple[int, Rim]]) -> Picture:
