@@ -64,7 +64,7 @@ def _note(results: Results) -> str:
     return (
         "Errors are of the marble's middle, without the false positions: those more than 2 pixels off, or "
         "given where all of the marble is hidden. Visible is a marble of which three quarters are seen. The "
-        "others are told the marble's colour, size and first places; the tracker learns them. Processor time of "
-        "one core a picture of 640 x 480, medians; 99 % of the tracker's pictures took less than "
+        "others are told the marble's colour, size and first places; the tracker learns them. Processor time "
+        "of one core a picture of 640 x 480, medians; 99 % of the tracker's pictures took less than "
         f"{late} ms.{said}{absent} Measured on {results['machine']}{load}."
     )
