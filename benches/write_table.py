@@ -5,7 +5,8 @@ Run by ``make bench``. NAME says what stands there:
 - ``engine``: every benchmark under ``target/criterion``, with the median of its samples, their spread, and
   substeps per second where it counts them;
 - ``effects``: criterion's group of that name, each effect in multiples of its benchmark ``base``;
-- ``peers``, ``growth``, ``fit``: what ``compare.py`` has measured.
+- ``peers``, ``growth``, ``fit``: what ``compare.py`` has measured;
+- ``tracking``: what ``track.py`` has.
 
 A block for which nothing was measured keeps what it says.
 """
@@ -19,6 +20,7 @@ from pathlib import Path
 from machine import machine
 from table.criterion import effects_table, engine_table, read_timings
 from table.peers import fit_table, growth_table, peers_table
+from table.tracking import tracking_table
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(?P<begin><!-- bench:(?P<name>\w+) -->).*?(?P<end><!-- /bench -->)", re.DOTALL)
@@ -28,13 +30,15 @@ PEERS = {"peers": peers_table, "growth": growth_table, "fit": fit_table}
 CRITERION = {"engine": engine_table, "effects": effects_table}
 
 
-def tables(names: set[str], criterion: Path, peers: Path) -> dict[str, str]:
+def tables(names: set[str], criterion: Path, peers: Path, tracking: Path) -> dict[str, str]:
     """Return the text of each of the named blocks that was measured."""
     timings, where = read_timings(criterion), machine()
     found = {name: table(timings, where) for name, table in CRITERION.items() if name in names}
     if names & PEERS.keys() and peers.exists():
         results = json.loads(peers.read_text(encoding="utf-8"))
         found |= {name: table(results) for name, table in PEERS.items() if name in names}
+    if "tracking" in names and tracking.exists():
+        found["tracking"] = tracking_table(json.loads(tracking.read_text(encoding="utf-8")))
     return {name: text for name, text in found.items() if text is not None}
 
 
@@ -57,6 +61,9 @@ def main() -> int:
     parser.add_argument(
         "--peers", type=Path, default=ROOT / "target" / "peers.json", help="results of compare.py"
     )
+    parser.add_argument(
+        "--tracking", type=Path, default=ROOT / "target" / "tracking.json", help="results of track.py"
+    )
     parser.add_argument("--page", type=Path, default=ROOT / "README.md", help="page to write to")
     arguments = parser.parse_args()
     page = arguments.page.read_text(encoding="utf-8")
@@ -64,7 +71,7 @@ def main() -> int:
     if not names:
         print(f"{arguments.page} has no <!-- bench:NAME --> ... <!-- /bench --> to fill", file=sys.stderr)
         return 1
-    texts = tables(names, arguments.criterion, arguments.peers)
+    texts = tables(names, arguments.criterion, arguments.peers, arguments.tracking)
     if not texts:
         print(f"nothing measured for {arguments.page}: run 'cargo bench' first", file=sys.stderr)
         return 1

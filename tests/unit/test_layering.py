@@ -28,6 +28,7 @@ LAYERS = (
     "start_state",
     "rollouts",
     "model",
+    "tracking",
     "rig",
     "recording",
     "way",
@@ -35,15 +36,16 @@ LAYERS = (
     "files",
     "catalogue",
     "workers",
-    "tracking",
     "errors",
 )
 EXTENSION = "irt._labsim"
 HEAVY = {
     "cryptography",
     "cv2",
+    "cyclonedds",
     "matplotlib",
     "mcap",
+    "mcap_ros2",
     "playwright",
     "pybullet",
     "pysindy",

@@ -30,6 +30,7 @@ VERBS = (
     "prove",
     "reproduce",
     "import",
+    "track",
 )
 
 DONE = 0

@@ -51,8 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  irt diagnose my-rig --out diagnosed\n"
-        "  irt diagnose lab/* --out diagnosed   a folder each; the same command goes on after Ctrl-C\n\n"
-        "example:\n  irt diagnose my-rig --out diagnosed"
+        "  irt diagnose lab/* --out diagnosed   a folder each; the same command goes on after Ctrl-C"
     )
 
 

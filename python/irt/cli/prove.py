@@ -77,8 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  irt prove --out proof               12 rigs, some minutes; the same command goes on after Ctrl-C\n"
         "  irt prove --full --out proof-full   writes docs/proof.md\n"
-        "  irt prove --verify --out proof      was anything altered?\n\n"
-        "example:\n"
+        "  irt prove --verify --out proof      was anything altered?\n"
         "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof"
     )
 

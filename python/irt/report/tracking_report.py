@@ -1,0 +1,217 @@
+"""The page that a track leaves behind: how surely, how finely and how steadily the marble was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Rectangle
+from numpy.typing import NDArray
+
+from irt.files import PathLike
+from irt.report import style
+from irt.report.page import Page, Picture
+from irt.report.plots import TICKS
+from irt.report.words import counted, millimetres, percent, versions
+from irt.tracking.recorded import Summary, Timed
+from irt.tracking.run import Track
+
+Array = NDArray[np.float64]
+
+#: Stretches without a marble that are listed.
+_LISTED = 12
+
+
+def write_tracking_report(
+    folder: PathLike,
+    track: Track,
+    summary: Summary,
+    timed: Timed | None,
+    *,
+    facts: Mapping[str, Any],
+    edge_m: float,
+) -> Path:
+    """Write ``NAME-report.html`` and its pictures into a folder that holds the sheet, and return its path.
+
+    Parameters
+    ----------
+    folder : path
+        Where the track's files are.
+    track, summary : Track, Summary
+        What was seen, and what it is worth.
+    timed : Timed or None
+        The recording, where commands are known.
+    facts : mapping
+        What the track was made from.
+    edge_m : float
+        The board's long edge [m].
+
+    Raises
+    ------
+    IrtError
+        If a file cannot be written.
+    """
+    folder = Path(folder)
+    page = Page(f"{track.name}: the marble's track", _lead(summary, edge_m))
+    if track.stopped:
+        page.callout("The run ended early.", f"{track.stopped}. All that was seen until then is here.")
+    page.key_figures(_figures(summary, edge_m))
+    _add_path(page, folder, track)
+    _add_surety(page, folder, track)
+    _add_time(page, track, summary, timed)
+    _add_geometry(page, track, summary, edge_m)
+    page.heading("To do the same again")
+    page.facts({name: f"{value}" for name, value in facts.items()} | versions())
+    path = folder / f"{track.name}-report.html"
+    page.write(path)
+    return path
+
+
+def _lead(summary: Summary, edge_m: float) -> str:
+    """Return the answer in two sentences."""
+    noise = f"{summary.noise * summary.pixels_per_edge:.2f} pixels, {millimetres(summary.noise, edge_m)}"
+    return (
+        f"The marble was seen in {summary.seen:,} of {counted(summary.pictures, 'picture')}; its positions "
+        f"scatter by {noise} on the board. Where it was not sure the tracker left the row empty."
+    )
+
+
+def _figures(summary: Summary, edge_m: float) -> list[tuple[str, str]]:
+    longest = summary.lost[0][1] if summary.lost else 0
+    figures = [
+        (f"{100 * summary.detection:.2f} %", "of the pictures show the marble"),
+        (f"{summary.noise * summary.pixels_per_edge:.2f} px", f"noise, {percent(summary.noise)} of the edge"),
+        (f"{longest}", "pictures: the longest stretch without it"),
+    ]
+    if summary.corners_px is not None:
+        error = summary.corners_px / summary.pixels_per_edge
+        figures.append(
+            (
+                f"{summary.corners_px:.2f} px",
+                f"the corners are off the board's shape: {millimetres(error, edge_m)}",
+            )
+        )
+    return figures
+
+
+def _add_path(page: Page, folder: Path, track: Track) -> None:
+    """Add where the marble went, over the board and over time."""
+    page.heading("Where it went")
+    over = folder / f"{track.name}-board.svg"
+    half_x, half_y = track.scene.size.along_x / 2, track.scene.size.along_y / 2
+    with style.drawing(over, style.WIDTH, 4.0) as figure:
+        axes = figure.subplots()
+        axes.add_patch(Rectangle((-half_x, -half_y), 2 * half_x, 2 * half_y, fill=False, color=style.MUTED))
+        axes.plot(*track.marble.T, ".-", color=style.TUNED, lw=0.8, ms=2.0)
+        axes.set_aspect("equal")
+        axes.set_xticks(TICKS)
+        axes.set_yticks(TICKS)
+        axes.set_xlabel("x  [board edges]")
+        axes.set_ylabel("y  [board edges]")
+    time = folder / f"{track.name}-time.svg"
+    with style.drawing(time, style.WIDTH, 4.0) as figure:
+        upper, lower = figure.subplots(2, sharex=True)
+        for axes, axis, name in ((upper, 0, "x"), (lower, 1, "y")):
+            _shade_lost(axes, track)
+            axes.plot(track.stamps, track.marble[:, axis], "-", color=style.TUNED, lw=1.0)
+            axes.set_ylabel(f"{name}  [board edges]")
+        lower.set_xlabel("time  [s]")
+    page.pictures(
+        Picture(over, "The marble's path within the board's edges."),
+        Picture(time, "Its coordinates over time; where it was lost the ground is shaded."),
+    )
+
+
+def _add_surety(page: Page, folder: Path, track: Track) -> None:
+    """Add how sure the tracker was, and the pictures in which it was least so."""
+    page.heading("How sure it is")
+    path = folder / f"{track.name}-confidence.svg"
+    with style.drawing(path, style.WIDTH, 2.4) as figure:
+        axes = figure.subplots()
+        _shade_lost(axes, track)
+        axes.plot(track.stamps, track.confidence, "-", color=style.SECOND, lw=1.0)
+        axes.set_ylim(0.0, 1.03)
+        axes.set_ylabel("confidence")
+        axes.set_xlabel("time  [s]")
+    page.paragraph(
+        "Confidence is the share of the marble's rim that is seen where it should be, with the marble's "
+        "colours inside: 1 is a whole marble, and about a half is given at least."
+    )
+    page.pictures(
+        Picture(path, "Confidence over time; where the marble was lost the ground is shaded."),
+        Picture(
+            folder / f"{track.name}-unsure.png",
+            "The least sure picture of each part of the run, the worst first, with the rim that was found.",
+        ),
+    )
+    runs = _stretches(track)
+    if runs:
+        page.table(
+            "Pictures without a position",
+            ["from", "pictures", "seconds"],
+            [
+                [f"{track.stamps[first]:.2f} s", f"{count}", f"{_seconds(track, first, count):.2f}"]
+                for first, count in runs
+            ],
+        )
+
+
+def _add_time(page: Page, track: Track, summary: Summary, timed: Timed | None) -> None:
+    """Add what the stamps tell."""
+    page.heading("When")
+    gaps = summary.gaps
+    facts = {
+        "pictures": f"every {1000 * gaps.interval:.2f} ms, give or take {1000 * gaps.jitter:.2f} ms",
+        "missing": f"{counted(gaps.dropped, 'picture')}; the longest interval: {1000 * gaps.longest:.1f} ms",
+        "shown twice": f"{counted(gaps.repeated, 'picture')}, left empty",
+        "window enough": percent(float(track.in_window.mean())),
+    }
+    if timed is not None:
+        facts["rows"] = f"{len(timed.recording.knobs):,}, from {timed.recording.seen.sum():,} positions"
+        facts["commands"] = f"{timed.offset:.4f} s from their clock to the video's"
+        if timed.alignment is not None:
+            found = timed.alignment
+            facts["commands"] = (
+                f"{found.offset:.4f} s from their clock to the video's, standard error {found.error:.4f} s; "
+                f"they explain {percent(found.explained)} of the accelerations. The rig's delay is in this"
+            )
+    page.facts(facts)
+
+
+def _add_geometry(page: Page, track: Track, summary: Summary, edge_m: float) -> None:
+    """Add how pixels became places."""
+    page.heading("From pixels to the board")
+    scale = summary.pixels_per_edge
+    facts = {
+        "corners": track.scene.found_by,
+        "board": f"{scale:.1f} pixels along the long edge, {1000 * edge_m / scale:.3f} mm to a pixel",
+        "marble": f"{2 * summary.radius_px:.1f} pixels across",
+        "height of the marble": summary.height,
+        "tilt of the board": summary.tilt,
+    }
+    if summary.lens_px is not None:
+        facts["lens"] = f"calibrated; {summary.lens_px:.2f} pixels were left over"
+    else:
+        facts["lens"] = "not calibrated: four corners fit any board, so that nothing tells how well they lie"
+    page.facts(facts)
+
+
+def _shade_lost(axes: Any, track: Track) -> None:
+    for first, count in _stretches(track):
+        axes.axvspan(
+            track.stamps[first], track.stamps[first] + _seconds(track, first, count), color=style.FAINT
+        )
+
+
+def _stretches(track: Track) -> list[tuple[int, int]]:
+    """Return the longest stretches without a position, in the order of the run."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~track.seen, [False]]).astype(np.int8)))
+    runs = [(int(first), int(end - first)) for first, end in zip(edges[::2], edges[1::2], strict=True)]
+    return sorted(sorted(runs, key=lambda run: -run[1])[:_LISTED])
+
+
+def _seconds(track: Track, first: int, count: int) -> float:
+    last = min(first + count, len(track.stamps) - 1)
+    return float(track.stamps[last] - track.stamps[first])

@@ -1,0 +1,187 @@
+"""The board's four corners: found in a picture, or given, and put in order.
+
+Pixels are counted from the middle of the first one, to the right and down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.tracking.geometry import Lens, Size
+from irt.tracking.opencv import opencv
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+#: Least difference in brightness that is a side of the board [levels].
+LEAST_LEVELS = 25.0
+#: A board fills at least this share of the picture.
+LEAST_SHARE = 0.04
+#: Its outline fills its four corners' quadrangle at least so far: nothing large stands out or lies over it.
+FILLED = 0.93
+#: Sides that show a board turned by a quarter: the ratio of its sides, this near to the inverse.
+TURNED = 1.04
+
+
+def find_corners(picture: Picture, lens: Lens | None = None) -> Array:
+    """Return the board's corners (4, 2) [pixels], clockwise from the top left, of a quadrangle.
+
+    Its sides are lines fitted to its outline, so that a corner is where two of them meet.
+
+    Parameters
+    ----------
+    picture : (h, w, 3) uint8 array
+        Blue first.
+    lens : Lens, optional
+        Of the camera: its sides are straight only where the lens is taken into account.
+
+    Raises
+    ------
+    IrtError
+        If there is no such quadrangle.
+    """
+    cv2 = opencv()
+    grey = cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), (3, 3), 0)
+    _, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    reasons = []
+    for mask in (bright, 255 - bright):
+        try:
+            rough = _quadrangle(mask)
+        except IrtError as error:
+            reasons.append(error)
+            continue
+        sides = [_edge(grey, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
+        corners = np.array([_meet(sides[side - 1], sides[side]) for side in range(4)])
+        return corners if lens is None else lens.bent(corners)
+    raise reasons[0]
+
+
+def _quadrangle(mask: Any) -> Array:
+    """Return the rough corners (4, 2) of the largest thing in a mask that is one."""
+    cv2 = opencv()
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    largest = max(outlines, key=cv2.contourArea, default=None)
+    if largest is None or cv2.contourArea(largest) < LEAST_SHARE * mask.size:
+        raise IrtError("no board in the picture: expected a bright one on a dark ground, or the reverse")
+    hull = cv2.convexHull(largest)
+    rough = cv2.approxPolyDP(hull, 0.03 * cv2.arcLength(hull, True), True).reshape(-1, 2)
+    if len(rough) != 4:
+        raise IrtError(f"the board in the picture has {len(rough)} corners: all four have to be in view")
+    height, width = mask.shape
+    inside = (rough > 1).all() and (rough[:, 0] < width - 2).all() and (rough[:, 1] < height - 2).all()
+    if not inside or cv2.contourArea(largest) < FILLED * cv2.contourArea(rough):
+        raise IrtError("no board in the picture whose four sides are all in view, with nothing over them")
+    return _clockwise(rough.astype(np.float64))
+
+
+def ordered(corners: Array, size: Size) -> Array:
+    """Return found corners (4, 2), turned where the long side of the picture's board is the other one."""
+    across, down = _sides(corners)
+    if (across - down) * (size.along_x - size.along_y) < 0 and _ratio(across, down) > TURNED:
+        return np.roll(corners, -1, axis=0)
+    return corners
+
+
+def checked(corners: Sequence[tuple[float, float]], size: Size) -> Array:
+    """Return corners given by a user as an array (4, 2).
+
+    Raises
+    ------
+    IrtError
+        If they are not four, cross, or go around the other way, or if the first side is the board's short
+        one.
+    """
+    if len(corners) != 4:
+        raise IrtError(f"expected four corners, found {len(corners)}")
+    array = np.array(corners, dtype=np.float64)
+    ways = np.roll(array, -1, axis=0) - array
+    after = np.roll(ways, -1, axis=0)
+    turns = ways[:, 0] * after[:, 1] - ways[:, 1] * after[:, 0]
+    order = "give them clockwise as the picture shows them, the first where x is least and y is greatest"
+    if (turns < 0).all():
+        raise IrtError(f"the corners go around anticlockwise: {order}")
+    if not (turns > 0).all():
+        raise IrtError(f"the corners' sides cross, or three of them lie in a line: {order}")
+    across, down = _sides(array)
+    wanted = size.along_x / size.along_y
+    if (
+        abs(np.log(wanted)) > np.log(TURNED)
+        and (across / down) * wanted < TURNED
+        and (across / down) > 1 / (TURNED * wanted)
+    ):
+        raise IrtError(
+            f"the first side, from corner 1 to 2, is {across / down:.2f} times the second, but the board's "
+            "long edge comes first: begin one corner later"
+        )
+    return array
+
+
+def _sides(corners: Array) -> tuple[float, float]:
+    """Return the mean length of the first and third side, and of the others [pixels]."""
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    return float(lengths[[0, 2]].mean()), float(lengths[[1, 3]].mean())
+
+
+def _ratio(one: float, other: float) -> float:
+    return max(one, other) / min(one, other)
+
+
+def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array, Array]:
+    """Return a point and a direction of the side between two rough corners: where brightness is halfway.
+
+    With a lens, both are of tangents.
+    """
+    way = end - start
+    normal = np.array([way[1], -way[0]]) / np.hypot(*way)
+    offsets = np.arange(-4.0, 4.01, 0.25)
+    found = []
+    for part in np.linspace(0.08, 0.92, 80):
+        points = start + part * way + offsets[:, None] * normal
+        levels = _read(grey, points)
+        halfway = 0.5 * (levels[:6].mean() + levels[-6:].mean())
+        falls = np.nonzero((levels[:-1] - halfway) * (levels[1:] - halfway) <= 0.0)[0]
+        if len(falls) and abs(levels[0] - levels[-1]) > LEAST_LEVELS:
+            first = falls[np.argmin(np.abs(offsets[falls]))]
+            step = levels[first + 1] - levels[first]
+            at = offsets[first] + 0.25 * (halfway - levels[first]) / (step or 1.0)
+            found.append(start + part * way + at * normal)
+    if len(found) < 10:
+        raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
+    points = np.array(found)
+    # OpenCV's robust distances are made for pixels.
+    scale = 1.0 if lens is None else float(lens.matrix[0, 0])
+    points = points if lens is None else lens.straight(points) * scale
+    vx, vy, x, y = opencv().fitLine(points.astype(np.float32), 2, 0, 0.01, 0.01).ravel()
+    x, y = x / scale, y / scale
+    return np.array([x, y], dtype=np.float64), np.array([vx, vy], dtype=np.float64)
+
+
+def _read(grey: Any, points: Array) -> Array:
+    """Return brightness at points (n, 2) between pixels."""
+    u = np.clip(points[:, 0], 0, grey.shape[1] - 1.001)
+    v = np.clip(points[:, 1], 0, grey.shape[0] - 1.001)
+    column, row = u.astype(int), v.astype(int)
+    u, v = u - column, v - row
+    level = grey.astype(np.float64)
+    above = level[row, column] * (1 - u) + level[row, column + 1] * u
+    below = level[row + 1, column] * (1 - u) + level[row + 1, column + 1] * u
+    return np.asarray(above * (1 - v) + below * v)
+
+
+def _meet(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+    """Return where two lines cross."""
+    (start, way), (begin, across) = one, other
+    parts = np.linalg.solve(np.stack([way, -across], axis=1), begin - start)
+    return np.asarray(start + parts[0] * way)
+
+
+def _clockwise(corners: Array) -> Array:
+    """Return corners (4, 2) in order, from that nearest to the picture's top left."""
+    about = corners - corners.mean(axis=0)
+    corners = corners[np.argsort(np.arctan2(about[:, 1], about[:, 0]))]
+    return np.roll(corners, -int(np.argmin(corners.sum(axis=1))), axis=0)

@@ -1,0 +1,378 @@
+"""What the marble looks like, learned from a sample of pictures in which it moves.
+
+The median of the sample is the board without it. What differs from that, is as large as the marble, round,
+and no ghost (a disc in the median that the picture lacks) is a candidate; the colour that most candidates
+share, in most places, is the marble's. With its colours known it is found in pictures where it rests, too,
+and taken out of the median there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.tracking.colour import ColourModel, shades_of
+from irt.tracking.geometry import Geometry
+from irt.tracking.opencv import opencv
+from irt.tracking.outline import View, learn_outline
+from irt.tracking.rim import Outline, Patch, Rim, Values, fit_rim
+from irt.tracking.seek import Box, seek
+from irt.tracking.tracker import MARGIN, Learned, Tracker
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+#: Least noise [levels]: that of rounding, and of what the light does.
+QUIETEST = 1.0
+#: A candidate's rays that must agree.
+ROUND = 0.7
+#: Candidates of one picture.
+MOST = 6
+#: Colours so far apart are one marble's [levels].
+SAME = 45.0
+#: Pixels of the board that the colours are learned against, per picture.
+OTHERS = 4000
+#: A board on which this share of the sample shows two marbles at once has two.
+TWO = 0.3
+#: Radii, over the expected one, that are tried.
+SIZES = (1.0, 0.75, 1.35)
+FEWEST = 3
+
+
+class NoMarbleError(IrtError):
+    """Nothing like a marble is in the pictures."""
+
+
+@dataclass(frozen=True)
+class Clue:
+    """What a user says of the marble: places in the first picture [pixels], or its colour (blue first)."""
+
+    places: tuple[tuple[float, float], ...] = ()
+    colour: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    picture: int
+    rim: Rim
+    colour: Array
+
+
+def learn(
+    pictures: Sequence[Picture],
+    geometry: Geometry,
+    box: Box,
+    clue: Clue | None = None,
+    empty: Picture | None = None,
+) -> Learned:
+    """Learn board, light and marble.
+
+    Parameters
+    ----------
+    pictures : sequence of (h, w, 3) uint8 arrays
+        A sample of the run, blue first, the first picture first.
+    geometry : Plane or Pose
+        Of the board.
+    box : Box
+        Where the marble can be.
+    clue : Clue, optional
+        What a user says of it.
+    empty : (h, w, 3) uint8 array, optional
+        The board without a marble; by default the median of the sample.
+
+    Raises
+    ------
+    NoMarbleError
+        If nothing like a marble moves.
+    IrtError
+        If two do, or there are too few pictures to tell.
+    """
+    middle = Learned(None, _any(), Outline(), 1.0, QUIETEST, box).middle
+    without = empty
+    if empty is None and len(pictures) > 2:
+        without = np.median(np.stack(pictures), axis=0).astype(np.uint8)
+    noise = QUIETEST if without is None else _noise(pictures, without, box)
+    scale = scale_of(geometry, middle)
+    expected = geometry.radius_at(middle)
+    if clue is not None and (clue.places or clue.colour):
+        colours = _told(pictures, clue, expected, box)
+        known = Learned(None, colours, Outline(), expected, noise, box)
+    else:
+        if without is None:
+            raise IrtError("three pictures at least are needed to see what moves")
+        blank = Learned(without, _any(), Outline(), expected, noise, box)
+        known = _moving(pictures, without, geometry, blank, told=empty is not None)
+    return _refined(pictures, without, known, scale)
+
+
+def scale_of(geometry: Geometry, middle: tuple[float, float]) -> Callable[[float, float], float]:
+    """Return the function that says how large a marble is at a pixel, over its size at another."""
+    expected = geometry.radius_at(middle)
+    width = max(abs(middle[0]), abs(middle[1]), 1.0)
+    # Perspective is smooth: a plane through four places is within a thousandth.
+    offsets = 0.3 * width * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    sizes = [geometry.radius_at((middle[0] + dx, middle[1] + dy)) / expected for dx, dy in offsets]
+    slope_x = (sizes[0] - sizes[1]) / (0.6 * width)
+    slope_y = (sizes[2] - sizes[3]) / (0.6 * width)
+
+    def scale(x: float, y: float) -> float:
+        return 1.0 + slope_x * (x - middle[0]) + slope_y * (y - middle[1])
+
+    return scale
+
+
+def _noise(pictures: Sequence[Picture], without: Picture, box: Box) -> float:
+    """Return the standard deviation of a colour about the median [levels]."""
+    rows, columns = box.slices
+    some = [one[rows, columns][::3, ::3].astype(np.int16) for one in pictures[:: max(len(pictures) // 8, 1)]]
+    apart = np.abs(np.stack(some) - without[rows, columns][::3, ::3].astype(np.int16))
+    # Levels are whole: the mean below a quantile tells more than a median of three or four.
+    return max(QUIETEST, 1.25 * float(np.minimum(apart, np.quantile(apart, 0.9)).mean()) * 1.1)
+
+
+def _any() -> ColourModel:
+    return ColourModel(np.full(32768, 255, np.uint8))
+
+
+def _moving(
+    pictures: Sequence[Picture], without: Picture, geometry: Geometry, blank: Learned, *, told: bool
+) -> Learned:
+    """Return what is learned from what moves, or is not on the empty board that somebody has told."""
+    scale = scale_of(geometry, blank.middle)
+    for size in SIZES:
+        tried = replace(blank, radius=size * blank.radius)
+        found = [
+            one
+            for index, picture in enumerate(pictures)
+            for one in _candidates(index, picture, without, Tracker(tried, scale))
+        ]
+        marble = _largest_group(found, rests=0.1 if told else 0.0)
+        places = {one.picture for one in marble}
+        if len(places) >= FEWEST:
+            break
+    else:
+        raise NoMarbleError(
+            "nothing like a marble moves on the board: is it in view, and lit? Otherwise say where it is in "
+            "the first picture (--marble X,Y), or its colour (--colour R,G,B)"
+        )
+    seen_twice = len(marble) - len(places)
+    if seen_twice > TWO * len(places):
+        first, second = _two(marble)
+        raise IrtError(
+            "two marbles move on the board, at pixels "
+            f"{first[0]:.0f},{first[1]:.0f} and {second[0]:.0f},{second[1]:.0f} of one picture: take one away"
+        )
+    ratio = float(np.median([one.rim.radius / scale(one.rim.x, one.rim.y) for one in marble]))
+    colours = _colours(pictures, [(one.picture, one.rim) for one in marble], blank.box)
+    return replace(blank, colours=colours, radius=ratio)
+
+
+def _candidates(index: int, picture: Picture, without: Picture, tracker: Tracker) -> list[_Candidate]:
+    """Return what is round, as large as the marble, and not there on the median board."""
+    cv2 = opencv()
+    known = tracker.learned
+    rows, columns = known.box.slices
+    apart = cv2.absdiff(picture[rows, columns], without[rows, columns]).max(axis=2)
+    apart = cv2.GaussianBlur(apart, (3, 3), 0)
+    mask = np.where(apart > max(5.0 * known.noise, 14.0), 255, 0).astype(np.uint8)
+    found = []
+    for _, x, y in seek(mask, known.radius, MOST):
+        place = x + known.box.left, y + known.box.top
+        height, width = picture.shape[:2]
+        box = Box.about(*place, MARGIN * known.radius, Box(0, 0, width, height))
+        change = picture[box.slices].astype(np.float32) - without[box.slices]
+        layers = np.dstack([change, _cut(mask, known.box, box)]).astype(np.float32)
+        rim = fit_rim(
+            Patch(layers, None, known.noise),
+            (place[0] - box.left, place[1] - box.top),
+            known.radius,
+            Outline(),
+        )
+        rim = replace(rim, x=rim.x + box.left, y=rim.y + box.top)
+        if rim.support < ROUND or not 0.6 < rim.radius / known.radius < 1.6:
+            continue
+        if _steps(picture, rim, known.noise) > _steps(without, rim, known.noise):
+            found.append(_Candidate(index, rim, _inner(picture, rim)))
+    return found
+
+
+def _cut(mask: Picture, of: Box, box: Box) -> Values:
+    """Return a mask of one box, from 0 to 1, as another box has it."""
+    part = np.zeros((box.bottom - box.top, box.right - box.left), np.float32)
+    top, left = max(box.top, of.top), max(box.left, of.left)
+    bottom, right = min(box.bottom, of.bottom), min(box.right, of.right)
+    part[top - box.top : bottom - box.top, left - box.left : right - box.left] = (
+        mask[top - of.top : bottom - of.top, left - of.left : right - of.left] / 255.0
+    )
+    return part
+
+
+def _steps(picture: Picture, rim: Rim, noise: float) -> float:
+    """Return how clear a given disc's rim is in a picture: the share of its rays that have a step there."""
+    box = Box.about(rim.x, rim.y, MARGIN * rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
+    part = picture[box.slices].astype(np.float32)
+    layers = np.dstack([part, np.ones(part.shape[:2], np.float32)])
+    fit = fit_rim(
+        Patch(layers, None, noise), (rim.x - box.left, rim.y - box.top), rim.radius, Outline(free=0.05)
+    )
+    moved = np.hypot(fit.x + box.left - rim.x, fit.y + box.top - rim.y)
+    return fit.support if moved < 0.4 * rim.radius else 0.0
+
+
+def _inner(picture: Picture, rim: Rim) -> Array:
+    """Return the median colour (3,) of the inner part of a disc."""
+    return np.asarray(np.median(picture[_within(picture, rim, 0.6)], axis=0), dtype=np.float64)
+
+
+def _within(picture: Picture, rim: Rim, part: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return rows and columns of the pixels within a part of a disc's radius."""
+    box = Box.about(rim.x, rim.y, rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
+    down, right = np.mgrid[box.slices]
+    inside = np.hypot(right - rim.x, down - rim.y) < part * rim.radius
+    return down[inside], right[inside]
+
+
+def _largest_group(found: Sequence[_Candidate], rests: float) -> list[_Candidate]:
+    """Return the candidates of the colour that most of them share, in most places.
+
+    `rests` is what a marble that does not move is worth; on a board that nobody saw empty, nothing.
+    """
+    if not found:
+        return []
+    colours = np.array([one.colour for one in found])
+    places = np.array([[one.rim.x, one.rim.y] for one in found])
+    apart = np.linalg.norm(colours[:, None] - colours[None], axis=2)
+    best: list[int] = []
+    most = 0.0
+    for row in range(len(found)):
+        group = [int(one) for one in np.flatnonzero(apart[row] < SAME)]
+        pictures = len({found[one].picture for one in group})
+        # What stays in one place is a part of the board that moves with its tilt.
+        moved = float(np.hypot(*np.std(places[group], axis=0))) / max(found[row].rim.radius, 1.0)
+        worth = pictures * (min(moved, 2.0) + rests)
+        if worth > most:
+            best, most = group, worth
+    return [found[one] for one in best]
+
+
+def _two(marble: Sequence[_Candidate]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return two places of one picture."""
+    for one in marble:
+        for other in marble:
+            if one.picture == other.picture and one is not other:
+                return (one.rim.x, one.rim.y), (other.rim.x, other.rim.y)
+    raise ValueError("no picture has two")
+
+
+def _colours(pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], box: Box) -> ColourModel:
+    """Return the colours of discs beside those of all else on the board."""
+    own = [pictures[index][_within(pictures[index], rim, 0.85)] for index, rim in discs]
+    random = np.random.default_rng(0)
+    others = []
+    where = dict(discs)
+    for index, picture in enumerate(pictures):
+        rows = random.integers(box.top, box.bottom, OTHERS)
+        columns = random.integers(box.left, box.right, OTHERS)
+        if index in where:
+            rim = where[index]
+            outside = np.hypot(columns - rim.x, rows - rim.y) > 1.3 * rim.radius
+            others.append(picture[rows[outside], columns[outside]])
+    return ColourModel.learned(np.concatenate(own), np.concatenate(others))
+
+
+def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> ColourModel:
+    """Return the colours that a user has told of."""
+    first = pictures[0]
+    if clue.colour is not None:
+        own = shades_of(clue.colour)
+    else:
+        discs = [Rim(x, y, radius, 1.0, 1.0, 0.0) for x, y in clue.places]
+        inner = np.concatenate([first[_within(first, disc, 0.7)] for disc in discs])
+        own = np.concatenate(
+            [inner, *(shades_of(tuple(pixel)) for pixel in inner[:: max(len(inner) // 6, 1)])]
+        )
+    rows, columns = box.slices
+    return ColourModel.learned(own, first[rows, columns].reshape(-1, 3)[::7])
+
+
+def _refined(
+    pictures: Sequence[Picture],
+    without: Picture | None,
+    known: Learned,
+    scale: Callable[[float, float], float],
+) -> Learned:
+    """Return more exactly what is roughly known: the marble's colours, the board without it, its rim."""
+    discs = _discs(pictures, replace(known, without=without), scale)
+    if not discs:
+        raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
+    radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in discs]))
+    colours = _colours(pictures, discs, known.box)
+    if without is not None:
+        without = _emptied(pictures, without, discs)
+    known = replace(known, without=without, colours=colours, radius=radius)
+    tracker = Tracker(known, scale)
+    views = []
+    for index, rim in discs:
+        box = Box.about(rim.x, rim.y, MARGIN * radius, Box(0, 0, pictures[0].shape[1], pictures[0].shape[0]))
+        patch, left, top = tracker.patch(pictures[index], box, (rim.x, rim.y, radius))
+        if patch.without is not None and rim.support > 0.8:
+            views.append(View(patch, rim.x - left, rim.y - top, radius * scale(rim.x, rim.y)))
+    outline = learn_outline(views)
+    known = replace(known, outline=outline)
+    tracker = Tracker(known, scale)
+    refits = [(index, tracker.rim(pictures[index], rim.x, rim.y)) for index, rim in discs]
+    radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in refits]))
+    first = next(((rim.x, rim.y) for index, rim in refits if index == 0 and rim.confidence > 0.5), None)
+    usual = float(np.median([rim.confidence for _, rim in refits]))
+    return replace(known, radius=radius, first=first, usual=usual)
+
+
+def _discs(
+    pictures: Sequence[Picture], known: Learned, scale: Callable[[float, float], float]
+) -> list[tuple[int, Rim]]:
+    """Return the marble's disc in the pictures that show it, with the picture's number.
+
+    Where nothing differs from the board it may rest where it does in most pictures. It is the marble then,
+    and not painted, if in other pictures there is something else.
+    """
+    tracker, colours = Tracker(known, scale), Tracker(replace(known, without=None), scale)
+    discs = []
+    for index, picture in enumerate(pictures):
+        rims = [rim for rim in tracker.everywhere(picture) if rim.confidence > 0.6]
+        if not rims:
+            rims = [
+                rim
+                for rim in colours.everywhere(picture)
+                if rim.confidence > 0.6 and (known.without is None or _leaves(pictures, rim, known))
+            ]
+        if rims:
+            discs.append((index, rims[0]))
+    return discs
+
+
+def _leaves(pictures: Sequence[Picture], rim: Rim, known: Learned) -> bool:
+    """Return whether in a tenth of the pictures there is none of the marble's colours where a disc is."""
+    place = _within(pictures[0], rim, 0.8)
+    alike = [float((known.colours.likeness(picture[place]) > 127).mean()) for picture in pictures]
+    return float(np.mean(np.array(alike) < 0.3)) > 0.1
+
+
+def _emptied(pictures: Sequence[Picture], without: Picture, discs: Sequence[tuple[int, Rim]]) -> Picture:
+    """Return the median board with the marble taken out of it where it rested long."""
+    held = np.zeros((len(pictures), *without.shape[:2]), dtype=np.bool_)
+    for index, rim in discs:
+        held[(index, *_within(without, rim, 1.6))] = True
+    often = held.mean(axis=0) > 0.2
+    if not often.any():
+        return without
+    stack = np.stack([picture[often] for picture in pictures]).astype(np.float32)
+    stack[held[:, often]] = np.nan
+    seen = ~np.isnan(stack[:, :, 0]).all(axis=0)
+    emptied = without.copy()
+    rows, columns = np.nonzero(often)
+    emptied[rows[seen], columns[seen]] = np.rint(np.nanmedian(stack[:, seen], axis=0)).astype(np.uint8)
+    return emptied

@@ -1,0 +1,243 @@
+"""What a track leaves behind: the recording, and beside it what is known of how it was made."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.files import PathLike, write_atomic
+from irt.recording import Commands, Recording
+from irt.tracking.geometry import Pose
+from irt.tracking.run import Track
+from irt.tracking.timing import Alignment, Gaps, align, at_commands, find_gaps
+
+Array = NDArray[np.float64]
+
+#: A marble moves in its first row if it is faster than this [board edges per second].
+AT_REST = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """A track laid on commands.
+
+    Attributes
+    ----------
+    recording : Recording
+        From the first row in which the marble is seen.
+    confidence : (n,) array
+        That of the picture nearest to each row.
+    alignment : Alignment or None
+        Of the two clocks, where it was looked for.
+    offset : float
+        What was added to the commands' stamps [s].
+    """
+
+    recording: Recording
+    confidence: Array
+    alignment: Alignment | None
+    offset: float
+
+
+def laid_on(track: Track, commands: Commands, path: Path, offset: float | None = None) -> Timed:
+    """Lay a track on the commands that were played.
+
+    Row i of the recording is where the marble is when command i is issued.
+
+    Parameters
+    ----------
+    track : Track
+        Of the run.
+    commands : Commands
+        With stamps; without, one for each picture.
+    path : path
+        Of the recording to be.
+    offset : float, optional
+        What to add to the commands' stamps to have those of the pictures [s]; by default the offset at which
+        the marble's accelerations follow the commands best.
+
+    Raises
+    ------
+    IrtError
+        If they do not belong together.
+    """
+    alignment = None
+    if commands.stamps is None:
+        if len(commands.knobs) != len(track.stamps):
+            raise IrtError(
+                f"{len(commands.knobs)} commands without stamps, but {len(track.stamps)} pictures: give each "
+                "command its time in a column t_s"
+            )
+        times, offset = track.stamps, 0.0
+    else:
+        if offset is None:
+            alignment = align(commands.stamps, commands.knobs, track.stamps, track.marble)
+            offset = alignment.offset
+        times = commands.stamps + offset
+    marble = at_commands(track.stamps, track.marble, times)
+    seen = np.flatnonzero(~np.isnan(marble[:, 0]))
+    if len(seen) < 2:
+        raise IrtError("the commands and the pictures do not overlap: is --offset right?")
+    rows = slice(seen[0], seen[-1] + 1)
+    nearest = np.abs(times[rows, None] - track.stamps[None, :]).argmin(axis=1)
+    recording = Recording(path.stem, path, commands.knobs[rows], marble[rows], times[rows])
+    return Timed(recording, track.confidence[nearest], alignment, float(offset))
+
+
+def save_timed(timed: Timed) -> None:
+    """Write a recording, with a column `confidence` that readers of recordings pass over.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    header, *lines = timed.recording.to_csv().splitlines()
+    told = [f"{line},{sure:.3f}" for line, sure in zip(lines, timed.confidence, strict=True)]
+    write_atomic(timed.recording.path, "\n".join([f"{header},confidence", *told]) + "\n")
+
+
+def save_positions(path: PathLike, track: Track) -> None:
+    """Write a track without commands: a row for each picture.
+
+    It is no recording yet, as nothing is known of the knobs.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    lines = ["step,t_s,marble_x,marble_y,confidence"]
+    for step, (stamp, place, sure) in enumerate(
+        zip(track.stamps, track.marble, track.confidence, strict=True)
+    ):
+        x, y = ("" if np.isnan(one) else repr(float(one)) for one in place)
+        lines.append(f"{step},{float(stamp)!r},{x},{y},{sure:.3f}")
+    write_atomic(path, "\n".join(lines) + "\n")
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a track is worth.
+
+    Attributes
+    ----------
+    pictures, seen : int
+        How many there are, and on how many the marble is seen.
+    lost : tuple of (first, count)
+        Stretches of pictures in which it is not, the longest first.
+    gaps : Gaps
+        Of the stamps.
+    pixels_per_edge : float
+        At the middle of the board.
+    radius_px : float
+        Of the marble.
+    noise : float
+        Standard deviation of a position [board edges].
+    corners_px : float or None
+        Root mean square of the corners off the board's own shape, where a calibrated lens tells [pixels].
+    lens_px : float or None
+        What the calibration left over [pixels].
+    height, tilt : str
+        Whether the marble's height, and the board's tilt, are taken out of its positions.
+    confidence : float
+        The median, where it is seen.
+    moving : bool
+        Whether the marble moves in the first picture that shows it.
+    """
+
+    pictures: int
+    seen: int
+    lost: tuple[tuple[int, int], ...]
+    gaps: Gaps
+    pixels_per_edge: float
+    radius_px: float
+    noise: float
+    corners_px: float | None
+    lens_px: float | None
+    height: str
+    tilt: str
+    confidence: float
+    moving: bool
+
+    @property
+    def detection(self) -> float:
+        """Share of the pictures on which the marble is seen."""
+        return self.seen / self.pictures if self.pictures else 0.0
+
+
+def summarise(track: Track, noise: float) -> Summary:
+    """Return what a track is worth; `noise` is the standard deviation of its positions [board edges]."""
+    scene, geometry = track.scene, track.scene.geometry
+    corners_px = None
+    height = "not corrected: without a calibrated lens (--lens) positions are too far out by about 1 %"
+    if isinstance(geometry, Pose):
+        flat = np.column_stack([scene.size.corners, np.zeros(4)])
+        apart = geometry.project(flat) - scene.corners
+        corners_px = float(np.sqrt((apart**2).sum(axis=1).mean()))
+        height = (
+            f"corrected: the marble's middle moves {1000 * scene.size.radius:.1f} thousandths above the board"
+        )
+    tilt = "not measured: no markers on the board, so that its tilt moves the marble (parallax)"
+    if scene.markers is not None:
+        tilt = f"measured in each picture by {len(scene.markers.places)} markers on the board"
+        if scene.markers.missed:
+            tilt += f", but for {scene.markers.missed} pictures, which take that of the one before"
+    middle = np.array([[0.0, 0.0], [0.01, 0.0]])
+    ends = geometry.pixels(middle)
+    return Summary(
+        pictures=len(track.stamps),
+        seen=int(track.seen.sum()),
+        lost=_stretches(~track.seen),
+        gaps=find_gaps(track.stamps, track.repeated),
+        pixels_per_edge=100.0 * float(np.hypot(*(ends[1] - ends[0]))),
+        radius_px=scene.learned.radius,
+        noise=noise,
+        corners_px=corners_px,
+        lens_px=geometry.lens.error_px if isinstance(geometry, Pose) else None,
+        height=height,
+        tilt=tilt,
+        confidence=float(np.median(track.confidence[track.seen])) if track.seen.any() else 0.0,
+        moving=_moving(track),
+    )
+
+
+def save_metadata(path: PathLike, track: Track, summary: Summary, facts: dict[str, Any]) -> None:
+    """Write what is known of a track as JSON; `facts` are those of the files that it was made from.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    content = {
+        **facts,
+        **asdict(summary),
+        "detection": summary.detection,
+        "lost": [{"first": first, "pictures": count} for first, count in summary.lost],
+        "corners": {"found_by": track.scene.found_by, "pixels": track.scene.corners.round(3).tolist()},
+        "stopped": track.stopped,
+    }
+    write_atomic(path, json.dumps(content, indent=2) + "\n")
+
+
+def _stretches(flags: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
+    """Return first index and length of the stretches that are set, the longest first."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    runs = [(int(first), int(end - first)) for first, end in zip(edges[::2], edges[1::2], strict=True)]
+    return tuple(sorted(runs, key=lambda run: -run[1]))
+
+
+def _moving(track: Track) -> bool:
+    """Return whether the marble moves in the first pictures that show it."""
+    rows = np.flatnonzero(track.seen)[:6]
+    if len(rows) < 3 or np.ptp(track.stamps[rows]) <= 0:
+        return False
+    slopes = np.polyfit(track.stamps[rows], track.marble[rows], 1)[0]
+    return bool(np.hypot(*slopes) > AT_REST)

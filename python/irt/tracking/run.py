@@ -1,0 +1,329 @@
+"""The way through: pictures in, the marble's path out, and what there is to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.tracking.corners import checked, find_corners, ordered
+from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
+from irt.tracking.learning import Clue, learn, scale_of
+from irt.tracking.markers import Markers, corners_by_markers
+from irt.tracking.opencv import opencv
+from irt.tracking.partial import Partial
+from irt.tracking.seek import Box
+from irt.tracking.source import Frame, Picture, Source
+from irt.tracking.tracker import Learned, Sighting, Tracker
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int, str], None]
+
+#: Pictures that board, light and marble are learned from.
+SAMPLE = 48
+#: How far a marble may be seen beyond the corners, in its radii: it stands on the board, and the board tilts.
+BEYOND = 2.5
+#: A picture that differs from the one before by less than this share of what is usual is that one again.
+SAME = 0.05
+#: Every so many pixels are compared for that.
+SPARSE = 7
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a run.
+
+    Attributes
+    ----------
+    size : Size
+        Of board and marble [board edges].
+    lens : Lens or None
+        Of the camera.
+    corners : sequence of (x, y) or None
+        The board's [pixels], clockwise from the one of least x and greatest y; by default they are found.
+    clue : Clue
+        What is known of the marble.
+    """
+
+    size: Size
+    lens: Lens | None = None
+    corners: tuple[tuple[float, float], ...] | None = None
+    clue: Clue = field(default_factory=Clue)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A board before a camera, as learned.
+
+    Attributes
+    ----------
+    size : Size
+        Of board and marble [board edges].
+    corners : (4, 2) array
+        Of the level board [pixels].
+    found_by : str
+        How the corners were found, in words.
+    geometry : Plane or Pose
+        Of the level board.
+    markers : Markers or None
+        Those on the board, where they tell its tilt.
+    learned : Learned
+        Light and marble.
+    usual_change : float
+        How much a picture differs from the one before [levels].
+    """
+
+    size: Size
+    corners: Array
+    found_by: str
+    geometry: Geometry
+    markers: Markers | None
+    learned: Learned
+    usual_change: float
+
+    def tracker(self) -> Tracker:
+        """Return a tracker for this board."""
+        return Tracker(self.learned, scale_of(self.geometry, self.learned.middle))
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where a marble was seen in n pictures.
+
+    Attributes
+    ----------
+    name : str
+        Of the run.
+    scene : Scene
+        As learned.
+    stamps : (n,) array
+        [s] from the first picture.
+    pixels : (n, 2) array
+        The marble's middle, NaN where it is lost.
+    marble : (n, 2) array
+        The same on the board [board edges].
+    confidence : (n,) array
+        From 0 to 1.
+    repeated : (n,) bool array
+        Pictures that show the one before once more; their positions are NaN.
+    in_window : (n,) bool array
+        Where the search of a window was enough.
+    stopped : str
+        Why the run ended early, or nothing.
+    """
+
+    name: str
+    scene: Scene
+    stamps: Array
+    pixels: Array
+    marble: Array
+    confidence: Array
+    repeated: NDArray[np.bool_]
+    in_window: NDArray[np.bool_]
+    stopped: str = ""
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Pictures in which the marble is seen (n,)."""
+        return ~np.isnan(self.marble[:, 0])
+
+
+def prepare(source: Source, question: Question, progress: Progress) -> Scene:
+    """Find the board, and learn light and marble from a sample of the pictures.
+
+    Raises
+    ------
+    IrtError
+        If there is no board, no marble, or the calibration is of other pictures.
+    """
+    progress(0, 3, "a sample of the pictures")
+    pictures = source.sample(SAMPLE)
+    if len(pictures) < 2:
+        raise IrtError(f"{source.name}: {len(pictures)} pictures only; a marble is known by its motion")
+    height, width = pictures[0].shape[:2]
+    lens = question.lens
+    if lens is not None and lens.size != (width, height):
+        raise IrtError(
+            f"the calibration is of pictures of {lens.size[0]} x {lens.size[1]} pixels, these have {width} x "
+            f"{height}: calibrate with this resolution"
+        )
+    progress(1, 3, "the board")
+    corners, found_by = _corners(pictures, question)
+    size = question.size
+    geometry: Geometry = Plane.of(corners, size)
+    if lens is not None:
+        geometry = Pose.of(lens, corners, size.corners, size.radius)
+    markers = Markers(pictures[0], geometry, size, lens)
+    progress(2, 3, "the marble")
+    learned = learn(pictures, geometry, board_box(corners, geometry, (width, height)), question.clue)
+    return Scene(
+        size,
+        corners,
+        found_by,
+        geometry,
+        markers if markers.enough else None,
+        learned,
+        _usual_change(pictures),
+    )
+
+
+def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
+    """Return the level board's corners, and how they were found."""
+    if question.corners is not None:
+        return checked(question.corners, question.size), "given"
+    first = pictures[0]
+    try:
+        return ordered(find_corners(first, question.lens), question.size), "found in the first picture"
+    except IrtError as error:
+        reason = error
+    marked = corners_by_markers(first)
+    if marked is not None:
+        return marked, "the outer corners of markers 0 to 3"
+    try:
+        middle = np.median(np.stack(pictures), axis=0).astype(np.uint8)
+        return ordered(
+            find_corners(middle, question.lens), question.size
+        ), "found in the median of the pictures"
+    except IrtError:
+        raise IrtError(f"{reason}; --corners X,Y X,Y X,Y X,Y says where they are") from None
+
+
+def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:
+    """Return where in pictures of this size the marble can be."""
+    middle = corners.mean(axis=0)
+    margin = BEYOND * geometry.radius_at((float(middle[0]), float(middle[1])))
+    low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+    whole = Box(0, 0, *size)
+    return Box(
+        max(int(low[0]), whole.left),
+        max(int(low[1]), whole.top),
+        min(int(high[0]) + 1, whole.right),
+        min(int(high[1]) + 1, whole.bottom),
+    )
+
+
+def _usual_change(pictures: list[Picture]) -> float:
+    """Return how much pictures differ [levels]; of a sample, which is more than from one to the next."""
+    changes = [_change(one, other) for one, other in pairwise(pictures)]
+    return float(np.median(changes))
+
+
+def _change(one: Picture, other: Picture) -> float:
+    apart = opencv().absdiff(
+        np.ascontiguousarray(one[::SPARSE, ::SPARSE]), np.ascontiguousarray(other[::SPARSE, ::SPARSE])
+    )
+    return float(apart.mean())
+
+
+class Follower:
+    """Takes pictures one by one, and keeps what it saw."""
+
+    def __init__(self, name: str, scene: Scene) -> None:
+        self.name, self.scene = name, scene
+        self._tracker = scene.tracker()
+        self._geometry: Geometry = scene.geometry
+        self._before: Picture | None = None
+        self._rows: list[tuple[float, ...]] = []
+        if scene.learned.first is not None:
+            self._tracker.expect(*scene.learned.first)
+
+    def take(self, frame: Frame) -> tuple[Sighting, Array]:
+        """Return where the marble is in the next picture: on it, and on the board (2,) [board edges]."""
+        picture = frame.picture
+        again = self._before is not None and _change(picture, self._before) <= SAME * self.scene.usual_change
+        self._before = picture
+        sighting = self._tracker.see(picture)
+        markers = self.scene.markers
+        if markers is not None:
+            self._geometry = markers.follow(picture) or self._geometry
+        lost = again or not sighting.seen
+        place = np.full(2, np.nan)
+        if not lost:
+            place = self._geometry.positions(np.array([[sighting.x, sighting.y]]))[0]
+        self._rows.append(
+            (
+                frame.stamp,
+                np.nan if lost else sighting.x,
+                np.nan if lost else sighting.y,
+                *place,
+                sighting.confidence,
+                again,
+                sighting.in_window,
+            )
+        )
+        return sighting, place
+
+    def track(self, stopped: str = "") -> Track:
+        """Return all that was seen so far."""
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, 8)
+        return Track(
+            self.name,
+            self.scene,
+            table[:, 0],
+            table[:, 1:3],
+            table[:, 3:5],
+            table[:, 5],
+            table[:, 6] > 0,
+            table[:, 7] > 0,
+            stopped,
+        )
+
+
+def follow(
+    source: Source,
+    scene: Scene,
+    partial: Path,
+    progress: Progress,
+    *,
+    seconds: float | None = None,
+    watch: Callable[[Frame, Sighting, Array], None] | None = None,
+) -> Track:
+    """Track a marble through all pictures.
+
+    What was seen is kept where the camera disappears, or Ctrl-C ends the run: `Track.stopped` then says why.
+
+    Parameters
+    ----------
+    source : Source
+        Of the pictures.
+    scene : Scene
+        What `prepare` learned.
+    partial : path
+        A file that is written as the run goes on, and removed by whoever has saved the track.
+    progress : callable
+        Called with pictures done, expected, and a text.
+    seconds : float, optional
+        When to stop.
+    watch : callable, optional
+        Called with every picture, what was seen on it, and where that is on the board.
+
+    Raises
+    ------
+    IrtError
+        If there was no picture at all.
+    """
+    follower = Follower(source.name, scene)
+    stopped = ""
+    with Partial(partial) as rows:
+        try:
+            for count, frame in enumerate(source.frames()):
+                if seconds is not None and frame.stamp > seconds:
+                    break
+                sighting, place = follower.take(frame)
+                rows.add(frame.stamp, place, sighting.confidence)
+                if watch is not None:
+                    watch(frame, sighting, place)
+                progress(count + 1, max(source.expected, count + 1), "pictures")
+        except KeyboardInterrupt:
+            stopped = "stopped by hand"
+        except IrtError as error:
+            stopped = str(error)
+    track = follower.track(stopped)
+    if not len(track.stamps):
+        raise IrtError(stopped or f"{source.name}: there were no pictures")
+    return track

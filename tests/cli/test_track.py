@@ -1,0 +1,223 @@
+"""`irt track` as a user types it, on rendered runs whose truth is known."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from irt.recording import load_recording
+from irt.rollouts import rollouts
+from irt.tracking import live
+from irt.tracking.calibration import save_lens
+from irt.tracking.geometry import Lens
+from tracking.board import Paint
+from tracking.scene import Look, Scene
+from tracking.view import View
+
+VIEW = View.above(300.0, lean=(0.05, -0.08))
+TRUTH = (0.08, 0.07, 4e-4, 8.0, 1.0)
+RATE = 30.0
+
+
+def played(rows: int, seed: int, *effects: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Return commands and places (rows, 2) of a marble that rolls at 30 rows a second."""
+    random = np.random.default_rng(seed)
+    time = np.arange(rows)[:, None, None] / RATE
+    waves = np.sin(2 * np.pi * (time * random.uniform(0.2, 0.9, (2, 3)) + random.random((2, 3))))
+    knobs = 0.05 * waves.sum(axis=2) * np.minimum(4 * time[:, 0], 1.0)
+    return knobs, rollouts([TRUTH], knobs, effects=effects or None)[0]
+
+
+def film(path: Path, knobs: np.ndarray, places: np.ndarray, **settings: object) -> Scene:
+    """Render a run into a folder of images."""
+    scene = Scene(VIEW, Paint(lines=2, holes=2), Look("blue"), places, knobs * TRUTH[:2], seed=5, **settings)
+    path.mkdir()
+    for index, (picture, _) in enumerate(scene.frames()):
+        cv2.imwrite(str(path / f"{index}.png"), picture)
+    return scene
+
+
+def write_commands(path: Path, knobs: np.ndarray, first: float = 100.0) -> Path:
+    rows = [f"{i},{first + i / RATE:.6f},{x!r},{y!r}" for i, (x, y) in enumerate(knobs.tolist())]
+    path.write_text("\n".join(["step,t_s,knob_x_rad,knob_y_rad", *rows]) + "\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, Scene]:
+    folder = tmp_path_factory.mktemp("filmed") / "run-1"
+    knobs, places = played(110, 3)
+    return folder, knobs, film(folder, knobs, places)
+
+
+def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
+    pictures, knobs, scene = filmed
+    out = tmp_path / "rig"
+    out.mkdir()
+    save_lens(out / "camera.toml", Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
+    commands = write_commands(tmp_path / "knobs.csv", knobs)
+    done = irt("track", pictures, "--fps", "30", "--out", out, "--commands", commands, "--offset", "-100")
+    assert (done.status, done.err) == (0, "")
+    recording = load_recording(out / "run-1.csv")
+    np.testing.assert_array_equal(recording.knobs, knobs)
+    missed_mm = 276 * (recording.marble - scene.places)
+    assert recording.seen.mean() > 0.99
+    assert np.sqrt(np.nanmean(missed_mm**2)) < 0.5
+    told = json.loads((out / "run-1.json").read_text())
+    assert told["detection"] > 0.99
+    assert told["height"].startswith("corrected")
+    assert told["tilt"].startswith("not measured")
+    assert told["corners"]["found_by"] == "found in the first picture"
+    page = (out / "run-1-report.html").read_text()
+    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+    assert cv2.imread(str(out / "run-1-unsure.png")) is not None
+    video = cv2.VideoCapture(str(out / "run-1-overlay.mp4"))
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 110
+    assert not list(out.glob("*.partial"))
+
+
+def test_a_video_alone_is_enough(irt, filmed, tmp_path) -> None:
+    pictures, _, scene = filmed
+    writer = cv2.VideoWriter(str(tmp_path / "run.avi"), cv2.VideoWriter_fourcc(*"MJPG"), RATE, (640, 480))
+    for index in range(60):
+        writer.write(cv2.imread(str(pictures / f"{index}.png")))
+    writer.release()
+    done = irt("track", tmp_path / "run.avi", "--out", tmp_path / "out")
+    assert (done.status, done.err) == (0, "")
+    assert "no commands are known" in done.out
+    table = np.genfromtxt(tmp_path / "out" / "run.csv", delimiter=",", names=True)
+    seen = np.column_stack([table["marble_x"], table["marble_y"]])
+    np.testing.assert_allclose(table["t_s"], np.arange(60) / RATE, atol=1e-3)
+    assert np.nanmax(np.abs(seen - scene.places[:60])) < 0.03
+
+
+def test_bad_input_is_one_line(irt, filmed, tmp_path) -> None:
+    pictures = filmed[0]
+    out = tmp_path / "out"
+    text = tmp_path / "notes.mp4"
+    text.write_text("this is no video")
+    save_lens(tmp_path / "small.toml", Lens(VIEW.matrix, VIEW.distortion, (320, 240), 0.1), 12)
+    still = tmp_path / "still"
+    still.mkdir()
+    for index in range(8):
+        shutil.copy(pictures / "0.png", still / f"{index}.png")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    for words, said in (
+        ((tmp_path / "none.mp4",), "no such file"),
+        ((text,), "no video that can be opened"),
+        ((empty,), "holds no images"),
+        ((still,), "nothing like a marble moves"),
+        ((pictures, "--lens", tmp_path / "small.toml"), "calibration is of pictures of 320 x 240"),
+        ((pictures, "--corners", "170,390", "470,390", "470,140", "170,140"), "anticlockwise"),
+    ):
+        done = irt("track", *words, "--out", out)
+        assert done.status == 1, words
+        assert said in done.err
+        assert done.err.count("\n") == 1
+        assert not list(out.glob("*.csv"))
+
+
+def test_two_marbles_are_said(irt, tmp_path) -> None:
+    knobs, places = played(45, 3)
+    _, others = played(45, 8)
+    film(tmp_path / "two", knobs, places + np.array([0.15, 0.1]), second=others - np.array([0.15, 0.1]))
+    done = irt("track", tmp_path / "two", "--out", tmp_path / "out")
+    assert done.status == 1
+    assert "two marbles move on the board" in done.err
+
+
+def test_a_picture_that_cannot_be_read_keeps_what_was_seen(irt, filmed, tmp_path) -> None:
+    pictures = filmed[0]
+    broken = tmp_path / "broken"
+    broken.mkdir()
+    for index in range(60):
+        shutil.copy(pictures / f"{index}.png", broken / f"{index}.png")
+    cv2.imwrite(str(broken / "50.png"), np.zeros((240, 320, 3), np.uint8))
+    # The sample that is learned from passes over it.
+    done = irt("track", broken, "--out", tmp_path / "out")
+    assert done.status == 1
+    assert done.err.count("\n") == 1
+    if "is kept" in done.err:
+        assert len((tmp_path / "out" / "broken.csv").read_text().splitlines()) == 51
+
+
+def test_markers_on_the_board_take_its_tilt_away(irt, tmp_path) -> None:
+    knobs, places = played(60, 4)
+    steep = 6.0 * knobs * TRUTH[:2]
+    scene = Scene(VIEW, Paint(lines=0, holes=0, markers=0.03), Look("red"), places * 0.6, steep, seed=6)
+    folder = tmp_path / "marked"
+    folder.mkdir()
+    for index, (picture, _) in enumerate(scene.frames()):
+        cv2.imwrite(str(folder / f"{index}.png"), picture)
+    lens = tmp_path / "lens.toml"
+    save_lens(lens, Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
+    done = irt("track", folder, "--lens", lens, "--out", tmp_path / "out", "--fps", "30")
+    assert (done.status, done.err) == (0, "")
+    assert "in each picture" in done.out, done.out
+    table = np.genfromtxt(tmp_path / "out" / "marked.csv", delimiter=",", names=True)
+    missed = np.column_stack([table["marble_x"], table["marble_y"]]) - scene.places
+    assert np.sqrt(np.nanmean(missed**2)) * 276 < 0.4
+
+
+@pytest.mark.slow
+def test_the_whole_story(irt, tmp_path) -> None:
+    """Frames of a tilting board with backlash in its knobs: tracked, diagnosed, named."""
+    out = tmp_path / "rig"
+    backlash = {"name": "backlash", "width_x_rad": 0.06, "width_y_rad": 0.05}
+    out.mkdir()
+    save_lens(out / "camera.toml", Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
+    for run in range(3):
+        knobs, places = played(100, 20 + run, backlash)
+        film(tmp_path / f"run-{run}", knobs, places)
+        commands = write_commands(tmp_path / f"knobs-{run}.csv", knobs)
+        words = ("--fps", "30", "--commands", commands, "--offset", "-100", "--out", out)
+        assert irt("track", tmp_path / f"run-{run}", *words).status == 0
+    done = irt("diagnose", out, "--out", tmp_path / "diagnosed")
+    assert done.status == 0, done.err
+    told = json.loads((tmp_path / "diagnosed" / "diagnosis.json").read_text())
+    assert "backlash" in [effect["name"] for effect in told["effects"]]
+
+
+PEER = """
+import sys, time
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import DomainParticipant
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from irt.tracking.live import Publisher
+from irt.tracking.messages import PointStamped
+sent = Publisher(domain=77)
+qos = Qos(Policy.Reliability.BestEffort, Policy.DataRepresentation(use_cdrv0_representation=True))
+participant = DomainParticipant(77)
+reader = DataReader(participant, Topic(participant, "rt/marble/position", PointStamped, qos=qos), qos=qos)
+for _ in range(200):
+    sent.publish(0.125, -0.25, 1700000000.5)
+    for one in reader.take(10):
+        if hasattr(one, "point"):
+            stamp = one.header.stamp
+            print(one.point.x, one.point.y, stamp.sec, stamp.nanosec, one.header.frame_id)
+            sys.exit()
+    time.sleep(0.05)
+sys.exit("nothing came")
+"""
+NAMESPACE = 'ip link set lo up; ip link set lo multicast on; ip route add 224.0.0.0/4 dev lo; exec "$@"'
+
+
+def test_points_reach_a_reader_in_a_network_of_its_own() -> None:
+    pytest.importorskip("cyclonedds", reason="publishing needs cyclonedds: pip install labsim-irt[ros]")
+    if not shutil.which("unshare") or not shutil.which("ip"):
+        pytest.skip("no unshare or ip here to make a private network with")
+    if subprocess.run(["unshare", "-n", "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this user may not make a private network (unshare -n)")
+    command = ["unshare", "-n", "bash", "-c", NAMESPACE, "_", sys.executable, "-c", PEER]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.split() == ["0.125", "-0.25", "1700000000", "500000000", live.FRAME]
