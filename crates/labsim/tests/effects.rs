@@ -326,7 +326,7 @@ fn a_live_rollout_has_the_bits_of_a_batch() {
     let causal = known().filter(|effect| effect.name != "clock_drift");
     let sets = causal
         .clone()
-        .map(|effect| vec![(effect, within(effect, |i| 0.3 + 0.1 * i as f64))]);
+        .map(|effect| vec![(effect, within(effect, |i| 0.3 + 0.1 * (i % 5) as f64))]);
     let all: Vec<_> = causal
         .map(|effect| (effect, within(effect, |_| 0.6)))
         .collect();
