@@ -373,7 +373,7 @@ mod tests {
         ] {
             let (watch, reason) = feed(2.0, |i, moment, one| {
                 if i > 60 {
-                    change(moment.nanos, one)
+                    change(moment.nanos, one);
                 }
             });
             assert_eq!(reason, None);

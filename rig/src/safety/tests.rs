@@ -150,14 +150,14 @@ fn each_fault_stops_for_its_own_reason() {
         ("joints_silent", |inputs| inputs.joints_age_s = 0.11),
         ("joints_silent", |inputs| inputs.measured = None),
         ("outside_window", |inputs| {
-            inputs.measured = Some([f64::NAN, 0.0])
+            inputs.measured = Some([f64::NAN, 0.0]);
         }),
         ("outside_window", |inputs| {
-            inputs.measured = Some([0.0, 0.56])
+            inputs.measured = Some([0.0, 0.56]);
         }),
         ("overrun", |inputs| inputs.late_s = 0.06),
         ("command_refused", |inputs| {
-            inputs.target = Some([0.0, f64::NAN])
+            inputs.target = Some([0.0, f64::NAN]);
         }),
     ];
     for (code, change) in faults {
@@ -180,7 +180,7 @@ fn what_lasts_stops_only_when_it_has_lasted() {
     type Change = fn(&mut Inputs);
     let faults: [(&str, Change); 2] = [
         ("tracking_error", |inputs| {
-            inputs.measured = inputs.measured.map(|[x, y]| [x - 0.06, y])
+            inputs.measured = inputs.measured.map(|[x, y]| [x - 0.06, y]);
         }),
         ("command_expired", |inputs| inputs.target = None),
     ];
