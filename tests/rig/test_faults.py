@@ -66,5 +66,13 @@ def test_each_fault_ends_in_its_stop_or_its_refusal(rig: Path, inside: Inside, t
             zip(FAULTS, pool.map(lambda name: observe(name, folders[name], rig, inside), FAULTS), strict=True)
         )
     failures = {name: wrong(FAULTS[name], one) for name, one in found.items()}
-    failures = {name: what for name, what in failures.items() if what}
+    # Several laboratories at once keep a small machine busy, and a late process is a fault of its own: what
+    # was not as it must be is tried once more, by itself.
+    again = {
+        name: observe(name, folders[name].with_name(f"{folders[name].name}-again"), rig, inside)
+        for name, what in failures.items()
+        if what
+    }
+    found |= again
+    failures = {name: what for name, one in again.items() if (what := wrong(FAULTS[name], one))}
     assert not failures, json.dumps({name: (what, found[name]) for name, what in failures.items()}, indent=1)
