@@ -115,7 +115,7 @@ def intervals(told: dict[str, Any], truth: dict[str, Any]) -> dict[str, bool]:
     hidden = {one["name"]: one for one in truth.get("effects", [])}
     for effect in told["effects"]:
         for name, one in effect["parameters"].items():
-            if effect["name"] in hidden:
+            if name in hidden.get(effect["name"], {}):
                 held[f"{effect['name']}.{name}"] = _holds(one, hidden[effect["name"]][name])
     return held
 
