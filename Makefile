@@ -31,7 +31,6 @@ demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (
 .PHONY: test
 test: $(EXTENSION) browser ## every test, Rust and Python
 	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
-	cargo build $(LOCKED) --package rig --release
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile ci
 
 .PHONY: lint

@@ -16,6 +16,10 @@ use crate::watch::Moment;
 /// Ticks from one look for other publishers to the next.
 const LOOK_TICKS: u64 = 10;
 
+/// How long others are looked for before the arms are taken (s): Fast-DDS, which most laboratories speak, announces itself
+/// this often.
+const LOOK_S: f64 = 3.0;
+
 /// How far from the level pose a file may begin (rad).
 const NEAR_RAD: f64 = 0.02;
 
@@ -102,22 +106,24 @@ impl Motion {
         let seconds = self.station.config.network.match_s;
         let ticks = (seconds / TICK_S) as u64;
         let mut missing = String::new();
-        // Others that publish are known only after a while.
-        let settled = ticks.min(200);
+        // Others that publish are known only after a while, and those that have just ended still are.
+        let settled = (ticks - 1).min((LOOK_S / TICK_S) as u64);
         for tick in 0..ticks {
             let (now, _) = self.station.ticker.wait();
             if let Some(reason) = self.station.hear(now, false) {
                 return Err(Error::refused(reason.to_string()));
             }
-            match self.missing(now) {
-                Some(what) => missing = what,
-                None if tick >= settled => return self.arm(now),
-                None => missing.clear(),
+            if tick < settled {
+                continue;
             }
-            if let Some(reason) = self.others().filter(|_| tick >= settled) {
+            if let Some(reason) = self.others() {
                 return Err(Error::refused(format!(
                     "{reason}; the rig commands arms alone"
                 )));
+            }
+            match self.missing(now) {
+                Some(what) => missing = what,
+                None => return self.arm(now),
             }
         }
         Err(Error::refused(format!("{missing} (waited {seconds} s)")))

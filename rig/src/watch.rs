@@ -39,6 +39,28 @@ impl Tally {
         age
     }
 
+    /// How old a message is (s), if its stamp can be right: neither too old nor ahead, and later than the one before.
+    fn fresh(
+        &mut self,
+        moment: Moment,
+        stamp: i64,
+        oldest_s: f64,
+        before: Option<i64>,
+    ) -> Option<f64> {
+        let age = self.age(moment, stamp);
+        if age > oldest_s || age < -AHEAD_S {
+            self.refuse(format!(
+                "its stamp is {age:.3} s old by this machine's clock"
+            ));
+            return None;
+        }
+        if before.is_some_and(|before| stamp <= before) {
+            self.refuse("its stamp is not later than the one before");
+            return None;
+        }
+        Some(age)
+    }
+
     fn refuse(&mut self, why: impl Into<String>) {
         self.refused += 1;
         self.why = why.into();
@@ -108,27 +130,20 @@ impl MarbleWatch {
             return Ok(());
         }
         let stamp = point.header.stamp.nanos();
-        let age = self.tally.age(moment, stamp);
-        if age > self.times.stamp_s || age < -AHEAD_S {
-            self.tally.refuse(format!(
-                "its stamp is {age:.3} s old by this machine's clock"
-            ));
-            return Ok(());
-        }
-        let Some((before, was)) = self.last else {
-            self.last = Some((stamp, place));
-            self.seen = Some(moment.steady - age.max(0.0));
+        let (before, oldest_s) = (self.last, self.times.stamp_s);
+        let Some(age) = self
+            .tally
+            .fresh(moment, stamp, oldest_s, before.map(|(at, _)| at))
+        else {
             return Ok(());
         };
-        if stamp <= before {
-            self.tally
-                .refuse("its stamp is not later than the one before");
-            return Ok(());
-        }
-        let seconds = (stamp - before) as f64 / 1e9;
-        let way = (place[0] - was[0]).hypot(place[1] - was[1]);
         self.last = Some((stamp, place));
         self.seen = Some(moment.steady - age.max(0.0));
+        let Some((before, was)) = before else {
+            return Ok(());
+        };
+        let seconds = (stamp - before) as f64 / 1e9;
+        let way = (place[0] - was[0]).hypot(place[1] - was[1]);
         self.still(moment.steady, place == was, moving)?;
         if way > self.tracker.fastest_edges_s * seconds {
             self.jumped(moment.steady, way, seconds)?;
@@ -236,27 +251,21 @@ impl JointWatch {
             return Ok(());
         };
         let stamp = state.header.stamp.nanos();
-        let age = self.tally.age(moment, stamp);
-        if age > self.stamp_s || age < -AHEAD_S {
-            self.tally.refuse(format!(
-                "its stamp is {age:.3} s old by this machine's clock"
-            ));
-            return Ok(());
-        }
-        let Some((before, was)) = self.last else {
-            self.last = Some((stamp, angle));
-            self.seen = Some(moment.steady - age.max(0.0));
+        let before = self.last;
+        let Some(age) = self
+            .tally
+            .fresh(moment, stamp, self.stamp_s, before.map(|(at, _)| at))
+        else {
             return Ok(());
         };
-        if stamp <= before {
-            self.tally
-                .refuse("its stamp is not later than the one before");
-            return Ok(());
-        }
+        let was = before.map_or(angle, |(_, was)| was);
         let angle = angle + TAU * ((was - angle) / TAU).round();
-        let seconds = (stamp - before) as f64 / 1e9;
         self.last = Some((stamp, angle));
         self.seen = Some(moment.steady - age.max(0.0));
+        let Some((before, _)) = before else {
+            return Ok(());
+        };
+        let seconds = (stamp - before) as f64 / 1e9;
         let way = (angle - was).abs();
         if way > self.fastest * seconds.max(crate::config::TICK_S) {
             let what = format!(

@@ -11,8 +11,9 @@ import pytest
 from irt.cli import pretrain as verb
 from irt.tuning import pretrain as training
 from irt.tuning import streaming
+from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive
-from irt.tuning.pretrain import Recipe, checkpoint_path
+from irt.tuning.pretrain import Recipe
 from irt.tuning.stepnet import load_steps
 from irt.tuning.tunenet import load_network
 

@@ -155,8 +155,8 @@ def quality_differs(lab: Laboratory) -> None:
 def another_publisher_is_there(lab: Laboratory) -> None:
     lab.peers()
     lab.ask(lab.arms, "intrude")
-    # Until it is there, on a machine that may be busy.
-    time.sleep(5.0)
+    assert lab.arms.stdout is not None
+    assert lab.arms.stdout.readline() == "intruding\n"
     lab.play()
 
 

@@ -111,7 +111,7 @@ class Laboratory:
         return process
 
     def peer(self, *words: str) -> subprocess.Popen[str]:
-        return self.start(sys.executable, HERE / "peers.py", *words)
+        return self.start(sys.executable, HERE / "devices.py", *words)
 
     def peers(self, *, tracker: str = "reliable") -> None:
         self.tracker = self.peer("tracker", tracker)

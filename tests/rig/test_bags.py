@@ -25,7 +25,7 @@ LISTEN = '"$1" listen --seconds "$2" --out bags & "$3" "$4" points "$5" "$6" && 
 @pytest.mark.parametrize(("hz", "count"), [(100, 300), (1000, 3000)])
 def test_no_point_is_lost(rig: Path, inside: Inside, tmp_path: Path, hz: int, count: int) -> None:
     (tmp_path / "rig.toml").write_text(CONFIG.format_map({**DEFAULTS, "reliability": "reliable"}))
-    words = (rig, "12", sys.executable, HERE / "peers.py", str(count), str(hz))
+    words = (rig, "12", sys.executable, HERE / "devices.py", str(count), str(hz))
     ran = inside("bash", "-c", LISTEN, "_", *words, cwd=tmp_path)
     assert ran.returncode == 0, ran.stderr
     bag = tmp_path / "bags" / "listen.mcap"

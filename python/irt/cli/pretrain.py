@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Train the network, write it with its loss curve, and say what came out."""
     from irt.cli.progress import progress_bar
-    from irt.tuning.pretrain import checkpoint_path
+    from irt.tuning.checkpoint import checkpoint_path
 
     began = time.perf_counter()
     try:

@@ -135,7 +135,7 @@ def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
     if args.method not in _BELONGS["network"]:
         return None
     from irt.tuning.cache import need, training_data
-    from irt.tuning.pretrain import checkpoint_path
+    from irt.tuning.checkpoint import checkpoint_path
 
     path = need(rig, args.engine).path(args.method)
     if path.exists():

@@ -16,8 +16,9 @@ from irt.errors import IrtError
 from irt.fitting.fit import Progress
 from irt.reproduce.setting import Setting, within
 from irt.tuning import cache
+from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.pairs import simulate_pairs
-from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain, reproducible
+from irt.tuning.pretrain import Recipe, pretrain, reproducible
 from irt.tuning.stepnet import StepFile, load_steps
 from irt.tuning.streaming import Streamed, train_steps
 from irt.tuning.tunenet import NetworkFile, load_network

@@ -19,8 +19,9 @@ from irt.fitting.fit import Progress
 from irt.rig import Rig
 from irt.rollouts import Engine
 from irt.segments import Segment, segments
+from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive, is_paper_drive
-from irt.tuning.pretrain import Recipe, checkpoint_path, pretrain
+from irt.tuning.pretrain import Recipe, pretrain
 from irt.tuning.stepnet import StepFile, load_steps
 from irt.tuning.streaming import Streamed, train_steps
 from irt.tuning.tunenet import NetworkFile, load_network

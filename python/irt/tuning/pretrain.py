@@ -22,16 +22,10 @@ from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
 from irt.rig import PARAMETERS
+from irt.tuning.checkpoint import Checkpoint, checkpoint_path
 from irt.tuning.drive import Drive
 from irt.tuning.pairs import Pairs, simulate_pairs
-from irt.tuning.tunenet import (
-    NetworkFile,
-    TuneNet,
-    load_weights,
-    read_tensors,
-    save_network,
-    write_tensors,
-)
+from irt.tuning.tunenet import NetworkFile, TuneNet, read_tensors, save_network
 from irt.workers import Workers
 
 #: Epochs between two checkpoints.
@@ -137,29 +131,29 @@ def pretrain(
         If a file cannot be read or written, or the checkpoint is broken or of another training.
     """
     recipe = recipe or Recipe()
-    checkpoint = checkpoint_path(path)
     if Path(path).is_dir():
         raise IrtError(f"{path}: is a folder; name the file to write")
-    make_folder(checkpoint.parent)
+    make_folder(Path(path).parent)
     if resume:
         # Known at once, not after the simulations.
-        read_tensors(checkpoint)
+        read_tensors(checkpoint_path(path))
     pairs = simulate_pairs(
         drive, recipe.pairs, recipe.seed, threads=threads, progress=progress, workers=workers
     )
     metadata = _metadata(drive, recipe, pairs, command)
+    checkpoint = Checkpoint(checkpoint_path(path), CHECKPOINT_FORMAT, metadata, ("drive", "recipe", "data"))
     place = torch.device(device or best_device())
     with reproducible():
         training = _Training(drive, recipe, pairs.to(place))
         if resume:
-            training.restore(checkpoint, metadata)
+            checkpoint.restore(training.network, training.adam, training.told)
         for epoch in range(training.epoch, recipe.epochs):
             training.run_epoch()
             if progress:
                 text = f"training, held-out loss {training.heldout[-1]:.4f}"
                 progress(epoch + 1, recipe.epochs, text)
             if (epoch + 1) % CHECKPOINT_EPOCHS == 0 and epoch + 1 < recipe.epochs:
-                training.save(checkpoint, metadata)
+                checkpoint.save(training.network, training.adam, training.told)
     done = NetworkFile(
         training.network.cpu().eval(),
         {**metadata, "heldout_loss": repr(training.heldout[-1]), "device": place.type},
@@ -168,14 +162,8 @@ def pretrain(
     )
     save_network(path, done)
     with suppress(OSError):
-        checkpoint.unlink()
+        checkpoint.path.unlink()
     return done
-
-
-def checkpoint_path(path: PathLike) -> Path:
-    """Return where the checkpoint stands while a network is trained: ``net.checkpoint.safetensors``."""
-    path = Path(path)
-    return path.with_name(f"{path.stem}.checkpoint.safetensors")
 
 
 def best_device() -> str:
@@ -215,6 +203,11 @@ class _Training:
         self.heldout: list[float] = []
 
     @property
+    def told(self) -> dict[str, list[float]]:
+        """The losses by the names that a checkpoint gives them."""
+        return {"loss.training": self.losses, "loss.heldout": self.heldout}
+
+    @property
     def epoch(self) -> int:
         """Epochs done."""
         return len(self.losses)
@@ -238,40 +231,6 @@ class _Training:
         # Both at the end: `epoch` counts the losses, and the rate above depends on it.
         self.heldout.append(self._heldout_loss())
         self.losses.append(float(total) / self.recipe.pairs)
-
-    def save(self, path: Path, metadata: dict[str, str]) -> None:
-        """Write all that is needed to go on."""
-        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
-        for (name, _), state in zip(
-            self.network.named_parameters(), self.adam.state_dict()["state"].values(), strict=True
-        ):
-            tensors |= {f"adam.{key}.{name}": value for key, value in state.items()}
-        tensors["loss.training"] = torch.tensor(self.losses, dtype=torch.float64)
-        tensors["loss.heldout"] = torch.tensor(self.heldout, dtype=torch.float64)
-        write_tensors(path, tensors, {"format": CHECKPOINT_FORMAT, **metadata})
-
-    def restore(self, path: Path, metadata: dict[str, str]) -> None:
-        """Go on from a checkpoint of the same training."""
-        tensors, found = read_tensors(path)
-        if found.get("format") != CHECKPOINT_FORMAT:
-            raise IrtError(f"{path}: not a checkpoint of this release; train without --resume")
-        for name in ("drive", "recipe", "data"):
-            if found.get(name) != metadata[name]:
-                raise IrtError(
-                    f"{path}: of another training: its {name} is {found.get(name)}, not {metadata[name]}; "
-                    "give the same options as then, or train without --resume"
-                )
-        load_weights(path, self.network, tensors)
-        try:
-            state = {
-                i: {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
-                for i, (name, _) in enumerate(self.network.named_parameters())
-            }
-            self.losses = tensors["loss.training"].tolist()
-            self.heldout = tensors["loss.heldout"].tolist()
-        except KeyError as error:
-            raise IrtError(f"{path}: broken: it lacks {error}; train without --resume") from error
-        self.adam.load_state_dict({**self.adam.state_dict(), "state": state})
 
     def _deal(self, random: torch.Generator) -> tuple[Tensor, Tensor]:
         """Return the simulations to be proposed and those to be targets, by index, in a random order."""

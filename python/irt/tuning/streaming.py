@@ -22,11 +22,11 @@ from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
 from irt.rig import PARAMETERS
+from irt.tuning.checkpoint import Checkpoint, checkpoint_path
 from irt.tuning.coordinates import Coordinates
 from irt.tuning.drive import Drive
-from irt.tuning.pretrain import best_device, checkpoint_path, reproducible
+from irt.tuning.pretrain import best_device, reproducible
 from irt.tuning.stepnet import StepFile, StepNet, middle, save_steps
-from irt.tuning.tunenet import load_weights, read_tensors, write_tensors
 
 Array = NDArray[np.float64]
 
@@ -172,10 +172,9 @@ def train_steps(
         If a file cannot be read or written, or the checkpoint is broken or of another training.
     """
     recipe = recipe or Streamed()
-    checkpoint = checkpoint_path(path)
     if Path(path).is_dir():
         raise IrtError(f"{path}: is a folder; name the file to write")
-    make_folder(checkpoint.parent)
+    make_folder(Path(path).parent)
     place = torch.device(device or best_device())
     metadata = {
         "drive": drive.digest,
@@ -186,22 +185,23 @@ def train_steps(
         "rollouts": f"{recipe.pools * POOL * 2}",
         "command": command,
     }
+    checkpoint = Checkpoint(checkpoint_path(path), CHECKPOINT_FORMAT, metadata, ("drive", "recipe"))
     with reproducible():
         training = _Training(drive, recipe, place, threads)
         if resume:
-            training.restore(checkpoint, metadata)
+            checkpoint.restore(training.network, training.adam, training.told)
         while training.pool < recipe.pools:
             training.run_pool()
             if progress:
                 progress(training.pool, recipe.pools, f"training, loss {training.losses[-1]:.3f}")
             if training.pool % CHECKPOINT_POOLS == 0 and training.pool < recipe.pools:
-                training.save(checkpoint, metadata)
+                checkpoint.save(training.network, training.adam, training.told)
     done = StepFile(
         training.network.cpu().eval(), {**metadata, "device": place.type}, torch.tensor(training.losses)
     )
     save_steps(path, done)
     with suppress(OSError):
-        checkpoint.unlink()
+        checkpoint.path.unlink()
     return done
 
 
@@ -220,6 +220,11 @@ class _Training:
             self.network.parameters(), lr=recipe.learning_rate, weight_decay=_DECAY, fused=True
         )
         self.losses: list[float] = []
+
+    @property
+    def told(self) -> dict[str, list[float]]:
+        """The losses by the names that a checkpoint gives them."""
+        return {"losses": self.losses}
 
     @property
     def pool(self) -> int:
@@ -247,38 +252,6 @@ class _Training:
             self.adam.step()
             total += loss.detach()
         self.losses.append(float(total) / len(batches))
-
-    def save(self, path: Path, metadata: dict[str, str]) -> None:
-        """Write all that is needed to go on."""
-        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
-        for (name, _), state in zip(
-            self.network.named_parameters(), self.adam.state_dict()["state"].values(), strict=True
-        ):
-            tensors |= {f"adam.{key}.{name}": value for key, value in state.items()}
-        tensors["losses"] = torch.tensor(self.losses, dtype=torch.float64)
-        write_tensors(path, tensors, {"format": CHECKPOINT_FORMAT, **metadata})
-
-    def restore(self, path: Path, metadata: dict[str, str]) -> None:
-        """Go on from a checkpoint of the same training."""
-        tensors, found = read_tensors(path)
-        if found.get("format") != CHECKPOINT_FORMAT:
-            raise IrtError(f"{path}: not a checkpoint of this release; train without --resume")
-        for name in ("drive", "recipe"):
-            if found.get(name) != metadata[name]:
-                raise IrtError(
-                    f"{path}: of another training: its {name} is {found.get(name)}, not {metadata[name]}; "
-                    "give the same options as then, or train without --resume"
-                )
-        load_weights(path, self.network, tensors)
-        try:
-            state = {
-                i: {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
-                for i, (name, _) in enumerate(self.network.named_parameters())
-            }
-            self.losses = tensors["losses"].tolist()
-        except KeyError as error:
-            raise IrtError(f"{path}: broken: it lacks {error}; train without --resume") from error
-        self.adam.load_state_dict({**self.adam.state_dict(), "state": state})
 
     def _set_rate(self, step: int, steps: int) -> None:
         rise = min(1.0, (step + 1) / _WARM_UP)

@@ -339,7 +339,7 @@ impl Config {
     pub fn read(path: &Path) -> Result<(Self, String)> {
         let shown = path.display();
         let text = fs::read_to_string(path)
-            .map_err(|error| Error::refused(format!("{shown}: cannot be read: {error}")))?;
+            .map_err(|error| Error::refused(format!("{shown}: cannot be read: {error}; copy rig/example/rig.toml, or name another with --config")))?;
         let config: Self = toml::from_str(&text).map_err(|error| {
             let line = error
                 .span()

@@ -10,8 +10,8 @@ from irt.rig import load_rig
 from irt.rollouts import rollouts
 from irt.tuning import cache
 from irt.tuning.cache import cache_folder, need, obtain
+from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive
-from irt.tuning.pretrain import checkpoint_path
 
 
 @pytest.fixture(autouse=True)

@@ -6,8 +6,9 @@ import pytest
 import torch
 
 from irt.errors import IrtError
+from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive
-from irt.tuning.pretrain import CHECKPOINT_EPOCHS, checkpoint_path, pretrain
+from irt.tuning.pretrain import CHECKPOINT_EPOCHS, pretrain
 from irt.tuning.tunenet import load_network, read_tensors, write_tensors
 
 

@@ -1,6 +1,6 @@
 """A tracker and a driver of two arms, each a process of its own, which misbehave on request.
 
-``python peers.py tracker`` and ``python peers.py arms LOG`` read requests from standard input, a line each.
+``python devices.py tracker`` and ``python devices.py arms LOG`` read requests from their standard input.
 """
 
 from __future__ import annotations
@@ -128,6 +128,7 @@ def arms(log: Path) -> None:
                 arm.tell(mode)
         if mode == "intrude" and intruder is None:
             intruder = Peer().writer("/left/joint_trajectory", JointTrajectory)
+            print("intruding", flush=True)
         wait()
     log.write_text(json.dumps([arm.told for arm in both]))
 

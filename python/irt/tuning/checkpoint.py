@@ -1,0 +1,88 @@
+"""What a training is gone on from: a network's weights, its optimiser's moments, the losses so far."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from irt.errors import IrtError
+from irt.files import PathLike
+from irt.tuning.tunenet import load_weights, read_tensors, write_tensors
+
+#: What Adam keeps of each parameter.
+_MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+
+
+def checkpoint_path(path: PathLike) -> Path:
+    """Return where the checkpoint stands while a network is trained: ``net.checkpoint.safetensors``."""
+    path = Path(path)
+    return path.with_name(f"{path.stem}.checkpoint.safetensors")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """Writes and reads the checkpoints of one training.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    format : str
+        What its metadata says under "format".
+    metadata : mapping
+        What is trained, and how.
+    same : sequence of str
+        Names of the metadata that another run has to share to go on from it.
+    """
+
+    path: Path
+    format: str
+    metadata: Mapping[str, str]
+    same: Sequence[str]
+
+    def save(
+        self, network: nn.Module, adam: torch.optim.Optimizer, losses: Mapping[str, Sequence[float]]
+    ) -> None:
+        """Write all that is needed to go on."""
+        tensors = {f"network.{name}": value for name, value in network.state_dict().items()}
+        for (name, _), state in zip(
+            network.named_parameters(), adam.state_dict()["state"].values(), strict=True
+        ):
+            tensors |= {f"adam.{key}.{name}": value for key, value in state.items()}
+        tensors |= {name: torch.tensor(each, dtype=torch.float64) for name, each in losses.items()}
+        write_tensors(self.path, tensors, {"format": self.format, **self.metadata})
+
+    def restore(
+        self, network: nn.Module, adam: torch.optim.Optimizer, losses: Mapping[str, list[float]]
+    ) -> None:
+        """Read all of it into the network, the optimiser and the lists of losses.
+
+        Raises
+        ------
+        IrtError
+            If the file cannot be read, is broken, or is of another training.
+        """
+        tensors, found = read_tensors(self.path)
+        if found.get("format") != self.format:
+            raise IrtError(f"{self.path}: not a checkpoint of this release; train without --resume")
+        for name in self.same:
+            if found.get(name) != self.metadata[name]:
+                raise IrtError(
+                    f"{self.path}: of another training: its {name} is {found.get(name)}, not "
+                    f"{self.metadata[name]}; give the same options as then, or train without --resume"
+                )
+        load_weights(self.path, network, tensors)
+        try:
+            state = {
+                i: {key: tensors[f"adam.{key}.{name}"] for key in _MOMENTS}
+                for i, (name, _) in enumerate(network.named_parameters())
+            }
+            for name, each in losses.items():
+                each[:] = tensors[name].tolist()
+        except KeyError as error:
+            raise IrtError(f"{self.path}: broken: it lacks {error}; train without --resume") from error
+        adam.load_state_dict({**adam.state_dict(), "state": state})
