@@ -338,8 +338,10 @@ impl Config {
     /// [`Error::Refused`] if it cannot be read, [`Error::Mistakes`] for what is wrong in it.
     pub fn read(path: &Path) -> Result<(Self, String)> {
         let shown = path.display();
-        let text = fs::read_to_string(path)
-            .map_err(|error| Error::refused(format!("{shown}: cannot be read: {error}; copy rig/example/rig.toml, or name another with --config")))?;
+        let text = fs::read_to_string(path).map_err(|error| {
+            let advice = "copy rig/example/rig.toml, or name another with --config";
+            Error::refused(format!("{shown}: cannot be read: {error}; {advice}"))
+        })?;
         let config: Self = toml::from_str(&text).map_err(|error| {
             let line = error
                 .span()
