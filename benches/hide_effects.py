@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import irt
 from irt.diagnose.case import Case
-from irt.diagnose.screen import size_of
+from irt.diagnose.hypotheses import size_of
 from irt.files import write_atomic
 from irt.rig import PARAMETERS
 

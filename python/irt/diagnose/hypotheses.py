@@ -1,13 +1,20 @@
-"""Which effects of the catalogue are hypotheses: those that repeat, and so can be fitted."""
+"""Which effects of the catalogue are hypotheses, and what each of them does, told by trying it."""
 
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irt.catalogue import effect, effects
 from irt.rollouts import rollouts
+
+Array = NDArray[np.float64]
+
+#: Change of a path that is rounding [board edges].
+_NOTHING = 1e-12
 
 
 def hypotheses() -> list[str]:
@@ -21,8 +28,44 @@ def hypotheses() -> list[str]:
 
 @functools.cache
 def _repeats(name: str) -> bool:
-    knobs = 0.05 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
-    strong = {one.name: one.low + 0.4 * (one.high - one.low) for one in effect(name).parameters}
-    base = np.tile([0.05, 0.05, 0.0005, 20.0, 1.0], (2, 1))
-    paths = rollouts(base, knobs, effects=[{"name": name, **strong}], seed=[1, 2])
+    paths = _tried([{"name": name, **_strong(name)}], seeds=[1, 2])
     return bool(np.array_equal(paths[0], paths[1]))
+
+
+@functools.cache
+def acts_on_impacts_alone(name: str) -> bool:
+    """Whether an effect changes nothing away from the rim, but where a run is seen to begin."""
+    if not all(np.isfinite(one.neutral) for one in effect(name).parameters):
+        return False
+    changed = _tried([{"name": name, **_strong(name)}])
+    return bool(np.ptp(changed - _tried([]), axis=1).max() < _NOTHING)
+
+
+def is_law_of_impacts(name: str) -> bool:
+    """Whether an effect says how a marble leaves the rim, and not where that is."""
+    return acts_on_impacts_alone(name) and effect(name).stage == "contact"
+
+
+@functools.cache
+def size_of(name: str) -> int | None:
+    """Return which parameter of an effect is its size: at its neutral value the others say nothing."""
+    plain = _tried([])
+    silent = [
+        index
+        for index, one in enumerate(effect(name).parameters)
+        if np.isfinite(one.neutral)
+        and np.array_equal(_tried([{"name": name, **_strong(name), one.name: one.neutral}]), plain)
+    ]
+    return silent[0] if len(silent) == 1 else None
+
+
+def _strong(name: str) -> dict[str, float]:
+    """Return values of an effect that show."""
+    return {one.name: one.low + 0.4 * (one.high - one.low) for one in effect(name).parameters}
+
+
+def _tried(chosen: Sequence[Mapping[str, object]], seeds: Sequence[int] = (1,)) -> Array:
+    """Simulate a run that stays away from the rim, once for each seed (len(seeds), 31, 2)."""
+    knobs = 0.05 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
+    base = np.tile([0.05, 0.05, 0.0005, 20.0, 1.0], (len(seeds), 1))
+    return rollouts(base, knobs, effects=list(chosen), seed=list(seeds))

@@ -7,7 +7,6 @@ reason to name it. Between impacts physics is known to the digits of the tracker
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,14 +16,12 @@ from numpy.typing import NDArray
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.evidence import Evidence, is_noise
+from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts
 from irt.diagnose.stretches import FREE, SHORTEST, runs
-from irt.rollouts import rollouts
 from irt.segments import Segment
 
 Array = NDArray[np.float64]
 
-#: Change of a path that is rounding [board edges].
-_NOTHING = 1e-12
 #: How far from its place a shifted or bent picture may show the rim [board edges].
 SHIFTED = 0.1
 #: Share of rows that lie farther out than where the marble is taken to turn back: outliers do.
@@ -83,24 +80,6 @@ def is_explained_between(between: Case, one: Fitted) -> bool:
     if not between.segments:
         return False
     return is_noise(between, refitted(between, one, [one]))
-
-
-@functools.cache
-def acts_on_impacts_alone(name: str) -> bool:
-    """Whether an effect changes nothing away from the rim, but where a run is seen to begin."""
-    parameters = effect(name).parameters
-    if not all(np.isfinite(one.neutral) for one in parameters):
-        return False
-    knobs = 0.05 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
-    base = np.array([[0.05, 0.05, 0.0005, 20.0, 1.0]])
-    strong = {one.name: one.low + 0.4 * (one.high - one.low) for one in parameters}
-    changed = rollouts(base, knobs, effects=[{"name": name, **strong}], seed=1)
-    return bool(np.ptp(changed - rollouts(base, knobs, seed=1), axis=1).max() < _NOTHING)
-
-
-def is_law_of_impacts(name: str) -> bool:
-    """Whether an effect says how a marble leaves the rim, and not where that is."""
-    return acts_on_impacts_alone(name) and effect(name).stage == "contact"
 
 
 def _size(one: Fitted, name: str) -> float:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.evidence import Evidence, excess
 from irt.diagnose.heldout import hold_out, is_supported
-from irt.diagnose.hypotheses import hypotheses
-from irt.diagnose.impacts import acts_on_impacts_alone, refitted
+from irt.diagnose.hypotheses import acts_on_impacts_alone, hypotheses
+from irt.diagnose.impacts import refitted
 from irt.diagnose.screen import ROWS, Screen
 
 Array = NDArray[np.float64]

@@ -12,13 +12,12 @@ from irt.catalogue import EffectParameter, effect, effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Power
 from irt.diagnose.evidence import LEAST_SHARE, Evidence
+from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts, size_of
 from irt.diagnose.impacts import (
     LEAST_OF_IMPACTS,
-    acts_on_impacts_alone,
     between_impacts,
-    is_law_of_impacts,
 )
-from irt.diagnose.screen import Screen, size_of
+from irt.diagnose.screen import Screen
 
 Array = NDArray[np.float64]
 

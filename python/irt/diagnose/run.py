@@ -12,13 +12,12 @@ from irt.diagnose.evidence import is_explained
 from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
-from irt.diagnose.hypotheses import hypotheses
+from irt.diagnose.hypotheses import hypotheses, size_of
 from irt.diagnose.jitter import differing_delays
 from irt.diagnose.latent import Leftover
 from irt.diagnose.locate import locate, stages, variables
 from irt.diagnose.partners import Report
 from irt.diagnose.rivals import rivals
-from irt.diagnose.screen import size_of
 from irt.diagnose.search import Search
 from irt.diagnose.unlisted import Term, confirmed
 from irt.files import PathLike

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect
 from irt.diagnose.case import Case, Fitted
+from irt.diagnose.hypotheses import size_of
 from irt.fitting.robust import deviation
 from irt.rig import PARAMETERS, RANGES
-from irt.rollouts import SUBSTEP_S, rollouts
+from irt.rollouts import SUBSTEP_S
 from irt.segments import Segment, inputs_of
 from irt.start_state import Inputs, estimate_start_states, simulate
 
@@ -282,25 +283,6 @@ class Screen:
         if self._inputs.durations is not None:
             return float(np.median(self._inputs.durations))
         return float(self._model.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
-
-
-@functools.cache
-def size_of(name: str) -> int | None:
-    """Return which parameter of an effect is its size: at its neutral value the others say nothing."""
-    parameters = effect(name).parameters
-    knobs = 0.1 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
-    base = np.array([[0.05, 0.05, 0.0005, 20.0, 1.0]])
-    plain = rollouts(base, knobs, seed=1)
-    middle = {one.name: one.low + 0.4 * (one.high - one.low) for one in parameters}
-    silent = [
-        index
-        for index, one in enumerate(parameters)
-        if np.isfinite(one.neutral)
-        and np.array_equal(
-            rollouts(base, knobs, effects=[{"name": name, **middle, one.name: one.neutral}], seed=1), plain
-        )
-    ]
-    return silent[0] if len(silent) == 1 else None
 
 
 def _drawn(parameters: tuple[EffectParameter, ...], size: int | None, count: int, seed: int) -> Array:

@@ -13,9 +13,8 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
-from irt.diagnose.hypotheses import hypotheses
+from irt.diagnose.hypotheses import acts_on_impacts_alone, hypotheses
 from irt.diagnose.impacts import (
-    acts_on_impacts_alone,
     between_impacts,
     is_explained_between,
     shows,

@@ -5,7 +5,8 @@ import pytest
 
 import irt
 from irt.catalogue import effect
-from irt.diagnose.screen import Screen, size_of
+from irt.diagnose.hypotheses import size_of
+from irt.diagnose.screen import Screen
 
 
 @pytest.mark.parametrize(
