@@ -186,7 +186,7 @@ class _Answer:
 
 
 def _searched(search: Search, report: Report) -> _Answer:
-    """Choose a hypothesis: one effect, two, delays that differ, more effects, something unlisted.
+    """Choose a hypothesis: one effect, several effects, delays that differ, something unlisted.
 
     What leaves noise ends the search: nothing that repeats does so where delays differ, while a lag and a
     clock that drifts together may look like those. What was learned comes last and has to beat the catalogue:
@@ -195,15 +195,12 @@ def _searched(search: Search, report: Report) -> _Answer:
     case, best = search.case, search.singles()
     if is_explained(case, best, search.base):
         return _Answer(case, best)
-    best = search.pairs(best)
-    if _is_all(search, pruned := search.pruned(best)):
-        return _Answer(case, pruned)
-    jittering = _jittering(search, report)
-    if jittering is not None:
-        return jittering
     best = search.larger(best)
     if _is_all(search, best):
         return _Answer(case, best)
+    jittering = _jittering(search, report)
+    if jittering is not None:
+        return jittering
     report("physics that the catalogue does not have")
     learned = confirmed(search, best)
     if learned is None:

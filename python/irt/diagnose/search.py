@@ -92,32 +92,25 @@ class Search:
             best = self._grown(self.base, 1)
         return best
 
-    def pairs(self, best: Fitted) -> Fitted:
-        """Try two effects together, which may show where neither does alone; return the best hypothesis."""
-        return self._larger(best, 2)
-
     def larger(self, best: Fitted) -> Fitted:
-        """Try more than two effects together, and return the best hypothesis."""
-        for size in range(len(best.effects) + 1, MOST_EFFECTS + 1):
-            # A third one needs two.
-            if len(best.effects) < max(2, size - 1) or is_explained(self.case, best, self.base):
+        """Try more effects together, and return the best hypothesis."""
+        for size in range(2, MOST_EFFECTS + 1):
+            # Two effects may show together where neither does alone; a third one needs two.
+            if size > max(2, len(best.effects) + 1) or is_explained(self.case, best, self.base):
                 break
-            best = self._larger(best, size)
-        return self.pruned(self._with_partners(best))
-
-    def _larger(self, best: Fitted, size: int) -> Fitted:
-        """Try so many effects together, or a law of impacts if nothing else is left."""
-        if self.is_explained_between(best):
-            return self._with_impacts(best)
-        counts = PARTNERS if size == 2 else PARTNERS[:1]
-        for parent, count in zip(self.ranked(size - 1), counts, strict=False):
-            others = [name for name in hypotheses() if name not in parent.effects]
-            self._expand(parent, others, count)
-            if is_explained(self.case, self.ranked(size)[0], self.base):
+            if self.is_explained_between(best):
+                best = self._with_impacts(best)
                 break
-        self._refine(size)
-        self._swap(self.ranked(size)[0])
-        return self._grown(best, size)
+            counts = PARTNERS if size == 2 else PARTNERS[:1]
+            for parent, count in zip(self.ranked(size - 1), counts, strict=False):
+                others = [name for name in hypotheses() if name not in parent.effects]
+                self._expand(parent, others, count)
+                if is_explained(self.case, self.ranked(size)[0], self.base):
+                    break
+            self._refine(size)
+            self._swap(self.ranked(size)[0])
+            best = self._grown(best, size)
+        return self._with_partners(self._pruned(best))
 
     def beside(self, parent: Fitted, names: Sequence[str]) -> Fitted:
         """Return a hypothesis that has to stay with the one effect more that is worth it, or as it is."""
@@ -273,10 +266,10 @@ class Search:
             self._held_out[key] = hold_out(self.case, one)
         return self._held_out[key]
 
-    def pruned(self, best: Fitted) -> Fitted:
+    def _pruned(self, best: Fitted) -> Fitted:
         """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
         for name in best.effects:
             without = self.without(best, name)
             if not self.evidence().is_better(best, without) or not self.is_supported(best, without):
-                return self.pruned(without)
+                return self._pruned(without)
         return best
