@@ -112,7 +112,7 @@ def _ours(
         for truth, share in zip(truths, visible, strict=True):
             score.add(np.full(2, np.nan), truth, share)
         return score
-    tracker = Tracker(learned, scale_of(pose, learned.middle))
+    tracker = Tracker(learned, scale_of(pose, learned.finder.middle))
     if learned.first is not None:
         tracker.expect(*learned.first)
 
