@@ -67,7 +67,8 @@ def hard(clip: int, rows: int) -> Scene:
     wood = ("light", "white", "dark")[clip % 3]
     paint = Paint(wood, grain=0.12, lines=5, holes=8, likeness=likeness)
     finger = Finger(
-        colour=((0.12, 0.12, 0.13), (0.45, 0.27, 0.2), (0.02, 0.02, 0.02))[clip % 3], ball=clip % 2 == 0
+        colour=((0.12, 0.12, 0.13), (0.45, 0.27, 0.2), (0.02, 0.02, 0.02))[clip % 3],
+        ball=(clip // 4) % 2 == 0,
     )
     return Scene(view, paint, look, places, tilts, finger, seed=200 + clip)
 

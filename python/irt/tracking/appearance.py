@@ -29,6 +29,10 @@ REACH = 1.5
 #: Residuals at which a pixel begins to lose its say, in scatters, round by round: from a start that may be
 #: a radius off, where every pixel of the rim disagrees, to the last.
 LETS_GO = (30.0, 10.0, 6.0, 5.0, 5.0)
+#: From this of them on, a start that fits less well than this is given up.
+HOPELESS_AT, HOPELESS = LETS_GO[2], 0.15
+#: A move smaller than this ends the rounds, once the last limit is reached [pixels].
+STILL = 0.02
 #: The longest move of a round, and of all, in radii.
 LONGEST, FARTHEST = 0.5, 1.5
 #: Least and greatest light, over that of the appearance.
@@ -107,21 +111,25 @@ class Appearance:
         scale : float
             The marble's size there over that of the appearance.
         """
-        (x, y), gain = place, 1.0
+        (x, y), gain, radius = place, 1.0, self.radius * scale
         for lets_go in LETS_GO:
             laid = self._laid(picture, board, (x, y), scale)
             if laid is None:
                 return Match(x, y, 0.0, np.inf)
             seen = laid
+            if lets_go == HOPELESS_AT and seen.confidence(gain, (x, y), np.zeros(2), radius) < HOPELESS:
+                return Match(x, y, 0.0, np.inf)
             step, normal = seen.step(gain, lets_go)
             size = float(np.hypot(step[0], step[1]))
-            part = min(1.0, LONGEST * self.radius * scale / (size + 1e-9))
+            part = min(1.0, LONGEST * radius / (size + 1e-9))
             x, y = x + part * float(step[0]), y + part * float(step[1])
             gain = float(np.clip(gain + step[2], *LIGHT))
-            if np.hypot(x - place[0], y - place[1]) > FARTHEST * self.radius * scale:
+            if np.hypot(x - place[0], y - place[1]) > FARTHEST * radius:
                 return Match(x, y, 0.0, np.inf)
+            if lets_go == LETS_GO[-1] and size < STILL:
+                break
         spread = float(np.sqrt(np.linalg.eigvalsh(np.linalg.inv(normal)[:2, :2])[1]))
-        confidence = seen.confidence(gain, (x, y), step, self.radius * scale)
+        confidence = seen.confidence(gain, (x, y), step, radius)
         return Match(x, y, confidence, spread)
 
     def _laid(self, picture: Values, board: Values, place: tuple[float, float], scale: float) -> _Laid | None:

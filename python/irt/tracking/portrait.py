@@ -42,8 +42,11 @@ PARTS = np.arange(0.4, 1.65, 0.04)
 RIM_FROM = 0.7
 #: Where a ray is inside and outside of the rim, and where the board beside it is, in radii.
 INSIDE, OUTSIDE, BESIDE = (0.78, 0.92), (1.08, 1.22), (1.1, 1.35)
-#: A difference in hue that shows where the rim is [levels].
-HUE = 40.0
+#: Where a ray has the hue of the marble, in radii.
+NEAR_RIM = (0.7, 0.86)
+#: A difference in hue that shows where the rim is [levels], what rays count by it beside those in full light,
+#: and the part of it at which they leave the marble.
+HUE, HUE_COUNTS, LEAVES = 40.0, 1.5, 0.4
 #: Rays to either side of a shadow that are not trusted either.
 NEAR_SHADOW = 2
 #: How far a radius may be from what board and marble say (standard deviation, as a share).
@@ -212,16 +215,17 @@ def _disc(
 
 def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple[float, float, float]:
     """Return offset and radius of the marble's disc in mean rays (RAYS, n, 3), in radii."""
-    hues = _hues(mean, without)
-    size = np.linalg.norm(hues, axis=1)
     lit = _lit(mean, without)
-    rims = [_rims(_changes(mean, one, noise)) for one in (_normed(hues), _directions(mean))]
     clear = np.min([np.roll(lit, turn) for turn in range(-NEAR_SHADOW, NEAR_SHADOW + 1)], axis=0)
-    trust = np.concatenate([(size / (size + HUE)) ** 2, clear]) + 1e-3
+    hue_rims, hue = _hue_rims(mean, without)
+    found = ~np.isnan(hue_rims)
+    measured = np.concatenate(
+        [np.where(found, hue_rims, 1.0), _rims(_changes(mean, _directions(mean), noise))]
+    )
+    trust = np.concatenate([HUE_COUNTS * (hue / (hue + HUE)) ** 2 * found, clear]) + 1e-3
     one, none = np.ones(RAYS), np.zeros(RAYS)
     design = np.stack([np.tile(COS, 2), np.tile(SIN, 2), np.append(one, none), np.append(none, one)])
-    measured = np.concatenate(rims)
-    answer = np.array([0.0, 0.0, float(np.median(rims[0])), expected])
+    answer = np.array([0.0, 0.0, float(np.median(measured[:RAYS])), expected])
     # Neighbouring rays err alike: some eight of them count as one.
     hold = 8.0 * (TOLD / KNOWN) ** 2
     for _ in range(15):
@@ -257,14 +261,27 @@ def _directions(mean: Values) -> Values:
     return _normed(change)
 
 
-def _hues(mean: Values, without: Values) -> Array:
-    """Return the part of the change from inside to outside (RAYS, 3) that is none in light alone.
+def _hue_rims(mean: Values, without: Values) -> tuple[Array, float]:
+    """Return where each mean ray leaves the marble's hue (RAYS,), NaN where none does, and how clear that is.
 
     Less light moves a colour towards black, along the board's own colour: across that, a shadow has no rim.
     """
-    board = _normed(_between(without, OUTSIDE)).astype(np.float64)
-    change = _between(mean, OUTSIDE) - _between(mean, INSIDE)
-    return np.asarray(change - (change * board).sum(axis=1, keepdims=True) * board)
+    board = without.astype(np.float64)
+    board = board / (np.linalg.norm(board, axis=2, keepdims=True) + 1e-9)
+    across = mean - (mean * board).sum(axis=2, keepdims=True) * board
+    inner = across[:, (PARTS > 0.5) & (PARTS < 0.85)].mean(axis=(0, 1))
+    clear = float(np.linalg.norm(inner))
+    hue = opencv().GaussianBlur(across @ (inner / (clear + 1e-9)), (3, 1), 0)
+    inside = hue[:, (NEAR_RIM[0] < PARTS) & (NEAR_RIM[1] > PARTS)].mean(axis=1)
+    outside = hue[:, BESIDE[1] < PARTS].mean(axis=1)
+    level = outside + LEAVES * (inside - outside)
+    first = int(np.searchsorted(PARTS, NEAR_RIM[1])) - 2
+    below = hue[:, first:-1] < level[:, None]
+    after = first + np.argmax(below, axis=1)
+    rows = np.arange(RAYS)
+    before, there = hue[rows, after - 1], hue[rows, after]
+    place = PARTS[after] - (PARTS[1] - PARTS[0]) * (level - there) / (before - there + 1e-9)
+    return np.where(below.any(axis=1) & (after > first), place, np.nan), clear
 
 
 def _normed(vectors: Array) -> Values:

@@ -26,9 +26,11 @@ CLEAR = 0.82
 #: Standard error that a place may have, in radii.
 SHARP = 0.15
 #: Candidates that are looked at: in a window, and in the whole picture.
-FEW, MANY = 2, 5
+FEW, MANY = 2, 4
 #: A candidate that is as confident as this share of the best one leaves it in doubt.
 RIVAL = 0.9
+#: A candidate within so many radii of one that was looked at is that one.
+CLOSE = 0.4
 #: Pictures in a row that must agree on a place where no marble was expected.
 AGREEING = 2
 #: Within so many radii of each other.
@@ -143,36 +145,37 @@ class Tracker:
         """Find the marble in the next picture."""
         self._count += 1
         expected = self._expected()
-        best = 0.0
+        tried: list[Match] = []
         if expected is not None:
-            found = self._near(picture, expected)
+            found = self._near(picture, expected, tried)
             if found is not None and found.confidence >= NEAR:
                 return self._accept(found, in_window=True)
-            best = found.confidence if found is not None else 0.0
-        return self._anywhere(picture, best)
+        return self._anywhere(picture, tried)
 
-    def _near(self, picture: Picture, expected: tuple[float, float, float]) -> Match | None:
-        """Return what is most like the marble where that is expected, None if nothing is."""
+    def _near(
+        self, picture: Picture, expected: tuple[float, float, float], tried: list[Match]
+    ) -> Match | None:
+        """Return what is most like the marble where that is expected, else None; add what was tried."""
         x, y, reach = expected
-        matches = [self.match(picture, x, y)]
-        if matches[0].confidence < self._clear:
+        tried.append(self.match(picture, x, y))
+        if tried[0].confidence < self._clear:
             box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.box)
-            matches += self._matches(picture, box, FEW)
+            self._try(picture, box, FEW, tried)
 
         def apart(one: Match) -> float:
             return float(np.hypot(one.x - x, one.y - y)) / reach
 
         within = [
             one
-            for one in matches
+            for one in tried
             if self._sharp(one) and apart(one) < (1.0 if one.confidence >= self._clear else HALF)
         ]
         return max(within, key=lambda one: one.confidence - 0.2 * apart(one), default=None)
 
-    def _anywhere(self, picture: Picture, best: float) -> Sighting:
+    def _anywhere(self, picture: Picture, tried: list[Match]) -> Sighting:
         """Look at the whole board; a marble where none was expected has to be seen twice."""
-        matches = self.everywhere(picture)
-        best = max([best, *(one.confidence for one in matches)])
+        matches = self.everywhere(picture, tried)
+        best = max((one.confidence for one in matches), default=0.0)
         clear = [one for one in matches if one.confidence >= FAR and self._sharp(one)]
         if not clear or (len(clear) > 1 and clear[1].confidence > RIVAL * clear[0].confidence):
             self._waiting = []
@@ -218,13 +221,26 @@ class Tracker:
         reach = self.learned.radius * (least + GROWS * (gone - 1)) + REACH_STEPS * speed * gone
         return x + ahead[0], y + ahead[1], reach
 
-    def _matches(self, picture: Picture, box: Box, most: int) -> list[Match]:
-        """Return what is like the marble in a box of the picture."""
-        return [self.match(picture, x, y) for x, y in self.learned.finder.places(picture, box, most)]
+    def _try(self, picture: Picture, box: Box, most: int, tried: list[Match]) -> None:
+        """Add what is like the marble in a box of the picture, but for what was tried."""
+        near = CLOSE * self.learned.radius
+        for x, y in self.learned.finder.places(picture, box, most):
+            if all(np.hypot(x - one.x, y - one.y) > near for one in tried):
+                tried.append(self.match(picture, x, y))
 
-    def everywhere(self, picture: Picture) -> list[Match]:
-        """Return what is like the marble in a picture, the most confident first."""
-        matches = sorted(self._matches(picture, self.learned.box, MANY), key=lambda one: -one.confidence)
+    def everywhere(self, picture: Picture, tried: list[Match] | None = None) -> list[Match]:
+        """Return what is like the marble in a picture, the most confident first.
+
+        Parameters
+        ----------
+        picture : (h, w, 3) uint8 array
+            Blue first.
+        tried : list of Match, optional
+            What was matched in it already.
+        """
+        found = list(tried or [])
+        self._try(picture, self.learned.box, MANY, found)
+        matches = sorted(found, key=lambda one: -one.confidence)
         # Two candidates may have led to one disc.
         return [
             one
