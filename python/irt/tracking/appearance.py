@@ -30,13 +30,13 @@ REACH = 1.5
 #: a radius off, where every pixel of the rim disagrees, to the last.
 LETS_GO = (30.0, 10.0, 6.0, 5.0, 5.0)
 #: From this of them on, a start that fits less well than this is given up.
-HOPELESS_AT, HOPELESS = LETS_GO[2], 0.15
+HOPELESS_AT, HOPELESS = LETS_GO[2], 0.25
 #: A move smaller than this ends the rounds, once the last limit is reached [pixels].
 STILL = 0.02
 #: The longest move of a round, and of all, in radii.
 LONGEST, FARTHEST = 0.5, 1.5
 #: Least and greatest light, over that of the appearance.
-LIGHT = (0.4, 2.0)
+LIGHT = (0.75, 1.3)
 #: Standard deviation of the light from picture to picture, as a share.
 GAIN = 0.15
 #: Pixels of a marble agree with their picture within about so many scatters.
