@@ -2,7 +2,7 @@
 
     python benches/track.py && python benches/write_table.py
 
-What the sets hold is in `tracking.sets`. The runs that are reported begin at number 200 (``--first``): the
+What the sets hold is in `tracking.sets`. The runs that are reported begin at number 300 (``--first``): the
 tracker was made on others. Processor time on one core. Wants trackpy of ``benches/requirements.txt``, and
 cyclonedds for the time from a picture to its published point; without them these are left out, which the
 table says.
@@ -198,9 +198,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Measure the tracker beside other ways to find a ball.")
     parser.add_argument("--clean", type=int, default=6, help="runs of the clean set (default: 6)")
     parser.add_argument("--hard", type=int, default=14, help="runs of the hard set (default: 14)")
-    parser.add_argument("--first", type=int, default=200, help="number of the first run (default: 200)")
+    parser.add_argument("--first", type=int, default=300, help="number of the first run (default: 300)")
     parser.add_argument("--rows", type=int, default=500, help="pictures of each run (default: 500)")
-    parser.add_argument("--others", type=int, default=60, help="of these, for the others (default: 60)")
+    parser.add_argument("--others", type=int, default=40, help="of these, for the others (default: 40)")
     parser.add_argument("--out", type=Path, default=ROOT / "target" / "tracking.json", help="file to write")
     options = parser.parse_args()
     cv2.setNumThreads(1)

@@ -31,7 +31,7 @@ def tracking_table(results: Results) -> str | None:
         "found where visible",
         "false",
         "time",
-        "whole picture",
+        "whole board",
     ]
     rows = []
     for which in sets:
@@ -51,7 +51,7 @@ def _row(scores: Sequence[Results]) -> list[str]:
     window = [time for one in scores for time in one["window"]]
     whole = [time for one in scores for time in one["whole"]]
     return [
-        f"{_error(scores):.3f} px ({low:.3f} to {high:.3f})",
+        f"{_error(scores):.3f} px ({low:.3f} to {high:.3f})" if errors else "",
         f"{max(errors):.3f} px" if errors else "",
         f"{found:.2f} % (worst run {lost[0]:.1f})",
         f"{_total(scores, 'false'):,} of {_total(scores, 'pictures'):,}",

@@ -27,6 +27,10 @@ ROUNDS = 5
 FITS = 0.5
 #: Scatters at which a view's pixel begins to lose its say.
 LETS_GO = 3.0
+#: The median of a third of chi-square with three degrees of freedom.
+MIDDLE = 0.79
+#: Greatest share of the board's light that is seen: what mirrors may add to it.
+MOST_PASSED = 1.2
 #: A cell whose board varies by less than this over the views does not tell what share of it is seen [levels].
 VARIES = 6.0
 #: A cell scatters as much as the marble's moving by so much would make it [pixels]: pixels are coarse.
@@ -138,34 +142,15 @@ class _Stack:
         """Return what the views have in common, by a robust regression of pictures on boards in each cell."""
         pictures, boards = self.pictures[trust > 0], self.boards[trust > 0]
         before = self._passed(pictures, boards, radius)
-        passed = before
-        own = np.median(pictures - passed[..., None] * boards, axis=0)
-        weights = np.ones(pictures.shape[:3], np.float32)
-        for _ in range(4):
-            left = pictures - passed[..., None] * boards - own
-            square = np.einsum("vijk,vijk->vij", left, left) / 3.0
-            scatter = np.maximum(np.median(square, axis=0) / 0.79, noise**2)
-            weights = 1.0 / (1.0 + square / (LETS_GO**2 * scatter)) ** 2
-            total = weights.sum(axis=0)
-            mean, mean_board = (
-                np.einsum("vij,vijk->ijk", weights, one) / total[..., None] for one in (pictures, boards)
-            )
-            apart, other = pictures - mean, boards - mean_board
-            varied = np.einsum("vij,vijk,vijk->ij", weights, other, other)
-            both = np.einsum("vij,vijk,vijk->ij", weights, other, apart)
-            hold = 3.0 * VARIES**2 * total
-            passed = np.clip((both + hold * before) / (varied + hold), 0.0, 1.2)
-            own = mean - passed[..., None] * mean_board
+        own, passed, usual, spread = _regressed(pictures, boards, before, noise)
         cv2 = opencv()
-        layers = np.dstack([own, passed]).astype(np.float32)
-        layers = cv2.GaussianBlur(layers, (0, 0), SOFT * FINE)
-        usual = own + passed[..., None] * mean_board
+        layers = cv2.GaussianBlur(np.dstack([own, passed]).astype(np.float32), (0, 0), SOFT * FINE)
         slopes = [
-            cv2.Sobel(usual.astype(np.float32), cv2.CV_32F, *way, scale=0.125) for way in ((1, 0), (0, 1))
+            cv2.Sobel(usual.astype(np.float32), cv2.CV_32F, *way, scale=FINE / 8.0)
+            for way in ((1, 0), (0, 1))
         ]
         steep = sum((one**2).sum(axis=2) for one in slopes) / 3.0
-        spread = (weights * square).sum(axis=0) / total
-        variance = np.maximum(spread, noise**2) + SMEARED**2 * FINE**2 * steep
+        variance = np.maximum(spread, noise**2) + SMEARED**2 * steep
         return Appearance(layers, (1.0 / variance).astype(np.float32), radius)
 
     def _passed(self, pictures: Values, boards: Values, radius: float) -> Array:
@@ -176,6 +161,43 @@ class _Stack:
         picture, board = np.median(pictures, axis=0), np.median(boards, axis=0)
         light = (picture * board).sum(axis=2) / ((board**2).sum(axis=2) + 1.0)
         return np.asarray(outside * np.clip(light, 0.0, 1.0))
+
+
+def _regressed(
+    pictures: Values, boards: Values, before: Array, noise: float
+) -> tuple[Array, Array, Array, Array]:
+    """Return what views have in common, cell by cell.
+
+    That is the marble's own light (n, n, 3), the share of the board's that is seen (n, n), the usual picture
+    (n, n, 3), and the variance about these (n, n).
+
+    Parameters
+    ----------
+    pictures, boards : (v, n, n, 3) arrays
+        Views laid over each other [levels].
+    before : (n, n) array
+        The share to expect, where the board hardly varies from view to view.
+    noise : float
+        Standard deviation of a colour [levels].
+    """
+    passed = before
+    own = np.median(pictures - passed[..., None] * boards, axis=0)
+    for _ in range(4):
+        left = pictures - passed[..., None] * boards - own
+        square = np.einsum("vijk,vijk->vij", left, left) / 3.0
+        scatter = np.maximum(np.median(square, axis=0) / MIDDLE, noise**2)
+        weights = 1.0 / (1.0 + square / (LETS_GO**2 * scatter)) ** 2
+        total = weights.sum(axis=0)
+        mean, mean_board = (
+            np.einsum("vij,vijk->ijk", weights, one) / total[..., None] for one in (pictures, boards)
+        )
+        apart, other = pictures - mean, boards - mean_board
+        varied = np.einsum("vij,vijk,vijk->ij", weights, other, other)
+        both = np.einsum("vij,vijk,vijk->ij", weights, other, apart)
+        hold = 3.0 * VARIES**2 * total
+        passed = np.clip((both + hold * before) / (varied + hold), 0.0, MOST_PASSED)
+        own = mean - passed[..., None] * mean_board
+    return own, passed, mean, (weights * square).sum(axis=0) / total
 
 
 def _cut(layers: Values, centre: tuple[float, float], half: int, scale: float) -> Values:

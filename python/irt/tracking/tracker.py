@@ -18,8 +18,11 @@ from irt.tracking.underlay import Underlay
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: Confidence that a marble has where it is expected, and where it is not.
+#: Confidence that a marble has within a radius of where it is expected, and elsewhere. What is dark and large
+#: enough, such as a finger over the board, has a half of a steel marble's.
 NEAR, FAR = 0.5, 0.7
+#: A marble was clear so few pictures ago if it is expected anywhere.
+FRESH = 4
 #: Of a marble that is seen well, over its usual one: then nothing else is looked for, and it tells where the
 #: next picture should have it. A marble that is half hidden does not.
 CLEAR = 0.82
@@ -148,8 +151,11 @@ class Tracker:
         tried: list[Match] = []
         if expected is not None:
             found = self._near(picture, expected, tried)
-            if found is not None and found.confidence >= NEAR:
-                return self._accept(found, in_window=True)
+            if found is not None:
+                away = np.hypot(found.x - expected[0], found.y - expected[1])
+                sharp = away < self.learned.radius and self._count - self._last[-1][0] <= FRESH
+                if found.confidence >= (NEAR if sharp else FAR):
+                    return self._accept(found, in_window=True)
         return self._anywhere(picture, tried)
 
     def _near(
