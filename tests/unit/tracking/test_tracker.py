@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drawn import CORNERS, HEIGHT, RADIUS, WIDTH, drawn, path
+from drawn import CORNERS, HEIGHT, MARBLE, RADIUS, WIDTH, drawn, path
 
 from irt.tracking.geometry import Plane, Size
 from irt.tracking.learning import learn, scale_of
@@ -75,3 +75,13 @@ def test_one_frame_after_another_gives_the_same_bits(learned) -> None:
         tracker = Tracker(learned, scale_of(PLANE, learned.finder.middle))
         runs.append([tracker.see(drawn(place, seed=index)) for index, place in enumerate(places)])
     assert [(one.x, one.y) for one in runs[0]] == [(one.x, one.y) for one in runs[1]]
+
+
+def test_what_is_dark_and_covers_the_marble_is_no_dim_marble(tracker: Tracker) -> None:
+    """A finger of the marble's colour in less light was followed as the marble that it hid."""
+    for index in range(4):
+        tracker.see(drawn((60.0, 60.0 + index), seed=index))
+    for index in range(12):
+        picture = drawn(seed=60 + index)
+        picture[35:110, 45 : 100 + index] = np.array(MARBLE) * 0.4
+        assert not tracker.see(picture).seen
