@@ -13,6 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.tracking.seek import Box
+
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 Find = Callable[[Picture], list[tuple[float, float]]]
@@ -23,13 +25,14 @@ NOWHERE = (float("nan"), float("nan"))
 class Rival:
     """A way to find a ball, and which of its finds is the marble."""
 
-    def __init__(self, find: Find) -> None:
-        self._find = find
+    def __init__(self, find: Find, box: Box) -> None:
+        self._find, self._box = find, box
         self._last: tuple[float, float] | None = None
 
     def see(self, picture: Picture) -> tuple[float, float]:
         """Return the marble's middle [pixels], NaN where there is none."""
-        found = self._find(picture)
+        part = np.ascontiguousarray(picture[self._box.slices])
+        found = [(x + self._box.left, y + self._box.top) for x, y in self._find(part)]
         if not found:
             return NOWHERE
         if self._last is None:
@@ -40,14 +43,14 @@ class Rival:
 
 
 def rivals(
-    first: Sequence[Picture], places: Array, radius: float, absent: dict[str, str]
+    first: Sequence[Picture], places: Array, radius: float, box: Box, absent: dict[str, str]
 ) -> dict[str, Rival]:
     """Return the ways by name, told where the marble is in the first pictures."""
     colours = np.concatenate([_inner(one, place, radius) for one, place in zip(first, places, strict=True)])
     found = {
-        "HSV inRange + minEnclosingCircle": Rival(_in_range(colours, radius)),
-        "cv2.HoughCircles": Rival(_hough(radius)),
-        "cv2.SimpleBlobDetector": Rival(_blobs(colours, radius)),
+        "HSV inRange + minEnclosingCircle": Rival(_in_range(colours, radius), box),
+        "cv2.HoughCircles": Rival(_hough(radius), box),
+        "cv2.SimpleBlobDetector": Rival(_blobs(colours, radius), box),
     }
     try:
         import trackpy  # noqa: PLC0415
@@ -55,7 +58,7 @@ def rivals(
         absent["trackpy"] = "it is not installed"
     else:
         trackpy.quiet()
-        found["trackpy.locate"] = Rival(_trackpy(trackpy, colours, radius))
+        found["trackpy.locate"] = Rival(_trackpy(trackpy, colours, radius), box)
     return found
 
 

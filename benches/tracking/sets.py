@@ -53,13 +53,13 @@ def hard(clip: int, rows: int) -> Scene:
         light=(*random.uniform(-0.7, 0.7, 2), 1.0),
         ambient=random.uniform(0.3, 0.6),
         highlight=1.0,
-        gradient=random.uniform(0.2, 0.4),
-        flicker=0.02,
+        gradient=random.uniform(0.2, 0.5),
+        flicker=0.03,
         blur=random.uniform(0.7, 1.1),
-        noise=random.uniform(3.0, 6.0),
+        noise=random.uniform(3.0, 8.0),
         exposure=0.5,
         readout=0.8,
-        jpeg=int(random.integers(75, 96)),
+        jpeg=int(random.integers(60, 96)),
     )
     likeness = {"blue": (0.05, 0.11, 0.45), "red": (0.5, 0.06, 0.05), "green": (0.05, 0.35, 0.1)}.get(
         marble, (0.2, 0.2, 0.21)
@@ -67,7 +67,8 @@ def hard(clip: int, rows: int) -> Scene:
     wood = ("light", "white", "dark")[clip % 3]
     paint = Paint(wood, grain=0.12, lines=5, holes=8, likeness=likeness)
     finger = Finger(
-        colour=((0.12, 0.12, 0.13), (0.45, 0.27, 0.2), (0.02, 0.02, 0.02))[clip % 3], ball=clip % 2 == 0
+        colour=((0.12, 0.12, 0.13), (0.45, 0.27, 0.2), (0.02, 0.02, 0.02))[clip % 3],
+        ball=(clip // 4) % 2 == 0,
     )
     return Scene(view, paint, look, places, tilts, finger, seed=200 + clip)
 

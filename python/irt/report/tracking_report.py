@@ -136,8 +136,8 @@ def _add_surety(page: Page, folder: Path, track: Track) -> None:
         axes.set_ylabel("confidence")
         axes.set_xlabel("time  [s]")
     page.paragraph(
-        "Confidence is the share of the marble's rim that is seen where it should be, with the marble's "
-        "colours inside: 1 is a whole marble, and about a half is given at least."
+        "Confidence is the share, of all that tells the marble from the board behind it, that a picture "
+        "shows: 0.9 is a whole marble with the noise of its pixels, and about a half is given at least."
     )
     page.pictures(
         Picture(path, "Confidence over time; where the marble was lost the ground is shaded."),

@@ -56,8 +56,13 @@ def positions(
         learned = learn(sample, plane, box, empty=empty[:, :, ::-1].copy())
     except NoMarbleError:
         return np.full((len(run), 2), np.nan)
-    tracker = Tracker(learned, scale_of(plane, learned.middle))
+    tracker = Tracker(learned, scale_of(plane, learned.finder.middle))
     if learned.first is not None:
         tracker.expect(*learned.first)
-    seen = [tracker.see(picture) for picture in run]
-    return plane.positions(np.array([[one.x, one.y] for one in seen]))
+    pixels = np.full((len(run), 2), np.nan)
+    for row, picture in enumerate(run):
+        seen = tracker.see(picture)
+        pixels[row] = seen.x, seen.y
+        if seen.confirms is not None:
+            pixels[row - 1] = seen.confirms.x, seen.confirms.y
+    return plane.positions(pixels)

@@ -16,15 +16,18 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.tracking.colour import ColourModel, shades_of
+from irt.tracking.finder import Finder, greatest
 from irt.tracking.geometry import Geometry
 from irt.tracking.opencv import opencv
-from irt.tracking.outline import View, learn_outline
-from irt.tracking.rim import Outline, Patch, Rim, Values, fit_rim
+from irt.tracking.portrait import View, learn_appearance
+from irt.tracking.rim import Rim, Values, fit_rim
 from irt.tracking.seek import Box, seek
-from irt.tracking.tracker import MARGIN, Learned, Tracker
+from irt.tracking.tracker import MANY, MARGIN, Learned, Tracker
+from irt.tracking.underlay import Underlay
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+Scale = Callable[[float, float], float]
 
 #: Least noise [levels]: that of rounding, and of what the light does.
 QUIETEST = 1.0
@@ -41,6 +44,14 @@ TWO = 0.3
 #: Radii, over the expected one, that are tried.
 SIZES = (1.0, 0.75, 1.35)
 FEWEST = 3
+#: How far a given disc's radius may be from its value (standard deviation, as a share).
+STIFF = 0.05
+#: A radius is the one that sizes say, if that is within this share.
+WRONG = 0.2
+#: A disc of this confidence is a view that the marble's looks are learned from.
+VIEW = 0.6
+#: Rounds of looking for where the tilt has the board in one of the sample.
+ROUNDS = 4
 
 
 class NoMarbleError(IrtError):
@@ -91,25 +102,21 @@ def learn(
     IrtError
         If two do, or there are too few pictures to tell.
     """
-    middle = Learned(None, _any(), Outline(), 1.0, QUIETEST, box).middle
-    without = empty
-    if empty is None and len(pictures) > 2:
-        without = np.median(np.stack(pictures), axis=0).astype(np.uint8)
-    noise = QUIETEST if without is None else _noise(pictures, without, box)
-    scale = scale_of(geometry, middle)
-    expected = geometry.radius_at(middle)
+    if empty is None and len(pictures) < FEWEST:
+        raise IrtError(f"{FEWEST} pictures at least are needed to see what moves")
+    without = np.median(np.stack(pictures), axis=0).astype(np.uint8) if empty is None else empty
+    blank = Finder(without, _any(), 1.0, _noise(pictures, without, box), box)
+    expected = geometry.radius_at(blank.middle)
+    blank = replace(blank, radius=expected)
+    scale = scale_of(geometry, blank.middle)
     if clue is not None and (clue.places or clue.colour):
-        colours = _told(pictures, clue, expected, box)
-        known = Learned(None, colours, Outline(), expected, noise, box)
+        known = replace(blank, colours=_told(pictures, clue, expected, box))
     else:
-        if without is None:
-            raise IrtError("three pictures at least are needed to see what moves")
-        blank = Learned(without, _any(), Outline(), expected, noise, box)
-        known = _moving(pictures, without, geometry, blank, told=empty is not None)
-    return _refined(pictures, without, known, scale)
+        known = _moving(pictures, scale, blank, told=empty is not None)
+    return _refined(pictures, known, scale, expected)
 
 
-def scale_of(geometry: Geometry, middle: tuple[float, float]) -> Callable[[float, float], float]:
+def scale_of(geometry: Geometry, middle: tuple[float, float]) -> Scale:
     """Return the function that says how large a marble is at a pixel, over its size at another."""
     expected = geometry.radius_at(middle)
     width = max(abs(middle[0]), abs(middle[1]), 1.0)
@@ -138,18 +145,11 @@ def _any() -> ColourModel:
     return ColourModel(np.full(32768, 255, np.uint8))
 
 
-def _moving(
-    pictures: Sequence[Picture], without: Picture, geometry: Geometry, blank: Learned, *, told: bool
-) -> Learned:
+def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: bool) -> Finder:
     """Return what is learned from what moves, or is not on the empty board that somebody has told."""
-    scale = scale_of(geometry, blank.middle)
     for size in SIZES:
         tried = replace(blank, radius=size * blank.radius)
-        found = [
-            one
-            for index, picture in enumerate(pictures)
-            for one in _candidates(index, picture, without, Tracker(tried, scale))
-        ]
+        found = [one for index, picture in enumerate(pictures) for one in _candidates(index, picture, tried)]
         marble = _largest_group(found, rests=0.1 if told else 0.0)
         places = {one.picture for one in marble}
         if len(places) >= FEWEST:
@@ -171,12 +171,12 @@ def _moving(
     return replace(blank, colours=colours, radius=ratio)
 
 
-def _candidates(index: int, picture: Picture, without: Picture, tracker: Tracker) -> list[_Candidate]:
+def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]:
     """Return what is round, as large as the marble, and not there on the median board."""
     cv2 = opencv()
-    known = tracker.learned
     rows, columns = known.box.slices
-    apart = cv2.absdiff(picture[rows, columns], without[rows, columns]).max(axis=2)
+    without = known.without
+    apart = greatest(picture[rows, columns], without[rows, columns])
     apart = cv2.GaussianBlur(apart, (3, 3), 0)
     mask = np.where(apart > max(5.0 * known.noise, 14.0), 255, 0).astype(np.uint8)
     found = []
@@ -186,12 +186,7 @@ def _candidates(index: int, picture: Picture, without: Picture, tracker: Tracker
         box = Box.about(*place, MARGIN * known.radius, Box(0, 0, width, height))
         change = picture[box.slices].astype(np.float32) - without[box.slices]
         layers = np.dstack([change, _cut(mask, known.box, box)]).astype(np.float32)
-        rim = fit_rim(
-            Patch(layers, None, known.noise),
-            (place[0] - box.left, place[1] - box.top),
-            known.radius,
-            Outline(),
-        )
+        rim = fit_rim(layers, known.noise, (place[0] - box.left, place[1] - box.top), known.radius)
         rim = replace(rim, x=rim.x + box.left, y=rim.y + box.top)
         if rim.support < ROUND or not 0.6 < rim.radius / known.radius < 1.6:
             continue
@@ -216,9 +211,7 @@ def _steps(picture: Picture, rim: Rim, noise: float) -> float:
     box = Box.about(rim.x, rim.y, MARGIN * rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
     part = picture[box.slices].astype(np.float32)
     layers = np.dstack([part, np.ones(part.shape[:2], np.float32)])
-    fit = fit_rim(
-        Patch(layers, None, noise), (rim.x - box.left, rim.y - box.top), rim.radius, Outline(free=0.05)
-    )
+    fit = fit_rim(layers, noise, (rim.x - box.left, rim.y - box.top), rim.radius, STIFF)
     moved = np.hypot(fit.x + box.left - rim.x, fit.y + box.top - rim.y)
     return fit.support if moved < 0.4 * rim.radius else 0.0
 
@@ -290,7 +283,7 @@ def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> C
     if clue.colour is not None:
         own = shades_of(clue.colour)
     else:
-        discs = [Rim(x, y, radius, 1.0, 1.0, 0.0) for x, y in clue.places]
+        discs = [Rim(x, y, radius, 1.0, 1.0) for x, y in clue.places]
         inner = np.concatenate([first[_within(first, disc, 0.7)] for disc in discs])
         own = np.concatenate(
             [inner, *(shades_of(tuple(pixel)) for pixel in inner[:: max(len(inner) // 6, 1)])]
@@ -299,62 +292,68 @@ def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> C
     return ColourModel.learned(own, first[rows, columns].reshape(-1, 3)[::7])
 
 
-def _refined(
-    pictures: Sequence[Picture],
-    without: Picture | None,
-    known: Learned,
-    scale: Callable[[float, float], float],
-) -> Learned:
-    """Return more exactly what is roughly known: the marble's colours, the board without it, its rim."""
-    discs = _discs(pictures, replace(known, without=without), scale)
+def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, expected: float) -> Learned:
+    """Return more exactly what is roughly known: the marble's colours, the board without it, its looks."""
+    discs = _discs(pictures, known)
     if not discs:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
     radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in discs]))
     colours = _colours(pictures, discs, known.box)
-    if without is not None:
-        without = _emptied(pictures, without, discs)
-    known = replace(known, without=without, colours=colours, radius=radius)
-    tracker = Tracker(known, scale)
-    views = []
-    for index, rim in discs:
-        box = Box.about(rim.x, rim.y, MARGIN * radius, Box(0, 0, pictures[0].shape[1], pictures[0].shape[0]))
-        patch, left, top = tracker.patch(pictures[index], box, (rim.x, rim.y, radius))
-        if patch.without is not None and rim.support > 0.8:
-            views.append(View(patch, rim.x - left, rim.y - top, radius * scale(rim.x, rim.y)))
-    outline = learn_outline(views)
-    known = replace(known, outline=outline)
-    tracker = Tracker(known, scale)
-    refits = [(index, tracker.rim(pictures[index], rim.x, rim.y)) for index, rim in discs]
-    radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in refits]))
-    first = next(((rim.x, rim.y) for index, rim in refits if index == 0 and rim.confidence > 0.5), None)
-    usual = float(np.median([rim.confidence for _, rim in refits]))
-    return replace(known, radius=radius, first=first, usual=usual)
+    without = _emptied(pictures, known.without, discs)
+    views = [_view(pictures[index], rim, Underlay(without), known.noise, scale) for index, rim in discs]
+    appearance = learn_appearance(views, radius, _plausible(radius, expected), known.noise)
+    learned = Learned(without, colours, appearance, known.noise, known.box)
+    tracker = Tracker(learned, scale)
+    matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
+    first = next(((one.x, one.y) for index, one in matches if index == 0 and one.confidence > VIEW), None)
+    usual = float(np.median([one.confidence for _, one in matches]))
+    return replace(learned, first=first, usual=usual)
 
 
-def _discs(
-    pictures: Sequence[Picture], known: Learned, scale: Callable[[float, float], float]
-) -> list[tuple[int, Rim]]:
+def _plausible(radius: float, expected: float) -> float:
+    """Return the radius that sizes of board and marble say, if what is seen is near it, else that."""
+    return expected if abs(np.log(radius / expected)) < WRONG else radius
+
+
+def _view(picture: Picture, rim: Rim, under: Underlay, noise: float, scale: Scale) -> View:
+    """Return a part of a picture with a disc in it."""
+    box = Box.about(rim.x, rim.y, MARGIN * rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
+    part = picture[box.slices].astype(np.float32)
+    board = under.beneath(part, box, (rim.x, rim.y, rim.radius), noise, ROUNDS)
+    return View(part, board, rim.x - box.left, rim.y - box.top, scale(rim.x, rim.y))
+
+
+def _discs(pictures: Sequence[Picture], known: Finder) -> list[tuple[int, Rim]]:
     """Return the marble's disc in the pictures that show it, with the picture's number.
 
     Where nothing differs from the board it may rest where it does in most pictures. It is the marble then,
     and not painted, if in other pictures there is something else.
     """
-    tracker, colours = Tracker(known, scale), Tracker(replace(known, without=None), scale)
+    alone = replace(known, anew=False)
     discs = []
     for index, picture in enumerate(pictures):
-        rims = [rim for rim in tracker.everywhere(picture) if rim.confidence > 0.6]
+        rims = _rims(picture, known)
         if not rims:
-            rims = [
-                rim
-                for rim in colours.everywhere(picture)
-                if rim.confidence > 0.6 and (known.without is None or _leaves(pictures, rim, known))
-            ]
+            rims = [rim for rim in _rims(picture, alone) if _leaves(pictures, rim, known)]
         if rims:
-            discs.append((index, rims[0]))
+            discs.append((index, max(rims, key=lambda rim: rim.confidence)))
     return discs
 
 
-def _leaves(pictures: Sequence[Picture], rim: Rim, known: Learned) -> bool:
+def _rims(picture: Picture, known: Finder) -> list[Rim]:
+    """Return the discs of the marble's colours in a picture."""
+    rims = []
+    for x, y in known.places(picture, known.box, MANY):
+        box = Box.about(x, y, MARGIN * known.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
+        part = picture[box.slices]
+        layers = np.dstack([part, known.colours.likeness(part) / np.float32(255.0)]).astype(np.float32)
+        rim = fit_rim(layers, known.noise, (x - box.left, y - box.top), known.radius)
+        if rim.confidence > VIEW:
+            rims.append(replace(rim, x=rim.x + box.left, y=rim.y + box.top))
+    return rims
+
+
+def _leaves(pictures: Sequence[Picture], rim: Rim, known: Finder) -> bool:
     """Return whether in a tenth of the pictures there is none of the marble's colours where a disc is."""
     place = _within(pictures[0], rim, 0.8)
     alike = [float((known.colours.likeness(picture[place]) > 127).mean()) for picture in pictures]

@@ -88,7 +88,7 @@ class Scene:
 
     def tracker(self) -> Tracker:
         """Return a tracker for this board."""
-        return Tracker(self.learned, scale_of(self.geometry, self.learned.middle))
+        return Tracker(self.learned, scale_of(self.geometry, self.learned.finder.middle))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,6 +220,46 @@ def _change(one: Picture, other: Picture) -> float:
     return float(apart.mean())
 
 
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A picture and what was seen on it.
+
+    Attributes
+    ----------
+    frame : Frame
+        The picture.
+    sighting : Sighting
+        What was seen on it.
+    place : (2,) array
+        Where that is on the board [board edges], NaN where it is lost.
+    repeated : bool
+        Whether the picture shows the one before once more; then there is no place.
+    geometry : Plane or Pose
+        Of the board in this picture.
+    """
+
+    frame: Frame
+    sighting: Sighting
+    place: Array
+    repeated: bool
+    geometry: Geometry
+
+    @classmethod
+    def of(cls, frame: Frame, sighting: Sighting, geometry: Geometry, *, repeated: bool) -> Seen:
+        """Return what was seen with its place."""
+        place = np.full(2, np.nan)
+        if sighting.seen and not repeated:
+            place = geometry.positions(np.array([[sighting.x, sighting.y]]))[0]
+        return cls(frame, sighting, place, repeated, geometry)
+
+    @property
+    def row(self) -> tuple[float, ...]:
+        """Stamp, pixel, place, confidence, repeated, in the window."""
+        pixel = (np.nan, np.nan) if self.repeated else (self.sighting.x, self.sighting.y)
+        one = self.sighting
+        return (self.frame.stamp, *pixel, *self.place, one.confidence, self.repeated, one.in_window)
+
+
 class Follower:
     """Takes pictures one by one, and keeps what it saw."""
 
@@ -227,36 +267,27 @@ class Follower:
         self.name, self.scene = name, scene
         self._tracker = scene.tracker()
         self._geometry: Geometry = scene.geometry
-        self._before: Picture | None = None
+        self._last: Seen | None = None
         self._rows: list[tuple[float, ...]] = []
         if scene.learned.first is not None:
             self._tracker.expect(*scene.learned.first)
 
-    def take(self, frame: Frame) -> tuple[Sighting, Array]:
-        """Return where the marble is in the next picture: on it, and on the board (2,) [board edges]."""
+    def take(self, frame: Frame) -> tuple[Seen | None, Seen]:
+        """Return what is seen on the next picture, after the picture before where that is sure only now."""
         picture = frame.picture
-        again = self._before is not None and _change(picture, self._before) <= SAME * self.scene.usual_change
-        self._before = picture
+        last = self._last
+        again = last is not None and _change(picture, last.frame.picture) <= SAME * self.scene.usual_change
         sighting = self._tracker.see(picture)
+        before = None
+        if last is not None and sighting.confirms is not None:
+            before = Seen.of(last.frame, sighting.confirms, last.geometry, repeated=last.repeated)
+            self._rows[-1] = before.row
         markers = self.scene.markers
         if markers is not None:
             self._geometry = markers.follow(picture) or self._geometry
-        lost = again or not sighting.seen
-        place = np.full(2, np.nan)
-        if not lost:
-            place = self._geometry.positions(np.array([[sighting.x, sighting.y]]))[0]
-        self._rows.append(
-            (
-                frame.stamp,
-                np.nan if lost else sighting.x,
-                np.nan if lost else sighting.y,
-                *place,
-                sighting.confidence,
-                again,
-                sighting.in_window,
-            )
-        )
-        return sighting, place
+        self._last = Seen.of(frame, sighting, self._geometry, repeated=again)
+        self._rows.append(self._last.row)
+        return before, self._last
 
     def track(self, stopped: str = "") -> Track:
         """Return all that was seen so far."""
@@ -310,19 +341,31 @@ def follow(
     follower = Follower(source.name, scene)
     stopped = ""
     with Partial(partial) as rows:
+        held: list[Seen] = []
+
+        def let_go(keep: int) -> None:
+            while len(held) > keep:
+                one = held.pop(0)
+                rows.add(one.frame.stamp, one.place, one.sighting.confidence)
+                if watch is not None:
+                    watch(one.frame, one.sighting, one.place)
+
         try:
             for count, frame in enumerate(source.frames()):
                 if seconds is not None and frame.stamp > seconds:
                     break
-                sighting, place = follower.take(frame)
-                rows.add(frame.stamp, place, sighting.confidence)
-                if watch is not None:
-                    watch(frame, sighting, place)
+                before, seen = follower.take(frame)
+                if before is not None and held:
+                    held[-1] = before
+                held.append(seen)
+                # A point that is read as it comes cannot wait for the picture after.
+                let_go(0 if source.live else 1)
                 progress(count + 1, max(source.expected, count + 1), "pictures")
         except KeyboardInterrupt:
             stopped = "stopped by hand"
         except IrtError as error:
             stopped = str(error)
+        let_go(0)
     track = follower.track(stopped)
     if not len(track.stamps):
         raise IrtError(stopped or f"{source.name}: there were no pictures")

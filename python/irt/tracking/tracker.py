@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.tracking.appearance import Appearance, Match
 from irt.tracking.colour import ColourModel
-from irt.tracking.opencv import opencv
-from irt.tracking.rim import Outline, Patch, Rim, fit_rim
-from irt.tracking.seek import COARSE_FROM, Box, seek
+from irt.tracking.finder import Finder
+from irt.tracking.seek import Box
 from irt.tracking.underlay import Underlay
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-#: Confidence that a marble has where it is expected, and where it is not.
-NEAR, FAR = 0.5, 0.72
+#: Confidence that a marble has within a radius of where it is expected, and elsewhere. What is dark and large
+#: enough, such as a finger over the board, has a half of a steel marble's.
+NEAR, FAR = 0.5, 0.7
+#: A marble was clear so few pictures ago if it is expected anywhere.
+FRESH = 4
 #: Of a marble that is seen well, over its usual one: then nothing else is looked for, and it tells where the
 #: next picture should have it. A marble that is half hidden does not.
 CLEAR = 0.82
-#: Candidates whose rim is looked at: in a window, and in the whole picture.
-FEW, MANY = 2, 5
+#: Standard error that a place may have, in radii.
+SHARP = 0.15
+#: Candidates that are looked at: in a window, and in the whole picture.
+FEW, MANY = 2, 4
+#: A candidate that is as confident as this share of the best one leaves it in doubt.
+RIVAL = 0.9
+#: A candidate within so many radii of one that was looked at is that one.
+CLOSE = 0.4
 #: Pictures in a row that must agree on a place where no marble was expected.
 AGREEING = 2
 #: Within so many radii of each other.
@@ -37,9 +47,7 @@ HALF = 0.5
 GROWS = 0.35
 #: Lost for so many pictures, its place says nothing any more.
 FORGOTTEN = 60
-#: Levels by which a pixel must differ from the empty board to be of the marble, in noises, and at least.
-DIFFERS, LEAST_LEVELS = 3.0, 9.0
-#: What a patch shows around a disc, in radii.
+#: What is looked at about a disc, in radii.
 MARGIN = 2.6
 
 
@@ -49,14 +57,12 @@ class Learned:
 
     Attributes
     ----------
-    without : (h, w, 3) uint8 array or None
-        The board without the marble, blue first; None where nobody knows.
+    without : (h, w, 3) uint8 array
+        The board without the marble, blue first.
     colours : ColourModel
         The marble's beside all others'.
-    outline : Outline
-        What its rim looks like.
-    radius : float
-        Of the marble at the middle of the box [pixels].
+    appearance : Appearance
+        What the marble looks like.
     noise : float
         Standard deviation of a colour [levels].
     box : Box
@@ -67,19 +73,23 @@ class Learned:
         Where the marble is in the first picture [pixels], where that is known.
     """
 
-    without: Picture | None
+    without: Picture
     colours: ColourModel
-    outline: Outline
-    radius: float
+    appearance: Appearance
     noise: float
     box: Box
     usual: float = 1.0
     first: tuple[float, float] | None = None
 
     @property
-    def middle(self) -> tuple[float, float]:
-        """The middle of the box [pixels]."""
-        return (self.box.left + self.box.right) / 2.0, (self.box.top + self.box.bottom) / 2.0
+    def radius(self) -> float:
+        """The marble's at the middle of the box [pixels]."""
+        return self.appearance.radius
+
+    @cached_property
+    def finder(self) -> Finder:
+        """What finds rough places of the marble."""
+        return Finder(self.without, self.colours, self.radius, self.noise, self.box)
 
 
 @dataclass(frozen=True)
@@ -94,12 +104,15 @@ class Sighting:
         From 0 to 1, of what is most like a marble there, even where that is not enough.
     in_window : bool
         Whether the search of a window was enough.
+    confirms : Sighting or None
+        Where the marble was in the picture before, if only this one makes that sure.
     """
 
     x: float
     y: float
     confidence: float
     in_window: bool
+    confirms: Sighting | None = None
 
     @property
     def seen(self) -> bool:
@@ -114,22 +127,17 @@ class Tracker:
     ----------
     learned : Learned
         Board, light and marble.
-    scale : callable, optional
+    scale : callable
         Radius of the marble at a pixel over that at the middle of the box.
     """
 
-    def __init__(self, learned: Learned, scale: Any = None) -> None:
+    def __init__(self, learned: Learned, scale: Callable[[float, float], float]) -> None:
         self.learned = learned
-        self._scale = scale or (lambda x, y: 1.0)
-        self._coarse = 2 if learned.radius > COARSE_FROM else 1
-        rows, columns = learned.box.slices
-        without = learned.without
-        self._under = None if without is None else Underlay(without)
-        self._empty = None if without is None else self._smaller(without[rows, columns])
+        self._scale = scale
+        self._under = Underlay(learned.without)
         self._clear = max(CLEAR * learned.usual, FAR)
-        self._least = max(DIFFERS * learned.noise, LEAST_LEVELS)
         self._last: list[tuple[int, float, float]] = []
-        self._waiting: list[tuple[int, float, float]] = []
+        self._waiting: list[tuple[int, Match]] = []
         self._count = -1
 
     def expect(self, x: float, y: float) -> None:
@@ -139,57 +147,68 @@ class Tracker:
     def see(self, picture: Picture) -> Sighting:
         """Find the marble in the next picture."""
         self._count += 1
-        best = 0.0
         expected = self._expected()
+        tried: list[Match] = []
         if expected is not None:
-            x, y, reach = expected
-            rims = [self.rim(picture, x, y)]
-            if rims[0].confidence < self._clear:
-                box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.box)
-                rims += self._rims(picture, box, FEW)
-            rims = [
-                one
-                for one in rims
-                if np.hypot(one.x - x, one.y - y) < reach * (1.0 if one.confidence >= self._clear else HALF)
-            ]
-            if rims:
-                found = max(
-                    rims, key=lambda one: one.confidence - 0.2 * np.hypot(one.x - x, one.y - y) / reach
-                )
-                best = found.confidence
-                if found.confidence >= NEAR:
+            found = self._near(picture, expected, tried)
+            if found is not None:
+                away = np.hypot(found.x - expected[0], found.y - expected[1])
+                sharp = away < self.learned.radius and self._count - self._last[-1][0] <= FRESH
+                if found.confidence >= (NEAR if sharp else FAR):
                     return self._accept(found, in_window=True)
-        return self._anywhere(picture, expected, best)
+        return self._anywhere(picture, tried)
 
-    def _anywhere(
-        self, picture: Picture, expected: tuple[float, float, float] | None, best: float
-    ) -> Sighting:
+    def _near(
+        self, picture: Picture, expected: tuple[float, float, float], tried: list[Match]
+    ) -> Match | None:
+        """Return what is most like the marble where that is expected, else None; add what was tried."""
+        x, y, reach = expected
+        tried.append(self.match(picture, x, y))
+        if tried[0].confidence < self._clear:
+            box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.box)
+            self._try(picture, box, FEW, tried)
+
+        def apart(one: Match) -> float:
+            return float(np.hypot(one.x - x, one.y - y)) / reach
+
+        within = [
+            one
+            for one in tried
+            if self._sharp(one) and apart(one) < (1.0 if one.confidence >= self._clear else HALF)
+        ]
+        return max(within, key=lambda one: one.confidence - 0.2 * apart(one), default=None)
+
+    def _anywhere(self, picture: Picture, tried: list[Match]) -> Sighting:
         """Look at the whole board; a marble where none was expected has to be seen twice."""
-        rims = self.everywhere(picture)
-        best = max([best, *(one.confidence for one in rims)])
-        clear = [one for one in rims if one.confidence >= FAR]
-        if not clear or (len(clear) > 1 and clear[1].confidence > 0.9 * clear[0].confidence):
+        matches = self.everywhere(picture, tried)
+        best = max((one.confidence for one in matches), default=0.0)
+        clear = [one for one in matches if one.confidence >= FAR and self._sharp(one)]
+        if not clear or (len(clear) > 1 and clear[1].confidence > RIVAL * clear[0].confidence):
             self._waiting = []
             return Sighting(np.nan, np.nan, best, False)
         found = clear[0]
         near = [
-            one
-            for one in self._waiting
-            if one[0] == self._count - 1
-            and np.hypot(found.x - one[1], found.y - one[2]) < FIRST_STEP * self.learned.radius
+            (count, one)
+            for count, one in self._waiting
+            if count == self._count - 1
+            and np.hypot(found.x - one.x, found.y - one.y) < FIRST_STEP * self.learned.radius
         ]
-        self._waiting = [*(self._waiting if near else []), (self._count, found.x, found.y)]
-        if len(self._waiting) >= AGREEING or self._count == 0:
-            self._last = self._waiting[-2:-1]
-            return self._accept(found, in_window=False)
-        return Sighting(np.nan, np.nan, best, False)
+        self._waiting = [*near, (self._count, found)]
+        if len(self._waiting) < AGREEING and self._count > 0:
+            return Sighting(np.nan, np.nan, best, False)
+        self._last = [(count, one.x, one.y) for count, one in near]
+        confirms = Sighting(near[0][1].x, near[0][1].y, near[0][1].confidence, False) if near else None
+        return self._accept(found, in_window=False, confirms=confirms)
 
-    def _accept(self, found: Rim, *, in_window: bool) -> Sighting:
+    def _sharp(self, one: Match) -> bool:
+        return one.spread < SHARP * self.learned.radius
+
+    def _accept(self, found: Match, *, in_window: bool, confirms: Sighting | None = None) -> Sighting:
         if found.confidence >= self._clear:
             before = [one for one in self._last[-1:] if one[0] < self._count]
             self._last = [*before, (self._count, found.x, found.y)]
         self._waiting = []
-        return Sighting(found.x, found.y, found.confidence, in_window)
+        return Sighting(found.x, found.y, found.confidence, in_window, confirms)
 
     def _expected(self) -> tuple[float, float, float] | None:
         """Return where the marble should be, and how far from there it may be [pixels]."""
@@ -208,63 +227,44 @@ class Tracker:
         reach = self.learned.radius * (least + GROWS * (gone - 1)) + REACH_STEPS * speed * gone
         return x + ahead[0], y + ahead[1], reach
 
-    def _rims(self, picture: Picture, box: Box, most: int) -> list[Rim]:
-        """Return the discs that may be the marble in a box of the picture."""
-        if box.empty:
-            return []
-        coarse = self._coarse
-        box = replace(
-            box,
-            left=box.left - (box.left - self.learned.box.left) % coarse,
-            top=box.top - (box.top - self.learned.box.top) % coarse,
-        )
-        rows, columns = box.slices
-        small = self._smaller(picture[rows, columns])
-        likeness = self.learned.colours.likeness(small)
-        if self._empty is not None:
-            top, left = (
-                (box.top - self.learned.box.top) // coarse,
-                (box.left - self.learned.box.left) // coarse,
-            )
-            empty = self._empty[top : top + small.shape[0], left : left + small.shape[1]]
-            apart = opencv().absdiff(small, empty)
-            likeness = likeness * (apart.max(axis=2) > self._least)
-        found = seek(likeness, self.learned.radius / coarse, most)
-        half = (coarse - 1) / 2
+    def _try(self, picture: Picture, box: Box, most: int, tried: list[Match]) -> None:
+        """Add what is like the marble in a box of the picture, but for what was tried."""
+        near = CLOSE * self.learned.radius
+        for x, y in self.learned.finder.places(picture, box, most):
+            if all(np.hypot(x - one.x, y - one.y) > near for one in tried):
+                tried.append(self.match(picture, x, y))
+
+    def everywhere(self, picture: Picture, tried: list[Match] | None = None) -> list[Match]:
+        """Return what is like the marble in a picture, the most confident first.
+
+        Parameters
+        ----------
+        picture : (h, w, 3) uint8 array
+            Blue first.
+        tried : list of Match, optional
+            What was matched in it already.
+        """
+        found = list(tried or [])
+        self._try(picture, self.learned.box, MANY, found)
+        matches = sorted(found, key=lambda one: -one.confidence)
+        # Two candidates may have led to one disc.
         return [
-            self.rim(picture, box.left + coarse * x + half, box.top + coarse * y + half) for _, x, y in found
+            one
+            for index, one in enumerate(matches)
+            if all(
+                np.hypot(one.x - other.x, one.y - other.y) > self.learned.radius for other in matches[:index]
+            )
         ]
 
-    def everywhere(self, picture: Picture) -> list[Rim]:
-        """Return the discs of a picture that may be the marble, the most confident first."""
-        return sorted(self._rims(picture, self.learned.box, MANY), key=lambda one: -one.confidence)
-
-    def rim(self, picture: Picture, x: float, y: float) -> Rim:
-        """Return the disc about a rough place of a picture."""
-        radius = self.learned.radius * self._scale(x, y)
+    def match(self, picture: Picture, x: float, y: float) -> Match:
+        """Return the marble about a rough place of a picture."""
+        scale = self._scale(x, y)
+        radius = self.learned.radius * scale
         height, width = picture.shape[:2]
-        whole = Box(0, 0, width, height)
-        patch, left, top = self.patch(picture, Box.about(x, y, MARGIN * radius, whole), (x, y, radius))
-        rim = fit_rim(patch, (x - left, y - top), radius, self.learned.outline)
-        return replace(rim, x=rim.x + left, y=rim.y + top)
-
-    def patch(self, picture: Picture, box: Box, disc: tuple[float, float, float]) -> tuple[Patch, int, int]:
-        """Return a part of a picture with a disc in it (x, y, radius), and where it begins."""
-        rows, columns = box.slices
-        part = picture[rows, columns]
-        likeness = self.learned.colours.likeness(part)
-        layers = np.empty((*part.shape[:2], 4), np.float32)
-        layers[:, :, :3] = part
-        layers[:, :, 3] = likeness * np.float32(1.0 / 255.0)
-        without = None
-        if self._under is not None:
-            without = self._under.beneath(layers, box, disc, self.learned.noise)
-        return Patch(layers, without, self.learned.noise), box.left, box.top
-
-    def _smaller(self, picture: Picture) -> Picture:
-        if self._coarse == 1:
-            return picture
-        height, width = (max(length // 2, 1) for length in picture.shape[:2])
-        cut = picture[: 2 * height, : 2 * width]
-        small = opencv().resize(cut, (width, height), interpolation=opencv().INTER_AREA)
-        return np.asarray(small, dtype=np.uint8)
+        box = Box.about(x, y, MARGIN * radius, Box(0, 0, width, height))
+        if box.empty:
+            return Match(x, y, 0.0, np.inf)
+        part = picture[box.slices].astype(np.float32)
+        board = self._under.beneath(part, box, (x, y, radius), self.learned.noise)
+        found = self.learned.appearance.match(part, board, (x - box.left, y - box.top), scale)
+        return Match(found.x + box.left, found.y + box.top, found.confidence, found.spread)

@@ -20,7 +20,8 @@ Picture = NDArray[np.uint8]
 NEAR, FAR = 1.35, 2.6
 #: Largest shift [pixels].
 MOST = 6.0
-ROUNDS = 2
+#: Weights of the colours that make grey.
+GREY = np.full((1, 3), 1.0 / 3.0, np.float32)
 #: How far the board may have moved since the last look (standard deviation) [pixels].
 FREE = 0.5
 
@@ -43,28 +44,32 @@ class Underlay:
         self._flow = np.dstack([grey, across, down])
         self.shift = np.zeros(2)
 
-    def beneath(self, layers: Values, box: Box, disc: tuple[float, float, float], noise: float) -> Values:
+    def beneath(
+        self, picture: Values, box: Box, disc: tuple[float, float, float], noise: float, rounds: int = 1
+    ) -> Values:
         """Return the board's colours (h, w, 3) in a box of a picture.
 
         Parameters
         ----------
-        layers : (h, w, 4) float32 array
-            The picture's colours in the box first.
+        picture : (h, w, 3) float32 array
+            The picture's colours in the box.
         box : Box
             Where that is.
         disc : tuple
             The marble's middle and radius [pixels of the picture].
         noise : float
             Of a colour [levels].
+        rounds : int
+            One where pictures follow each other, more where they do not.
         """
         cv2 = opencv()
-        grey = cv2.GaussianBlur(layers[:, :, :3].mean(axis=2), (3, 3), 0)
+        grey = cv2.GaussianBlur(opencv().transform(picture, GREY), (3, 3), 0)
         x, y, radius = disc
         down, right = np.ogrid[box.top : box.bottom, box.left : box.right]
         away = (right - x) ** 2 + (down - y) ** 2
         ring = (away > (NEAR * radius) ** 2) & (away < (FAR * radius) ** 2)
         shift = self.shift
-        for _ in range(ROUNDS):
+        for _ in range(rounds):
             flow = self._cut(self._flow, box, shift)
             left = (grey - flow[:, :, 0])[ring]
             # Light that changed is no shift; and what lies over the board has no say.
