@@ -36,6 +36,20 @@ def test_none_goes_astray(paths):
     assert max(path.mae[-1] for path in paths) < 0.01
 
 
+def test_what_no_path_tells_is_taken_from_the_middle_of_what_is_left():
+    """Off the rim every observation scale has the same path: the answer must not depend on it."""
+    drive, file = Drive.paper(), load_steps(cache.SHIPPED_STEPS)
+    truth = np.array([[0.02 / r, 0.015 / r, 1e-4 / r, 12.0, r] for r in (0.82, 1.0, 1.18)])
+    targets = [[each] for each in drive.simulate(truth)[0]]
+    begun = [compare(drive, middle(drive), target) for target in targets]
+    searches = [
+        Plus(drive, file, True, first).search(np.random.default_rng(i)) for i, first in enumerate(begun)
+    ]
+    ended = np.array([path.best.parameters[-1] for path in run(drive, targets, searches, 5)])
+    np.testing.assert_allclose(ended[:, 3], ended[0, 3])
+    np.testing.assert_allclose(ended[:, 4], ended[0, 4], atol=1e-3)
+
+
 def test_noise_is_left_and_the_truth_is_in_the_intervals(write_rig):
     truth = np.array([[0.07, 0.045, 3e-4, 24.0, 0.92]])
     random = np.random.default_rng(2)

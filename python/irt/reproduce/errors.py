@@ -40,9 +40,8 @@ def combination_error(drive: Drive, parameters: Array, truth: Array) -> Array:
 
 def meets_rim(drive: Drive, parameters: Array, observed: Array) -> NDArray[np.bool_]:
     """Return which of k marbles (observations (k, n, 2) without noise) met the rim, which tells the scale."""
-    room = np.array([drive.board.edge_x_m, drive.board.edge_y_m]) / 2.0 - drive.marble.radius_m
     furthest = np.abs(observed / parameters[:, _SCALE, None, None]).max(axis=1)
-    return np.asarray((furthest > _AT_RIM * room / drive.board.edge_x_m).any(axis=1))
+    return np.asarray((furthest > _AT_RIM * drive.room).any(axis=1))
 
 
 @dataclass(frozen=True)

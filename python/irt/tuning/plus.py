@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.tuning.coordinates import Coordinates
-from irt.tuning.drive import Drive
+from irt.tuning.drive import CENTRED, Drive
 from irt.tuning.search import Search, Seen
 from irt.tuning.stepnet import Belief, StepFile, middle
 
@@ -28,6 +29,8 @@ _WORTH = 0.02
 _EXACT = 2e-5
 #: Below this error [board edges] there is nothing to look for: no camera sees a hundredth of a marble.
 _SOLVED = 1e-4
+#: A marble that keeps to this share of the way to the rim has surely not met it.
+_OFF_RIM = 0.97
 #: Draws of the network's belief that are simulated together where Gauss-Newton has come to an end.
 _DRAWS = 4
 
@@ -69,17 +72,16 @@ class Plus:
         self, best: Seen, steps: int, belief: Belief | None = None
     ) -> Generator[Array, Seen, tuple[Seen, Belief]]:
         """Go where the network believes the target to be; return the best place and the belief there."""
-        belief = self.file.ask(self.drive, best, joint=self.joint) if belief is None else belief
+        belief = self._asked(best) if belief is None else belief
         begin = best is self.first
         for _ in range(steps):
             found = yield self._coordinates.parameters(belief.mean)
             if begin or found.mae[0] < best.mae[0]:
                 best, begin = found, False
-                belief = self.file.ask(self.drive, best, joint=self.joint)
+                belief = self._asked(best)
             else:
                 # What this proposal lacks says more about the way than the old question again.
-                other = self.file.ask(self.drive, found, joint=self.joint)
-                belief = _joined(belief, other)
+                belief = _joined(belief, self._asked(found))
         return best, belief
 
     def _descended(self, best: Seen, belief: Belief) -> Generator[Array, Seen, Seen]:
@@ -134,7 +136,23 @@ class Plus:
         other = yield from self._descended(other, belief)
         return (other if other.mae[0] < best.mae[0] else best), belief
 
-    @property
+    def _asked(self, seen: Seen) -> Belief:
+        """Return what the network believes, and the middle of what no path can tell."""
+        belief = self.file.ask(self.drive, seen, joint=self.joint)
+        if self._off_rim:
+            return replace(belief, mean=self._coordinates.central(belief.mean))
+        return belief
+
+    @cached_property
+    def _off_rim(self) -> bool:
+        """Whether the target starts in the centre and stays off the rim, at any observation scale."""
+        if self.drive.start != "rest" or any(np.abs(run.start).max() > CENTRED for run in self.drive.runs):
+            return False
+        room = _OFF_RIM * self.drive.ranges["observation_scale"][0] * self.drive.room
+        target = (p + m for p, m in zip(self.first.proposed, self.first.missing, strict=True))
+        return all(bool((np.abs(each) < room).all()) for each in target)
+
+    @cached_property
     def _coordinates(self) -> Coordinates:
         return Coordinates(self.drive)
 
