@@ -59,10 +59,8 @@ def of_experiment1(first: Experiment1) -> Iterator[Claim]:
         "IRT optimises parameters to around 10 % mean error almost immediately.",
         _reproduced(_AROUND[0] < after < _AROUND[1]),
         f"Mean parameter error {_percent(raw['irt-paper'][:, 0].mean())} at the start, {_percent(after)} "
-        "after "
-        f"5 iterations, {_percent(raw['irt-paper'][:, _ITERATIONS].mean())} after {_ITERATIONS}. No "
-        "method can "
-        "go far below: the symmetry of the drive leaves a floor (symmetry.png).",
+        f"after 5 iterations, {_percent(raw['irt-paper'][:, _ITERATIONS].mean())} after {_ITERATIONS}. No "
+        "method can go far below: the symmetry of the drive leaves a floor (symmetry.png).",
     )
     begin = raw["direct"][:, 0].mean() > raw["irt-paper"][:, 0].mean()
     yield Claim(
@@ -71,9 +69,8 @@ def of_experiment1(first: Experiment1) -> Iterator[Claim]:
         _reproduced(bool(begin)),
         f"Parameter error {_percent(raw['direct'][:, 0].mean())}, against "
         f"{_percent(raw['irt-paper'][:, 0].mean())} of the random proposals; state error "
-        f"{_percent(direct.mae[:, 0].mean())} against {_percent(irt.mae[:, 0].mean())}. With the proposed "
-        "input "
-        "zeroed, the same network and the same data, we find a fair predictor.",
+        f"{_percent(direct.mae[:, 0].mean())} against {_percent(irt.mae[:, 0].mean())}. It is the same "
+        "network on the same data, its proposed input zeroed.",
     )
     even = int(np.argmax(cma.mae.mean(axis=0) < irt.mae[:, 5].mean()))
     needed = f"{even} rollouts" if even else f"more than {cma.mae.shape[1] - 1} rollouts"
@@ -133,8 +130,7 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
         _reproduced(sorted(order) == order),
         f"{stand_in}, minimum state MAE in the median: {', '.join(map(_percent, order))} (paper: "
         f"{', '.join(map(_percent, told))}); CMA-ES may take 300 rollouts for it here. After 5 rollouts "
-        "IRT has "
-        f"{_percent(early[0])} and CMA-ES {_percent(early[1])}.",
+        f"IRT has {_percent(early[0])} and CMA-ES {_percent(early[1])}.",
     )
     failed = second.random["irt-paper"].mae
     worse = int((failed[:, -1] > failed[:, 0]).sum())
@@ -152,8 +148,7 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
         _reproduced(rises > 0.1),
         f"Error of the newest proposal: median {_percent(np.median(held[:, 5]))} after 5 and "
         f"{_percent(np.median(held[:, -1]))} after {_ITERATIONS} iterations; {_percent(rises, 0)} of the "
-        "steps "
-        "made it worse.",
+        "steps made it worse.",
     )
     yield _decay(
         "5.3", "The decay of the steps is very important on the real system.", second.setting, second
@@ -174,9 +169,8 @@ def _same_optimum(first: Experiment1) -> Claim:
         "All trials converged to the same optimum.",
         _reproduced(bool((spread < 0.1).all())),
         f"From 100 starts to one target, standard deviations after {_ITERATIONS} iterations in % of the "
-        "ranges: "
-        f"{', '.join(f'{100 * value:.1f}' for value in spread)} (gears, friction, time scale, observation "
-        "scale); they begin at 29.",
+        f"ranges: {', '.join(f'{100 * value:.1f}' for value in spread)} (gears, friction, time scale, "
+        "observation scale); they begin at 29.",
     )
 
 
@@ -206,8 +200,8 @@ def _printed(setting: Setting) -> Iterator[Claim]:
         "5.2, Eq. 3",
         "A full period of sinusoidal motion, sin(t / (200 pi)).",
         "not decidable from the text",
-        f"As printed, 100 steps cover 0.16 rad of it. This page was made with {drive}; "
-        "`--literal-drive` makes the other.",
+        f"As printed, 100 steps cover 0.16 rad of it. This page was made with {drive} "
+        "(`--literal-drive` makes the other); the other way is below.",
     )
     damped = "on" if setting.damped else "off"
     yield Claim(
@@ -215,8 +209,7 @@ def _printed(setting: Setting) -> Iterator[Claim]:
         "A custom-designed simulation in PyBullet.",
         "not decidable from the text",
         "Walls, restitution, damping and the unit of rolling friction are not told; ARCHITECTURE.md says "
-        "what is "
-        f"taken. PyBullet's default damping was {damped} (`--damping`).",
+        f"what is taken. PyBullet's default damping was {damped} (`--damping`); the other way is below.",
     )
 
 

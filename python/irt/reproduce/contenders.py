@@ -114,6 +114,15 @@ def irt_as_shipped(setting: Setting, trials: Trials, progress: Progress | None) 
     return _irt(file, setting, trials, both_orders=True)
 
 
+def _shipped_simulations(setting: Setting) -> int:
+    """Return what the network of ``--method irt`` has learned from, those held out among them."""
+    file = networks.shipped(setting)
+    if file is None:
+        return _PAPERS_SIMULATIONS
+    pairs = int(file.metadata["pairs"])
+    return 2 * (pairs + pairs // 10)
+
+
 def irt_plus(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
     """Tune by IRT+; the best so far is held."""
     drive, file = setting.drive, networks.steps(setting, progress)
@@ -254,7 +263,7 @@ METHODS: dict[str, Method] = {
     "cma-es": Method("CMA-ES", strategy("cma-es")),
     "es": Method("(5+100) ES", strategy("es")),
     "npe": Method("neural posterior (sbi)", neural_posterior, lambda _: _PAPERS_SIMULATIONS),
-    "irt": Method("IRT, as shipped", irt_as_shipped, lambda _: _PAPERS_SIMULATIONS),
+    "irt": Method("IRT, as shipped", irt_as_shipped, _shipped_simulations),
     "least-squares": Method("least squares (scipy)", multi_start),
     "irt+": Method("IRT+", irt_plus, lambda setting: int(networks.steps(setting).metadata["rollouts"])),
 }

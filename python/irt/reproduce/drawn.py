@@ -42,7 +42,7 @@ def fig3(folder: Path, first: Experiment1) -> None:
 
 def fig4(folder: Path, first: Experiment1) -> None:
     """Draw raw parameter errors, and errors in the combinations that can be told."""
-    under = floor(first.setting.drive, first.truth, first.at_rim, first.setting.seed)
+    under = floor(first.setting.drive, first.truth, first.setting.seed)
     figures.plot_errors(
         folder / "fig4.png",
         {name: first.parameter_error(held) for name, held in first.held.items()},

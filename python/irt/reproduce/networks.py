@@ -72,7 +72,7 @@ def steps(setting: Setting, progress: Progress | None = None) -> StepFile:
         file = load_steps(cache.SHIPPED_STEPS)
         if file.metadata["drive"] == setting.drive.digest:
             return file
-    path = setting.folder("networks") / "steps.safetensors"
+    path = setting.folder("networks") / f"steps-{setting.seed}.safetensors"
     if path.exists():
         return load_steps(path)
     return train_steps(
@@ -101,7 +101,7 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
         from sbi.utils import BoxUniform  # noqa: PLC0415
     except ImportError as error:
         raise IrtError("neural posterior estimation needs sbi: pip install 'labsim-irt[npe]'") from error
-    path = setting.folder("networks") / "npe.pt"
+    path = setting.folder("networks") / f"npe-{setting.seed}.pt"
     if path.exists():
         # sbi's own way to keep one; the file is this program's.
         kept: ConditionalDensityEstimator = torch.load(path, weights_only=False)

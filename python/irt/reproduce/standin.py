@@ -108,9 +108,11 @@ class Row:
     ----------
     name : str
         Of the method.
-    minimum, rollouts, final, early, best : tuple
-        Smallest state MAE on the way, the rollouts after which it was reached, what was held at the end, the
-        best so far after `FEW` rollouts, and the best of all [board edges].
+    minimum, rollouts, final, early : tuple
+        Smallest state MAE on the way, the rollouts after which it was reached, what was held at the end, and
+        the best so far after `FEW` rollouts [board edges].
+    failures : int
+        Rigs on which it ended worse than it began.
     """
 
     name: str

@@ -60,7 +60,8 @@ def test_figures_are_small_files(second, tmp_path, name):
 
 def test_the_page_judges_every_claim_and_promise(setting, second, tmp_path):
     first = experiment1(setting, QUICK)
-    page.write_page(tmp_path / "paper.md", "`irt reproduce`", first, second, [])
+    results = page.Results(first, second, {"other": first}, [])
+    page.write_page(tmp_path / "paper.md", "`irt reproduce`", results)
     text = (tmp_path / "paper.md").read_text(encoding="utf-8")
     judged = text[: text.index("## What this project promises")]
     verdicts = [line.split(" | ")[2] for line in judged.splitlines() if "**" in line]
@@ -69,6 +70,7 @@ def test_the_page_judges_every_claim_and_promise(setting, second, tmp_path):
     for figure in ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "symmetry"):
         assert f"(paper/{figure}.png)" in text
     assert "IRT+: trials that diverge | none | 0 | kept" in text
+    assert "| other | 6 | " in text
 
 
 def test_a_floor_that_is_missed_is_shown(setting, second):
