@@ -36,7 +36,7 @@ def fig3(folder: Path, first: Experiment1) -> None:
         )
         for start in range(2)
     ]
-    columns.append(("IRT+", target, _proposals(setting, first.held["irt+"].parameters[chosen], "rollouts")))
+    columns.append(("IRT+", target, _proposals(setting, first.held["irt+"].parameters[chosen], "rollout")))
     figures.plot_observations(folder / "fig3.png", columns)
 
 
@@ -92,7 +92,7 @@ def fig7(folder: Path, second: Experiment2) -> None:
     success, failure = int(order[0]), int(order[-1])
     columns = []
     for name, rig in (("success", success), ("failure", failure)):
-        for method, title, count in (("irt-paper", "IRT", "iteration"), ("irt+", "IRT+", "rollouts")):
+        for method, title, count in (("irt-paper", "IRT", "iteration"), ("irt+", "IRT+", "rollout")):
             proposals = _proposals(setting, second.random[method].parameters[rig], count)
             columns.append((f"{title}, {name}", second.trials.observed[rig], proposals))
     figures.plot_observations(folder / "fig7.png", columns)
