@@ -47,12 +47,6 @@ class Held:
     parameters: Array
     mae: Array
 
-    @property
-    def best(self) -> Held:
-        """The same, where the best so far is held instead."""
-        paths = [Path(p, e).best for p, e in zip(self.parameters, self.mae, strict=True)]
-        return Held(np.array([path.parameters for path in paths]), np.array([path.mae for path in paths]))
-
 
 @dataclass(frozen=True, eq=False)
 class Trials:
