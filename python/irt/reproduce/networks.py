@@ -106,6 +106,9 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
         # sbi's own way to keep one; the file is this program's.
         kept: ConditionalDensityEstimator = torch.load(path, weights_only=False)
         return kept
+    if progress:
+        # It does not say how far it is.
+        progress(0, NPE_EPOCHS, "training a neural posterior, some minutes")
     pairs = simulate_pairs(setting.drive, NPE_PAIRS, setting.seed, threads=setting.threads)
     with reproducible(), torch.random.fork_rng(devices=[]), quiet():
         torch.manual_seed(setting.seed)
@@ -119,7 +122,7 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
         inference = NPE(
             BoxUniform(torch.zeros(5), torch.ones(5)),
             density_estimator=posterior_nn("nsf", embedding_net=embedding, z_score_x="structured"),
-            tracker=_Epochs(within(progress, "neural posterior")),
+            tracker=_Untold(),
             show_progress_bars=False,
         )
         inference.append_simulations(pairs.scaled, pairs.inputs)
@@ -130,23 +133,16 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
     return estimator
 
 
-class _Epochs:
-    """What sbi tells of its training, as progress; nothing is written."""
+class _Untold:
+    """What sbi tells of its training once it is over; nothing is written."""
 
     log_dir = None
 
-    def __init__(self, progress: Progress | None) -> None:
-        self._progress = progress
-
     def log_metric(self, name: str, value: float, step: int | None = None) -> None:
-        """Count an epoch."""
-        if self._progress and step is not None:
-            self._progress(min(step + 1, NPE_EPOCHS), NPE_EPOCHS, f"{name} {value:.3f}")
+        """Leave it."""
 
     def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
-        """Count an epoch."""
-        for name, value in metrics.items():
-            self.log_metric(name, value, step)
+        """Leave it."""
 
     def log_params(self, params: dict[str, Any]) -> None:
         """Leave it."""

@@ -182,15 +182,24 @@ def _target(folder: Path) -> Rig:
 
 
 def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any]]:
-    """Have the laboratory record the rigs that are not there yet; return what they truly are."""
-    missing = [rig for rig in range(setting.rigs) if not (_folder(setting, rig) / "truth.json").exists()]
+    """Have the laboratory record what is not there yet; return what the rigs truly are.
+
+    Those that are to be diagnosed need more than the run that is tuned to.
+    """
+
+    def there(rig: int) -> bool:
+        last = "heldout/paper-3.csv" if rig < setting.diagnosed else "paper-1.csv"
+        return all((_folder(setting, rig) / name).exists() for name in (last, "truth.json"))
+
+    missing = [rig for rig in range(setting.rigs) if not there(rig)]
     if missing:
         if find_spec("pybullet") is None:
             raise IrtError("the laboratory needs PyBullet: pip install 'labsim-irt[prove]'")
         with Pipe(LABORATORY, "the laboratory") as laboratory:
             for done, rig in enumerate(missing):
                 folder = _folder(setting, rig)
-                told = laboratory.ask({"record": {"rig": rig, "seed": setting.seed, "folder": str(folder)}})
+                asked = {"rig": rig, "seed": setting.seed, "folder": str(folder)}
+                told = laboratory.ask({"record": {**asked, "whole": rig < setting.diagnosed}})
                 write_atomic(folder / "truth.json", json.dumps(told["truth"], indent=1) + "\n")
                 if progress:
                     progress(done + 1, len(missing), "recording in PyBullet")

@@ -86,14 +86,15 @@ def test_a_floor_that_is_missed_is_shown(setting, second):
 def test_the_laboratory_records_the_papers_drive(tmp_path, monkeypatch):
     pytest.importorskip("pybullet", reason="the extra prove is not installed")
     monkeypatch.setattr(laboratory, "_RUNS", ("paper-1",))
-    truth = laboratory.record(2, 7, tmp_path / "a")
-    assert laboratory.record(2, 7, tmp_path / "b") == truth
+    truth = laboratory.record(2, 7, tmp_path / "a", whole=True)
+    assert laboratory.record(2, 7, tmp_path / "b", whole=False) == truth
     assert [one["name"] for one in truth["effects"]] == list(laboratory.EFFECTS_DRAWN)
     one, again = (load_recording(tmp_path / name / "paper-1.csv") for name in "ab")
     np.testing.assert_array_equal(one.marble, again.marble)
     np.testing.assert_allclose(one.knobs, paper_drive(), atol=1e-6)
     other = load_recording(tmp_path / "a" / "heldout" / "paper-3.csv")
     assert np.abs(other.marble - one.marble).mean() > truth["sigma"] / 2
+    assert not (tmp_path / "b" / "heldout").exists()
     json.dumps(truth)
 
 
