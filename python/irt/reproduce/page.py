@@ -259,9 +259,10 @@ def _switched(first: Experiment1, switched: Mapping[str, Experiment1]) -> Iterat
         return
     count = len(next(iter(switched.values())).truth)
     yield (
-        f"Experiment 1 again, on {count} targets each, every network trained anew for its drive: with the "
-        "other reading of Eq. 3, and with the other damping. Means in % after so many rollouts: state MAE of "
-        "the edge, errors of combinations and parameters of their ranges."
+        f"Experiment 1 again, on {count} targets each, with the other reading of Eq. 3 (its networks trained "
+        "for it), and with the other damping (networks of the marble without damping, as in `irt tune`). "
+        "Means in % after so many rollouts: state MAE of the edge, errors of combinations and parameters of "
+        "their ranges."
     )
     yield ""
     yield from tables.of_switches({"as above": first, **switched})

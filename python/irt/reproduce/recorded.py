@@ -19,7 +19,7 @@ from irt.rig import Rig, load_rig
 from irt.tuning import tune
 
 #: Methods of `irt tune` that are tried, as it runs them by default.
-METHODS = ("irt", "cma-es", "irt+", "least-squares")
+METHODS = ("cma-es", "irt+", "least-squares")
 #: Share of the recordings that is held out, the last ones.
 _HELD_OUT = 1 / 3
 #: Length of the windows that are predicted [s].

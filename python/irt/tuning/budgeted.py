@@ -16,6 +16,7 @@ from irt.tuning import cache
 from irt.tuning.direct import predicted
 from irt.tuning.evolution import STRATEGIES
 from irt.tuning.iterate import without_spikes
+from irt.tuning.library import PATHS, Library
 from irt.tuning.outcome import checked, concluded
 from irt.tuning.plus import Plus
 from irt.tuning.search import Search, compare, run
@@ -96,11 +97,11 @@ def budgeted(
     notes: tuple[str, ...] = ()
     if method == "irt+":
         steps = cache.obtain_steps(needed, network, threads=threads, progress=progress)
-        plus = Plus(drive, steps, needed.joint, compare(drive, middle(drive), observed, threads))
+        first = compare(drive, middle(drive), observed, threads)
+        plus = Plus(drive, steps, needed.joint, first, Library(drive, threads))
         searches = [plus.search(np.random.default_rng([seed, start])) for start in range(starts)]
-        notes = (
-            cache.described(needed, "irt+", network, _learned(steps.metadata["samples"], "simulated pairs")),
-        )
+        about = _learned(steps.metadata["samples"], f"simulated pairs, beside a library of {PATHS:,} paths")
+        notes = (cache.described(needed, "irt+", network, about),)
     elif method == "direct":
         file = cache.obtain(needed, network, task="parameters", threads=threads, progress=progress)
         searches = [_once(predicted(needed, file, observed))]
