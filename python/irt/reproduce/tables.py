@@ -84,13 +84,16 @@ def table1(second: Experiment2) -> Iterator[str]:
 
 
 def of_diagnoses(diagnosed: list[Diagnosed]) -> Iterator[str]:
-    """Yield what each diagnosis named and won."""
-    yield "| rig | named | plain, tuned to this run | plain, run again | diagnosed | diagnosed, run again |"
-    yield "| ---: | --- | ---: | ---: | ---: | ---: |"
+    """Yield what each diagnosis named and won, and what is won by who is told what there is to name."""
+    yield (
+        "| rig | named | plain, tuned to this run | plain, run again | diagnosed | diagnosed, run again "
+        "| told | told, run again |"
+    )
+    yield "| ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     for rig, one in enumerate(diagnosed):
-        cells = (one.plain, one.plain_again, one.full, one.full_again)
+        errors = (one.plain, one.plain_again, one.full, one.full_again, one.told, one.told_again)
         named = ", ".join(one.names) or one.verdict
-        yield f"| {rig} | {named} | {' | '.join(f'{100 * each:.2f} %' for each in cells)} |"
+        yield f"| {rig} | {named} | {' | '.join(f'{100 * each:.2f} %' for each in errors)} |"
 
 
 def _by_rollouts(first: Experiment1, errors: dict[str, NDArray[np.float64]]) -> Iterator[str]:

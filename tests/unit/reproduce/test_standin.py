@@ -39,6 +39,14 @@ def test_from_the_middle_everyone_begins_there(second):
     np.testing.assert_allclose(start, 0.5)
 
 
+def test_who_is_told_the_effects_fits_all_but_what_is_drawn_by_chance(second):
+    folder = standin._folder(second.setting, 1)
+    model = standin._told(second.setting, folder)
+    assert [one.name for one in model.effects] == ["lag"]
+    # The noise of the recordings has a mean absolute error of 0.0008.
+    assert standin._mae(model, standin._target(folder)) < 0.0012
+
+
 def test_the_table_has_the_papers_numbers_beside_ours(second):
     lines = list(tables.table1(second))
     assert any(line.startswith("| IRT, as in the paper | 4.02 % | 5 | ") for line in lines)
@@ -78,7 +86,7 @@ def test_a_floor_that_is_missed_is_shown(setting, second):
     worse = {**first.held, "irt+": first.held["es"]}
     promised = {one.what: one.kept for one in page.floors(replace(first, held=worse), second)}
     assert not promised["IRT+: mean state MAE after 5 rollouts"]
-    poor = [Diagnosed(("lag",), "missing", 0.02, 0.02, 0.015, 0.016)]
+    poor = [Diagnosed(("lag",), "missing", 0.02, 0.02, 0.015, 0.016, 0.01, 0.01)]
     *_, last = page.floors(first, replace(second, diagnosed=poor))
     assert not last.kept
 
