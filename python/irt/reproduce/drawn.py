@@ -88,8 +88,9 @@ def fig6(folder: Path, first: Experiment1) -> None:
 def fig7(folder: Path, second: Experiment2) -> None:
     """Draw a success and a failure of the paper's method on rigs, and IRT+ on both."""
     setting, held = second.setting, second.random["irt-paper"]
-    order = np.argsort(held.mae[:, -1])
-    success, failure = int(order[0]), int(order[-1])
+    # A board that hardly moves is no success: the one that gained most is.
+    success = int(np.argmax(held.mae[:, 0] - held.mae[:, -1]))
+    failure = int(np.argmax(held.mae[:, -1]))
     columns = []
     for name, rig in (("success", success), ("failure", failure)):
         for method, title, count in (("irt-paper", "IRT", "iteration"), ("irt+", "IRT+", "rollout")):

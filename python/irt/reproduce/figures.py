@@ -39,7 +39,7 @@ _WIDE = 7.6
 _PROPOSED: dict[str, Any] = {"lw": 2.6, "alpha": 0.45}
 _TARGET: dict[str, Any] = {"lw": 1.0, "ls": (0, (2, 1.5))}
 #: Colours of a picture.
-_SHADES = 64
+_SHADES = 160
 #: Bootstrap draws of the band about a mean.
 _DRAWS = 400
 
