@@ -281,8 +281,8 @@ def _real(real: Sequence[Judged]) -> Iterator[str]:
         yield ""
         return
     yield (
-        f"Mean error over windows of {WINDOW_S:g} s, on runs given and on runs held out (the last third). IRT "
-        "and IRT+ would need networks of their own for these commands: they were not tried."
+        f"Mean error over windows of {WINDOW_S:g} s, on runs given and on runs held out (the last third). "
+        "IRT and IRT+ would need networks of their own for these commands: they were not tried."
     )
     yield ""
     yield "| | given | held out | rollouts |"

@@ -18,8 +18,8 @@ from irt.residual import evaluate
 from irt.rig import Rig, load_rig
 from irt.tuning import tune
 
-#: Methods of `irt tune` that are tried, as it runs them by default: those that need no network, whose training
-#: for a drive of many windows takes longer than all the rest of the page.
+#: Methods of `irt tune` that are tried, as it runs them by default: those that need no network, whose
+#: training for a drive of many windows takes longer than all the rest of the page.
 METHODS = ("cma-es", "least-squares")
 #: Share of the recordings that is held out, the last ones.
 _HELD_OUT = 1 / 3
