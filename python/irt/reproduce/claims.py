@@ -27,6 +27,8 @@ _AROUND = (0.05, 0.15)
 _WELL = 0.03
 #: A marble that rolls no further than this [board edges] is as good as at rest.
 _STILL = 0.05
+#: A low state error on a real system: half as much again as the paper's.
+_LOW = 0.06
 
 
 @dataclass(frozen=True)
@@ -150,8 +152,8 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
     yield Claim(
         "6.2, Fig. 8",
         "From the middle of the ranges the state error is low, but unstable.",
-        _reproduced(rises > 0.1),
-        f"Error of the newest proposal: median {_percent(np.median(held[:, 5]))} after 5 and "
+        _reproduced(rises > 0.1 and float(np.median(held[:, -1])) < _LOW),
+        f"{stand_in} the error of the newest proposal: median {_percent(np.median(held[:, 5]))} after 5 and "
         f"{_percent(np.median(held[:, -1]))} after {_ITERATIONS} iterations; {_percent(rises, 0)} of the "
         "steps made it worse.",
     )

@@ -88,8 +88,9 @@ def fig6(folder: Path, first: Experiment1) -> None:
 def fig7(folder: Path, second: Experiment2) -> None:
     """Draw a success and a failure of the paper's method on rigs, and IRT+ on both."""
     setting, held = second.setting, second.random["irt-paper"]
-    # A board that hardly moves is no success: the one that gained most is.
-    success = int(np.argmax(held.mae[:, 0] - held.mae[:, -1]))
+    # Beside what a marble at rest would miss: a board on which nothing rolls is no success.
+    rest = np.abs(second.trials.observed).mean(axis=(1, 2))
+    success = int(np.argmin(held.mae[:, -1] / rest))
     failure = int(np.argmax(held.mae[:, -1]))
     columns = []
     for name, rig in (("success", success), ("failure", failure)):

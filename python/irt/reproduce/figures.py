@@ -88,7 +88,9 @@ def plot_errors(
             axes.axhline(PERCENT * floor[0], **FLOOR)
             ends.append((PERCENT * floor[0], floor[1], style.INK))
         for at, height, text in papers:
-            axes.plot(max(at, 1), PERCENT * height, "x", color=style.INK, ms=7, mew=1.6, zorder=5)
+            axes.plot(
+                max(at, 1), PERCENT * height, "x", color=style.INK, ms=7, mew=1.6, zorder=5, clip_on=False
+            )
             axes.annotate(
                 text,
                 (max(at, 1), PERCENT * height),

@@ -34,7 +34,7 @@ class Judged:
     Attributes
     ----------
     name : str
-        "untuned", a method, or "diagnosed: ..." with what was named.
+        "untuned", a method, or "diagnosed: ..." with what was named, or the verdict where nothing was.
     tuned, heldout : float
         On the recordings that it was given, and on the others.
     rollouts : int
@@ -74,7 +74,7 @@ def judge(setting: Setting, folder: Path, progress: Progress | None = None) -> l
             _keep(kept, told)
     if not any(name.startswith("diagnosed") for name in told):
         found = diagnose(given, threads=setting.threads, progress=within(progress, "diagnosis"))
-        named = ", ".join(one.name for one in found.effects) or "nothing missing"
+        named = ", ".join(one.name for one in found.effects) or found.verdict
         told[f"diagnosed: {named}"] = _errors(found.model, given, heldout, 0)
         _keep(kept, told)
     return [Judged(name, **numbers) for name, numbers in told.items()]
