@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.reproduce import networks
-from irt.reproduce.setting import Setting
+from irt.reproduce.setting import PAPERS_TRIALS, Setting
 from irt.reproduce.simulated import Experiment1
 from irt.reproduce.standin import PAPERS_TABLE, Experiment2
 from irt.tuning.iterate import STEP_DECAY, Tuner
@@ -27,6 +27,8 @@ _AROUND = (0.05, 0.15)
 _WELL = 0.03
 #: A marble that rolls no further than this [board edges] is as good as at rest.
 _STILL = 0.05
+#: Targets that are tuned to from several starts, and the spread below which those end at the same place.
+_TARGETS, _SAME = 50, 0.05
 #: A low state error on a real system: half as much again as the paper's.
 _LOW = 0.06
 
@@ -163,21 +165,25 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
 
 
 def _same_optimum(first: Experiment1) -> Claim:
-    """Tune to one target from many starts."""
-    setting = first.setting
-    starts = np.random.default_rng([setting.seed, 6]).random((100, first.truth.shape[1]))
-    chosen = int(np.flatnonzero(first.at_rim)[0]) if first.at_rim.any() else 0
+    """Tune to the first targets, each from as many starts as the paper shows."""
+    setting, targets = first.setting, first.trials.observed[:_TARGETS]
+    starts = np.random.default_rng([setting.seed, 6]).random((PAPERS_TRIALS, first.truth.shape[1]))
     trace = _tuner(setting).iterate(
-        starts, [first.trials.observed[chosen]], _ITERATIONS, threads=setting.threads
+        np.tile(starts, (len(targets), 1)),
+        [np.repeat(targets, PAPERS_TRIALS, axis=0)],
+        _ITERATIONS,
+        threads=setting.threads,
     )
-    spread = trace.scaled[-1].std(axis=0)
+    ended = trace.scaled[-1].reshape(len(targets), PAPERS_TRIALS, -1)
+    spread = np.median(ended.std(axis=1), axis=0)
     return Claim(
         "6.1, Fig. 6",
         "All trials converged to the same optimum.",
-        _reproduced(bool((spread < 0.1).all())),
-        f"From 100 starts to one target, standard deviations after {_ITERATIONS} iterations in % of the "
-        f"ranges: {', '.join(f'{100 * value:.1f}' for value in spread)} (gears, friction, time scale, "
-        "observation scale); they begin at 29.",
+        _reproduced(bool((spread < _SAME).all())),
+        f"From {PAPERS_TRIALS} starts to each of {len(targets)} targets, standard deviations after "
+        f"{_ITERATIONS} iterations in % of the ranges, in the median: "
+        f"{', '.join(f'{100 * value:.1f}' for value in spread)} (gears, friction, time scale, observation "
+        "scale); they begin at 29.",
     )
 
 
