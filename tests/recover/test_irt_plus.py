@@ -9,6 +9,7 @@ from irt.rig import load_rig
 from irt.rollouts import paper_drive, rollouts
 from irt.tuning import cache, tune
 from irt.tuning.drive import Drive
+from irt.tuning.library import Library
 from irt.tuning.plus import Plus
 from irt.tuning.search import compare, run
 from irt.tuning.stepnet import load_steps, middle
@@ -18,10 +19,13 @@ from irt.tuning.streaming import Streamed, train_steps
 @pytest.fixture(scope="module")
 def paths():
     drive, file = Drive.paper(), load_steps(cache.SHIPPED_STEPS)
+    library = Library(drive)
     truth = drive.parameters(np.random.default_rng(5).random((40, 5)))
     targets = [[each] for each in drive.simulate(truth)[0]]
     searches = [
-        Plus(drive, file, True, compare(drive, middle(drive), target)).search(np.random.default_rng(i))
+        Plus(drive, file, True, compare(drive, middle(drive), target), library).search(
+            np.random.default_rng(i)
+        )
         for i, target in enumerate(targets)
     ]
     return [path.best.padded(60) for path in run(drive, targets, searches, 60)]
@@ -34,6 +38,35 @@ def test_few_rollouts_are_enough(paths, rollouts, most):
 
 def test_none_goes_astray(paths):
     assert max(path.mae[-1] for path in paths) < 0.01
+
+
+def test_other_physics_do_not_mislead_it():
+    """The network tells the parameters of a board that lags; those whose path is nearest are others."""
+    drive, file = Drive.paper(), load_steps(cache.SHIPPED_STEPS)
+    truth = np.array([[0.06, 0.04, 3e-4, 20.0, 1.05]])
+    lag = [{"name": "lag", "time_constant_s": 0.35}]
+    target = [rollouts(truth, paper_drive(), effects=lag)[0]]
+    first, library = compare(drive, middle(drive), target), Library(drive)
+    _, distance = library.nearest([each[None] for each in target])
+    plus = Plus(drive, file, True, first, library)
+    (path,) = run(drive, [target], [plus.search(np.random.default_rng(0))], 5)
+    told = plus.drive.simulate(plus._coordinates.parameters(file.ask(drive, first).mean))[0][0]
+    assert path.best.mae[-1] < 1.05 * distance < np.abs(told - target[0]).mean()
+
+
+def test_what_no_path_tells_is_taken_from_the_middle_of_what_is_left():
+    """Off the rim every observation scale has the same path: the answer must not depend on it."""
+    drive, file = Drive.paper(), load_steps(cache.SHIPPED_STEPS)
+    truth = np.array([[0.02 / r, 0.015 / r, 1e-4 / r, 12.0, r] for r in (0.82, 1.0, 1.18)])
+    targets = [[each] for each in drive.simulate(truth)[0]]
+    begun = [compare(drive, middle(drive), target) for target in targets]
+    searches = [
+        Plus(drive, file, True, first, Library(drive)).search(np.random.default_rng(i))
+        for i, first in enumerate(begun)
+    ]
+    ended = np.array([path.best.parameters[-1] for path in run(drive, targets, searches, 5)])
+    np.testing.assert_allclose(ended[:, 3], ended[0, 3])
+    np.testing.assert_allclose(ended[:, 4], ended[0, 4], atol=1e-3)
 
 
 def test_noise_is_left_and_the_truth_is_in_the_intervals(write_rig):

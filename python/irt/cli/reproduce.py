@@ -19,8 +19,9 @@ HELP = "do the paper's experiments again, with intervals, and write its figures,
 
 ITEMS = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "table1", "symmetry")
 _OF_FIRST, _OF_SECOND = ITEMS[:4], ITEMS[4:7]
-#: Targets, rigs and diagnosed rigs of a quick reproduction and of the full one.
-_QUICK, _FULL = (100, 20, 3), (500, 100, 20)
+#: Of a quick reproduction and of the full one: targets, rigs, diagnosed rigs, and targets with each switch.
+_COUNTS = ("targets", "rigs", "diagnosed", "switched")
+_QUICK, _FULL = (100, 20, 3, 0), (500, 100, 20, 100)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -36,12 +37,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help=f"{_FULL[0]} targets, {_FULL[1]} rigs and {_FULL[2]} diagnoses, instead of "
-        f"{_QUICK[0]}, {_QUICK[1]} and {_QUICK[2]} (an hour on two cores)",
+        help=f"{_FULL[0]} targets, {_FULL[1]} rigs and {_FULL[2]} diagnoses instead of {_QUICK[0]}, "
+        f"{_QUICK[1]} and {_QUICK[2]}, and {_FULL[3]} targets with each switch (an hour on two cores)",
     )
     parser.add_argument("--targets", metavar="N", type=whole(2), help="of Experiment 1")
     parser.add_argument("--rigs", metavar="N", type=whole(2), help="of Experiment 2")
     parser.add_argument("--diagnosed", metavar="N", type=whole(0), help="of these, diagnosed as well")
+    parser.add_argument(
+        "--switched",
+        metavar="N",
+        type=whole(0),
+        help="targets that are tuned to once more with the other drive, and with the other damping",
+    )
     parser.add_argument(
         "--real", metavar="RIG", type=Path, help="a folder of real recordings; the last third is held out"
     )
@@ -77,12 +84,12 @@ def run(args: argparse.Namespace) -> None:
     from irt.files import make_folder
     from irt.reproduce.setting import Setting
 
-    targets, rigs, diagnosed = _FULL if args.full else _QUICK
+    counts = _counts(args)
     setting = Setting(
         out=make_folder(args.out),
-        targets=args.targets or targets,
-        rigs=args.rigs or rigs,
-        diagnosed=diagnosed if args.diagnosed is None else args.diagnosed,
+        targets=counts["targets"],
+        rigs=counts["rigs"],
+        diagnosed=counts["diagnosed"],
         seed=args.seed,
         literal=args.literal_drive,
         damped=args.damping,
@@ -100,6 +107,13 @@ def run(args: argparse.Namespace) -> None:
         print(line)
 
 
+def _counts(args: argparse.Namespace) -> dict[str, int]:
+    """Return how many of each there are to be: what was asked for, or as many as it takes by default."""
+    given = {name: getattr(args, name) for name in _COUNTS}
+    usual = dict(zip(_COUNTS, _FULL if args.full else _QUICK, strict=True))
+    return {name: usual[name] if given[name] is None else given[name] for name in _COUNTS}
+
+
 def _done(
     args: argparse.Namespace, setting: Setting, items: set[str], page: Path, progress: Progress
 ) -> list[str]:
@@ -109,10 +123,11 @@ def _done(
     from irt.files import make_folder, write_atomic
     from irt.reproduce import drawn, tables
     from irt.reproduce.contenders import available
-    from irt.reproduce.page import write_page
+    from irt.reproduce.page import Results, write_page
     from irt.reproduce.recorded import judge
     from irt.reproduce.simulated import experiment1
     from irt.reproduce.standin import experiment2
+    from irt.reproduce.switches import switched
 
     folder = make_folder(page.with_suffix(""))
     lines = (
@@ -121,6 +136,8 @@ def _done(
     numbers = {}
     first = experiment1(setting, progress=progress) if items & set(_OF_FIRST) else None
     second = experiment2(setting, progress=progress) if items & set(_OF_SECOND) else None
+    others = _counts(args)["switched"] if items == set(ITEMS) else 0
+    other = switched(setting, others, progress) if others else {}
     real = judge(setting, args.real, progress) if args.real is not None else []
     if first is not None:
         for name in sorted(items & set(_OF_FIRST)):
@@ -132,13 +149,15 @@ def _done(
             drawn.OF_SECOND[name](folder, second)
         numbers["experiment_2"] = second.as_dict()
         lines += [*tables.table1(second), "", *tables.of_diagnoses(second.diagnosed), ""]
+    for name, switch in other.items():
+        numbers[f"experiment_1, {name}"] = switch.as_dict()
     if "symmetry" in items:
         drawn.symmetries(folder, setting)
     if numbers:
         write_atomic(folder / "results.json", json.dumps(numbers, indent=1) + "\n")
     if first is None or second is None or items != set(ITEMS):
         return [*lines, f"wrote {folder}"]
-    write_page(page, f"`{_command(args)}`", first, second, real)
+    write_page(page, f"`{_command(args)}`", Results(first, second, other, real))
     return [*lines, f"wrote {page} and {folder}"]
 
 
@@ -147,6 +166,6 @@ def _command(args: argparse.Namespace) -> str:
     words = ["irt", "reproduce"]
     for name in ("full", "literal_drive", "damping"):
         words += [f"--{name.replace('_', '-')}"] if getattr(args, name) else []
-    for name in ("targets", "rigs", "diagnosed", "real", "page"):
+    for name in (*_COUNTS, "real", "page"):
         words += [f"--{name}", f"{getattr(args, name)}"] if getattr(args, name) is not None else []
     return shlex.join([*words, "--seed", f"{args.seed}", "--out", f"{args.out}"])

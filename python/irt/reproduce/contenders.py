@@ -19,6 +19,7 @@ from irt.tuning.direct import suggested
 from irt.tuning.drive import Drive
 from irt.tuning.evolution import STRATEGIES
 from irt.tuning.iterate import Tuner
+from irt.tuning.library import PATHS, Library
 from irt.tuning.plus import Plus
 from irt.tuning.search import Path, Search, Seen, compare, left_over, run
 from irt.tuning.stepnet import middle
@@ -46,12 +47,6 @@ class Held:
 
     parameters: Array
     mae: Array
-
-    @property
-    def best(self) -> Held:
-        """The same, where the best so far is held instead."""
-        paths = [Path(p, e).best for p, e in zip(self.parameters, self.mae, strict=True)]
-        return Held(np.array([path.parameters for path in paths]), np.array([path.mae for path in paths]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +109,26 @@ def irt_as_shipped(setting: Setting, trials: Trials, progress: Progress | None) 
     return _irt(file, setting, trials, both_orders=True)
 
 
+def _shipped_simulations(setting: Setting) -> int:
+    """Return what the network of ``--method irt`` has learned from, those held out among them."""
+    file = networks.shipped(setting)
+    if file is None:
+        return _PAPERS_SIMULATIONS
+    pairs = int(file.metadata["pairs"])
+    return 2 * (pairs + pairs // 10)
+
+
+def _plus_simulations(setting: Setting) -> int:
+    """Return what the network of IRT+ has learned from, and the paths of its library."""
+    return int(networks.steps(setting).metadata["rollouts"]) + PATHS
+
+
 def irt_plus(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
     """Tune by IRT+; the best so far is held."""
     drive, file = setting.drive, networks.steps(setting, progress)
+    library = Library(drive, setting.threads)
     searches = [
-        Plus(drive, file, True, compare(drive, middle(drive), [observed], setting.threads)).search(
+        Plus(drive, file, True, compare(drive, middle(drive), [observed], setting.threads), library).search(
             np.random.default_rng([setting.seed, i])
         )
         for i, observed in enumerate(trials.observed)
@@ -254,7 +264,7 @@ METHODS: dict[str, Method] = {
     "cma-es": Method("CMA-ES", strategy("cma-es")),
     "es": Method("(5+100) ES", strategy("es")),
     "npe": Method("neural posterior (sbi)", neural_posterior, lambda _: _PAPERS_SIMULATIONS),
-    "irt": Method("IRT, as shipped", irt_as_shipped, lambda _: _PAPERS_SIMULATIONS),
+    "irt": Method("IRT, as shipped", irt_as_shipped, _shipped_simulations),
     "least-squares": Method("least squares (scipy)", multi_start),
-    "irt+": Method("IRT+", irt_plus, lambda setting: int(networks.steps(setting).metadata["rollouts"])),
+    "irt+": Method("IRT+", irt_plus, _plus_simulations),
 }

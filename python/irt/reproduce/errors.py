@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 #: Normal quantile of a two-sided 95 % interval.
 NORMAL_95 = 1.96
 #: As near to the rim as this share of the way there counts as there.
-_AT_RIM = 0.995
+AT_RIM = 0.995
 _TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
 
 
@@ -38,11 +38,15 @@ def combination_error(drive: Drive, parameters: Array, truth: Array) -> Array:
     return error
 
 
+def share_of_the_way(drive: Drive, observed: Array) -> Array:
+    """Return how far k marbles (observations (k, n, 2) without noise) were seen, 1 at the rim at scale 1."""
+    share: Array = (np.abs(observed).max(axis=1) / drive.room).max(axis=1)
+    return share
+
+
 def meets_rim(drive: Drive, parameters: Array, observed: Array) -> NDArray[np.bool_]:
-    """Return which of k marbles (observations (k, n, 2) without noise) met the rim, which tells the scale."""
-    room = np.array([drive.board.edge_x_m, drive.board.edge_y_m]) / 2.0 - drive.marble.radius_m
-    furthest = np.abs(observed / parameters[:, _SCALE, None, None]).max(axis=1)
-    return np.asarray((furthest > _AT_RIM * room / drive.board.edge_x_m).any(axis=1))
+    """Return which of k marbles of (k, 5) parameters met the rim, which tells the observation scale."""
+    return np.asarray(share_of_the_way(drive, observed) > AT_RIM * parameters[:, _SCALE])
 
 
 @dataclass(frozen=True)

@@ -35,8 +35,11 @@ COLOURS = {
     "least-squares": style.INK,
 }
 _WIDE = 7.6
+#: How a proposed path is drawn, and its target over it, so that neither hides the other.
+_PROPOSED: dict[str, Any] = {"lw": 2.6, "alpha": 0.45}
+_TARGET: dict[str, Any] = {"lw": 1.0, "ls": (0, (2, 1.5))}
 #: Colours of a picture.
-_SHADES = 64
+_SHADES = 160
 #: Bootstrap draws of the band about a mean.
 _DRAWS = 400
 
@@ -85,9 +88,17 @@ def plot_errors(
             axes.axhline(PERCENT * floor[0], **FLOOR)
             ends.append((PERCENT * floor[0], floor[1], style.INK))
         for at, height, text in papers:
-            axes.plot(max(at, 1), PERCENT * height, "x", color=style.INK, ms=7, mew=1.6, zorder=5)
+            axes.plot(
+                max(at, 1), PERCENT * height, "x", color=style.INK, ms=7, mew=1.6, zorder=5, clip_on=False
+            )
             axes.annotate(
-                text, (max(at, 1), PERCENT * height), xytext=(5, 4), textcoords="offset points", fontsize=7.5
+                text,
+                (max(at, 1), PERCENT * height),
+                xytext=(6, 5),
+                textcoords="offset points",
+                fontsize=7.5,
+                zorder=6,
+                bbox={"boxstyle": "square,pad=0.1", "color": style.PAPER, "alpha": 0.8},
             )
         if logarithmic:
             make_logarithmic(axes)
@@ -127,9 +138,14 @@ def plot_pretraining(path: PathLike, errors: Mapping[str, Array], pretraining: M
                 rollouts = np.arange(1, trials.shape[1]) + pretraining[name] / targets
                 mean = PERCENT * trials[:, 1:].mean(axis=0)
                 axes.plot(rollouts, mean, color=COLOURS[name], lw=2.2 if name == "irt+" else 1.4)
+                # After its first rollout: a line of 300 stands upright behind so many of the pretraining.
+                axes.plot(rollouts[0], mean[0], "o", color=COLOURS[name], ms=4.0)
                 ends.append((float(mean[-1]), METHODS[name].title, COLOURS[name]))
             make_logarithmic(axes)
             axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(numticks=9))
+            axes.xaxis.set_major_formatter(FuncFormatter(_thousands))
+            axes.xaxis.set_minor_locator(NullLocator())
             axes.set_title("one target" if targets == 1 else f"each of {targets} targets")
             axes.set_xlabel("rollouts, the pretraining's included")
         both[0].set_ylabel("mean absolute state error  [%]")
@@ -162,23 +178,23 @@ def plot_observations(
             for row, (label, proposed) in enumerate(proposals):
                 axes = grid[row, axis]
                 for coordinate, colour in enumerate((style.TUNED, style.UNTUNED)):
-                    axes.plot(target[:, coordinate], color=colour, lw=1.0, ls=(0, (2, 1.5)))
-                    axes.plot(proposed[:, coordinate], color=colour, lw=1.5)
+                    axes.plot(proposed[:, coordinate], color=colour, **_PROPOSED)
+                    axes.plot(target[:, coordinate], color=colour, **_TARGET)
                 axes.set_title(f"{title}\n{label}" if row == 0 else label, fontsize=8)
                 axes.set_ylim(-0.62, 0.62)
                 axes.set_yticks([-0.5, 0.0, 0.5])
         for axes in grid[-1]:
             axes.set_xlabel("timestep")
         for axes in grid[:, 0]:
-            axes.set_ylabel("position")
-        texts = (
-            (style.TUNED, "-", "x, proposed"),
-            (style.UNTUNED, "-", "y, proposed"),
-            (style.MUTED, (0, (2, 1.5)), "target"),
-        )
-        handles = [grid[0, 0].plot([], [], color=colour, ls=ls)[0] for colour, ls, _ in texts]
+            axes.set_ylabel("position [edge]")
+        texts = [
+            (colour, line, f"{coordinate}, {what}")
+            for coordinate, colour in (("x", style.TUNED), ("y", style.UNTUNED))
+            for what, line in (("proposed", _PROPOSED), ("target", _TARGET))
+        ]
+        handles = [grid[0, 0].plot([], [], color=colour, **line)[0] for colour, line, _ in texts]
         figure.legend(
-            handles, [text for *_, text in texts], loc="outside lower center", ncols=3, frameon=False
+            handles, [text for *_, text in texts], loc="outside lower center", ncols=4, frameon=False
         )
 
 
@@ -213,7 +229,7 @@ def plot_evolution(path: PathLike, scaled: Array, truth: Array, titles: Sequence
                     axes.set_title(name, fontsize=8)
                 if row == len(scaled) - 1:
                     axes.set_xlabel("iteration")
-            grid[row, 0].set_ylabel(title)
+            grid[row, 0].set_ylabel(f"scaled parameter\n{title}")
 
 
 def plot_symmetry(path: PathLike, found: Symmetry) -> None:
@@ -271,6 +287,14 @@ def _bands(errors: Array) -> tuple[Array, Array, Array]:
     weights = random.multinomial(len(errors), np.full(len(errors), 1.0 / len(errors)), _DRAWS) / len(errors)
     low, high = np.percentile(weights @ errors, [2.5, 97.5], axis=0)
     return errors.mean(axis=0), low, high
+
+
+def _thousands(value: float, _: int) -> str:
+    """Return a count as short as an axis needs it."""
+    for size, letter in ((1_000_000, "M"), (1_000, "k")):
+        if value >= size:
+            return f"{value / size:g}{letter}"
+    return f"{value:g}"
 
 
 def _count(axes: Any) -> None:

@@ -1,6 +1,6 @@
 """`python -m irt.reproduce.laboratory`: a stand-in for the paper's laboratory, in another engine (PyBullet).
 
-    {"record": {"rig": 3, "seed": 7, "folder": "rigs/rig-003"}}
+    {"record": {"rig": 3, "seed": 7, "folder": "rigs/rig-003", "whole": true}}
     {"truth": {"gear_x": ..., "effects": [{"name": "lag", ...}, ...], "sigma": ...}}
 
 A process of its own, on the physics of `irt.prove.concealed`, which shares no line with this package's
@@ -9,8 +9,9 @@ the motor that differ from command to command, and a marble that is not quite ro
 that lags, a board that lies above its axes, so that the picture shifts as it tilts, and a camera with noise.
 Sizes are drawn for each rig.
 
-The folder gets the runs to tune to: the paper's drive (``paper-1``, and ``paper-2``, the same again) and runs
-of other drives, for a diagnosis; and the folder ``heldout`` inside it the paper's drive a third time.
+The folder gets the run to tune to, of the paper's drive (``paper-1``). For a diagnosis the whole rig is
+recorded: the same drive again (``paper-2``), runs of other drives, and in a folder ``heldout`` the paper's
+drive a third time.
 """
 
 from __future__ import annotations
@@ -78,15 +79,15 @@ def draw(rig: int, seed: int) -> Spec:
     )
 
 
-def record(rig: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Write the recordings of a rig; return what it truly is."""
+def record(rig: int, seed: int, folder: Path, *, whole: bool) -> dict[str, Any]:
+    """Write the recordings of a rig, all or the first alone; return what it truly is."""
     spec = draw(rig, seed)
-    for name, place in [*((name, folder) for name in _RUNS), (_HELDOUT, folder / "heldout")]:
+    places = [*((name, folder) for name in _RUNS), (_HELDOUT, folder / "heldout")]
+    for name, place in places if whole else places[:1]:
         make_folder(place)
+        write_atomic(place / "rig.toml", RIG_TOML)
         commands, seen = _run(spec, (*_RUNS, _HELDOUT).index(name), paper=name.startswith("paper"))
         save_recording(place / f"{name}.csv", commands, seen)
-    for place in (folder, folder / "heldout"):
-        write_atomic(place / "rig.toml", RIG_TOML)
     return {**vars(spec.base), "effects": [dict(one) for one in spec.effects], "sigma": spec.sigma}
 
 
@@ -105,7 +106,9 @@ def serve(requests: Iterable[str], answers: TextIO) -> None:
     """Answer requests until there are no more."""
     for line in requests:
         asked = json.loads(line)["record"]
-        truth = record(int(asked["rig"]), int(asked["seed"]), Path(asked["folder"]))
+        truth = record(
+            int(asked["rig"]), int(asked["seed"]), Path(asked["folder"]), whole=bool(asked["whole"])
+        )
         answers.write(json.dumps({"truth": truth}) + "\n")
         answers.flush()
 

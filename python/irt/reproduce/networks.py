@@ -1,4 +1,7 @@
-"""The networks that methods are compared by, each trained once and kept beside the results."""
+"""The networks that methods are compared by, each trained once and kept beside the results.
+
+Those for a damped marble are those for one without damping, as in `irt tune` (`is_paper_drive`).
+"""
 
 from __future__ import annotations
 
@@ -42,14 +45,17 @@ def papers(
     setting: Setting, task: Literal["difference", "parameters"], progress: Progress | None = None
 ) -> NetworkFile:
     """Return the paper's network, or that of direct prediction, trained in the paper's own way."""
-    path = setting.folder("networks") / f"{'irt' if task == 'difference' else 'direct'}.safetensors"
+    path = setting.trained.folder("networks") / f"{'irt' if task == 'difference' else 'direct'}.safetensors"
     recipe = Recipe(**PAPERS_WAY, task=task, seed=setting.seed)
     if path.exists():
         file = load_network(path)
-        if file.metadata["drive"] == setting.drive.digest and file.metadata["seed"] == f"{setting.seed}":
+        if (
+            file.metadata["drive"] == setting.trained.drive.digest
+            and file.metadata["seed"] == f"{setting.seed}"
+        ):
             return file
     return pretrain(
-        setting.drive,
+        setting.trained.drive,
         path,
         recipe,
         resume=checkpoint_path(path).exists(),
@@ -63,20 +69,20 @@ def papers(
 def shipped(setting: Setting) -> NetworkFile | None:
     """Return the network of `irt tune --method irt`, where it is for this drive."""
     file = load_network(cache.SHIPPED)
-    return file if file.metadata["drive"] == setting.drive.digest else None
+    return file if file.metadata["drive"] == setting.trained.drive.digest else None
 
 
 def steps(setting: Setting, progress: Progress | None = None) -> StepFile:
     """Return the network of IRT+: the one that is shipped, or one trained now for another drive."""
     if cache.SHIPPED_STEPS.exists():
         file = load_steps(cache.SHIPPED_STEPS)
-        if file.metadata["drive"] == setting.drive.digest:
+        if file.metadata["drive"] == setting.trained.drive.digest:
             return file
-    path = setting.folder("networks") / "steps.safetensors"
+    path = setting.trained.folder("networks") / f"steps-{setting.seed}.safetensors"
     if path.exists():
         return load_steps(path)
     return train_steps(
-        setting.drive,
+        setting.trained.drive,
         path,
         Streamed(samples=cache.SAMPLES, seed=setting.seed),
         resume=checkpoint_path(path).exists(),
@@ -101,12 +107,15 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
         from sbi.utils import BoxUniform  # noqa: PLC0415
     except ImportError as error:
         raise IrtError("neural posterior estimation needs sbi: pip install 'labsim-irt[npe]'") from error
-    path = setting.folder("networks") / "npe.pt"
+    path = setting.trained.folder("networks") / f"npe-{setting.seed}.pt"
     if path.exists():
         # sbi's own way to keep one; the file is this program's.
         kept: ConditionalDensityEstimator = torch.load(path, weights_only=False)
         return kept
-    pairs = simulate_pairs(setting.drive, NPE_PAIRS, setting.seed, threads=setting.threads)
+    if progress:
+        # It does not say how far it is.
+        progress(0, NPE_EPOCHS, "training a neural posterior, some minutes")
+    pairs = simulate_pairs(setting.trained.drive, NPE_PAIRS, setting.seed, threads=setting.threads)
     with reproducible(), torch.random.fork_rng(devices=[]), quiet():
         torch.manual_seed(setting.seed)
         first, second = _EMBEDDING
@@ -119,7 +128,7 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
         inference = NPE(
             BoxUniform(torch.zeros(5), torch.ones(5)),
             density_estimator=posterior_nn("nsf", embedding_net=embedding, z_score_x="structured"),
-            tracker=_Epochs(within(progress, "neural posterior")),
+            tracker=_Untold(),
             show_progress_bars=False,
         )
         inference.append_simulations(pairs.scaled, pairs.inputs)
@@ -130,23 +139,16 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
     return estimator
 
 
-class _Epochs:
-    """What sbi tells of its training, as progress; nothing is written."""
+class _Untold:
+    """What sbi tells of its training once it is over; nothing is written."""
 
     log_dir = None
 
-    def __init__(self, progress: Progress | None) -> None:
-        self._progress = progress
-
     def log_metric(self, name: str, value: float, step: int | None = None) -> None:
-        """Count an epoch."""
-        if self._progress and step is not None:
-            self._progress(min(step + 1, NPE_EPOCHS), NPE_EPOCHS, f"{name} {value:.3f}")
+        """Leave it."""
 
     def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
-        """Count an epoch."""
-        for name, value in metrics.items():
-            self.log_metric(name, value, step)
+        """Leave it."""
 
     def log_params(self, params: dict[str, Any]) -> None:
         """Leave it."""

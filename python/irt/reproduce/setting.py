@@ -68,6 +68,11 @@ class Setting:
         drive = Drive.paper(literal=self.literal)
         return replace(drive, marble=Marble(damping_per_s=BULLET_DAMPING)) if self.damped else drive
 
+    @cached_property
+    def trained(self) -> Setting:
+        """What networks are trained for: no damping, which hardly shows (`irt.tuning.drive`)."""
+        return replace(self, damped=False)
+
     def folder(self, name: str) -> Path:
         """Return a folder for results that belong to this drive, made where it is missing."""
         variant = "".join(f"-{word}" for word in ("literal", "damped") if getattr(self, word))

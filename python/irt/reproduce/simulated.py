@@ -44,7 +44,7 @@ class Experiment1:
     held : dict of Held
         What each method held, by its key in `irt.reproduce.contenders.METHODS`.
     engine : Held
-        What the engine's least squares ends with on the first e targets, at one count of rollouts.
+        What the engine's least squares ends with on the first e targets, whatever it takes.
     engine_rollouts : (e,) array
         How many it has simulated.
     """
@@ -107,9 +107,15 @@ class Experiment1:
 
 
 def experiment1(
-    setting: Setting, methods: Sequence[str] | None = None, progress: Progress | None = None
+    setting: Setting,
+    methods: Sequence[str] | None = None,
+    progress: Progress | None = None,
+    *,
+    engine_targets: int = ENGINE_TARGETS,
 ) -> Experiment1:
     """Tune to random targets by every method; what is kept of an earlier call is not done again.
+
+    The engine's own least squares is tried on the first ``engine_targets``.
 
     Raises
     ------
@@ -133,21 +139,22 @@ def experiment1(
             rollouts=ROLLOUTS,
         )
         held[name] = Held(**kept)
-    engine = setting.kept(folder / "engine.npz", lambda: _engine(setting, trials, progress), of=of)
+    first = observed[:engine_targets]
+    engine = setting.kept(folder / "engine.npz", lambda: _engine(setting, first, progress), of=digest(first))
     rollouts = engine.pop("rollouts")
     return Experiment1(setting, truth, trials, held, Held(**engine), rollouts)
 
 
-def _engine(setting: Setting, trials: Trials, progress: Progress | None) -> dict[str, Array]:
-    """Fit the first targets as ``irt tune`` does by default, over as many rollouts as that takes."""
+def _engine(setting: Setting, targets: Array, progress: Progress | None) -> dict[str, Array]:
+    """Fit observations (n, rows, 2) as ``irt tune`` does by default, over as many rollouts as that takes."""
     drive, found = setting.drive, []
-    for i, observed in enumerate(trials.observed[:ENGINE_TARGETS]):
+    for i, observed in enumerate(targets):
         name = f"target-{i}"
         recording = Recording(name, Path(f"{name}.csv"), drive.runs[0].knobs, observed)
         rig = Rig(Path(), drive.board, drive.marble, "rest", dict(drive.ranges), (recording,))
         result = least_squares(rig, seed=setting.seed + i, threads=setting.threads)
         found.append((result.model.values, result.mae, result.rollouts))
         if progress:
-            progress(i + 1, min(ENGINE_TARGETS, len(trials.observed)), _ENGINE)
+            progress(i + 1, len(targets), _ENGINE)
     parameters, mae, rollouts = (np.array(each, dtype=np.float64) for each in zip(*found, strict=True))
     return {"parameters": parameters[:, None], "mae": mae[:, None], "rollouts": rollouts}

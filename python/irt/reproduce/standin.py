@@ -18,7 +18,7 @@ from irt.errors import IrtError
 from irt.files import read_text, write_atomic
 from irt.fitting.fit import Progress
 from irt.fitting.least_squares import least_squares
-from irt.model import Model
+from irt.model import Effect, Model
 from irt.prove.pipe import Pipe
 from irt.reproduce.contenders import METHODS, Held, Trials, available
 from irt.reproduce.errors import median_interval
@@ -33,6 +33,8 @@ PAPERS_TABLE = {"cma-es": (0.0668, 30), "direct": (0.346, 0), "irt-paper": (0.04
 #: Rollouts after which the floors of this project count.
 FEW = 5
 _STARTS = 7
+#: An effect of the laboratory that is drawn for every run: there is nothing to be fitted.
+_BY_CHANCE = "delay_jitter"
 #: The process that records the rigs.
 LABORATORY = (sys.executable, "-m", "irt.reproduce.laboratory")
 
@@ -51,6 +53,9 @@ class Diagnosed:
         Of five parameters fitted to the first run alone: on that run, and on the same drive recorded again.
     full, full_again : float
         The same of the model that the diagnosis left behind.
+    told, told_again : float
+        The same of a model that was told which effects the rig has, and fitted to all of its recordings;
+        delays that differ by chance cannot be fitted. No diagnosis can be expected to get below that.
     """
 
     names: tuple[str, ...]
@@ -59,6 +64,8 @@ class Diagnosed:
     plain_again: float
     full: float
     full_again: float
+    told: float
+    told_again: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +115,11 @@ class Row:
     ----------
     name : str
         Of the method.
-    minimum, rollouts, final, early, best : tuple
-        Smallest state MAE on the way, the rollouts after which it was reached, what was held at the end, the
-        best so far after `FEW` rollouts, and the best of all [board edges].
+    minimum, rollouts, final, early : tuple
+        Smallest state MAE on the way, the rollouts after which it was reached, what was held at the end, and
+        the best so far after `FEW` rollouts [board edges].
+    failures : int
+        Rigs on which it ended worse than it began.
     """
 
     name: str
@@ -180,15 +189,24 @@ def _target(folder: Path) -> Rig:
 
 
 def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any]]:
-    """Have the laboratory record the rigs that are not there yet; return what they truly are."""
-    missing = [rig for rig in range(setting.rigs) if not (_folder(setting, rig) / "truth.json").exists()]
+    """Have the laboratory record what is not there yet; return what the rigs truly are.
+
+    Those that are to be diagnosed need more than the run that is tuned to.
+    """
+
+    def there(rig: int) -> bool:
+        last = "heldout/paper-3.csv" if rig < setting.diagnosed else "paper-1.csv"
+        return all((_folder(setting, rig) / name).exists() for name in (last, "truth.json"))
+
+    missing = [rig for rig in range(setting.rigs) if not there(rig)]
     if missing:
         if find_spec("pybullet") is None:
             raise IrtError("the laboratory needs PyBullet: pip install 'labsim-irt[prove]'")
         with Pipe(LABORATORY, "the laboratory") as laboratory:
             for done, rig in enumerate(missing):
                 folder = _folder(setting, rig)
-                told = laboratory.ask({"record": {"rig": rig, "seed": setting.seed, "folder": str(folder)}})
+                asked = {"rig": rig, "seed": setting.seed, "folder": str(folder)}
+                told = laboratory.ask({"record": {**asked, "whole": rig < setting.diagnosed}})
                 write_atomic(folder / "truth.json", json.dumps(told["truth"], indent=1) + "\n")
                 if progress:
                     progress(done + 1, len(missing), "recording in PyBullet")
@@ -199,21 +217,32 @@ def _diagnosed(setting: Setting, rig: int, progress: Progress | None) -> Diagnos
     """Diagnose a rig from all of its recordings but the one held out; return what that wins."""
     folder = _folder(setting, rig)
     kept = folder / "diagnosed.json"
-    if not kept.exists():
-        target, again = _target(folder), load_rig(folder / "heldout")
+    target, again = _target(folder), load_rig(folder / "heldout")
+    found: dict[str, Any] = json.loads(read_text(kept)) if kept.exists() else {}
+    if "full" not in found:
         plain = least_squares(target, seed=setting.seed, threads=setting.threads).model
-        found = diagnose(load_rig(folder), seed=setting.seed, threads=setting.threads, progress=progress)
-        told = {
-            "names": [one.name for one in found.effects],
-            "verdict": found.verdict,
-            "plain": _mae(plain, target),
-            "plain_again": _mae(plain, again),
-            "full": _mae(found.model, target),
-            "full_again": _mae(found.model, again),
-        }
-        write_atomic(kept, json.dumps(told, indent=1) + "\n")
-    told = json.loads(read_text(kept))
-    return Diagnosed(**{**told, "names": tuple(told["names"])})
+        answer = diagnose(load_rig(folder), seed=setting.seed, threads=setting.threads, progress=progress)
+        found = {"names": [one.name for one in answer.effects], "verdict": answer.verdict}
+        for name, model in (("plain", plain), ("full", answer.model)):
+            found |= {name: _mae(model, target), f"{name}_again": _mae(model, again)}
+        write_atomic(kept, json.dumps(found, indent=1) + "\n")
+    if "told" not in found:
+        told = _told(setting, folder)
+        found |= {"told": _mae(told, target), "told_again": _mae(told, again)}
+        write_atomic(kept, json.dumps(found, indent=1) + "\n")
+    return Diagnosed(**{**found, "names": tuple(found["names"])})
+
+
+def _told(setting: Setting, folder: Path) -> Model:
+    """Fit a rig with the effects that it truly has, from their true values; delays by chance are left out."""
+    true = json.loads(read_text(folder / "truth.json"))["effects"]
+    effects = [
+        Effect(one["name"], {name: value for name, value in one.items() if name != "name"})
+        for one in true
+        if one["name"] != _BY_CHANCE
+    ]
+    rig = load_rig(folder)
+    return least_squares(rig, effects=effects, seed=setting.seed, threads=setting.threads).model
 
 
 def _mae(model: Model, rig: Rig) -> float:

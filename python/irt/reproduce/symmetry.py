@@ -87,12 +87,13 @@ def symmetry(setting: Setting, factors: Array | None = None) -> Symmetry:
     return Symmetry(factors, {name: np.array(each) for name, each in change.items()}, np.array(raw))
 
 
-def floor(drive: Drive, truth: Array, at_rim: NDArray[np.bool_], seed: int) -> Floor:
+def floor(drive: Drive, truth: Array, seed: int) -> Floor:
     """Return the errors below which no method can stay on (n, 5) targets, but by luck."""
     random = np.random.default_rng([seed, 32])
     raw, combined = [], []
-    for target, rim in zip(truth, at_rim, strict=True):
-        alike, weight = _alike(drive, target, rim, random)
+    way = errors.share_of_the_way(drive, drive.simulate(truth)[0])
+    for target, furthest in zip(truth, way, strict=True):
+        alike, weight = _alike(drive, target, furthest, random)
         guess = _weighted_median(alike, weight)
         raw.append(errors.parameter_error(drive, guess, target))
         of_alike = errors.combinations(alike)
@@ -104,8 +105,12 @@ def floor(drive: Drive, truth: Array, at_rim: NDArray[np.bool_], seed: int) -> F
     return Floor(float(np.mean(raw)), float(np.mean(combined)))
 
 
-def _alike(drive: Drive, target: Array, rim: bool, random: np.random.Generator) -> tuple[Array, Array]:
-    """Return parameters (k, 5) with the path of a target, and weights: how often targets are drawn so."""
+def _alike(drive: Drive, target: Array, furthest: float, random: np.random.Generator) -> tuple[Array, Array]:
+    """Return parameters (k, 5) with the path of a target, and weights: how often targets are drawn so.
+
+    A target that was seen `furthest` shares of the way to the rim has met it, or has not by any scale.
+    """
+    rim = furthest > errors.AT_RIM * target[_SCALE]
     low, high = np.array([drive.ranges[name] for name in PARAMETERS]).T
     steps = np.maximum(np.rint(target[_TIME]), 1.0)
     others = np.maximum(np.rint(random.uniform(low[_TIME], high[_TIME], _DRAWS)), 1.0)
@@ -113,6 +118,8 @@ def _alike(drive: Drive, target: Array, rim: bool, random: np.random.Generator) 
     factor = target[_SCALE] * steps**2 / (scale * others**2)
     alike = np.column_stack([factor[:, None] * target[:3], others, scale])
     inside = ((alike >= low) & (alike <= high)).all(axis=1)
+    if not rim:
+        inside &= scale * errors.AT_RIM >= furthest
     if not inside.any():
         return target[None], np.ones(1)
     # The density of three products at one place grows as three factors shrink.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,10 @@ from irt.reproduce.contenders import METHODS
 from irt.reproduce.setting import ROLLOUTS
 from irt.reproduce.simulated import SHOWN, Experiment1
 from irt.reproduce.standin import PAPERS_TABLE, Diagnosed, Experiment2
+from irt.reproduce.switches import SWITCHED
+
+#: Rollouts after which drives are compared.
+_FEW = (0, 5, 20)
 
 
 def of_methods(first: Experiment1) -> Iterator[str]:
@@ -43,6 +47,20 @@ def of_methods(first: Experiment1) -> Iterator[str]:
     )
 
 
+def of_switches(of: Mapping[str, Experiment1]) -> Iterator[str]:
+    """Yield what each method has after few rollouts, by what was taken otherwise."""
+    shown = [f"{what}, {n}" for what in ("state MAE", "combinations", "parameters") for n in _FEW]
+    yield f"| | targets | at the rim | method | {' | '.join(shown)} |"
+    yield f"| --- | ---: | ---: | --- |{' ---: |' * len(shown)}"
+    for name, first in of.items():
+        for method in SWITCHED:
+            held = first.held[method]
+            kinds = (held.mae, first.combination_error(held), first.parameter_error(held))
+            cells = [_digits(100 * kind[:, n].mean()) for kind in kinds for n in _FEW]
+            who = [name, f"{len(first.truth)}", f"{first.at_rim.sum()}", METHODS[method].title]
+            yield f"| {' | '.join([*who, *cells])} |"
+
+
 def table1(second: Experiment2) -> Iterator[str]:
     """Yield Table 1 beside the paper's: medians over the rigs, with 95 % intervals."""
     yield (
@@ -66,13 +84,16 @@ def table1(second: Experiment2) -> Iterator[str]:
 
 
 def of_diagnoses(diagnosed: list[Diagnosed]) -> Iterator[str]:
-    """Yield what each diagnosis named and won."""
-    yield "| rig | named | plain, tuned to this run | plain, run again | diagnosed | diagnosed, run again |"
-    yield "| ---: | --- | ---: | ---: | ---: | ---: |"
+    """Yield what each diagnosis named and won, and what is won by who is told what there is to name."""
+    yield (
+        "| rig | named | plain, tuned to this run | plain, run again | diagnosed | diagnosed, run again "
+        "| told | told, run again |"
+    )
+    yield "| ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     for rig, one in enumerate(diagnosed):
-        cells = (one.plain, one.plain_again, one.full, one.full_again)
+        errors = (one.plain, one.plain_again, one.full, one.full_again, one.told, one.told_again)
         named = ", ".join(one.names) or one.verdict
-        yield f"| {rig} | {named} | {' | '.join(f'{100 * each:.2f} %' for each in cells)} |"
+        yield f"| {rig} | {named} | {' | '.join(f'{100 * each:.2f} %' for each in errors)} |"
 
 
 def _by_rollouts(first: Experiment1, errors: dict[str, NDArray[np.float64]]) -> Iterator[str]:

@@ -26,7 +26,7 @@ def tune(rig: Rig | PathLike, method: str = METHODS[0], **options: Any) -> FitRe
         How: the last four are the paper's method and those that it compares with.
     **options
         Of the method, see `irt.fitting.least_squares.least_squares`, `irt.tuning.residual_tuning.irt` and
-        `irt.tuning.budgeted`. All take ``seed``, ``engine``, ``threads`` and ``progress``.
+        `irt.tuning.budgeted.budgeted`. All take ``seed``, ``engine``, ``threads`` and ``progress``.
 
     Returns
     -------
@@ -50,10 +50,6 @@ def tune(rig: Rig | PathLike, method: str = METHODS[0], **options: Any) -> FitRe
         return irt(rig, **options)
     if method not in METHODS:
         raise unknown_name("method", method, METHODS)
-    from irt.tuning import budgeted  # noqa: PLC0415
+    from irt.tuning.budgeted import budgeted  # noqa: PLC0415
 
-    if method == "irt+":
-        return budgeted.irt_plus(rig, **options)
-    if method == "direct":
-        return budgeted.direct(rig, **options)
-    return budgeted.strategy(rig, method, **options)
+    return budgeted(rig, method, **options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,11 @@ from irt.files import PathLike
 from irt.fitting.fit import FitResult, Progress
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import Engine
-from irt.segments import Segment
 from irt.tuning import cache
 from irt.tuning.direct import predicted
 from irt.tuning.evolution import STRATEGIES
 from irt.tuning.iterate import without_spikes
+from irt.tuning.library import PATHS, Library
 from irt.tuning.outcome import checked, concluded
 from irt.tuning.plus import Plus
 from irt.tuning.search import Search, compare, run
@@ -24,38 +24,58 @@ from irt.tuning.stepnet import middle
 
 Array = NDArray[np.float64]
 
-#: Rollouts from each start, unless others are asked for.
-ROLLOUTS = {"irt+": 60, "cma-es": 300, "es": 1005}
+
+@dataclass(frozen=True)
+class Budget:
+    """Starts of a method, and rollouts from each, unless others are asked for."""
+
+    starts: int
+    rollouts: int
 
 
-def irt_plus(
+#: Of each method; direct prediction asks for no more than its one.
+BUDGETS = {
+    "irt+": Budget(1, 60),
+    "cma-es": Budget(5, 300),
+    "es": Budget(5, 1005),
+    "direct": Budget(1, 1),
+}
+
+
+def budgeted(
     rig: Rig,
+    method: str,
     *,
-    starts: int = 1,
-    rollouts: int = ROLLOUTS["irt+"],
+    starts: int | None = None,
+    rollouts: int | None = None,
     seed: int = 0,
     network: PathLike | None = None,
     engine: Engine = "rolling",
     progress: Progress | None = None,
     threads: int | None = None,
 ) -> FitResult:
-    """Fit the five parameters by IRT+: a network's steps, then Gauss-Newton (`irt.tuning.plus.Plus`).
+    """Fit the five parameters by a method that is given so many rollouts.
 
-    The network is the one shipped for recordings under the paper's drive; for others one is trained first and
-    kept in the user's cache.
+    IRT+ is a network's steps, then Gauss-Newton (`irt.tuning.plus.Plus`); CMA-ES, the (5 + 100) evolution
+    strategy and direct prediction are those that the paper compares with (section 6.1). The networks of IRT+
+    are shipped for recordings under the paper's drive; for others, and for direct prediction, one is trained
+    first and kept in the user's cache.
 
     Parameters
     ----------
     rig : Rig
         The recordings, and the ranges, which no proposal leaves.
-    starts : int
-        Searches, which differ in where they look once Gauss-Newton has come to an end.
-    rollouts : int
-        Proposals that each of them simulates, those for its Jacobians among them.
+    method : {"irt+", "cma-es", "es", "direct"}
+        Which one.
+    starts : int, optional
+        Random start points of the strategies; searches of IRT+, which differ in where they look once
+        Gauss-Newton has come to an end. By default `BUDGETS` says.
+    rollouts : int, optional
+        Proposals that are simulated from each, those for Jacobians among them (default: as `BUDGETS` says).
     seed : int
         Of what is drawn.
     network : path, optional
-        A trained network to use instead.
+        A trained network to use instead, of IRT+ and direct prediction.
     engine : {"rolling", "rapier"}
         What simulates.
     progress : callable, optional
@@ -69,153 +89,28 @@ def irt_plus(
         If an option or the network file is not as it must be, or the cache cannot be written.
     """
     began = time.perf_counter()
+    starts = BUDGETS[method].starts if starts is None else starts
+    rollouts = BUDGETS[method].rollouts if rollouts is None else rollouts
     checked(starts=(starts, 1), rollouts=(rollouts, 1), seed=(seed, 0))
     needed = cache.need(rig, engine)
-    file = cache.obtain_steps(needed, network, threads=threads, progress=progress)
-    drive, observed = needed.rig_drive, _observed(needed.segments)
-    first = compare(drive, middle(drive), observed, threads)
-    search = Plus(drive, file, needed.joint, first)
-    searches = [search.search(np.random.default_rng([seed, start])) for start in range(starts)]
-    about = f"trained on {int(file.metadata['samples']):,} simulated pairs"
-    return _searched(
-        rig,
-        needed,
-        observed,
-        searches,
-        rollouts=rollouts,
-        began=began,
-        method="irt+",
-        seed=seed,
-        threads=threads,
-        progress=progress,
-        notes=(cache.described(needed, "irt+", network, about),),
-    )
-
-
-def strategy(
-    rig: Rig,
-    method: str,
-    *,
-    starts: int = 5,
-    rollouts: int | None = None,
-    seed: int = 0,
-    engine: Engine = "rolling",
-    progress: Progress | None = None,
-    threads: int | None = None,
-) -> FitResult:
-    """Fit the five parameters by CMA-ES or the (5 + 100) evolution strategy (paper, section 6.1).
-
-    Parameters
-    ----------
-    rig : Rig
-        The recordings, and the ranges, which no proposal leaves.
-    method : {"cma-es", "es"}
-        Which one.
-    starts : int
-        Random start points.
-    rollouts : int, optional
-        Proposals that are simulated from each (default: 300 of cma-es, 1005 of es).
-    seed, engine, progress, threads
-        As of `irt_plus`.
-
-    Raises
-    ------
-    IrtError
-        If an option is not as it must be.
-    """
-    began = time.perf_counter()
-    rollouts = ROLLOUTS[method] if rollouts is None else rollouts
-    checked(starts=(starts, 1), rollouts=(rollouts, 1), seed=(seed, 0))
-    needed = cache.need(rig, engine)
-    points = np.random.default_rng(seed).random((starts, len(PARAMETERS)))
-    begin: Callable[..., Search] = STRATEGIES[method]
-    searches = [begin(needed.rig_drive, point, seed + i) for i, point in enumerate(points)]
-    return _searched(
-        rig,
-        needed,
-        _observed(needed.segments),
-        searches,
-        rollouts=rollouts,
-        began=began,
-        method=method,
-        seed=seed,
-        threads=threads,
-        progress=progress,
-    )
-
-
-def direct(
-    rig: Rig,
-    *,
-    network: PathLike | None = None,
-    seed: int = 0,
-    engine: Engine = "rolling",
-    progress: Progress | None = None,
-    threads: int | None = None,
-) -> FitResult:
-    """Predict the five parameters from the recordings alone, by the paper's network with no proposal.
-
-    Parameters
-    ----------
-    rig : Rig
-        The recordings.
-    network : path, optional
-        A network trained for this; by default one is trained and kept in the user's cache.
-    seed : int
-        Not used: nothing is drawn.
-    engine, progress, threads
-        As of `irt_plus`.
-
-    Raises
-    ------
-    IrtError
-        If the network file is not as it must be, or the cache cannot be written.
-    """
-    began = time.perf_counter()
-    needed = cache.need(rig, engine)
-    file = cache.obtain(needed, network, task="parameters", threads=threads, progress=progress)
-    observed = _observed(needed.segments)
-    guess = predicted(needed, file, observed)
-    loss = float(file.metadata["heldout_loss"])
-    about = f"trained on {int(file.metadata['pairs']):,} simulations, held-out loss {loss:.4f}"
-    return _searched(
-        rig,
-        needed,
-        observed,
-        [_once(guess)],
-        rollouts=1,
-        began=began,
-        method="direct",
-        seed=seed,
-        threads=threads,
-        progress=progress,
-        notes=(cache.described(needed, "direct", network, about),),
-    )
-
-
-def _once(parameters: Array) -> Search:
-    yield parameters
-
-
-def _observed(segments: Sequence[Segment]) -> list[Array]:
-    return [without_spikes(segment.observed) for segment in segments]
-
-
-def _searched(
-    rig: Rig,
-    needed: cache.Need,
-    observed: Sequence[Array],
-    searches: Sequence[Search],
-    *,
-    rollouts: int,
-    began: float,
-    method: str,
-    seed: int,
-    threads: int | None,
-    progress: Progress | None,
-    notes: Sequence[str] = (),
-) -> FitResult:
-    drive = needed.rig_drive
+    drive, observed = needed.rig_drive, [without_spikes(segment.observed) for segment in needed.segments]
+    notes: tuple[str, ...] = ()
+    if method == "irt+":
+        steps = cache.obtain_steps(needed, network, threads=threads, progress=progress)
+        first = compare(drive, middle(drive), observed, threads)
+        plus = Plus(drive, steps, needed.joint, first, Library(drive, threads))
+        searches = [plus.search(np.random.default_rng([seed, start])) for start in range(starts)]
+        about = _learned(steps.metadata["samples"], f"simulated pairs, beside a library of {PATHS:,} paths")
+        notes = (cache.described(needed, "irt+", network, about),)
+    elif method == "direct":
+        file = cache.obtain(needed, network, task="parameters", threads=threads, progress=progress)
+        searches = [_once(predicted(needed, file, observed))]
+        about = _learned(file.metadata["pairs"], "simulations")
+        loss = float(file.metadata["heldout_loss"])
+        notes = (cache.described(needed, "direct", network, f"{about}, held-out loss {loss:.4f}"),)
+    else:
+        points = np.random.default_rng(seed).random((starts, len(PARAMETERS)))
+        searches = [STRATEGIES[method](drive, point, seed + i) for i, point in enumerate(points)]
     paths = run(
         drive, [observed] * len(searches), searches, rollouts, threads=threads, progress=progress, text=method
     )
@@ -231,3 +126,11 @@ def _searched(
         seed=seed,
         seconds=time.perf_counter() - began,
     )
+
+
+def _learned(count: str, what: str) -> str:
+    return f"trained on {int(count):,} {what}"
+
+
+def _once(parameters: Array) -> Search:
+    yield parameters

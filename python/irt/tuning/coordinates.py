@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 #: Share of the largest product at which proportion turns into a logarithm.
 _BEND = 0.02
 _TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
+#: Observation scales over whose range a median is taken.
+_SCALES = 81
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +67,28 @@ class Coordinates:
         scale = self._middle + self._half * coordinates[:, 3]
         return self._assembled(self._unbent(coordinates), scale, steps)
 
+    def central(self, coordinates: Array) -> Array:
+        """Return coordinates (k, 5) with the middle of all that a path off the rim leaves open.
+
+        Parameters with the same products have the same path there. Drawn evenly from the ranges, their
+        observation scales and time scales have the medians that are put in place of the given ones. Damping
+        tells the time scale: the given one stays then.
+        """
+        moved = coordinates.copy()
+        scales, steps = self._grid
+        for row, products in enumerate(self._unbent(coordinates)):
+            told = np.maximum(np.rint(np.expm1(coordinates[row, 4])), 1.0)
+            shape = (scales * (told if self._time_shows else steps) ** 2).ravel()
+            with np.errstate(divide="ignore", invalid="ignore"):
+                least = np.nan_to_num(products / self._ends[1][:3], posinf=0.0).max()
+            # Three products at one place: their density grows as the three factors shrink.
+            weight = np.where(shape >= least - 1e-9, shape**-3.0, 0.0)
+            if weight.any():
+                moved[row, 3] = (_median(scales.ravel(), weight) - self._middle) / self._half
+                if not self._time_shows:
+                    moved[row, 4] = np.log1p(_median(steps.ravel(), weight))
+        return moved
+
     def time_scale(self, parameters: Array) -> Array:
         """Return the time scales (k,) as the simulator takes them: whole physics updates, at least one."""
         if self.drive.time_scale is not None:
@@ -84,6 +108,19 @@ class Coordinates:
     def _unbent(self, coordinates: Array) -> Array:
         bent = coordinates[:, :3]
         return np.sign(bent) * np.expm1(np.abs(bent)) * self._sizes
+
+    @property
+    def _time_shows(self) -> bool:
+        return self.drive.time_scale is not None or self.drive.marble.damping_per_s > 0.0
+
+    @cached_property
+    def _grid(self) -> tuple[Array, Array]:
+        """Observation scales and time scales over their ranges, two arrays of one shape."""
+        low, high = self._ends
+        scales = np.linspace(low[_SCALE], high[_SCALE], _SCALES)
+        first, last = max(1.0, np.rint(low[_TIME])), max(1.0, np.rint(high[_TIME]))
+        steps = np.arange(first, last + 1.0)
+        return np.repeat(scales[:, None], len(steps), axis=1), np.repeat(steps[None], _SCALES, axis=0)
 
     @cached_property
     def _ends(self) -> tuple[Array, Array]:
@@ -110,3 +147,10 @@ class Coordinates:
         largest = float(high[_SCALE] * high[_TIME] ** 2 * gear)
         knob = max(float(np.abs(run.knobs).max()) for run in self.drive.runs) or 1.0
         return _BEND * largest * np.array([1.0, 1.0, knob])
+
+
+def _median(values: Array, weight: Array) -> float:
+    """Return the weighted median of (n,) values."""
+    order = np.argsort(values, kind="stable")
+    shares = np.cumsum(weight[order])
+    return float(values[order[np.searchsorted(shares, 0.5 * shares[-1])]])

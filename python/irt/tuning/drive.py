@@ -129,6 +129,13 @@ class Drive:
             values[..., _TIME_SCALE] = self.time_scale
         return values
 
+    @property
+    def room(self) -> Array:
+        """How far from the centre the marble may be along each axis, (2,) [board edges]."""
+        half = np.array([self.board.edge_x_m, self.board.edge_y_m]) / 2.0
+        room: Array = (half - self.marble.radius_m) / self.board.edge_x_m
+        return room
+
     def simulate(
         self,
         parameters: Array,

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.tuning.coordinates import Coordinates
-from irt.tuning.drive import Drive
+from irt.tuning.drive import CENTRED, Drive
+from irt.tuning.library import Library
 from irt.tuning.search import Search, Seen
 from irt.tuning.stepnet import Belief, StepFile, middle
 
@@ -28,6 +30,10 @@ _WORTH = 0.02
 _EXACT = 2e-5
 #: Below this error [board edges] there is nothing to look for: no camera sees a hundredth of a marble.
 _SOLVED = 1e-4
+#: Further from every path of the library [board edges] than 99 of 100 simulated targets of the paper's drive.
+_FOREIGN = 0.017
+#: A marble that keeps to this share of the way to the rim has surely not met it.
+_OFF_RIM = 0.97
 #: Draws of the network's belief that are simulated together where Gauss-Newton has come to an end.
 _DRAWS = 4
 
@@ -47,19 +53,27 @@ class Plus:
     first : Seen
         The model in the middle of the ranges beside the target: the first question. What it shows is the same
         for every target of a drive.
+    library : Library
+        Of this drive.
     """
 
     drive: Drive
     file: StepFile
     joint: bool
     first: Seen
+    library: Library
 
     def search(self, random: np.random.Generator) -> Search:
         """Propose the network's steps, then Gauss-Newton's, then both again from elsewhere.
 
-        Each step starts at the best proposal so far. The search ends where nothing is left.
+        Each step starts at the best proposal so far. The search ends where nothing is left. Where no path of
+        the library is near, the target has other physics: the nearest one is the first proposal then.
         """
-        best, belief = yield from self._led(self.first, 1)
+        nearest, distance = self.library.nearest(self._target)
+        if distance > _FOREIGN:
+            best, belief = (yield self._settled(nearest)), None
+        else:
+            best, belief = yield from self._led(self.first, 1)
         best, belief = yield from self._led(best, NETWORK_STEPS - 1, belief)
         best = yield from self._descended(best, belief)
         while best.mae[0] > _SOLVED:
@@ -69,17 +83,16 @@ class Plus:
         self, best: Seen, steps: int, belief: Belief | None = None
     ) -> Generator[Array, Seen, tuple[Seen, Belief]]:
         """Go where the network believes the target to be; return the best place and the belief there."""
-        belief = self.file.ask(self.drive, best, joint=self.joint) if belief is None else belief
+        belief = self._asked(best) if belief is None else belief
         begin = best is self.first
         for _ in range(steps):
             found = yield self._coordinates.parameters(belief.mean)
             if begin or found.mae[0] < best.mae[0]:
                 best, begin = found, False
-                belief = self.file.ask(self.drive, best, joint=self.joint)
+                belief = self._asked(best)
             else:
                 # What this proposal lacks says more about the way than the old question again.
-                other = self.file.ask(self.drive, found, joint=self.joint)
-                belief = _joined(belief, other)
+                belief = _joined(belief, self._asked(found))
         return best, belief
 
     def _descended(self, best: Seen, belief: Belief) -> Generator[Array, Seen, Seen]:
@@ -134,7 +147,33 @@ class Plus:
         other = yield from self._descended(other, belief)
         return (other if other.mae[0] < best.mae[0] else best), belief
 
+    def _asked(self, seen: Seen) -> Belief:
+        """Return what the network believes, and the middle of what no path can tell."""
+        belief = self.file.ask(self.drive, seen, joint=self.joint)
+        if self._off_rim:
+            return replace(belief, mean=self._coordinates.central(belief.mean))
+        return belief
+
+    def _settled(self, parameters: Array) -> Array:
+        """Return parameters (1, 5), with the middle of what no path can tell."""
+        if not self._off_rim:
+            return parameters
+        return self._coordinates.parameters(self._coordinates.central(self._coordinates.of(parameters)))
+
     @property
+    def _target(self) -> list[Array]:
+        """The target's observations (1, n, 2) of each run."""
+        return [p + m for p, m in zip(self.first.proposed, self.first.missing, strict=True)]
+
+    @cached_property
+    def _off_rim(self) -> bool:
+        """Whether the target starts in the centre and stays off the rim, at any observation scale."""
+        if self.drive.start != "rest" or any(np.abs(run.start).max() > CENTRED for run in self.drive.runs):
+            return False
+        room = _OFF_RIM * self.drive.ranges["observation_scale"][0] * self.drive.room
+        return all(bool((np.abs(each) < room).all()) for each in self._target)
+
+    @cached_property
     def _coordinates(self) -> Coordinates:
         return Coordinates(self.drive)
 

@@ -20,4 +20,5 @@ for line in sys.stdin:
         save_recording(
             place / f"{name}.csv", paper_drive(), seen + 0.001 * random.standard_normal(seen.shape)
         )
-    print(json.dumps({"truth": {"lag": 0.2}}), flush=True)
+    effects = [{"name": "lag", "time_constant_s": 0.2}, {"name": "delay_jitter", "sd_s": 0.1}]
+    print(json.dumps({"truth": {"effects": effects}}), flush=True)

@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from irt.reproduce.errors import share_of_the_way
 from irt.reproduce.setting import Setting
-from irt.reproduce.symmetry import floor, symmetry
+from irt.reproduce.symmetry import _alike, floor, symmetry
 from irt.tuning.drive import Drive
 
 DRIVE = Drive.paper()
@@ -33,16 +34,26 @@ def test_parameters_change_all_the_same(found):
 
 
 def test_where_the_rim_tells_the_scale_combinations_have_no_floor():
-    truth = np.array([[0.05, 0.03, 3e-4, 25.0, 0.95]])
-    told = floor(DRIVE, truth, np.array([True]), 0)
-    untold = floor(DRIVE, truth, np.array([False]), 0)
+    told, untold = (
+        floor(DRIVE, np.array([[*gears, 3e-4, steps, 0.95]]), 0)
+        for gears, steps in (((0.08, 0.06), 40.0), ((0.01, 0.008), 12.0))
+    )
     assert told.combinations == pytest.approx(0.0, abs=1e-9)
     assert untold.combinations > 0.005
-    assert told.parameters > 0.02
+    assert min(told.parameters, untold.parameters) > 0.02
+
+
+def test_a_path_that_nearly_meets_the_rim_tells_the_least_scale():
+    """The same path with a smaller scale would have met it: so fewer parameters are alike."""
+    truth = np.array([[0.012, 0.008, 1e-4, 21.0, 1.18]])
+    way = float(share_of_the_way(DRIVE, DRIVE.simulate(truth)[0])[0])
+    assert 0.8 < way < 0.99 * 1.18
+    alike, _ = _alike(DRIVE, truth[0], way, np.random.default_rng(0))
+    assert way <= alike[:, 4].min() < way + 0.05
 
 
 def test_a_range_that_is_closed_leaves_no_choice():
     ranges = {**DRIVE.ranges, "time_scale": (25.0, 25.0), "observation_scale": (0.94, 0.96)}
     drive = replace(DRIVE, ranges=ranges)
-    told = floor(drive, np.array([[0.05, 0.03, 3e-4, 25.0, 0.95]]), np.array([True]), 0)
+    told = floor(drive, np.array([[0.05, 0.03, 3e-4, 25.0, 0.95]]), 0)
     assert told.parameters == pytest.approx(0.0, abs=1e-9)

@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from irt.rig import Marble
 from irt.rollouts import rollouts
 from irt.tuning.coordinates import Coordinates
 from irt.tuning.drive import Drive
@@ -53,6 +56,33 @@ def test_what_stamps_tell_stays(stamped_drive):
 
 def test_all_but_the_time_scale_shows():
     assert PAPER.shown.tolist() == [0, 1, 2, 3]
+
+
+@given(SCALED)
+def test_the_middle_of_what_is_open_keeps_what_a_path_shows(scaled):
+    at = PAPER.of(PAPER.drive.parameters(scaled))
+    central = PAPER.parameters(PAPER.central(at))
+    np.testing.assert_allclose(PAPER.of(central)[0, :3], at[0, :3], rtol=1e-6, atol=1e-9)
+
+
+def test_the_middle_of_what_is_open_is_nearer_than_a_guess():
+    """Over targets drawn from the ranges no other choice that sees the products alone is nearer."""
+    truth = PAPER.drive.parameters(np.random.default_rng(4).random((2000, 5)))
+    at = PAPER.of(truth)
+    central = PAPER.parameters(PAPER.central(at))
+    for column, others in ((3, (15.0, 25.0, 35.0)), (4, (0.9, 1.0, 1.1))):
+        error = np.abs(central[:, column] - truth[:, column]).mean()
+        assert all(error < np.abs(other - truth[:, column]).mean() for other in others)
+
+
+def test_damping_tells_the_time_scale():
+    damped = Coordinates(replace(PAPER.drive, marble=Marble(damping_per_s=0.04)))
+    at = damped.of(np.array([[0.03, 0.02, 2e-4, 40.0, 1.15]]))
+    moved = damped.central(at)
+    assert moved[0, 4] == at[0, 4]
+    # At one time scale three gears and frictions with a given product are 1/scale^3 as dense.
+    median = ((0.8**-2 + 1.2**-2) / 2.0) ** -0.5
+    assert damped.parameters(moved)[0, 4] == pytest.approx(median, abs=0.005)
 
 
 def test_products_that_are_equal_are_one_path_off_the_rim():
