@@ -31,7 +31,7 @@ LATE = ("delay", "lag", "latency", "clock_drift")
 MEAN = "delay"
 #: What leaves far more than noise, and more than this share of the error on recordings held out, only stands
 #: in for something else: no name is better than such a one.
-BELIEVED = 0.8
+BELIEVED = 0.85
 #: Steps that a diagnosis takes at most, for the progress bar alone.
 _STEPS = 120
 
@@ -132,9 +132,15 @@ def _found(search: Search, report: Report) -> Diagnosis:
         if kept is not best:
             tied = rivals(search, kept, kept.effects)
             told, best = Found(search, [(search.case, kept)], tied, None).diagnosis(where), kept
-    if told.verdict == "unlisted" and best.effects and not _is_believed(told, answer):
-        return Found(search, [(search.case, search.base)], {}, None).diagnosis(where)
-    return told
+    if told.verdict != "unlisted" or not best.effects or _is_believed(told, answer.is_of_catalogue):
+        return told
+    if answer.known is not None and answer.known.effects:
+        # What was learned does not predict; what it stood in for may.
+        tied = rivals(search, answer.known, answer.known.effects)
+        known = Found(search, [(search.case, answer.known)], tied, None).diagnosis(where)
+        if _is_believed(known, is_of_catalogue=True) and not any(map(may_be_absent, known.effects)):
+            return known
+    return Found(search, [(search.case, search.base)], {}, None).diagnosis(where)
 
 
 def _is_all(search: Search, best: Fitted) -> bool:
@@ -153,13 +159,13 @@ def may_be_absent(one: NamedEffect) -> bool:
     )
 
 
-def _is_believed(told: Diagnosis, answer: _Answer) -> bool:
+def _is_believed(told: Diagnosis, is_of_catalogue: bool) -> bool:
     """Whether recordings held out are predicted so much better that a part of the physics must be right.
 
     Where nothing can be held out, what was learned without a name claims less than a name would.
     """
     if not told.is_held_out:
-        return not answer.is_of_catalogue
+        return not is_of_catalogue
     return told.final_heldout_mae < BELIEVED * told.base_heldout_mae
 
 
@@ -167,13 +173,15 @@ def _is_believed(told: Diagnosis, answer: _Answer) -> bool:
 class _Answer:
     """The hypothesis chosen, and the case with what it holds.
 
-    With the spread of delays where they differ [s], and the terms of what was learned.
+    With the spread of delays where they differ [s], the terms of what was learned, and what the catalogue has
+    in its place.
     """
 
     case: Case
     best: Fitted
     spread: Parameter | None = None
     terms: tuple[Term, ...] = ()
+    known: Fitted | None = None
 
     @property
     def is_of_catalogue(self) -> bool:
@@ -205,7 +213,7 @@ def _searched(search: Search, report: Report) -> _Answer:
     learned = confirmed(search, best)
     if learned is None:
         return _Answer(case, best)
-    return _Answer(learned[0], learned[1], terms=learned[2])
+    return _Answer(learned[0], learned[1], terms=learned[2], known=best)
 
 
 def _jittering(search: Search, report: Report) -> _Answer | None:

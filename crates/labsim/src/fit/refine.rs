@@ -73,7 +73,7 @@ impl Problem<'_> {
 
     /// Points with the start states that the first rows tell, then some more: a guess that is a little off
     /// ends at the rim in a stretch that never meets it, and no slope leads away from there.
-    fn begun(
+    pub(super) fn begun(
         &self,
         coordinates: &Coordinates,
         whole: &Windows,
@@ -94,7 +94,10 @@ impl Problem<'_> {
             variants: VARIANTS,
             held: true,
         };
-        for rows in HEADS.into_iter().filter(|rows| *rows < whole.rows) {
+        let first = HEADS.into_iter().filter(|rows| *rows < whole.rows);
+        // Where no stretch is longer than first rows are, it stands for them.
+        let own = (whole.rows <= HEADS[0]).then_some(whole.rows);
+        for rows in first.chain(own) {
             let heads = Windows::heads(self, rows);
             let shooting = Shooting::new(self, coordinates, &heads, 1.0, cancel);
             let starts: Vec<Point> = points

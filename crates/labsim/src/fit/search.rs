@@ -175,8 +175,19 @@ impl<'a> Search<'a> {
             }
             shorter = Some(windows);
         }
-        for end in &mut ends {
-            end.point.states = longer(&self.whole, &shorter, &end.point.states);
+        if self.horizons.is_empty() {
+            // No windows have found start states on the way, and from guesses a joint descent leads astray.
+            let begun = ends.iter().map(|end| end.point.z.clone()).collect();
+            let begun = self
+                .problem
+                .begun(coordinates, &self.whole, begun, self.cancel)?;
+            for (end, point) in ends.iter_mut().zip(begun) {
+                end.point = point;
+            }
+        } else {
+            for end in &mut ends {
+                end.point.states = longer(&self.whole, &shorter, &end.point.states);
+            }
         }
         let points: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();
         let shooting = self.shooting(coordinates, &self.whole, 1.0);

@@ -1,0 +1,59 @@
+"""Runs that begin in motion are predicted in short stretches, each with a start state of its own to find."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irt.diagnose.case import Case
+from irt.recording import Recording
+from irt.rig import Board, Marble, Rig
+from irt.rollouts import rollouts
+
+#: A plate seen at 5 Hz, whose ball goes fast: what the first rows tell of its speed is rough.
+TRUTH = (0.9, 0.95, 2e-3, 48.0, 1.0)
+RANGES = {
+    "gear_x": (0.2, 2.0),
+    "gear_y": (0.2, 2.0),
+    "rolling_friction": (0.0, 0.02),
+    "time_scale": (24.0, 72.0),
+    "observation_scale": (0.8, 1.2),
+}
+BOARD = Board(edge_x_m=2.0, edge_y_m=2.0)
+LATE = {"name": "delay", "delay_s": 0.15}
+
+
+@pytest.fixture(scope="module")
+def case() -> Case:
+    recordings = []
+    for index in range(3):
+        random = np.random.default_rng(index)
+        time = 0.2 * np.arange(104)[:, None, None]
+        waves = np.sin(2.0 * np.pi * (time * random.uniform(0.3, 0.9, (2, 3)) + random.random((2, 3))))
+        knobs = 0.05 * waves.sum(axis=2)
+        rig = Rig(Path("rig"), BOARD, Marble(), "moving", RANGES, ())
+        marble = rollouts([TRUTH], knobs, rig=rig, effects=[LATE])[0]
+        marble = marble + 0.001 * random.standard_normal(marble.shape)
+        stamps = 0.2 * np.arange(len(knobs))
+        path = Path(f"run-{index}.csv")
+        recordings.append(Recording(f"run-{index}", path, knobs[20:], marble[20:], stamps[20:]))
+    case = Case.of(Rig(Path("rig"), BOARD, Marble(), "moving", RANGES, tuple(recordings)))
+    return replace(case, segments=tuple(segment.cut(0, 10) for segment in case.segments))
+
+
+def test_a_descent_from_the_best_fit_stays_there(case: Case) -> None:
+    best = case.fit(starts=8)
+    (judged,) = case.judge((), best.values[None])
+    (begun,) = case.refine((), best.values[None], iterations=0)
+    (again,) = case.refine((), best.values[None])
+    assert begun.loss(best.noise) < judged.loss(best.noise) + 30.0
+    assert again.loss(best.noise) < best.loss(best.noise) + 3.0
+
+
+def test_what_holds_the_truth_fits_better_than_what_lacks_it(case: Case) -> None:
+    best = case.fit(starts=8)
+    weak = np.append(best.values, 0.005)
+    (late,) = case.refine(("delay",), weak[None], iterations=40)
+    assert late.loss(late.noise) < best.loss(late.noise) - 100.0
+    assert late.values[-1] == pytest.approx(0.15, abs=0.03)
