@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from irt.catalogue import effect
@@ -130,17 +131,21 @@ def _found(search: Search, report: Report) -> Diagnosis:
         for name in [one.name for one in told.effects if may_be_absent(one)]:
             kept = search.without(kept, name)
         if kept is not best:
-            tied = rivals(search, kept, kept.effects)
-            told, best = Found(search, [(search.case, kept)], tied, None).diagnosis(where), kept
+            told, best = _told(search, kept, where), kept
     if told.verdict != "unlisted" or not best.effects or _is_believed(told, answer.is_of_catalogue):
         return told
     if answer.known is not None and answer.known.effects:
         # What was learned does not predict; what it stood in for may.
-        tied = rivals(search, answer.known, answer.known.effects)
-        known = Found(search, [(search.case, answer.known)], tied, None).diagnosis(where)
+        known = _told(search, answer.known, where)
         if _is_believed(known, is_of_catalogue=True) and not any(map(may_be_absent, known.effects)):
             return known
-    return Found(search, [(search.case, search.base)], {}, None).diagnosis(where)
+    return _told(search, search.base, where)
+
+
+def _told(search: Search, one: Fitted, where: Sequence[Finding]) -> Diagnosis:
+    """Say what a hypothesis of the catalogue comes to, as the answer."""
+    tied = rivals(search, one, one.effects)
+    return Found(search, [(search.case, one)], tied, None).diagnosis(where)
 
 
 def _is_all(search: Search, best: Fitted) -> bool:
