@@ -190,6 +190,9 @@ def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]
         rim = replace(rim, x=rim.x + box.left, y=rim.y + box.top)
         if rim.support < ROUND or not 0.6 < rim.radius / known.radius < 1.6:
             continue
+        if any(np.hypot(rim.x - one.rim.x, rim.y - one.rim.y) < known.radius for one in found):
+            # Two places lead to one disc: it is no second marble.
+            continue
         if _steps(picture, rim, known.noise) > _steps(without, rim, known.noise):
             found.append(_Candidate(index, rim, _inner(picture, rim)))
     return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from drawn import CORNERS, HEIGHT, RADIUS, WIDTH, drawn, path
@@ -70,6 +72,16 @@ def test_lost_where_there_is_no_marble(empty: np.ndarray) -> None:
 
 def test_a_run_without_any_marble_is_lost_throughout(empty: np.ndarray) -> None:
     assert np.isnan(read(empty, [None] * 8)).all()
+
+
+def test_a_small_marble_between_two_pixels_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys.modules["drawn"], "RADIUS", 2.6)
+    empty = red_first(drawn())
+    places = np.floor(path(30)) + np.array([0.5, 0.0])
+    run = [red_first(drawn(tuple(place), seed=10 + index)) for index, place in enumerate(places)]
+    seen = positions(empty, empty, run, (SIZE.along_x, SIZE.along_y), 2.6 / 178)
+    missed = (seen - expected(places)) * 178
+    assert np.sqrt((missed**2).mean()) < 0.2
 
 
 def test_light_that_changed_is_met_by_another_empty_picture(empty: np.ndarray) -> None:
