@@ -76,6 +76,32 @@ def test_other_methods_and_another_place_for_the_page(irt, proved, monkeypatch, 
     assert len(json.loads((page.with_suffix("") / "scores.json").read_text())["baselines"]) == 10
 
 
+@pytest.mark.slow
+def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
+    """Stopped in the second round, the page tells of the first; the same command goes on."""
+    monkeypatch.chdir(tmp_path)
+    words = ("--rounds", "2", "--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD, "--out", "out")
+    run = import_module("irt.prove.run").Proof.run
+
+    def stopped(proof):
+        if proof.places.out.name == "round-2":
+            raise KeyboardInterrupt
+        return run(proof)
+
+    monkeypatch.setattr("irt.prove.run.Proof.run", stopped)
+    assert irt("prove", *words).status == 130
+    page = Path("out/proof.md")
+    assert "| rounds | 1 of 2 are finished, and counted here |" in page.read_text()
+    monkeypatch.setattr("irt.prove.run.Proof.run", run)
+    done = irt("prove", *words)
+    assert (done.status, done.err) == (0, "")
+    assert done.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
+    assert "| rounds | 2 of 2 are finished, and counted here |" in page.read_text()
+    for number in (1, 2):
+        assert f"| SHA-256 of `keys-{number}.json` |" in page.read_text()
+    assert irt("prove", "--verify", "--out", "out").out.startswith("out: 2 rigs: ")
+
+
 def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:
     out, _ = proved
     done = irt("prove", "--verify", "--out", out)

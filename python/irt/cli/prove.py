@@ -14,14 +14,18 @@ from irt.cli.inputs import whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from irt.prove.chain import Places
-    from irt.prove.plan import Plan
+    from irt.prove.results import Results
+    from irt.prove.rounds import Rounds
+    from irt.prove.run import Progress
 
 NAME = "prove"
 HELP = "hide effects in rigs of another engine, diagnose them blind, open the seals, score"
 
-#: Rigs with something hidden and without, of the quick proof and of the full one.
-_QUICK, _FULL = (9, 3), (300, 300)
+#: Rigs with something hidden and without: of the quick proof, and of each of the rounds of the full one.
+_QUICK, _FULL, _ROUNDS = (9, 3), (60, 60), 5
 _NEEDED = ("pybullet", "cryptography")
 #: Share of the rigs that are read off rendered pictures.
 _WATCHED = "0.15"
@@ -32,14 +36,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help=f"{_FULL[0]} rigs with something hidden and {_FULL[1]} without, other methods on the same rigs, "
-        "and the page docs/proof.md (about six hours on two cores)",
+        help=f"{_ROUNDS} rounds of {_FULL[0]} rigs with something hidden and {_FULL[1]} without, other "
+        "methods on the same rigs, and the page docs/proof.md, anew after each round (hours)",
     )
     parser.add_argument(
         "--rigs", metavar="N", type=whole(0), help=f"rigs that hide something (default: {_QUICK[0]})"
     )
     parser.add_argument(
         "--nulls", metavar="N", type=whole(0), help=f"rigs that hide nothing (default: {_QUICK[1]})"
+    )
+    parser.add_argument(
+        "--rounds",
+        metavar="R",
+        type=whole(1),
+        help="proofs of so many rigs, one after the other, each with seals of its own (default: 1)",
     )
     parser.add_argument(
         "--seed", metavar="S", type=whole(0), help="of what is hidden (default: drawn and kept sealed)"
@@ -76,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  irt prove --out proof               12 rigs, some minutes; the same command goes on after Ctrl-C\n"
-        "  irt prove --full --out proof-full   writes docs/proof.md\n"
+        "  irt prove --full --out proof-full   writes docs/proof.md after each of its rounds\n"
         "  irt prove --verify --out proof      was anything altered?\n"
         "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof"
     )
@@ -84,52 +94,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Prove, write the scorecard, and print what came of it."""
-    from irt.prove.chain import verify
+    from irt.prove.rounds import verify_all
 
     if args.verify:
-        count = verify(args.out)
+        count = verify_all(args.out)
         print(f"{args.out}: {count} rigs: labels, recordings and answers are what they were when sealed")
         return
-    places, names = _proved(args)
-    _report(args, places, names)
+    from irt.prove.scorecard import verdict
 
-
-def _proved(args: argparse.Namespace) -> tuple[Places, list[str]]:
-    """Go through the proof, from where it was left."""
-    from irt.cli.progress import progress_bar
-    from irt.prove.run import Proof
-    from irt.workers.choice import make_workers
-
-    plan = _plan(args)
-    world = shlex.split(args.world) if args.world else _world()
-    jobs = args.jobs or os.cpu_count() or 1
-    workers = make_workers(jobs, args.cluster)
-    try:
-        with progress_bar() as progress:
-            proof = Proof(
-                args.out,
-                plan,
-                world,
-                workers,
-                seed=args.seed,
-                progress=progress,
-                contest=args.baselines or args.full,
-                hiders=jobs,
-            )
-            return proof.run(), plan.names()
-    except KeyboardInterrupt:
-        print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
-        raise
-
-
-def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
-    """Score, write the page, and print the answer."""
-    from irt.prove.results import Results
-    from irt.prove.scorecard import verdict, write_scorecard
-
-    results = Results.of(places, names)
-    page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
-    write_scorecard(page, results, places, _settings(args, places), raw=args.full)
+    results, page = _proved(args)
     print(verdict(results))
     print()
     for floor in results.floors:
@@ -139,33 +112,92 @@ def _report(args: argparse.Namespace, places: Places, names: list[str]) -> None:
     print(f"\nwrote {page}")
 
 
-def _settings(args: argparse.Namespace, places: Places) -> dict[str, str]:
+def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
+    """Go through the rounds, from where it was left; return the scores of all, and their page."""
+    from irt.cli.progress import progress_bar
+    from irt.prove.results import Results
+    from irt.prove.run import Proof
+    from irt.prove.scorecard import write_scorecard
+    from irt.workers.choice import make_workers
+
+    rounds = _rounds(args)
+    page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
+    world = shlex.split(args.world) if args.world else _world()
+    jobs = args.jobs or os.cpu_count() or 1
+    workers = make_workers(jobs, args.cluster)
+    finished: list[Places] = []
+    scored: list[Results] = []
+    try:
+        with progress_bar() as progress:
+            for one in rounds:
+                proof = Proof(
+                    one.places.out,
+                    one.plan,
+                    world,
+                    workers,
+                    seed=one.seed,
+                    progress=_of_round(progress, len(finished), rounds.count),
+                    contest=args.baselines or args.full,
+                    hiders=jobs,
+                )
+                finished.append(proof.run())
+                scored.append(Results.of(finished[-1], one.plan.names()))
+                results = Results.joined(scored)
+                write_scorecard(page, results, finished, _settings(args, rounds, finished), raw=args.full)
+    except KeyboardInterrupt:
+        print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
+        raise
+    return results, page
+
+
+def _of_round(progress: Progress, done: int, count: int) -> Progress:
+    """Return the progress of one of some rounds."""
+    if count == 1:
+        return progress
+
+    def tell(steps: int, total: int, text: str) -> None:
+        progress(done * total + steps, count * total, f"round {done + 1} of {count}, {text}")
+
+    return tell
+
+
+def _settings(args: argparse.Namespace, rounds: Rounds, finished: Sequence[Places]) -> dict[str, str]:
     """Return what it takes to do the same again."""
     from importlib.metadata import version
 
     from irt.prove.chain import read_json
 
-    seed = read_json(places.keys)["seed"]
     words = ["irt", "prove", *(f"--{flag}" for flag in ("full", "baselines") if getattr(args, flag))]
-    for option in ("rigs", "nulls", "seed"):
+    for option in ("rigs", "nulls", "rounds", "seed"):
         if getattr(args, option) is not None:
             words += [f"--{option}", f"{getattr(args, option)}"]
     world = f"`{args.world}`"
     if args.world is None:
         world = f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
+    told = {"command": f"`{shlex.join(words)}`"}
+    if rounds.count > 1:
+        told["rounds"] = f"{len(finished)} of {rounds.count} are finished, and counted here"
+    seeds = ", ".join(f"{read_json(one.keys)['seed']}" for one in finished)
     return {
-        "command": f"`{shlex.join(words)}`",
-        "seed": f"{seed}{', drawn by the operating system' if args.seed is None else ''}",
+        **told,
+        "seed" if rounds.count == 1 else "seeds": seeds
+        + (", drawn by the operating system" if args.seed is None else ""),
         "rigs made by": world,
         "diagnosed by": f"irt {version('labsim-irt')}, one thread each",
     }
 
 
-def _plan(args: argparse.Namespace) -> Plan:
-    from irt.prove.plan import Plan
+def _rounds(args: argparse.Namespace) -> Rounds:
+    from irt.prove.rounds import Rounds
 
     hidden, nulls = _FULL if args.full else _QUICK
-    return Plan.of(hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls)
+    return Rounds(
+        args.out,
+        args.rounds or (_ROUNDS if args.full else 1),
+        hidden if args.rigs is None else args.rigs,
+        nulls if args.nulls is None else args.nulls,
+        args.seed,
+    )
 
 
 def _world() -> list[str]:

@@ -27,6 +27,8 @@ class Plan:
         Rigs without anything to name, the latter with a tracker that jumps.
     single, pair, unlisted : int
         Rigs that hide one effect, two, or physics that the catalogue does not have.
+    first : int
+        Rigs of rounds before this one, so that no two rigs of a proof share a name.
     """
 
     none: int = 0
@@ -34,10 +36,13 @@ class Plan:
     single: int = 0
     pair: int = 0
     unlisted: int = 0
+    first: int = 0
 
     @classmethod
-    def of(cls, hidden: int, nulls: int) -> Plan:
+    def of(cls, hidden: int, nulls: int, rounds_before: int = 0) -> Plan:
         """Return the plan for so many rigs that hide something and so many that do not.
+
+        In a proof of several rounds they are those of the one after so many.
 
         Raises
         ------
@@ -46,7 +51,8 @@ class Plan:
         """
         if hidden + nulls < 1:
             raise IrtError("a proof needs at least one rig")
-        return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING))
+        first = rounds_before * (hidden + nulls)
+        return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING), first=first)
 
     @property
     def rigs(self) -> int:
@@ -60,7 +66,11 @@ class Plan:
 
     def names(self) -> list[str]:
         """Return the names of all rigs: numbers, which say nothing."""
-        return [name_of(index) for index in range(self.rigs)]
+        return [self.name_of(index) for index in range(self.rigs)]
+
+    def name_of(self, index: int) -> str:
+        """Return the name of a rig of this round."""
+        return f"rig-{self.first + index + 1:04d}"
 
     def order(self, seed: int) -> list[str]:
         """Return the kind of each rig, shuffled by a seed that only the sealing process has."""
@@ -73,14 +83,14 @@ class Plan:
         return asdict(self)
 
 
-def name_of(index: int) -> str:
-    """Return the name of a rig."""
-    return f"rig-{index + 1:04d}"
-
-
 def seed_of(seed: int, index: int) -> int:
     """Return the seed of one rig, below 2^63: it tells nothing of the others."""
     return _mixed(seed, f"rig {index}")
+
+
+def seed_of_round(seed: int, number: int) -> int:
+    """Return the seed of one round of a proof, below 2^63; that of the first is the proof's own."""
+    return _mixed(seed, f"round {number}") if number else seed
 
 
 def _mixed(seed: int, purpose: str) -> int:

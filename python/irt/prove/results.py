@@ -55,6 +55,15 @@ class Results:
         ]
         return cls(scores, tuple(entries), tuple(all_resolved(scores, places.out / "further")))
 
+    @classmethod
+    def joined(cls, rounds: Sequence[Results]) -> Results:
+        """Return the scores of several rounds as those of one proof; no two rigs share a name."""
+        return cls(
+            tuple(one for each in rounds for one in each.scores),
+            tuple(one for each in rounds for one in each.entries),
+            tuple(one for each in rounds for one in each.ties),
+        )
+
     @property
     def standings(self) -> list[Standing]:
         """How each method did, the diagnosis first."""

@@ -45,7 +45,7 @@ _RAW = ("commitments", "manifest", "keys")
 
 
 def write_scorecard(
-    page: Path, results: Results, places: Places, settings: Mapping[str, str], *, raw: bool = False
+    page: Path, results: Results, rounds: Sequence[Places], settings: Mapping[str, str], *, raw: bool = False
 ) -> Path:
     """Write the page, its pictures and ``scores.json``, the latter two into a folder of the page's name.
 
@@ -55,8 +55,8 @@ def write_scorecard(
         The ``.md`` file.
     results : Results
         The scores.
-    places : Places
-        The proof, whose hashes the page names.
+    rounds : sequence of Places
+        The rounds of the proof that are finished, whose hashes the page names.
     settings : mapping
         What it was made with, in words, by title.
     raw : bool
@@ -76,9 +76,8 @@ def write_scorecard(
     figures.plot_coverage(folder / "coverage.png", scores)
     results.save(folder / "scores.json")
     if raw:
-        for name in _RAW:
-            path: Path = getattr(places, name)
-            shutil.copyfile(path, folder / path.name)
+        for name, path in _published(rounds):
+            shutil.copyfile(path, folder / name)
     lines = [
         *_answer(results),
         *_naming(scores, folder.name),
@@ -87,7 +86,7 @@ def write_scorecard(
         *_one_more(results),
         *_intervals(scores, folder.name),
         *failures(scores),
-        *_how(places, settings, folder.name),
+        *_how(rounds, settings, folder.name),
     ]
     write_atomic(page, "\n".join(lines) + "\n")
     return page
@@ -283,7 +282,7 @@ def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
         )
 
 
-def _how(places: Places, settings: Mapping[str, str], folder: str) -> Iterator[str]:
+def _how(rounds: Sequence[Places], settings: Mapping[str, str], folder: str) -> Iterator[str]:
     yield "\n## How it was done\n"
     yield (
         "1. A process of its own drew the seeds, had every rig recorded, encrypted its label "
@@ -301,12 +300,19 @@ def _how(places: Places, settings: Mapping[str, str], folder: str) -> Iterator[s
     yield "\n| | |\n| --- | --- |"
     for title, words in settings.items():
         yield f"| {title} | {words} |"
-    for name in _RAW:
-        path: Path = getattr(places, name)
+    for name, path in _published(rounds):
         if path.exists():
-            yield f"| SHA-256 of `{path.name}` | `{digest(path.read_bytes())}` |"
+            yield f"| SHA-256 of `{name}` | `{digest(path.read_bytes())}` |"
     yield ""
     yield f"Every score is in [{folder}/scores.json]({folder}/scores.json)."
+
+
+def _published(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
+    """Yield what of each round is for anyone to check, by the name that it has beside the page."""
+    for number, places in enumerate(rounds, start=1):
+        for name in _RAW:
+            path: Path = getattr(places, name)
+            yield path.name if len(rounds) == 1 else f"{path.stem}-{number}{path.suffix}", path
 
 
 def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:

@@ -40,7 +40,7 @@ from typing import Any
 from irt.errors import IrtError
 from irt.files import make_folder, read_text, write_atomic
 from irt.prove.pipe import Pipe, serve
-from irt.prove.plan import Plan, name_of, seed_of
+from irt.prove.plan import Plan, seed_of
 from irt.prove.seal import Key, canonical, close, digest, digests
 
 
@@ -153,7 +153,7 @@ class Sealer:
         return {"csv": self._world().ask({"record": {**self._asked(index), "csv": csv}})["csv"]}
 
     def _make(self, index: int, folder: Path) -> Mapping[str, Any]:
-        rig = name_of(index)
+        rig = self._plan.name_of(index)
         asked = {**self._asked(index), "folder": str(folder)}
         made = self._world().ask({"make": asked})
         label = {"rig": rig, "asked": asked["kind"], "recordings": digests(folder), "label": made["label"]}

@@ -179,7 +179,7 @@ def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]
     apart = greatest(picture[rows, columns], without[rows, columns])
     apart = cv2.GaussianBlur(apart, (3, 3), 0)
     mask = np.where(apart > max(5.0 * known.noise, 14.0), 255, 0).astype(np.uint8)
-    found = []
+    found: list[_Candidate] = []
     for _, x, y in seek(mask, known.radius, MOST):
         place = x + known.box.left, y + known.box.top
         height, width = picture.shape[:2]

@@ -163,7 +163,7 @@ def test_a_proof_with_a_tie_gets_one_more_run(prove, answered, tmp_path: Path) -
     ]
     results = import_module("irt.prove.results").Results.of(places, ["rig-0001", "rig-0002"])
     assert [one.exact for one in results.ties] == [{"suggested": True, "random": False}] * 2
-    page = import_module("irt.prove.scorecard").write_scorecard(tmp_path / "p.md", results, places, {})
+    page = import_module("irt.prove.scorecard").write_scorecard(tmp_path / "p.md", results, [places], {})
     assert "| suggested | 100.0 % (34.2 to 100.0) of 2 | 2.00 | 1.00 |" in page.read_text()
     count = len(asked)
     prove(Tied(), contest=True, plan=Plan(single=2))

@@ -68,6 +68,7 @@ def test_kinds_are_shuffled_by_the_seed_alone() -> None:
         "single": 180,
         "pair": 60,
         "unlisted": 60,
+        "first": 0,
     }
     with pytest.raises(IrtError, match="at least one rig"):
         Plan.of(0, 0)

@@ -40,7 +40,7 @@ def results(score) -> Results:
 
 @pytest.fixture
 def page(results: Results, places, tmp_path: Path) -> Path:
-    return write_scorecard(tmp_path / "docs" / "proof.md", results, places, SETTINGS, raw=True)
+    return write_scorecard(tmp_path / "docs" / "proof.md", results, [places], SETTINGS, raw=True)
 
 
 def test_the_first_ten_lines_say_the_answer(page: Path, results: Results) -> None:
@@ -63,7 +63,7 @@ def test_what_failed_is_listed_with_its_reason(page: Path) -> None:
 
 
 def test_nothing_failed(score, places, tmp_path: Path) -> None:
-    page = write_scorecard(tmp_path / "proof.md", Results((score(), score("none"))), places, SETTINGS)
+    page = write_scorecard(tmp_path / "proof.md", Results((score(), score("none"))), [places], SETTINGS)
     text = page.read_text()
     assert "None: every answer was right" in text
     assert "Beside other methods" not in text
@@ -97,7 +97,7 @@ def test_pictures_and_scores_lie_beside_the_page(page: Path, results: Results) -
 
 def test_pictures_show_the_scores(page: Path, score, places, tmp_path: Path) -> None:
     """Other scores draw other pictures; the same ones draw the same, byte by byte."""
-    again = write_scorecard(tmp_path / "again.md", Results((score(found=False),)), places, SETTINGS)
+    again = write_scorecard(tmp_path / "again.md", Results((score(found=False),)), [places], SETTINGS)
     for name in PICTURES:
         assert (again.parent / "again" / name).read_bytes() != (page.parent / "proof" / name).read_bytes()
 
@@ -117,6 +117,6 @@ def test_the_chain_is_named(page: Path, places) -> None:
 
 def test_no_rig_at_all_is_drawn_all_the_same(places, score, tmp_path: Path) -> None:
     """A proof of nulls alone has no power to show, no gaps and no intervals."""
-    page = write_scorecard(tmp_path / "proof.md", Results((score("none"),)), places, SETTINGS)
+    page = write_scorecard(tmp_path / "proof.md", Results((score("none"),)), [places], SETTINGS)
     assert all((tmp_path / "proof" / name).stat().st_size > 1000 for name in PICTURES)
     assert "not counted" in page.read_text()
