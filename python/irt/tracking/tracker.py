@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.tracking.appearance import Appearance, Match
-from irt.tracking.colour import ColourModel
 from irt.tracking.finder import Finder
 from irt.tracking.seek import Box
 from irt.tracking.underlay import Underlay
@@ -57,39 +55,25 @@ class Learned:
 
     Attributes
     ----------
-    without : (h, w, 3) uint8 array
-        The board without the marble, blue first.
-    colours : ColourModel
-        The marble's beside all others'.
+    finder : Finder
+        What finds rough places of the marble: it knows the board without it, its colours and its radius.
     appearance : Appearance
         What the marble looks like.
-    noise : float
-        Standard deviation of a colour [levels].
-    box : Box
-        Where the marble can be.
     usual : float
         The marble's usual confidence.
     first : (x, y) or None
         Where the marble is in the first picture [pixels], where that is known.
     """
 
-    without: Picture
-    colours: ColourModel
+    finder: Finder
     appearance: Appearance
-    noise: float
-    box: Box
     usual: float = 1.0
     first: tuple[float, float] | None = None
 
     @property
     def radius(self) -> float:
         """The marble's at the middle of the box [pixels]."""
-        return self.appearance.radius
-
-    @cached_property
-    def finder(self) -> Finder:
-        """What finds rough places of the marble."""
-        return Finder(self.without, self.colours, self.radius, self.noise, self.box)
+        return self.finder.radius
 
 
 @dataclass(frozen=True)
@@ -134,7 +118,7 @@ class Tracker:
     def __init__(self, learned: Learned, scale: Callable[[float, float], float]) -> None:
         self.learned = learned
         self._scale = scale
-        self._under = Underlay(learned.without)
+        self._under = Underlay(learned.finder.without)
         self._clear = max(CLEAR * learned.usual, FAR)
         self._last: list[tuple[int, float, float]] = []
         self._waiting: list[tuple[int, Match]] = []
@@ -165,7 +149,7 @@ class Tracker:
         x, y, reach = expected
         tried.append(self.match(picture, x, y))
         if tried[0].confidence < self._clear:
-            box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.box)
+            box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.finder.box)
             self._try(picture, box, FEW, tried)
 
         def apart(one: Match) -> float:
@@ -245,7 +229,7 @@ class Tracker:
             What was matched in it already.
         """
         found = list(tried or [])
-        self._try(picture, self.learned.box, MANY, found)
+        self._try(picture, self.learned.finder.box, MANY, found)
         matches = sorted(found, key=lambda one: -one.confidence)
         # Two candidates may have led to one disc.
         return [
@@ -265,6 +249,6 @@ class Tracker:
         if box.empty:
             return Match(x, y, 0.0, np.inf)
         part = picture[box.slices].astype(np.float32)
-        board = self._under.beneath(part, box, (x, y, radius), self.learned.noise)
+        board = self._under.beneath(part, box, (x, y, radius), self.learned.finder.noise)
         found = self.learned.appearance.match(part, board, (x - box.left, y - box.top), scale)
         return Match(found.x + box.left, found.y + box.top, found.confidence, found.spread)
