@@ -25,7 +25,7 @@ NAME = "prove"
 HELP = "hide effects in rigs of another engine, diagnose them blind, open the seals, score"
 
 #: Rigs with something hidden and without: of the quick proof, and of each of the rounds of the full one.
-_QUICK, _FULL, _ROUNDS = (9, 3), (60, 60), 5
+_QUICK, _FULL, _ROUNDS = (9, 3), (25, 25), 12
 _NEEDED = ("pybullet", "cryptography")
 #: Share of the rigs that are read off rendered pictures.
 _WATCHED = "0.15"

@@ -24,7 +24,9 @@ FORGETFUL, NOISE_LIKE = 1.5, 1.1
 #: No recording has so much more of it than all together, among those with enough coordinates to tell.
 UNEVEN, ENOUGH = 1.3, 60
 #: Scatter, in units of the tracker's, beyond which a model lacks something, whatever is known of it.
-LOST = 2.5
+LOST = 1.5
+#: Effects are believed if they leave no more than this share of the base model's mismatch.
+TRUSTED = 0.1
 #: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
 #: a moment too late or meets a corner otherwise goes elsewhere from there, and no physics is missing.
 WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
@@ -118,9 +120,9 @@ def is_noise(case: Case, one: Fitted) -> bool:
     return max(sizes, default=1.0) < UNEVEN
 
 
-def is_lost(case: Case, one: Fitted) -> bool:
-    """Whether what is left over is far beyond noise, even beyond such noise as remembers the row before."""
-    return one.noise > LOST * seeming(carried(one.residuals, one.noise)) * case.noise
+def is_lost(case: Case, one: Fitted, base: Fitted) -> bool:
+    """Whether a hypothesis that does not explain the recordings misses what matters, not some small rest."""
+    return one.noise > LOST * case.noise and excess(case, one) > TRUSTED * excess(case, base)
 
 
 def excess(case: Case, one: Fitted) -> float:

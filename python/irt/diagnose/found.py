@@ -76,7 +76,7 @@ class Found:
             effects = tuple(self._jitter(one) if one.name == "delay" else one for one in effects)
         noise = max(best.noise, FINEST) if explained else case.noise
         verdict = "missing" if effects else "sufficient"
-        lost = self._spread is None and not explained and not between and is_lost(case, best)
+        lost = self._spread is None and not explained and not between and is_lost(case, best, base)
         if UNLISTED in best.effects or lost:
             verdict = "unlisted"
         base_heldout, final_heldout = self._heldout(before), self._heldout(after)

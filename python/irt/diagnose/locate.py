@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Finding, Kind
 from irt.diagnose.latent import Source
+from irt.diagnose.library import Term
 from irt.diagnose.screen import ROWS, Screen
-from irt.diagnose.unlisted import Term
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

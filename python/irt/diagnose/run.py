@@ -16,11 +16,12 @@ from irt.diagnose.heldout import hold_out
 from irt.diagnose.hypotheses import hypotheses, size_of
 from irt.diagnose.jitter import differing_delays
 from irt.diagnose.latent import Leftover
+from irt.diagnose.library import Term
 from irt.diagnose.locate import locate, stages, variables
 from irt.diagnose.partners import Report
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Search
-from irt.diagnose.unlisted import Term, confirmed
+from irt.diagnose.unlisted import confirmed
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.model import Parameter

@@ -1,142 +1,112 @@
 """Physics that no effect of the catalogue describes: found, learned as a formula, and put into the model.
 
-What a hypothesis leaves over is laid beside a library of terms, each a push on the marble: waves over the
-board, waves over time, powers of the speed against the motion and across it. The terms that explain most
-are fitted inside the simulator with everything else (a sparse library, as in SINDy, Brunton et al. 2016, but
-in the weak form: no derivative of a noisy position is taken), and stay if recordings held out confirm them.
+The term of a library that explains most of what is left is fitted inside the simulator with everything else,
+what is left then is looked at anew, and so on. Terms stay while recordings held out confirm them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.evidence import Evidence, excess
+from irt.diagnose.evidence import TRUSTED, Evidence, excess, is_explained
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.impacts import shows
-from irt.diagnose.latent import Leftover
+from irt.diagnose.library import Term, likely_terms
 from irt.diagnose.search import Search
 from irt.rig import PARAMETERS
 
-Array = NDArray[np.float64]
-
-#: Waves over the board and over time that the engine's effect can hold.
-WAVES = 3
-#: Shortest wave over the board [m], and the shortest over time [rows].
-SHORTEST_M, SHORTEST_ROWS = 0.02, 4.0
-#: Powers of the speed that are tried.
-POWERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
-#: What a term must explain [nats]: its parameters, and that it is the best of a few thousand.
-WORTH = 25.0
-#: Effects are believed if they leave no more than this share of the base model's mismatch.
-TRUSTED = 0.1
+#: Waves that the engine's effect can hold.
+WAVES = 5
+#: A further term must take away this share of what was left beyond noise.
+LEAST = 0.1
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
-#: Speed at which the strength of a power law is given [m/s].
-_AT = 0.1
+
+#: A case that holds what a fit did not move, the terms, and the fit.
+Learned = tuple[Case, tuple[Term, ...], Fitted]
 
 
-@dataclass(frozen=True)
-class Term:
-    """A term of the library, with the values that explain most.
+def learn(case: Case, base: Fitted) -> Iterator[Learned]:
+    """Fit the likeliest term of the library inside the simulator, then with it the likeliest of what is left.
 
-    Attributes
-    ----------
-    variable : str
-        What the push depends on: "position", "time", "velocity" or "command".
-    values : dict
-        Parameters of the engine's effect, of the first slot where there are several.
-    free : tuple of str
-        Those that a fit may move.
-    explained : float
-        Share of the leftover's sum of squares.
+    Yields
+    ------
+    Learned
+        With one term more each time.
     """
-
-    variable: str
-    values: dict[str, float]
-    free: tuple[str, ...]
-    explained: float
-
-
-def library(case: Case, parent: Fitted) -> list[Term]:
-    """Return terms that together explain what a hypothesis leaves over, the most important first.
-
-    Each is the one that explains most of what those before it leave; the list ends where the next would
-    explain no more than chance does in a library of this size.
-    """
-    leftover = Leftover(case, parent, weak=not parent.effects)
-    if not leftover.count:
-        return []
-    view = _View(leftover, case.edge_m(parent), case.row_s(parent))
-    chosen: list[Term] = []
-    while len(chosen) < WAVES:
-        terms = [*view.waves_over_board(), *view.waves_over_time()]
-        if not any(one.variable == "velocity" for one in chosen):
-            terms += view.powers()
-        best = max(terms, key=lambda one: one.explained)
-        if best.explained * view.total < 2.0 * WORTH * case.noise**2:
-            break
-        view.take(best)
-        waves = sum(one.variable != "velocity" for one in chosen)
-        chosen.append(_in_slot(best, waves + 1))
-    return chosen
+    terms: tuple[Term, ...] = ()
+    held, learned = case, base
+    while True:
+        likely = likely_terms(held, base, learned, terms, WAVES)
+        if not likely:
+            return
+        tried = [_added(case, learned, (*terms, one)) for one in likely]
+        held, terms, begun = _best(case, tried)
+        # From where the terms before it led, and from the base model: slopes may lead astray.
+        points = [[*one.values[: len(PARAMETERS)], *_values(learned, terms)] for one in (learned, base)]
+        fitted = held.fit([UNLISTED], points=np.array(points[: len(terms)]), rounds=1)
+        held, terms, learned = _best(case, [(held, terms, fitted), (held, terms, begun)])
+        yield held, terms, learned
 
 
-def learn(case: Case, base: Fitted) -> list[tuple[Case, tuple[Term, ...], Fitted]]:
-    """Fit the first term of the library, the first two, and all of them, inside the simulator.
+def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
+    """Refine what was learned with one term more, from where that term explains most."""
+    values = _values(learned, terms)
+    free = {name for term in terms for name in term.free}
+    names = [one.name for one in effect(UNLISTED).parameters]
+    still = {name: value for name, value in zip(names, values, strict=True) if name not in free}
+    held = case.holding(UNLISTED, still)
+    return held, terms, held.refine([UNLISTED], np.array([[*learned.values[: len(PARAMETERS)], *values]]))[0]
 
-    Returns
-    -------
-    list of (Case, tuple of Term, Fitted)
-        The case, which holds what a fit did not move; the terms; the fit.
-    """
-    terms = library(case, base)
+
+def _values(learned: Fitted, terms: Sequence[Term]) -> list[float]:
+    """Return the values of the engine's effect: what was learned, and the last term as it explains most."""
     neutral = {one.name: one.neutral for one in effect(UNLISTED).parameters}
-    found: list[tuple[Case, tuple[Term, ...], Fitted]] = []
-    for count in range(1, len(terms) + 1):
-        values, free = dict(neutral), set()
-        for term in terms[:count]:
-            values |= term.values
-            free |= set(term.free)
-        fixed = case.holding(UNLISTED, {key: value for key, value in values.items() if key not in free})
-        # A start without what was learned before it, and one with: slopes may lead astray from either.
-        points = [[*base.values[: len(PARAMETERS)], *values.values()]]
-        if found:
-            before = found[-1][2]
-            known = {**values, **{k: v for k, v in before.value_of(UNLISTED).items() if v != neutral[k]}}
-            points.append([*before.values[: len(PARAMETERS)], *known.values()])
-        fitted = fixed.fit([UNLISTED], points=np.array(points), rounds=1)
-        found.append((fixed, tuple(terms[:count]), fitted))
-    return found
+    return list((neutral | learned.value_of(UNLISTED) | terms[-1].values).values())
+
+
+def _best(case: Case, tried: Sequence[Learned]) -> Learned:
+    """Return the likeliest, at the scale that the best of them leaves."""
+    scale = max(case.noise, min(fitted.noise for *_, fitted in tried))
+    return min(tried, key=lambda one: one[2].loss(scale))
 
 
 def confirmed(search: Search, best: Fitted) -> tuple[Case, Fitted, tuple[Term, ...]] | None:
     """Return what was learned, if it beats the catalogue's best hypothesis and recordings held out agree.
 
-    Terms stay as long as each is better than those before it.
+    Terms stay as long as they are better than those before them; what is likelier, but not on recordings held
+    out, may be so with the next one.
     """
     case, base = search.case, search.base
-    kept: tuple[Case, Fitted, tuple[Term, ...]] | None = None
-    before, held_before = base, search.held_out(base)
+    kept: Learned | None = None
+    before, held_before, doubted = base, search.held_out(base), False
     for fixed, terms, fitted in learn(case, base):
+        search.report(f"a push that depends on {terms[-1].variable}")
         evidence = Evidence.of(case, [*search.fits.values(), fitted])
         between = replace(search.between_impacts, held=fixed.held)
-        if not evidence.is_better(fitted, before) or not shows(between, fitted, base):
+        least = excess(case, fitted) < (1.0 - LEAST) * excess(case, before)
+        if not least or not evidence.is_better(fitted, before) or not shows(between, fitted, base):
             break
         held = hold_out(fixed, fitted)
-        if not is_supported(held, held_before, evidence.scale):
+        if is_supported(held, held_before, evidence.scale):
+            kept, before, held_before, doubted = (fixed, terms, fitted), fitted, held, False
+        elif doubted:
             break
-        kept, before, held_before = (fixed, fitted, terms), fitted, held
+        else:
+            doubted = True
+        if is_explained(case, fitted, base):
+            break
     if kept is None:
         return None
-    search.remember(kept[1], held_before)
-    return kept if _is_preferred(search, kept[1], best) else None
+    fixed, terms, fitted = kept
+    search.remember(fitted, held_before)
+    return (fixed, fitted, terms) if _is_preferred(search, fitted, best) else None
 
 
 def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
@@ -169,6 +139,10 @@ def formula(values: dict[str, float]) -> str:
             for key, variable in (
                 (f"wave_{slot}_x_per_m", "x"),
                 (f"wave_{slot}_y_per_m", "y"),
+                (f"velocity_{slot}_x_s_per_m", "v_x"),
+                (f"velocity_{slot}_y_s_per_m", "v_y"),
+                (f"tilt_{slot}_x_per_rad", "tilt_x"),
+                (f"tilt_{slot}_y_per_rad", "tilt_y"),
                 (f"rate_{slot}_per_s", "t"),
             )
             if values[key] != 0.0
@@ -183,128 +157,21 @@ def formula(values: dict[str, float]) -> str:
 
 
 def variables(values: dict[str, float]) -> list[str]:
-    """Return on what the learned push depends: position, time, speed."""
+    """Return on what the learned push depends: position, velocity, tilt, time, speed."""
     pushing = [
         slot
         for slot in range(1, WAVES + 1)
         if any(values[f"push_{slot}_{axis}_m_per_s2"] != 0.0 for axis in "xy")
     ]
-    over_board = any(values[f"wave_{slot}_{axis}_per_m"] != 0.0 for slot in pushing for axis in "xy")
-    over_time = any(values[f"rate_{slot}_per_s"] != 0.0 for slot in pushing)
-    by_speed = values["drag_strength"] != 0.0 or values["side_strength"] != 0.0
-    asked = {"position": over_board, "time": over_time, "speed": by_speed}
+
+    def depend(parameter: str) -> bool:
+        return any(values[parameter.format(slot, axis)] != 0.0 for slot in pushing for axis in "xy")
+
+    asked = {
+        "position": depend("wave_{}_{}_per_m"),
+        "velocity": depend("velocity_{}_{}_s_per_m"),
+        "tilt": depend("tilt_{}_{}_per_rad"),
+        "time": depend("rate_{0}_per_s"),
+        "speed": values["drag_strength"] != 0.0 or values["side_strength"] != 0.0,
+    }
     return [name for name, depends in asked.items() if depends]
-
-
-class _View:
-    """A leftover in metres and seconds, against which terms are laid."""
-
-    def __init__(self, leftover: Leftover, edge_m: float, row_s: float) -> None:
-        self._leftover, self._edge_m, self._row_s = leftover, edge_m, row_s
-        #: From pushes in m/s^2 to board edges a row squared.
-        self._unit = row_s**2 / edge_m
-        self._data = [leftover.freed(axis, leftover.residual(axis)[:, None])[:, 0] for axis in (0, 1)]
-        #: Sum of squares that is left [board edges squared].
-        self.total = float(sum(data @ data for data in self._data))
-
-    def take(self, term: Term) -> None:
-        """Leave a term out of what is left: its wave or its power law, of any strength."""
-        place = self._leftover.rows.place * self._edge_m
-        if term.variable == "velocity":
-            name = "drag" if "drag_power" in term.values else "side"
-            push = self._power_law(name, term.values[f"{name}_power"])
-            pushes = [push[:, :1], push[:, 1:]]
-        else:
-            vector = np.array([term.values["wave_1_x_per_m"], term.values["wave_1_y_per_m"]])
-            seconds = self._leftover.rows.time * self._row_s
-            angle = (place @ vector + term.values["rate_1_per_s"] * seconds)[:, None]
-            pushes = [np.concatenate([np.cos(angle), np.sin(angle)], axis=1)] * 2
-        for axis in (0, 1):
-            self._leftover.explain(axis, self._leftover.moved(pushes[axis]))
-            residual = self._leftover.residual(axis)[:, None]
-            self._data[axis] = self._leftover.freed(axis, residual)[:, 0]
-        self.total = float(sum(data @ data for data in self._data))
-
-    def _power_law(self, name: str, power: float) -> Array:
-        """Return pushes (n, 2) of a power law of unit strength."""
-        velocity = self._leftover.rows.velocity * self._edge_m / self._row_s
-        speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
-        along = velocity / speed
-        direction = -along if name == "drag" else np.stack([-along[:, 1], along[:, 0]], axis=1)
-        return np.asarray(direction * (speed / _AT) ** power)
-
-    def waves_over_board(self) -> Iterator[Term]:
-        """Yield waves over the board, with a push in one direction."""
-        place = self._leftover.rows.place * self._edge_m
-        step, most = np.pi / (2.0 * max(np.ptp(place[:, 0]), 0.05)), 2.0 * np.pi / SHORTEST_M
-        along = np.arange(-most, most + step, step)
-        vectors = np.array([(x, y) for x in along[along >= 0.0] for y in along if (x, y) > (0.0, 0.0)])
-        vectors = vectors[np.linalg.norm(vectors, axis=1) <= most]
-        yield from self._waves(place @ vectors.T, "position", vectors, np.zeros(len(vectors)))
-
-    def waves_over_time(self) -> Iterator[Term]:
-        """Yield pushes that come and go with the time since a recording began."""
-        seconds = self._leftover.rows.time * self._row_s
-        step = np.pi / (2.0 * max(float(seconds.max()), self._row_s))
-        rates = np.arange(step, 2.0 * np.pi / (SHORTEST_ROWS * self._row_s), step)
-        yield from self._waves(np.outer(seconds, rates), "time", np.zeros((len(rates), 2)), rates)
-
-    def powers(self) -> Iterator[Term]:
-        """Yield power laws of the speed, against the motion and across it."""
-        for name in ("drag", "side"):
-            for power in POWERS:
-                strength, explained = self._fitted(self._power_law(name, power))
-                values = {f"{name}_strength": strength, f"{name}_power": power}
-                yield Term("velocity", values, (f"{name}_strength", f"{name}_power"), explained)
-
-    def _waves(self, angles: Array, variable: str, vectors: Array, rates: Array) -> Iterator[Term]:
-        """Yield the waves that explain most, of (n, k) angles in each row."""
-        amplitudes, explained = np.zeros((len(rates), 2, 2)), np.zeros(len(rates))
-        for axis in (0, 1):
-            parts = [
-                self._unit * self._leftover.freed(axis, self._leftover.moved(part))
-                for part in (np.cos(angles), np.sin(angles))
-            ]
-            gram = np.array([[(a * b).sum(axis=0) for b in parts] for a in parts]).transpose(2, 0, 1)
-            gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
-            right = np.array([part.T @ self._data[axis] for part in parts]).T
-            amplitudes[:, axis] = np.linalg.solve(gram, right[..., None])[..., 0]
-            explained += (amplitudes[:, axis] * right).sum(axis=1) / self.total
-        for i in np.argsort(-explained, kind="stable")[:1]:
-            # One phase for both axes: that of the larger share.
-            cosine, sine = amplitudes[i, :, 0], amplitudes[i, :, 1]
-            phase = 0.5 * np.arctan2(-2.0 * (cosine * sine).sum(), (cosine**2 - sine**2).sum())
-            push = cosine * np.cos(phase) - sine * np.sin(phase)
-            values = {
-                "push_1_x_m_per_s2": float(push[0]),
-                "push_1_y_m_per_s2": float(push[1]),
-                "wave_1_x_per_m": float(vectors[i, 0]),
-                "wave_1_y_per_m": float(vectors[i, 1]),
-                "rate_1_per_s": float(rates[i]),
-                "phase_1_rad": float(phase % (2.0 * np.pi)),
-            }
-            still = "rate_1_per_s" if variable == "position" else "wave_1_"
-            free = tuple(name for name in values if not name.startswith(still))
-            yield Term(variable, values, free, float(explained[i]))
-
-    def _fitted(self, push: Array) -> tuple[float, float]:
-        """Return the strength of a (n, 2) push that suits best, and what it explains."""
-        parts = [
-            self._unit * self._leftover.freed(axis, self._leftover.moved(push[:, axis : axis + 1]))[:, 0]
-            for axis in (0, 1)
-        ]
-        length = sum(float(part @ part) for part in parts)
-        along = sum(float(part @ data) for part, data in zip(parts, self._data, strict=True))
-        if length <= 0.0:
-            return 0.0, 0.0
-        return along / length, along**2 / length / self.total
-
-
-def _in_slot(term: Term, slot: int) -> Term:
-    """Return a term in another of the engine's waves."""
-
-    def moved(name: str) -> str:
-        return name.replace("_1_", f"_{slot}_")
-
-    values = {moved(name): value for name, value in term.values.items()}
-    return Term(term.variable, values, tuple(moved(name) for name in term.free), term.explained)

@@ -271,7 +271,8 @@ class Problem:
 def tracker_noise(segments: Sequence[Segment]) -> float:
     """Estimate the standard deviation of the tracker [board edges] from the recordings alone.
 
-    The motion is smooth from row to row, so that of fourth differences mostly noise is left.
+    The motion is smooth from row to row, so that of fourth differences mostly noise is left. A tracker that
+    reads pixels errs alike as long as the marble stays within one: it is told by the rows in which it moves.
     """
     return _labsim.tracker_noise([np.ascontiguousarray(segment.observed) for segment in segments])
 

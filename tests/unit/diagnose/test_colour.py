@@ -68,11 +68,16 @@ def test_nothing_left_over_carries_nothing_on():
     assert carried([np.zeros((5, 2))], 1.0) == 0.0
 
 
-@pytest.mark.parametrize("share", [0.0, 0.5])
-def test_no_noise_is_taken_for_a_model_that_is_lost(plant, share):
-    case = replace(plant(), noise=SCALE / seeming(share))
-    assert not is_lost(case, fitted([2.0 * one for one in coloured(share)]))
-    assert is_lost(case, fitted([10.0 * np.cumsum(one, axis=0) for one in coloured(share)]))
+def test_a_model_is_lost_where_far_more_than_noise_is_left_and_much_of_what_the_base_left(plant):
+    case = replace(plant(), noise=SCALE)
+    base, most, little = (
+        fitted([size * np.cumsum(one, axis=0) for one in coloured(0.0)]) for size in (10.0, 8.0, 0.4)
+    )
+    assert is_lost(case, base, base)
+    assert is_lost(case, most, base)
+    assert little.noise > 1.5 * case.noise
+    assert not is_lost(case, little, base)
+    assert not is_lost(case, fitted(coloured(0.0)), base)
 
 
 def test_a_tracker_without_noise_leaves_none(plant):

@@ -9,7 +9,8 @@ from irt.catalogue import effect
 from irt.diagnose import unlisted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.latent import Leftover
-from irt.diagnose.unlisted import formula, learn, library
+from irt.diagnose.library import likely_terms
+from irt.diagnose.unlisted import formula, learn, variables
 
 
 def wave(**changes):
@@ -17,9 +18,19 @@ def wave(**changes):
     return {"name": UNLISTED, **values}
 
 
+def likely(case):
+    base = case.fit()
+    return likely_terms(case, base, base, (), unlisted.WAVES)
+
+
+def likeliest(case):
+    (first,) = likely(case)
+    return first
+
+
 def test_a_wave_over_the_board_is_found_with_its_length(plant):
     case = plant([wave()], runs=6)
-    (first, *_) = library(case, case.fit())
+    first = likeliest(case)
     assert first.variable == "position"
     assert np.hypot(first.values["wave_1_x_per_m"], first.values["wave_1_y_per_m"]) == pytest.approx(
         100.0, rel=0.1
@@ -29,16 +40,39 @@ def test_a_wave_over_the_board_is_found_with_its_length(plant):
 def test_a_push_that_comes_and_goes_with_time_is_found_with_its_rate(plant):
     gust = {"name": UNLISTED, "push_1_y_m_per_s2": 0.02, "rate_1_per_s": 9.0}
     case = plant([gust], runs=6)
-    (first, *_) = library(case, case.fit())
+    first = likeliest(case)
     assert first.variable == "time"
     time_scale = case.fit().values[3]
     # Without stamps time is known up to the time scale.
     assert first.values["rate_1_per_s"] * time_scale == pytest.approx(9.0 * 15.0, rel=0.1)
 
 
+def test_a_push_by_the_tilt_is_found(plant):
+    swing = {
+        "name": UNLISTED,
+        "push_1_x_m_per_s2": 0.01,
+        "tilt_1_x_per_rad": 300.0,
+        "tilt_1_y_per_rad": 200.0,
+    }
+    case = plant([swing], runs=6)
+    first = likeliest(case)
+    assert first.variable == "command"
+
+
+def test_what_is_left_of_a_first_wave_is_learned_next(plant):
+    first = {"push_1_x_m_per_s2": 0.01, "wave_1_x_per_m": 60.0, "phase_1_rad": 0.5}
+    second = {"push_2_y_m_per_s2": 0.006, "wave_2_y_per_m": 100.0}
+    case = plant([{"name": UNLISTED, **first, **second}], runs=6)
+    learned = learn(case, case.fit())
+    one, two = next(learned), next(learned)
+    assert [len(terms) for _, terms, _ in (one, two)] == [1, 2]
+    assert two[2].noise < 1.3 * case.noise < one[2].noise
+    assert variables(two[2].value_of(UNLISTED)) == ["position"]
+
+
 def test_drag_is_a_power_of_the_speed(plant):
     case = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6, rows=120)
-    (first, *_) = library(case, case.fit())
+    first = likeliest(case)
     assert first.variable == "velocity"
     assert first.values["drag_strength"] > 0.0
     assert first.values["drag_power"] in {0.5, 1.0, 1.5}
@@ -47,13 +81,13 @@ def test_drag_is_a_power_of_the_speed(plant):
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_teaches_nothing(plant, seed):
     case = plant(runs=6, seed=seed)
-    assert library(case, case.fit()) == []
+    assert likely(case) == []
 
 
 def test_what_is_learned_simulates_and_leaves_noise(plant):
     case = plant([wave()], runs=6)
     base = case.fit()
-    fixed, _, fitted = learn(case, base)[0]
+    fixed, _, fitted = next(learn(case, base))
     assert fitted.noise < 1.3 * case.noise < base.noise
     values = fitted.value_of(UNLISTED)
     assert set(values) == {one.name for one in effect(UNLISTED).parameters}

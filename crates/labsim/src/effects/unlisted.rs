@@ -1,4 +1,4 @@
-//! What no effect of the catalogue explains: waves of push over board and time, and powers of the speed.
+//! What no effect of the catalogue explains: waves of push over board, velocity, tilt and time, and powers of the speed.
 
 use pulp::Simd;
 
@@ -33,6 +33,14 @@ const fn wave(name: &'static str, means: &'static str) -> Parameter {
     parameter(name, "rad/m", (-400.0, 400.0), 1e4, means)
 }
 
+const fn swift(name: &'static str, means: &'static str) -> Parameter {
+    parameter(name, "rad s/m", (-200.0, 200.0), 1e4, means)
+}
+
+const fn tilt(name: &'static str, means: &'static str) -> Parameter {
+    parameter(name, "", (-2e3, 2e3), 1e5, means)
+}
+
 const fn rate(name: &'static str, means: &'static str) -> Parameter {
     parameter(name, "rad/s", (-60.0, 60.0), 1e4, means)
 }
@@ -60,44 +68,51 @@ const fn gain(name: &'static str, means: &'static str) -> Parameter {
     parameter(name, "s", (-0.1, 0.1), 10.0, means)
 }
 
+/// How many waves there are, and the parameters of each.
+const WAVES: usize = 5;
+const OF_WAVE: usize = 10;
+
+macro_rules! parameters {
+    ($($n:literal $nth:literal),*) => {
+        &[
+            $(
+                push(concat!("push_", $n, "_x_m_per_s2"), concat!("acceleration along x at the crest of the ", $nth, " wave")),
+                push(concat!("push_", $n, "_y_m_per_s2"), concat!("acceleration along y at the crest of the ", $nth, " wave")),
+                wave(concat!("wave_", $n, "_x_per_m"), concat!("phase of the ", $nth, " wave for each metre along x")),
+                wave(concat!("wave_", $n, "_y_per_m"), concat!("phase of the ", $nth, " wave for each metre along y")),
+                swift(concat!("velocity_", $n, "_x_s_per_m"), concat!("phase of the ", $nth, " wave for each m/s along x")),
+                swift(concat!("velocity_", $n, "_y_s_per_m"), concat!("phase of the ", $nth, " wave for each m/s along y")),
+                tilt(concat!("tilt_", $n, "_x_per_rad"), concat!("phase of the ", $nth, " wave for each radian about x")),
+                tilt(concat!("tilt_", $n, "_y_per_rad"), concat!("phase of the ", $nth, " wave for each radian about y")),
+                rate(concat!("rate_", $n, "_per_s"), concat!("phase of the ", $nth, " wave for each second since row 0")),
+                phase(
+                    concat!("phase_", $n, "_rad"),
+                    concat!("phase of the ", $nth, " wave at rest in the centre of the level board, at row 0"),
+                ),
+            )*
+            strength("drag_strength", "drag, deceleration at 0.1 m/s; negative drives on"),
+            power("drag_power", "p, with which power of the speed the drag grows"),
+            strength("side_strength", "side, acceleration to the left at 0.1 m/s"),
+            power("side_power", "q, with which power of the speed the push to the side grows"),
+            gain("rate_gain_x_s", "seconds by which the push is ahead of the board's angle about x"),
+            gain("rate_gain_y_s", "seconds by which the push is ahead of the board's angle about y"),
+        ]
+    };
+}
+
 pub(super) const ABOUT: About = About {
     name: "unlisted",
     stage: Stage::Field,
     acts: Acts::OnMarble { timed: true },
-    equation: "acceleration = Σ push cos(wave · place + rate t + phase) - drag (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g gain × d tilt/dt",
-    parameters: &[
-        push("push_1_x_m_per_s2", "acceleration along x at the crest of the first wave"),
-        push("push_1_y_m_per_s2", "acceleration along y at the crest of the first wave"),
-        wave("wave_1_x_per_m", "phase of the first wave for each metre along x"),
-        wave("wave_1_y_per_m", "phase of the first wave for each metre along y"),
-        rate("rate_1_per_s", "phase of the first wave for each second since row 0"),
-        phase("phase_1_rad", "phase of the first wave in the board's centre at row 0"),
-        push("push_2_x_m_per_s2", "acceleration along x at the crest of the second wave"),
-        push("push_2_y_m_per_s2", "acceleration along y at the crest of the second wave"),
-        wave("wave_2_x_per_m", "phase of the second wave for each metre along x"),
-        wave("wave_2_y_per_m", "phase of the second wave for each metre along y"),
-        rate("rate_2_per_s", "phase of the second wave for each second since row 0"),
-        phase("phase_2_rad", "phase of the second wave in the board's centre at row 0"),
-        push("push_3_x_m_per_s2", "acceleration along x at the crest of the third wave"),
-        push("push_3_y_m_per_s2", "acceleration along y at the crest of the third wave"),
-        wave("wave_3_x_per_m", "phase of the third wave for each metre along x"),
-        wave("wave_3_y_per_m", "phase of the third wave for each metre along y"),
-        rate("rate_3_per_s", "phase of the third wave for each second since row 0"),
-        phase("phase_3_rad", "phase of the third wave in the board's centre at row 0"),
-        strength("drag_strength", "drag, deceleration at 0.1 m/s; negative drives on"),
-        power("drag_power", "p, with which power of the speed the drag grows"),
-        strength("side_strength", "side, acceleration to the left at 0.1 m/s"),
-        power("side_power", "q, with which power of the speed the push to the side grows"),
-        gain("rate_gain_x_s", "seconds by which the push is ahead of the board's angle about x"),
-        gain("rate_gain_y_s", "seconds by which the push is ahead of the board's angle about y"),
-    ],
-    does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to three waves of \
-           push over the board and time, a drag and a push to the side with any power of the speed, and a push with the \
+    equation: "acceleration = Σ push cos(wave · place + swift · velocity + tilt · angles + rate t + phase) - drag (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g gain × d tilt/dt",
+    parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
+    does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five waves \
+           of push over the board, the marble's velocity, the board's tilt and time, a drag and a push to the side with any power of the speed, and a push with the \
            turning of the board. Accelerations are those of the rolling marble as it is seen, not 7/5 of them. Above 1 m/s \
            the powers count as at 1 m/s; a drag with the power 0 holds a resting marble as friction does.",
     matters: "Where a diagnosis has learned it; it is no hypothesis of its own, since it imitates many effects.",
-    looks: "Whatever the catalogue leaves: pushes that depend on the place, on the time since the beginning, on the speed or on \
-            how fast the board turns.",
+    looks: "Whatever the catalogue leaves: pushes that depend on the place, on the velocity, on the tilt, on the time since the \
+            beginning or on how fast the board turns.",
     references: &[
         "Ljung: System Identification, 2nd ed., ch. 5 (models of nonlinear systems)",
         "Brunton, Proctor, Kutz: Discovering governing equations from data by sparse identification of nonlinear dynamical \
@@ -116,6 +131,9 @@ struct Wave<S: Simd> {
     push: Pair<S>,
     /// Radians a metre along x and y.
     vector: Pair<S>,
+    /// Radians for each m/s along x and y, and for each radian about x and y, where any lane has some.
+    swift: Option<Pair<S>>,
+    tilt: Option<Pair<S>>,
     rate: Lanes<S>,
     phase: Lanes<S>,
 }
@@ -145,12 +163,15 @@ pub(crate) struct Unlisted<S: Simd> {
 impl<S: Simd> Effect<S> for Unlisted<S> {
     fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
         let zero = Lanes::splat(simd, 0.0);
-        let (waves, rest) = values.split_at(18);
-        let waves = waves.chunks_exact(6).map(|one| Wave {
+        let (waves, rest) = values.split_at(WAVES * OF_WAVE);
+        let used = |pair: Pair<S>| (pair[0].ne(zero) | pair[1].ne(zero)).any().then_some(pair);
+        let waves = waves.chunks_exact(OF_WAVE).map(|one| Wave {
             push: [one[0], one[1]],
             vector: [one[2], one[3]],
-            rate: one[4],
-            phase: one[5],
+            swift: used([one[4], one[5]]),
+            tilt: used([one[6], one[7]]),
+            rate: one[8],
+            phase: one[9],
         });
         let law = |strength: Lanes<S>, power: Lanes<S>| {
             let powers = power.to_array();
@@ -162,9 +183,7 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             })
         };
         Self {
-            waves: waves
-                .filter(|one| (one.push[0].ne(zero) | one.push[1].ne(zero)).any())
-                .collect(),
+            waves: waves.filter(|one| used(one.push).is_some()).collect(),
             drag: law(rest[0], rest[1]),
             side: law(rest[2], rest[3]),
             gain: [GRAVITY * rest[4], GRAVITY * rest[5]],
@@ -189,7 +208,14 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         let (zero, one) = (push.length.like(0.0), push.length.like(1.0));
         let (mut x, mut y) = (zero, zero);
         for term in &self.waves {
-            let angle = term.vector[0] * marbles.x + term.vector[1] * marbles.y;
+            let mut angle = term.vector[0] * marbles.x + term.vector[1] * marbles.y;
+            if let Some(swift) = term.swift {
+                let [wx, wy] = marbles.rolling();
+                angle = angle + swift[0] * wx + swift[1] * wy;
+            }
+            if let (Some(by), Some(tilt)) = (term.tilt, self.tilt) {
+                angle = angle + by[0] * tilt[0] + by[1] * tilt[1];
+            }
             let impulse = FORCE * ((angle + term.rate * self.time + term.phase).cos() * push.length);
             x = x + impulse * term.push[0];
             y = y + impulse * term.push[1];

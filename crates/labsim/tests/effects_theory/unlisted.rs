@@ -103,6 +103,33 @@ proptest! {
     }
 
     #[test]
+    fn a_wave_over_the_velocity_pushes_evenly_what_rolls_evenly(swift in -80.0..80.0_f64, phase in 0.0..6.2_f64) {
+        let (speed, push) = (0.1, 0.002);
+        let named = [("push_4_y_m_per_s2", push), ("velocity_4_x_s_per_m", swift), ("phase_4_rad", phase)];
+        for (engine, within) in ENGINES {
+            let trial = Trial { velocity: [speed, 0.0], ..Trial::level(11) };
+            let path = unlisted(trial, &named).run(engine);
+            let n: f64 = 240.0;
+            let way = push * f64::cos(swift * speed + phase) * SUBSTEP * SUBSTEP * n * (n + 1.0) / 2.0;
+            assert_close(path[10][1], way, 2.0 * within, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn a_wave_over_the_tilt_pushes_as_long_as_the_board_stands(knob in -0.02..0.02_f64, by in -900.0..900.0_f64, phase in 0.0..6.2_f64) {
+        // A turn about x drives the marble along y: what moves it along x is the wave alone.
+        let push = 0.004;
+        let named = [("push_5_x_m_per_s2", push), ("tilt_5_x_per_rad", by), ("phase_5_rad", phase)];
+        for (engine, within) in ENGINES {
+            let trial = Trial::of(vec![[knob, 0.0]; 9]);
+            let path = unlisted(trial, &named).run(engine);
+            let n: f64 = 192.0;
+            let way = push * f64::cos(by * knob + phase) * SUBSTEP * SUBSTEP * n * (n + 1.0) / 2.0;
+            assert_close(path[8][0], way, 4.0 * within, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
     fn drag_with_the_first_and_second_power_is_that_of_the_catalogue(strength in 0.001..0.15_f64) {
         let with = |effect, values: &[f64]| Trial { velocity: [0.04, 0.03], ..Trial::level(20) }.with(effect, values);
         for (engine, within) in ENGINES {
