@@ -24,7 +24,7 @@ FORGETFUL, NOISE_LIKE = 1.5, 1.1
 #: No recording has so much more of it than all together, among those with enough coordinates to tell.
 UNEVEN, ENOUGH = 1.3, 60
 #: Scatter, in units of the tracker's, beyond which a model lacks something, whatever is known of it.
-LOST = 1.5
+LOST = 2.0
 #: Effects are believed if they leave no more than this share of the base model's mismatch.
 TRUSTED = 0.1
 #: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
