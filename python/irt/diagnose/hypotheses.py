@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 #: Change of a path that is rounding [board edges].
 _NOTHING = 1e-12
+#: A change of size by so little changes a path alike, as the cosine between the changes.
+_LITTLE, _ALIKE = 0.01, 0.9
 
 
 def hypotheses() -> list[str]:
@@ -57,6 +59,22 @@ def size_of(name: str) -> int | None:
         and np.array_equal(_tried([{"name": name, **_strong(name), one.name: one.neutral}]), plain)
     ]
     return silent[0] if len(silent) == 1 else None
+
+
+@functools.cache
+def is_rough(name: str) -> bool:
+    """Whether a little more of an effect changes a path in another way: each size is to be tried."""
+    index = size_of(name)
+    if index is None:
+        return False
+    strong, one = _strong(name), effect(name).parameters[index]
+    more = one.neutral + (1.0 + _LITTLE) * (strong[one.name] - one.neutral)
+    plain = _tried([])
+    changes = [
+        _tried([{"name": name, **strong, one.name: size}]) - plain for size in (strong[one.name], more)
+    ]
+    lengths = [float(np.linalg.norm(change)) for change in changes]
+    return float((changes[0] * changes[1]).sum()) < _ALIKE * lengths[0] * lengths[1]
 
 
 def _strong(name: str) -> dict[str, float]:

@@ -21,7 +21,7 @@ from irt.diagnose.locate import locate, stages, variables
 from irt.diagnose.partners import Report
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Search
-from irt.diagnose.unlisted import confirmed
+from irt.diagnose.unlisted import MANY, confirmed
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.model import Parameter
@@ -211,14 +211,17 @@ def _searched(search: Search, report: Report) -> _Answer:
         return _Answer(case, best)
     best = search.larger(best)
     if _is_all(search, best):
-        return _Answer(case, best)
+        return _Answer(case, best) if len(best.effects) < MANY else _learned(search, best, report)
     jittering = _jittering(search, report)
-    if jittering is not None:
-        return jittering
+    return _learned(search, best, report) if jittering is None else jittering
+
+
+def _learned(search: Search, best: Fitted, report: Report) -> _Answer:
+    """Choose between the catalogue's best hypothesis and what can be learned without a name."""
     report("physics that the catalogue does not have")
     learned = confirmed(search, best)
     if learned is None:
-        return _Answer(case, best)
+        return _Answer(search.case, best)
     return _Answer(learned[0], learned[1], terms=learned[2], known=best)
 
 

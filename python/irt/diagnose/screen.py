@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect
 from irt.diagnose.case import Case, Fitted
-from irt.diagnose.hypotheses import size_of
+from irt.diagnose.hypotheses import is_rough, size_of
 from irt.fitting.robust import deviation
 from irt.rig import PARAMETERS, RANGES
 from irt.rollouts import SUBSTEP_S
@@ -33,6 +33,8 @@ _STEP = 1e-4
 _PART = 1e-3
 #: Draws of an effect with one, two, and more parameters.
 DRAWS = (32, 128, 512)
+#: Draws of an effect of which a little more is another.
+OF_ROUGH = 1024
 #: Rows before a row whose commands a window tells.
 EARLIER = 10
 #: Physics updates are this many times longer than the engine's own.
@@ -180,18 +182,18 @@ class Screen:
     def draws(self, name: str, count: int | None = None) -> Draws:
         """Draw an effect's parameters over their ranges, and rank the draws by what they would explain.
 
-        The size of an effect, where one parameter is that, is the one that suits each draw best.
+        The size of an effect, where one parameter is that, is the one that suits each draw best, unless a
+        little more of it is another effect: a knob that moves in steps shows it only if the step is exact.
         """
-        parameters = effect(name).parameters
+        parameters, size, rough = effect(name).parameters, size_of(name), is_rough(name)
         if count is None:
-            count = DRAWS[min(len(parameters), len(DRAWS)) - 1]
-        size = size_of(name)
+            count = OF_ROUGH if rough else DRAWS[min(len(parameters), len(DRAWS)) - 1]
         drawn = _drawn(parameters, size, count, self._case.seed)
         if size is None:
             drawn = np.concatenate([self._straight(name), drawn])
         changed = self._freed(self._changes(name, drawn))
         along, length = changed @ self._residual, (changed**2).sum(axis=1)
-        if size is None:
+        if size is None or rough:
             gain = 2.0 * along - length
         else:
             factor = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)

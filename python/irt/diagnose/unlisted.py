@@ -25,6 +25,8 @@ from irt.rig import PARAMETERS
 WAVES = 5
 #: A further term must take away this share of what was left beyond noise.
 LEAST = 0.1
+#: So many effects together may stand for one that has no name, even if they leave noise.
+MANY = 3
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
 
@@ -120,7 +122,7 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
     evidence, left = search.evidence(), excess(search.case, best)
     if evidence.margin(learned, best) <= 0.0:
         return False
-    if left > TRUSTED * excess(search.case, search.base):
+    if len(best.effects) >= MANY or left > TRUSTED * excess(search.case, search.base):
         return True
     if excess(search.case, learned) > HALF * left:
         return False

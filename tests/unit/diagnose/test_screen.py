@@ -5,7 +5,7 @@ import pytest
 
 import irt
 from irt.catalogue import effect
-from irt.diagnose.hypotheses import size_of
+from irt.diagnose.hypotheses import hypotheses, is_rough, size_of
 from irt.diagnose.screen import Screen
 
 
@@ -50,6 +50,18 @@ def test_a_bump_is_found_where_it_is(plant):
     case = plant([bump], runs=6)
     best = Screen(case, case.fit()).draws("bump").values[0]
     assert np.hypot(best[0] - 0.02, best[1] + 0.015) < 0.045
+
+
+def test_only_steps_of_the_knob_are_rough():
+    assert [name for name in hypotheses() if is_rough(name)] == ["command_quantisation"]
+
+
+@pytest.mark.parametrize("step", [0.00909, 0.0153])
+def test_the_step_of_a_knob_is_found_to_a_hundredth(plant, step):
+    """Half a hundredth beside it the rounding is another one, and tells nothing."""
+    case = plant([{"name": "command_quantisation", "step_rad": step}], runs=6)
+    found = Screen(case, case.fit()).draws("command_quantisation")
+    assert found.values[0, 0] == pytest.approx(step, rel=0.01)
 
 
 def test_noise_alone_makes_misfits_of_one(plant):
