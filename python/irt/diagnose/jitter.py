@@ -11,6 +11,8 @@ from irt.rollouts import GRAVITY
 
 #: By so many nats a differing delay must explain the leftover better than any other variable.
 CLEAR = 3.0
+#: What repeats must not explain it better by so many nats in stretches of any length.
+REPEATS = 10.0
 #: Rows of the stretches looked at: in short ones other causes go less astray, long ones show smaller spreads.
 STRETCHES = (24, 60)
 
@@ -20,15 +22,19 @@ def differing_delays(case: Case, mean: Fitted, price: float) -> Parameter | None
 
     If they do, the push that a mean delay leaves over comes with each change of the command, in proportion to
     it, and never twice the same. Other variables explain it less well, and it is worth its price [nats].
+    What repeats must not be clearly better in longer or shorter stretches: in some a picture that turns with
+    the tilt looks like kicks.
     """
+    told: Leftover | None = None
     for longest in STRETCHES:
         leftover = Leftover(case, mean, longest=longest)
         sources = leftover.sources(case.seed)
-        if len(sources) < 2 or sources[0].variable != JITTER:
-            continue
-        if sources[0].gain > max(price, sources[1].gain + CLEAR):
-            return _spread(case, mean, leftover)
-    return None
+        gain = max((one.gain for one in sources if one.variable == JITTER), default=0.0)
+        if any(one.gain > gain + REPEATS for one in sources if one.repeats):
+            return None
+        if len(sources) > 1 and sources[0].variable == JITTER and told is None:
+            told = leftover if gain > max(price, sources[1].gain + CLEAR) else None
+    return None if told is None else _spread(case, mean, told)
 
 
 def _spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:

@@ -55,6 +55,11 @@ class Source:
     p_value: float
     push: float
 
+    @property
+    def repeats(self) -> bool:
+        """Whether the same run brings the same push again."""
+        return self.variable != JITTER and "anew" not in self.variable
+
 
 class Leftover:
     """What a hypothesis leaves over, in stretches away from the rim.
@@ -184,6 +189,9 @@ class Leftover:
         )
         found.append(("position", "camera", alike(rows.place, 0.2)))
         found.append(("command", "camera", alike(rows.knobs / angle, 1.0)))
+        # A picture that turns or stretches with the tilt.
+        both = np.concatenate([rows.knobs / angle, rows.place / 0.2], axis=1)
+        found.append(("command", "camera", alike(both, 1.0)))
         return found
 
     def _of(
