@@ -1,0 +1,45 @@
+"""Delays that differ, and what only looks like them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from irt.diagnose.case import Case
+from irt.diagnose.jitter import differing_delays
+from irt.diagnose.latent import Leftover
+from irt.diagnose.search import Search
+
+
+def searched(case):
+    search = Search(case, lambda _: None)
+    search.keep(case.fit())
+    return search
+
+
+def price(search):
+    return search.evidence().price(2, 1)
+
+
+def test_delays_that_differ_are_sized(plant):
+    case = plant(
+        [{"name": "delay", "delay_s": 0.15}, {"name": "delay_jitter", "sd_s": 0.1}], runs=8, rows=120
+    )
+    search = searched(case)
+    spread = differing_delays(case, search.with_effect("delay"), price(search))
+    assert spread is not None
+    assert 0.04 < spread.value < 0.25
+    assert spread.low < spread.value < spread.high
+
+
+def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
+    case = plant(runs=6, rows=120)
+    turned = []
+    for one in case.rig.recordings:
+        place = (one.marble[:, 0] + 1j * one.marble[:, 1]) * np.exp(0.9j * one.knobs[:, 0])
+        turned.append(replace(one, marble=np.stack([place.real, place.imag], axis=1)))
+    case = Case.of(replace(case.rig, recordings=tuple(turned)))
+    search = searched(case)
+    mean = search.with_effect("delay")
+    likeliest = Leftover(case, mean, longest=60).sources(0)[0]
+    assert (likeliest.variable, likeliest.stage) == ("command", "camera")
+    assert differing_delays(case, mean, price(search)) is None
