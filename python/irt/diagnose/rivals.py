@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effect, effects
 from irt.diagnose.case import Case, Fitted
+from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.search import Search
 
 Array = NDArray[np.float64]
@@ -44,12 +45,12 @@ def rivals(search: Search, best: Fitted, asked: Sequence[str]) -> dict[str, list
 
 
 def _instead(search: Search, best: Fitted, name: str) -> list[Fitted]:
-    """Return the hypotheses that have something else in the place of an effect."""
+    """Return the hypotheses that have another effect of the catalogue in the place of one."""
     rest = frozenset(best.effects) - {name}
     return [
         one
         for names, one in search.fits.items()
-        if len(names) == len(best.effects) and rest <= names and name not in names
+        if len(names) == len(best.effects) and rest <= names and not names & {name, UNLISTED}
     ]
 
 

@@ -1,9 +1,12 @@
 """What a search tries, and what it takes for one thing by two names."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from irt.diagnose import search
+from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Search
 
@@ -30,6 +33,14 @@ def test_a_late_command_and_a_late_picture_are_one_thing_by_two_names(begun):
     found = begun({"name": "latency", "latency_s": 0.15})
     best = found.with_effect("latency")
     assert "delay" in {one.effects[0] for one in rivals(found, best, best.effects)["latency"]}
+
+
+def test_what_was_learned_without_a_name_ties_with_none(begun):
+    """It imitates what has one; a tie is a choice of names."""
+    found = begun({"name": "tilt_bias", "bias_x_rad": 0.002, "bias_y_rad": 0.001})
+    best = found.with_effect("tilt_bias")
+    found.fits[frozenset({UNLISTED})] = replace(best, effects=(UNLISTED,))
+    assert (UNLISTED,) not in {one.effects for one in rivals(found, best, best.effects)["tilt_bias"]}
 
 
 def test_a_hypothesis_is_begun_where_a_larger_one_led(begun):
