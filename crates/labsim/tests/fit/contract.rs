@@ -233,11 +233,11 @@ fn the_trackers_noise_shows_in_fourth_differences() {
 fn a_tracker_that_errs_alike_within_a_pixel_tells_its_noise_while_the_marble_moves() {
     let mut random = Random(ChaCha8Rng::seed_from_u64(4));
     let errors: Vec<f64> = (0..3000).map(|_| 0.01 * random.normal()).collect();
-    // Ten rows at rest, then ten of three pixels each.
-    let pixel = |t: usize| 30 * (t / 20) + 3 * (t % 20).saturating_sub(10);
+    // A hundred rows at rest, then a hundred of three pixels each.
+    let pixel = |t: usize| 300 * (t / 200) + 3 * (t % 200).saturating_sub(100);
     let path: Vec<[f64; 2]> = (0..2000)
-        .map(|t| [0.002 * pixel(t) as f64 + errors[pixel(t) % 3000], 0.0])
+        .map(|t| [pixel(t), pixel(t) + 1500].map(|one| 0.002 * one as f64 + errors[one % 3000]))
         .collect();
     let noise = tracker_noise([path.as_slice()]);
-    assert!(near(noise, 0.01, 0.25), "{noise}");
+    assert!(near(noise, 0.01, 0.15), "{noise}");
 }
