@@ -49,7 +49,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--rounds",
         metavar="R",
         type=whole(1),
-        help="proofs of so many rigs, one after the other, each with seals of its own (default: 1)",
+        help="proofs of so many rigs, one after the other, each with seals of its own "
+        f"(default: 1; of --full: {_ROUNDS})",
     )
     parser.add_argument(
         "--seed", metavar="S", type=whole(0), help="of what is hidden (default: drawn and kept sealed)"
@@ -175,13 +176,14 @@ def _settings(args: argparse.Namespace, rounds: Rounds, finished: Sequence[Place
     if args.world is None:
         world = f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
     told = {"command": f"`{shlex.join(words)}`"}
+    seeds = [f"{read_json(one.keys)['seed']}" for one in finished]
+    if args.seed is None:
+        seeds.append("drawn by the operating system")
     if rounds.count > 1:
         told["rounds"] = f"{len(finished)} of {rounds.count} are finished, and counted here"
-    seeds = ", ".join(f"{read_json(one.keys)['seed']}" for one in finished)
     return {
         **told,
-        "seed" if rounds.count == 1 else "seeds": seeds
-        + (", drawn by the operating system" if args.seed is None else ""),
+        "seed" if rounds.count == 1 else "seeds": ", ".join(seeds),
         "rigs made by": world,
         "diagnosed by": f"irt {version('labsim-irt')}, one thread each",
     }

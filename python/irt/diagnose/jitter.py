@@ -32,8 +32,9 @@ def differing_delays(case: Case, mean: Fitted, price: float) -> Parameter | None
         gain = max((one.gain for one in sources if one.variable == JITTER), default=0.0)
         if any(one.gain > gain + REPEATS for one in sources if one.repeats):
             return None
-        if len(sources) > 1 and sources[0].variable == JITTER and told is None:
-            told = leftover if gain > max(price, sources[1].gain + CLEAR) else None
+        others = max((one.gain for one in sources if one.variable != JITTER), default=np.inf)
+        if told is None and gain > max(price, others + CLEAR):
+            told = leftover
     return None if told is None else _spread(case, mean, told)
 
 

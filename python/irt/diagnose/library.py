@@ -8,7 +8,6 @@ taken.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -33,13 +32,14 @@ POWERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 WORTH = 25.0
 #: Rows of the stretches in which predictions are looked at once something is learned.
 HORIZONS = (LONGEST, 60, 120)
-#: Parameters of a wave over each of what it may depend on: place, velocity, tilt, time.
-_VECTORS = (
-    ("wave_1_x_per_m", "wave_1_y_per_m"),
-    ("velocity_1_x_s_per_m", "velocity_1_y_s_per_m"),
-    ("tilt_1_x_per_rad", "tilt_1_y_per_rad"),
-    ("rate_1_per_s", ""),
-)
+#: Waves that the engine's effect can hold, and the parameters of one over each of what it may depend on.
+WAVES = 5
+_VECTORS = {
+    "position": ("wave_1_x_per_m", "wave_1_y_per_m"),
+    "velocity": ("velocity_1_x_s_per_m", "velocity_1_y_s_per_m"),
+    "command": ("tilt_1_x_per_rad", "tilt_1_y_per_rad"),
+    "time": ("rate_1_per_s",),
+}
 #: Speed at which the strength of a power law is given [m/s].
 AT = 0.1
 
@@ -53,7 +53,7 @@ class Term:
     variable : str
         What the push depends on: "position", "time", "velocity" or "command".
     values : dict
-        Parameters of the engine's effect, of the first slot where there are several.
+        Parameters of the engine's effect, those of a wave by their names in the first slot.
     free : tuple of str
         Those that a fit may move.
     explained : float
@@ -70,11 +70,6 @@ class Term:
         """The power law that it is, "drag" or "side"; None for a wave."""
         return next((name for name in LAWS if f"{name}_power" in self.values), None)
 
-    @property
-    def vector(self) -> dict[str, float]:
-        """The wave's phase for each unit of what it depends on, by the names of the first slot."""
-        return {re.sub(r"_\d_", "_1_", name): value for name, value in self.values.items()}
-
     def in_slot(self, slot: int) -> Term:
         """Return it in another of the engine's waves."""
 
@@ -85,7 +80,13 @@ class Term:
         return Term(self.variable, values, tuple(moved(name) for name in self.free), self.explained)
 
 
-def likely_terms(case: Case, base: Fitted, learned: Fitted, terms: Sequence[Term], waves: int) -> list[Term]:
+def in_slots(terms: Sequence[Term]) -> list[Term]:
+    """Return terms as the engine's effect takes them together: each wave in a slot of its own."""
+    waves = [sum(term.law is None for term in terms[:count]) for count in range(1, len(terms) + 1)]
+    return [term.in_slot(slot) for term, slot in zip(terms, waves, strict=True)]
+
+
+def likely_terms(case: Case, base: Fitted, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
     """Return terms that explain most of what is left over, as the motion itself shows it and predictions do.
 
     Parameters
@@ -96,19 +97,17 @@ def likely_terms(case: Case, base: Fitted, learned: Fitted, terms: Sequence[Term
         The base model, and with it what was learned so far.
     terms : sequence of Term
         Those that were learned.
-    waves : int
-        How many waves there may be in all.
 
     Returns
     -------
     list of Term
         Of each view the likeliest, where it explains more than chance does in a library of this size.
     """
-    found = [_likeliest(_seen(case, base, terms), case, terms, waves)]
+    found = [_likeliest(_seen(case, base, terms), case, terms)]
     if terms:
         # In long stretches small pushes show, in short ones predictions do not go astray.
         views = (Leftover(case, learned, longest=rows) for rows in HORIZONS)
-        found += [_likeliest(_View(one, case, learned), case, terms, waves) for one in views if one.count]
+        found += [_likeliest(_View(one, case, learned), case, terms) for one in views if one.count]
     return [one for one in found if one is not None]
 
 
@@ -123,17 +122,17 @@ def _seen(case: Case, base: Fitted, terms: Sequence[Term]) -> _View | None:
     return view
 
 
-def _likeliest(view: _View | None, case: Case, terms: Sequence[Term], waves: int) -> Term | None:
-    """Return the term that explains most in a view, in a slot that is free."""
+def _likeliest(view: _View | None, case: Case, terms: Sequence[Term]) -> Term | None:
+    """Return the term that explains most in a view, of those that the engine's effect still has room for."""
     if view is None:
         return None
     laws = [name for name in LAWS if name not in {term.law for term in terms}]
     used = sum(term.law is None for term in terms)
-    told = [*view.powers(laws), *(view.waves() if used < waves else ())]
+    told = [*view.powers(laws), *(view.waves() if used < WAVES else ())]
     best: Term | None = max(told, key=lambda one: one.explained, default=None)
     if best is None or best.explained * view.total < 2.0 * WORTH * case.noise**2:
         return None
-    return best.in_slot(used + 1)
+    return best
 
 
 class _View:
@@ -143,10 +142,13 @@ class _View:
         edge_m, row_s = case.edge_m(parent), case.row_s(parent)
         rows = leftover.rows
         self._leftover, self._row_s = leftover, row_s
-        self._place = rows.place * edge_m
-        self._velocity = rows.velocity * edge_m / row_s
-        self._tilt = rows.knobs * parent.values[[PARAMETERS.index(name) for name in ("gear_x", "gear_y")]]
-        self._seconds = rows.time * row_s
+        gears = parent.values[[PARAMETERS.index(name) for name in ("gear_x", "gear_y")]]
+        self._told = {
+            "position": rows.place * edge_m,
+            "velocity": rows.velocity * edge_m / row_s,
+            "command": rows.knobs * gears,
+            "time": rows.time[:, None] * row_s,
+        }
         #: From pushes in m/s^2 to board edges a row squared.
         self._unit = row_s**2 / edge_m
         self._data = [self._freed(axis) for axis in (0, 1)]
@@ -162,9 +164,8 @@ class _View:
             push = self._power_law(term.law, term.values[f"{term.law}_power"])
             pushes = [push[:, :1], push[:, 1:]]
         else:
-            vectors = np.array([[term.vector.get(name, 0.0) for name in names] for names in _VECTORS])
-            told = (self._place, self._velocity, self._tilt, np.stack([self._seconds] * 2, axis=1))
-            angle = sum(values @ vector for values, vector in zip(told, vectors, strict=True))
+            vector = np.array([term.values[name] for name in _VECTORS[term.variable]])
+            angle = self._told[term.variable] @ vector
             pushes = [np.stack([np.cos(angle), np.sin(angle)], axis=1)] * 2
         for axis in (0, 1):
             self._leftover.explain(axis, self._leftover.moved(pushes[axis]))
@@ -175,19 +176,14 @@ class _View:
 
     def waves(self) -> Iterator[Term]:
         """Yield of each kind the wave, with a push in one direction, that explains most."""
-        step = np.pi / (2.0 * max(float(np.ptp(self._place[:, 0])), 0.05))
-        over_board = _half_plane(np.full(2, step), int(2.0 * np.pi / SHORTEST_M / step))
-        yield self._wave("position", _VECTORS[0], self._place, over_board)
-        for variable, names, values in (
-            ("velocity", _VECTORS[1], self._velocity),
-            ("command", _VECTORS[2], self._tilt),
-        ):
-            seen = np.ptp(values, axis=0)
+        step = np.pi / (2.0 * max(float(np.ptp(self._told["position"][:, 0])), 0.05))
+        yield self._wave("position", _half_plane(np.full(2, step), int(2.0 * np.pi / SHORTEST_M / step)))
+        for variable in ("velocity", "command"):
+            seen = np.ptp(self._told[variable], axis=0)
             if (seen > 0.0).all():
-                yield self._wave(variable, names, values, _half_plane(np.pi / (2.0 * seen), 4 * PERIODS))
-        step = np.pi / (2.0 * max(float(self._seconds.max()), self._row_s))
-        rates = np.arange(step, 2.0 * np.pi / (SHORTEST_ROWS * self._row_s), step)
-        yield self._wave("time", ("rate_1_per_s",), self._seconds[:, None], rates[:, None])
+                yield self._wave(variable, _half_plane(np.pi / (2.0 * seen), 4 * PERIODS))
+        step = np.pi / (2.0 * max(float(self._told["time"].max()), self._row_s))
+        yield self._wave("time", np.arange(step, 2.0 * np.pi / (SHORTEST_ROWS * self._row_s), step)[:, None])
 
     def powers(self, laws: Sequence[str]) -> Iterator[Term]:
         """Yield power laws of the speed, against the motion and across it."""
@@ -199,14 +195,15 @@ class _View:
 
     def _power_law(self, name: str, power: float) -> Array:
         """Return pushes (n, 2) of a power law of unit strength."""
-        speed = np.maximum(np.linalg.norm(self._velocity, axis=1, keepdims=True), 1e-9)
-        along = self._velocity / speed
+        velocity = self._told["velocity"]
+        speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
+        along = velocity / speed
         direction = -along if name == "drag" else np.stack([-along[:, 1], along[:, 0]], axis=1)
         return np.asarray(direction * (speed / AT) ** power)
 
-    def _wave(self, variable: str, names: tuple[str, ...], values: Array, vectors: Array) -> Term:
-        """Return the wave that explains most, of (k, c) vectors over (n, c) values in each row."""
-        angles = values @ vectors.T
+    def _wave(self, variable: str, vectors: Array) -> Term:
+        """Return the wave that explains most, of (k, c) vectors over the c values of a variable."""
+        angles = self._told[variable] @ vectors.T
         amplitudes, explained = np.zeros((len(vectors), 2, 2)), np.zeros(len(vectors))
         for axis in (0, 1):
             parts = [
@@ -226,7 +223,7 @@ class _View:
         told = {
             "push_1_x_m_per_s2": float(push[0]),
             "push_1_y_m_per_s2": float(push[1]),
-            **dict(zip(names, vectors[best].tolist(), strict=True)),
+            **dict(zip(_VECTORS[variable], vectors[best].tolist(), strict=True)),
             "phase_1_rad": float(phase % (2.0 * np.pi)),
         }
         return Term(variable, told, tuple(told), float(explained[best]))

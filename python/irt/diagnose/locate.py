@@ -62,7 +62,7 @@ def stages(case: Case, fitted: Fitted, sources: Sequence[Source]) -> list[Findin
     A flexible push or shift at each stage is compared by restricted likelihood; the strength is the logarithm
     of that over the best one's, so that stages that explain alike look alike.
     """
-    clear = [one for one in sources if one.p_value <= CLEAR and one.gain > 0.0 and one.variable in _VARIABLES]
+    clear = [one for one in sources if one.p_value <= CLEAR and one.gain > 0.0 and one.repeats]
     best: dict[str, Source] = {}
     for one in clear:
         best.setdefault(one.stage, one)

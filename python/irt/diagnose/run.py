@@ -222,7 +222,8 @@ def _learned(search: Search, best: Fitted, report: Report) -> _Answer:
     learned = confirmed(search, best)
     if learned is None:
         return _Answer(search.case, best)
-    return _Answer(learned[0], learned[1], terms=learned[2], known=best)
+    case, terms, fitted = learned
+    return _Answer(case, fitted, terms=terms, known=best)
 
 
 def _jittering(search: Search, report: Report) -> _Answer | None:

@@ -17,12 +17,10 @@ from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import TRUSTED, Evidence, excess, is_explained
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.impacts import shows
-from irt.diagnose.library import Term, likely_terms
+from irt.diagnose.library import WAVES, Term, in_slots, likely_terms
 from irt.diagnose.search import Search
 from irt.rig import PARAMETERS
 
-#: Waves that the engine's effect can hold.
-WAVES = 5
 #: A further term must take away this share of what was left beyond noise.
 LEAST = 0.1
 #: So many effects together may stand for one that has no name, even if they leave noise.
@@ -45,7 +43,7 @@ def learn(case: Case, base: Fitted) -> Iterator[Learned]:
     terms: tuple[Term, ...] = ()
     held, learned = case, base
     while True:
-        likely = likely_terms(held, base, learned, terms, WAVES)
+        likely = likely_terms(held, base, learned, terms)
         if not likely:
             return
         tried = [_added(case, learned, (*terms, one)) for one in likely]
@@ -60,7 +58,7 @@ def learn(case: Case, base: Fitted) -> Iterator[Learned]:
 def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
     """Refine what was learned with one term more, from where that term explains most."""
     values = _values(learned, terms)
-    free = {name for term in terms for name in term.free}
+    free = {name for term in in_slots(terms) for name in term.free}
     names = [one.name for one in effect(UNLISTED).parameters]
     still = {name: value for name, value in zip(names, values, strict=True) if name not in free}
     held = case.holding(UNLISTED, still)
@@ -70,7 +68,7 @@ def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
 def _values(learned: Fitted, terms: Sequence[Term]) -> list[float]:
     """Return the values of the engine's effect: what was learned, and the last term as it explains most."""
     neutral = {one.name: one.neutral for one in effect(UNLISTED).parameters}
-    return list((neutral | learned.value_of(UNLISTED) | terms[-1].values).values())
+    return list((neutral | learned.value_of(UNLISTED) | in_slots(terms)[-1].values).values())
 
 
 def _best(case: Case, tried: Sequence[Learned]) -> Learned:
@@ -79,7 +77,7 @@ def _best(case: Case, tried: Sequence[Learned]) -> Learned:
     return min(tried, key=lambda one: one[2].loss(scale))
 
 
-def confirmed(search: Search, best: Fitted) -> tuple[Case, Fitted, tuple[Term, ...]] | None:
+def confirmed(search: Search, best: Fitted) -> Learned | None:
     """Return what was learned, if it beats the catalogue's best hypothesis and recordings held out agree.
 
     Terms stay as long as they are better than those before them; what is likelier, but not on recordings held
@@ -106,9 +104,8 @@ def confirmed(search: Search, best: Fitted) -> tuple[Case, Fitted, tuple[Term, .
             break
     if kept is None:
         return None
-    fixed, terms, fitted = kept
-    search.remember(fitted, held_before)
-    return (fixed, fitted, terms) if _is_preferred(search, fitted, best) else None
+    search.remember(before, held_before)
+    return kept if _is_preferred(search, before, best) else None
 
 
 def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:

@@ -305,10 +305,8 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, expected:
     without = _emptied(pictures, known.without, discs)
     views = [_view(pictures[index], rim, Underlay(without), known.noise, scale) for index, rim in discs]
     appearance = learn_appearance(views, radius, _plausible(radius, expected), known.noise)
-    learned = Learned(
-        Finder(without, colours, appearance.radius, known.noise, known.box),
-        appearance,
-    )
+    finder = replace(known, without=without, colours=colours, radius=appearance.radius)
+    learned = Learned(finder, appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
     first = next(((one.x, one.y) for index, one in matches if index == 0 and one.confidence > VIEW), None)
