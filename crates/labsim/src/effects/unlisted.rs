@@ -107,9 +107,10 @@ pub(super) const ABOUT: About = About {
     equation: "acceleration = Σ push cos(wave · place + swift · velocity + tilt · angles + rate t + phase) - drag (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g gain × d tilt/dt",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
     does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five waves \
-           of push over the board, the marble's velocity, the board's tilt and time, a drag and a push to the side with any power of the speed, and a push with the \
-           turning of the board. Accelerations are those of the rolling marble as it is seen, not 7/5 of them. Above 1 m/s \
-           the powers count as at 1 m/s; a drag with the power 0 holds a resting marble as friction does.",
+           of push over the board, the marble's velocity, the board's tilt and time, a drag and a push to the side with any \
+           power of the speed, and a push with the turning of the board. Accelerations are those of the rolling marble as it \
+           is seen, not 7/5 of them. Above 1 m/s the powers count as at 1 m/s; a drag with the power 0 holds a resting marble \
+           as friction does.",
     matters: "Where a diagnosis has learned it; it is no hypothesis of its own, since it imitates many effects.",
     looks: "Whatever the catalogue leaves: pushes that depend on the place, on the velocity, on the tilt, on the time since the \
             beginning or on how fast the board turns.",

@@ -57,7 +57,7 @@ pub(super) fn scale(residuals: &[f64], known: &[bool]) -> f64 {
 /// deviation is √70 times the tracker's. A tracker that reads pixels errs alike for as long as the marble
 /// stays within one, though: where rows in which it moves differ by much more than the others, they tell.
 pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -> f64 {
-    let (mut all, mut ways, mut on_the_way) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut all, mut on_the_way) = (Vec::new(), Vec::new());
     for observed in recordings {
         for axis in 0..2 {
             let path: Vec<f64> = observed.iter().map(|row| row[axis]).collect();
@@ -66,13 +66,12 @@ pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -
                 let way = (rows[rows.len() - 1] - rows[0]).abs();
                 let one = fourth(&rows[BESIDE..BESIDE + 5]);
                 if (way + one).is_finite() {
-                    ways.push(way);
                     on_the_way.push((way, one));
                 }
             }
         }
     }
-    let usual = median(ways);
+    let usual = median(on_the_way.iter().map(|(way, _)| *way).collect());
     let moving: Vec<f64> = on_the_way
         .into_iter()
         .filter_map(|(way, one)| (way > usual).then_some(one))
