@@ -127,7 +127,9 @@ def _drawn(name: str, random: np.random.Generator) -> dict[str, Any]:
     parameters = irt.catalogue.effect(name).parameters
     size = size_of(name)
     for index, one in enumerate(parameters):
-        if (size is not None and index != size and len(parameters) > 1) or not np.isfinite(one.neutral):
+        if one.is_choice:
+            drawn[one.name] = float(random.choice(one.choices))
+        elif (size is not None and index != size and len(parameters) > 1) or not np.isfinite(one.neutral):
             drawn[one.name] = float(random.uniform(one.low, one.high))
         else:
             end = one.high if random.random() < (one.high - one.neutral) / (one.high - one.low) else one.low

@@ -112,7 +112,7 @@ def _table(effect: EffectInfo) -> Iterator[str]:
     yield "| parameter | unit | range | neutral | |"
     yield "| --- | --- | --- | ---: | --- |"
     for one in effect.parameters:
-        yield f"| `{one.name}` | {one.unit} | {one.low:g} to {one.high:g} | {one.neutral:g} | {one.doc} |"
+        yield f"| `{one.name}` | {one.unit} | {one.searched} | {one.neutral:g} | {one.doc} |"
 
 
 def page(drawn_at: dict[str, str]) -> str:

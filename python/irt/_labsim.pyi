@@ -19,6 +19,7 @@ __all__ = [
     "refine",
     "rollouts",
     "tracker_noise",
+    "turned",
 ]
 
 __version__: Final[str]
@@ -46,6 +47,7 @@ def rollouts(
     start: npt.NDArray[np.float64],
     start_velocity: npt.NDArray[np.float64],
     rolled: npt.NDArray[np.float64],
+    turned: npt.NDArray[np.float64],
     *,
     rows: int,
     first: npt.NDArray[np.uintp],
@@ -61,6 +63,7 @@ def rollouts(
     durations: npt.NDArray[np.float64] | None,
     threads: int | None,
 ) -> npt.NDArray[np.float64]: ...
+def turned(path: npt.NDArray[np.float64], radius_m: float) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
 def fit(
     problem: Mapping[str, Any],

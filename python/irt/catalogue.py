@@ -45,6 +45,23 @@ class EffectParameter:
     most: float
     doc: str
 
+    @property
+    def is_choice(self) -> bool:
+        """Whether it is a question of yes (1) or no (0): both are tried, and nothing between them."""
+        return self.low == self.high
+
+    @property
+    def choices(self) -> tuple[float, float]:
+        """What a choice may be."""
+        return self.least, self.most
+
+    @property
+    def searched(self) -> str:
+        """Where a search looks, in words."""
+        if self.is_choice:
+            return " or ".join(f"{one:g}" for one in self.choices)
+        return f"{self.low:g} to {self.high:g}"
+
 
 @dataclass(frozen=True)
 class EffectInfo:

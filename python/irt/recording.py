@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike, read_text, write_atomic
-from irt.way import way_rolled
+from irt.way import path_rolled, way_rolled
 
 Array = NDArray[np.float64]
 #: Names the place of a value in a message, from its row (from 0) and its column.
@@ -93,6 +93,11 @@ class Recording:
     def seen(self) -> NDArray[np.bool_]:
         """Rows in which the tracker saw the marble, (n,)."""
         return ~np.isnan(self.marble[:, 0])
+
+    @cached_property
+    def rolled_path(self) -> Array:
+        """Where the marble has rolled, without noise, (n, 2) [board edges]."""
+        return path_rolled(self.marble)
 
     @cached_property
     def way(self) -> Array:

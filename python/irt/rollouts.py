@@ -51,6 +51,7 @@ def rollouts(
     knobs_before: npt.ArrayLike | None = None,
     start_velocity: npt.ArrayLike | None = None,
     rolled: npt.ArrayLike = 0.0,
+    turned: npt.ArrayLike | None = None,
     durations: npt.ArrayLike | None = None,
     time_step: TimeStep = "rounded",
     substeps: npt.ArrayLike | None = None,
@@ -94,6 +95,8 @@ def rollouts(
         Observed velocity at the first row [board edges per second]; default at rest.
     rolled : float or (n,), optional
         How far the marble has rolled before [m], for what depends on how it is turned; default not at all.
+    turned : (3,) or (n, 3), optional
+        The rotation by which that has turned it: its axis times its angle [rad]; default none.
     durations : (steps,) or (n, steps), optional
         Seconds that each command holds, from a recording's stamps; ``time_scale`` is not used then.
     time_step : {"rounded", "continuous"}
@@ -134,6 +137,7 @@ def rollouts(
         _pairs("start", start, count),
         _pairs("start_velocity", start_velocity, count),
         _numbers("rolled", rolled, count),
+        _vectors("turned", turned, count, 3),
         rows=_whole("rows", rows, 1),
         first=firsts,
         issued=_lengths(issued, count, steps),
@@ -197,11 +201,16 @@ def _per_rollout(
 
 
 def _pairs(what: str, values: npt.ArrayLike | None, count: int) -> Array:
+    return _vectors(what, values, count, 2)
+
+
+def _vectors(what: str, values: npt.ArrayLike | None, count: int, width: int) -> Array:
     if values is None:
-        return np.zeros((1, 2))
-    array = _per_rollout(what, values, "(2,) or (n, 2)", 2, count)
-    if array.shape[1] != 2:
-        raise IrtError(f"{what}: expected shape (2,) or (n, 2), got {np.shape(values)}")
+        return np.zeros((1, width))
+    shape = f"({width},) or (n, {width})"
+    array = _per_rollout(what, values, shape, 2, count)
+    if array.shape[1] != width:
+        raise IrtError(f"{what}: expected shape {shape}, got {np.shape(values)}")
     return array
 
 

@@ -12,7 +12,7 @@ from irt.errors import IrtError
 from irt.recording import Recording
 from irt.rig import Rig
 from irt.rollouts import SUBSTEP_S
-from irt.start_state import Inputs
+from irt.start_state import Inputs, Paths
 
 Array = NDArray[np.float64]
 
@@ -50,6 +50,8 @@ class Segment:
         How long those hold [s].
     way : (n,) array or None
         How far the marble has rolled from the recording's row 0 to each row [board edges].
+    run_path : (m, 2) array or None
+        Where it has rolled in the whole recording, a place a row [board edges].
     """
 
     recording: str
@@ -62,6 +64,7 @@ class Segment:
     run_knobs: Array | None = None
     run_durations: Array | None = None
     way: Array | None = None
+    run_path: Array | None = None
 
     def cut(self, first: int, stop: int) -> Segment:
         """Return some of its rows, with the commands before them; how the marble begins is not known."""
@@ -77,6 +80,7 @@ class Segment:
             run_knobs=self.knobs if whole else self.run_knobs,
             run_durations=self.durations if whole else self.run_durations,
             way=None if self.way is None else self.way[own],
+            run_path=self.run_path,
         )
 
 
@@ -138,7 +142,22 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
             durations[i, : issued[i]] = run_durations
     first = np.array([first for _, _, first in runs])
     rolled = np.array([0.0 if segment.way is None else segment.way[0] for segment in batch])
-    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled)
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, _paths_of(batch))
+
+
+def _paths_of(batch: Sequence[Segment]) -> Paths:
+    """Return the paths of the recordings that segments are of, each once."""
+    known: dict[str, int] = {}
+    paths: list[Array] = []
+    for segment in batch:
+        if segment.recording not in known:
+            known[segment.recording] = len(paths)
+            paths.append(np.zeros((1, 2)) if segment.run_path is None else segment.run_path)
+    return Paths(
+        tuple(paths),
+        np.array([known[segment.recording] for segment in batch]),
+        np.array([0 if segment.run_path is None else segment.first_row for segment in batch]),
+    )
 
 
 def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
@@ -155,6 +174,7 @@ def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
         run_knobs=recording.knobs,
         run_durations=durations,
         way=recording.way[stretch],
+        run_path=recording.rolled_path,
     )
 
 

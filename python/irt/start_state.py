@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import _labsim
 from irt.model import Model
 from irt.rig import PARAMETERS
 from irt.rollouts import rollouts
@@ -19,6 +20,39 @@ Array = NDArray[np.float64]
 _STEPS = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 #: Gauss-Newton steps; with the base physics the third hardly moves the state any more.
 _ITERATIONS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """What windows were rolled before.
+
+    Attributes
+    ----------
+    paths : tuple of (m, 2) arrays
+        Where marbles have rolled in whole recordings, a place a row [board edges].
+    of, row : (w,) int arrays
+        Which path each window is of, and in which row of it the window begins.
+    """
+
+    paths: tuple[Array, ...]
+    of: NDArray[np.int64]
+    row: NDArray[np.int64]
+
+    def taken(self, windows: NDArray[np.int64]) -> Paths:
+        """Return what some windows were rolled before."""
+        return Paths(self.paths, self.of[windows], self.row[windows])
+
+    def turned(self, edge_m: float, radius_m: float) -> Array:
+        """Return by what rotation this has turned marbles, axis times angle, (w, 3) [rad].
+
+        `edge_m` is how far the marble goes while it is seen to go one edge [m].
+        """
+        found = np.zeros((len(self.of), 3))
+        for index, path in enumerate(self.paths):
+            own = self.of == index
+            if self.row[own].any():
+                found[own] = _labsim.turned(path * edge_m, radius_m)[self.row[own]]
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +73,8 @@ class Inputs:
         n, the rows of each window.
     rolled : (w,) array
         How far the marble has rolled before each window [board edges].
+    paths : Paths or None
+        And where; by default it has not been turned by that.
     """
 
     knobs: Array
@@ -47,6 +83,7 @@ class Inputs:
     issued: NDArray[np.int64]
     rows: int
     rolled: Array
+    paths: Paths | None = None
 
     @classmethod
     def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
@@ -72,6 +109,7 @@ class Inputs:
             self.issued[windows],
             self.rows,
             self.rolled[windows],
+            None if self.paths is None else self.paths.taken(windows),
         )
 
 
@@ -119,6 +157,7 @@ def simulate(
         if added is None or effect.name != added["name"]
     ]
     own = model.values if values is None else values
+    edge_m = model.board.edge_x_m / own[PARAMETERS.index("observation_scale")]
     return rollouts(
         np.tile(own, (len(states), 1)),
         inputs.knobs,
@@ -126,7 +165,8 @@ def simulate(
         effects=effects if added is None else [*effects, added],
         start=states[:, :2],
         start_velocity=states[:, 2:],
-        rolled=inputs.rolled * model.board.edge_x_m / own[PARAMETERS.index("observation_scale")],
+        rolled=inputs.rolled * edge_m,
+        turned=None if inputs.paths is None else inputs.paths.turned(edge_m, model.marble.radius_m),
         durations=inputs.durations,
         time_step=model.time_step,
         substeps=None if substeps is None else np.full(len(states), substeps),

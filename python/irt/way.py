@@ -1,4 +1,4 @@
-"""How far a marble has rolled, from where a camera saw it."""
+"""Where and how far a marble has rolled, from where a camera saw it."""
 
 from __future__ import annotations
 
@@ -19,28 +19,39 @@ _WILD = 6.0
 _MOVED = 4.0
 
 
+def path_rolled(marble: Array) -> Array:
+    """Return the path, (n, 2) [board edges], that (n, 2) positions tell of: smoothed, without slips.
+
+    Rows in which the tracker lost the marble are bridged by a straight line.
+    """
+    path = _bridged(marble)
+    return _smoothed(_tamed(path, _noise(path)))
+
+
 def way_rolled(marble: Array) -> Array:
     """Return the length of the path up to each row, (n,) [board edges], from (n, 2) positions.
 
-    Noise makes every path longer, and without end where the marble rests. So positions are smoothed, and one
-    counts once it lies farther from the last that counted than noise takes it. Rows in which the tracker
-    lost the marble are bridged by a straight line.
+    Noise makes every path longer, and without end where the marble rests. So a place counts once it lies
+    farther from the last that counted than noise takes it.
     """
-    seen = np.flatnonzero(np.isfinite(marble).all(axis=1))
-    if len(seen) < 2:
-        return np.zeros(len(marble))
-    rows = np.arange(len(marble))
-    path = np.stack([np.interp(rows, seen, marble[seen, axis]) for axis in (0, 1)], axis=1)
-    noise = _noise(path)
-    smooth = _smoothed(_tamed(path, noise))
+    noise, path = _noise(_bridged(marble)), path_rolled(marble)
     way = np.zeros(len(path))
-    done, last = 0.0, smooth[0]
-    for row, place in enumerate(smooth):
+    done, last = 0.0, path[:1].sum(axis=0)
+    for row, place in enumerate(path):
         step = float(np.hypot(*(place - last)))
         if step > _MOVED * noise:
             done, last = done + step, place
         way[row] = done
     return way
+
+
+def _bridged(marble: Array) -> Array:
+    """Return positions with straight lines where the tracker lost the marble; zeros if it hardly saw it."""
+    seen = np.flatnonzero(np.isfinite(marble).all(axis=1))
+    if len(seen) < 2:
+        return np.zeros(marble.shape)
+    rows = np.arange(len(marble))
+    return np.stack([np.interp(rows, seen, marble[seen, axis]) for axis in (0, 1)], axis=1)
 
 
 def _noise(path: Array) -> float:

@@ -47,6 +47,7 @@ def recorded_by_rapier(name: str, values: dict[str, float]) -> tuple[Rig, list[R
         ("cross_coupling", {"x_from_y": 0.2, "y_from_x": -0.1}),
         ("viscous_drag", {"rate_per_s": 0.5}),
         ("parallax", {"height_m_per_rad": 0.4}),
+        ("eccentric_marble", {"offset": 0.002, "phase_rad": 3.1, "lean_rad": 0.1, "follows_path": 0.0}),
     ],
 )
 def test_an_effect_of_the_reference_engine_explains_runs_held_out(

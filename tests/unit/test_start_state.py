@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from irt import _labsim
 from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter
 from irt.rig import PARAMETERS, RANGES, Board, Marble
@@ -81,12 +82,15 @@ def test_effects_remember_what_was_commanded_before_a_window(knobs, states) -> N
     np.testing.assert_allclose(found, states, atol=1e-6)
 
 
+@pytest.mark.parametrize("follows", [0, 1])
 @pytest.mark.parametrize("engine", ["rolling", "rapier"])
-def test_a_marble_is_turned_as_far_as_it_has_rolled(engine) -> None:
-    """A window that begins half-way goes on as the whole run does, if it is told the way up to there."""
+def test_a_marble_is_turned_as_far_as_it_has_rolled(engine, follows) -> None:
+    """A window that begins half-way goes on as the whole run does, if it is told the path up to there."""
     values = [[0.05, 0.04, 2e-4, 1.0, 1.0]]
     knobs = np.array([[0.03, 0.05]]).repeat(300, axis=0)
-    heavy = {"effects": [{"name": "eccentric_marble", "offset": 0.002, "phase_rad": 1.0}], "engine": engine}
+    knobs[80:] = [-0.03, 0.06]
+    effect = {"name": "eccentric_marble", "offset": 0.002, "phase_rad": 1.0, "lean_rad": 0.4}
+    heavy = {"effects": [{**effect, "follows_path": follows}], "engine": engine}
     whole = rollouts(values, knobs, **heavy)[0]
     way = np.append(0.0, np.cumsum(np.hypot(*np.diff(whole, axis=0).T))) * Board().edge_x_m
     half = 200
@@ -95,7 +99,11 @@ def test_a_marble_is_turned_as_far_as_it_has_rolled(engine) -> None:
         "start_velocity": (whole[half + 1] - whole[half - 1]) * 120.0,
         "knobs_before": knobs[0],
     }
-    told = rollouts(values, knobs[half:], rolled=way[half], **begun, **heavy)[0]
+    before = {
+        "rolled": way[half],
+        "turned": _labsim.turned(whole * Board().edge_x_m, Marble().radius_m)[half],
+    }
+    told = rollouts(values, knobs[half:], **before, **begun, **heavy)[0]
     untold = rollouts(values, knobs[half:], **begun, **heavy)[0]
     gone = np.abs(whole[half:] - whole[half]).max()
     assert np.abs(told - whole[half:]).max() < 0.01 * gone

@@ -77,10 +77,13 @@ pub(crate) fn lengths(
 }
 
 /// A `(rows, 2)` array of pairs.
-pub(crate) fn matrix<'py>(py: Python<'py>, pairs: &[[f64; 2]]) -> Bound<'py, PyArray2<f64>> {
-    let flat = pairs.as_flattened().to_vec();
-    Array2::from_shape_vec((pairs.len(), 2), flat)
-        .expect("pairs have two entries")
+pub(crate) fn matrix<'py, const N: usize>(
+    py: Python<'py>,
+    rows: &[[f64; N]],
+) -> Bound<'py, PyArray2<f64>> {
+    let flat = rows.as_flattened().to_vec();
+    Array2::from_shape_vec((rows.len(), N), flat)
+        .expect("rows are of one length")
         .into_pyarray(py)
 }
 

@@ -32,9 +32,16 @@ struct OwnedRecording {
     durations: Option<Vec<f64>>,
     observed: Vec<[f64; 2]>,
     way: Vec<f64>,
+    path: Vec<[f64; 2]>,
 }
 
-type AskedRecording<'py> = (Matrix<'py>, Option<Vector<'py>>, Matrix<'py>, Vector<'py>);
+type AskedRecording<'py> = (
+    Matrix<'py>,
+    Option<Vector<'py>>,
+    Matrix<'py>,
+    Vector<'py>,
+    Matrix<'py>,
+);
 
 /// What `irt.fitting.problem` hands over, as it lies there.
 #[derive(FromPyObject)]
@@ -46,7 +53,7 @@ pub(crate) struct Asked<'py> {
     parameters: Matrix<'py>,
     /// The same of each effect's parameters.
     effects: Vec<(String, Matrix<'py>)>,
-    /// Commands, durations and positions of each recording, and the way up to each row.
+    /// Commands, durations and positions of each recording, and way and path up to each row.
     recordings: Vec<AskedRecording<'py>>,
     knobs_before: Matrix<'py>,
     /// Recording, first row, rows, whether the marble rests.
@@ -91,15 +98,18 @@ impl Owned {
             .recordings
             .iter()
             .zip(arrays::rows::<2>(&asked.knobs_before)?);
-        let recordings = recordings.map(|((commands, durations, observed, way), knobs_before)| {
-            Ok(OwnedRecording {
-                commands: arrays::rows(commands)?,
-                knobs_before,
-                durations: durations.as_ref().map(|one| one.as_array().to_vec()),
-                observed: arrays::rows(observed)?,
-                way: way.as_array().to_vec(),
-            })
-        });
+        let recordings = recordings.map(
+            |((commands, durations, observed, way, path), knobs_before)| {
+                Ok(OwnedRecording {
+                    commands: arrays::rows(commands)?,
+                    knobs_before,
+                    durations: durations.as_ref().map(|one| one.as_array().to_vec()),
+                    observed: arrays::rows(observed)?,
+                    way: way.as_array().to_vec(),
+                    path: arrays::rows(path)?,
+                })
+            },
+        );
         let stretches = asked
             .stretches
             .iter()
@@ -131,6 +141,7 @@ impl Owned {
                 durations: one.durations.as_deref(),
                 observed: &one.observed,
                 way: Some(&one.way),
+                path: Some(&one.path),
             })
             .collect();
         ask(&Problem {

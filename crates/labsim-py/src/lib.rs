@@ -22,7 +22,7 @@ mod _labsim {
     #[pymodule_export]
     use super::fit::{fit, inform, refine, tracker_noise};
     #[pymodule_export]
-    use super::{paper_drive, rollouts};
+    use super::{paper_drive, rollouts, turned};
 
     use pyo3::prelude::*;
 
@@ -44,7 +44,7 @@ mod _labsim {
 /// Arrays whose first axis has length 1 are shared by all rollouts.
 #[pyfunction]
 #[pyo3(signature = (
-    parameters, commands, start, start_velocity, rolled, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
+    parameters, commands, start, start_velocity, rolled, turned, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
     engine, continuous, substeps, durations, threads
 ))]
 #[expect(
@@ -62,6 +62,7 @@ fn rollouts<'py>(
     start: PyReadonlyArray2<'py, f64>,
     start_velocity: PyReadonlyArray2<'py, f64>,
     rolled: PyReadonlyArray1<'py, f64>,
+    turned: PyReadonlyArray2<'py, f64>,
     rows: usize,
     first: PyReadonlyArray1<'py, usize>,
     issued: PyReadonlyArray1<'py, usize>,
@@ -89,6 +90,7 @@ fn rollouts<'py>(
     let start_velocity = arrays::rows::<2>(&start_velocity)?;
     let knobs_before = arrays::rows::<2>(&knobs_before)?;
     let rolled = rolled.as_array().to_vec();
+    let turned = arrays::rows::<3>(&turned)?;
     let (first, seeds) = (first.as_array().to_vec(), seeds.as_array().to_vec());
     let substeps = substeps.map(|each| each.as_array().to_vec());
     let durations = durations.map(|each| each.as_array().iter().copied().collect::<Vec<f64>>());
@@ -107,6 +109,7 @@ fn rollouts<'py>(
         start: arrays::shared_or_each(&start, 1, count),
         start_velocity: arrays::shared_or_each(&start_velocity, 1, count),
         rolled: arrays::shared_or_each(&rolled, 1, count),
+        turned: arrays::shared_or_each(&turned, 1, count),
         time: match durations.as_deref() {
             Some(durations) => TimeBase::Durations(PerRollout::Of(durations)),
             None if continuous => TimeBase::Continuous(substeps.as_deref()),
@@ -118,6 +121,23 @@ fn rollouts<'py>(
     let flat = observations.into_flattened();
     let array = Array3::from_shape_vec((count, rows, 2), flat).expect("the engine fills every row");
     Ok(array.into_pyarray(py))
+}
+
+/// The rotation (rad) of a marble from the first place of its path (m) to each; see `labsim::turned`.
+#[pyfunction]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted view of Python's argument is owned here"
+)]
+fn turned<'py>(
+    py: Python<'py>,
+    path: PyReadonlyArray2<'py, f64>,
+    radius_m: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    Ok(arrays::matrix(
+        py,
+        &labsim::turned(&arrays::rows::<2>(&path)?, radius_m),
+    ))
 }
 
 /// Knob angles of the paper's drive (rad), `(steps, 2)`; see `irt.paper_drive`.

@@ -100,6 +100,7 @@ fn fits(criterion: &mut Criterion) {
                 durations: None,
                 observed,
                 way: None,
+                path: None,
             })
             .collect();
         let stretches: Vec<Stretch> = (0..RUNS)

@@ -17,6 +17,7 @@ mod lanes;
 mod motion;
 pub mod parameters;
 pub mod rollout;
+mod turning;
 
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;
@@ -25,3 +26,4 @@ pub use engine::{Engine, Live};
 pub use error::{Error, Result};
 pub use parameters::Parameters;
 pub use rollout::{Batch, PerRollout, TimeBase};
+pub use turning::turned;

@@ -79,6 +79,14 @@ impl<S: Simd> Marbles<S> {
     }
 }
 
+/// What marbles have rolled before they are let go.
+pub(crate) struct Rolled<S: Simd> {
+    /// Length of the way (m).
+    pub(crate) way: Lanes<S>,
+    /// The rotation that it has turned them by: its axis times its angle (rad).
+    pub(crate) turned: [Lanes<S>; 3],
+}
+
 /// What acts on a marble during a substep.
 #[derive(Clone, Copy)]
 #[repr(align(64))]

@@ -101,6 +101,8 @@ pub struct Batch<'a> {
     pub start_velocity: PerRollout<'a, [f64; 2]>,
     /// How far the marble has rolled when it is let go (m), one number.
     pub rolled: PerRollout<'a, f64>,
+    /// The rotation that this has turned it by, its axis times its angle (rad): see [`crate::turned`].
+    pub turned: PerRollout<'a, [f64; 3]>,
     /// How long a command holds.
     pub time: TimeBase<'a>,
     /// Of what effects draw, one number.
@@ -122,6 +124,7 @@ impl<'a> Batch<'a> {
             start: PerRollout::Shared(&[[0.0; 2]]),
             start_velocity: PerRollout::Shared(&[[0.0; 2]]),
             rolled: PerRollout::Shared(&[0.0]),
+            turned: PerRollout::Shared(&[[0.0; 3]]),
             time: TimeBase::Rounded,
             seeds: PerRollout::Shared(&[0]),
         }
@@ -192,6 +195,7 @@ impl<'a> Batch<'a> {
         self.start.check("start", rollouts, 1)?;
         self.start_velocity.check("start_velocity", rollouts, 1)?;
         self.rolled.check("rolled", rollouts, 1)?;
+        self.turned.check("turned", rollouts, 1)?;
         if let TimeBase::Durations(durations) = &self.time
             && !matches!(durations, PerRollout::Of(_))
         {
@@ -231,6 +235,8 @@ impl<'a> Batch<'a> {
         finite("start", self.start.of(rollout, 1))?;
         finite("start_velocity", self.start_velocity.of(rollout, 1))?;
         finite("rolled", &[[self.rolled.of(rollout, 1)[0], 0.0]])?;
+        let [x, y, z] = self.turned.of(rollout, 1)[0];
+        finite("turned", &[[x, y], [z, 0.0]])?;
         let commands = self.commands.of(rollout, self.issued());
         self.check_length("commands", rollout, commands.len())?;
         finite("knobs_before", self.knobs_before.of(rollout, 1))?;
@@ -353,6 +359,7 @@ impl<'a> Batch<'a> {
             start: self.start.of(rollout, 1)[0],
             start_velocity: self.start_velocity.of(rollout, 1)[0],
             rolled: self.rolled.of(rollout, 1)[0],
+            turned: self.turned.of(rollout, 1)[0],
             clock: self.clock(rollout),
             seed: self.seeds.of(rollout, 1)[0],
         }

@@ -58,9 +58,12 @@ fn chosen<'a>(effect: &'static About, values: &'a [f64]) -> Chosen<'a> {
     }
 }
 
-/// Values at a place of the box of plausible ones, 0 to 1 along each side.
+/// Values at a place of the box of plausible ones, 0 to 1 along each side; choices are made by the sides' halves.
 fn within(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
     let at = |(i, one): (usize, &labsim::effects::Parameter)| {
+        if one.is_choice() {
+            return place(i).round();
+        }
         one.range.0 + place(i) * (one.range.1 - one.range.0)
     };
     effect.parameters.iter().enumerate().map(at).collect()
@@ -236,7 +239,12 @@ proptest! {
 fn allowed(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
     let at = |(i, one): (usize, &labsim::effects::Parameter)| {
         let (least, most) = (one.allowed.0, one.allowed.1.min(1e6));
-        least + place(i) * (most - least)
+        let place = if one.is_choice() {
+            place(i).round()
+        } else {
+            place(i)
+        };
+        least + place * (most - least)
     };
     effect.parameters.iter().enumerate().map(at).collect()
 }
@@ -303,7 +311,7 @@ fn the_catalogue_is_in_order() {
             let (low, high) = parameter.range;
             let (least, most) = parameter.allowed;
             assert!(
-                low < high && least <= low && high <= most,
+                (low < high || parameter.is_choice()) && least <= low && high <= most,
                 "{}",
                 parameter.name
             );

@@ -71,7 +71,7 @@ class Fitted:
     def outside(self) -> int:
         """How many parameters of effects lie outside the values that the catalogue finds plausible."""
         ranges = {
-            f"{name}.{one.name}": (one.low, one.high)
+            f"{name}.{one.name}": (one.least, one.most) if one.is_choice else (one.low, one.high)
             for name in self.effects
             for one in effect(name).parameters
         }

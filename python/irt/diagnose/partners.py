@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.evidence import Evidence, excess
 from irt.diagnose.heldout import hold_out, is_supported
@@ -18,8 +19,6 @@ Array = NDArray[np.float64]
 
 #: Rows of the windows in which draws are laid beside residuals: short ones, longer ones, whole segments.
 HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
-#: Draws taken from each horizon as start points of a fit.
-SEEDS = 1
 #: A further effect must take away this share of what was left beyond noise.
 WORTH = 0.3
 #: Partners that are asked whether recordings held out agree.
@@ -37,10 +36,19 @@ def seeds(case: Case, parent: Fitted, names: Iterable[str], report: Report) -> d
     for name in names:
         report(" + ".join([*parent.effects, name]))
         draws = [screen.draws(name) for screen in screens]
-        values = np.concatenate([one.values[:SEEDS] for one in draws])
+        values = np.concatenate([_best(name, one.values) for one in draws])
         points = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
         found[name] = max(float(one.explained[0]) for one in draws), points
     return found
+
+
+def _best(name: str, drawn: Array) -> Array:
+    """Return the first draw, and where an effect has choices the first of each answer."""
+    choices = [index for index, one in enumerate(effect(name).parameters) if one.is_choice]
+    if not choices:
+        return drawn[:1]
+    _, first = np.unique(drawn[:, choices], axis=0, return_index=True)
+    return np.asarray(drawn[np.sort(first)])
 
 
 def likeliest_partner(between: Case, parent: Fitted, noise: float, report: Report) -> Fitted | None:

@@ -294,7 +294,13 @@ def _drawn(parameters: tuple[EffectParameter, ...], size: int | None, count: int
     """
     places = _filling(len(parameters), count, seed)
     spread = _uniform if size is not None and len(parameters) > 1 else _by_magnitude
-    return np.stack([spread(one, places[:, index]) for index, one in enumerate(parameters)], axis=1)
+    columns = [
+        np.array(one.choices)[(places[:, index] < 0.5).astype(int)]
+        if one.is_choice
+        else spread(one, places[:, index])
+        for index, one in enumerate(parameters)
+    ]
+    return np.stack(columns, axis=1)
 
 
 @functools.cache

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import astuple, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,6 +125,16 @@ class Refined:
     residuals: list[Array]
 
 
+@dataclass(frozen=True)
+class _Choice:
+    """Where an open choice stands: among all values, among the effects, among the effect's parameters."""
+
+    slot: int
+    effect: int
+    parameter: int
+    answers: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Segments of recordings, and the parameters to find.
@@ -137,13 +148,16 @@ class Problem:
     allowed : (n, 2) array
         The values that physics allows.
     asked : dict
-        The problem in the engine's words.
+        The problem in the engine's words, each open choice at its usual answer.
+    choices : tuple
+        Parameters that are questions of yes or no, and open: every answer is tried.
     """
 
     names: tuple[str, ...]
     ranges: Array
     allowed: Array
     asked: dict[str, Any]
+    choices: tuple[_Choice, ...]
 
     @classmethod
     def of(
@@ -220,6 +234,7 @@ class Problem:
                 + [(one.least, one.most) for one in all_of_effects]
             ),
             asked=asked,
+            choices=tuple(_open_choices(effects, held or {})),
         )
 
     def fit(
@@ -236,28 +251,28 @@ class Problem:
         `progress` is called with (done, total, rows of a window). Without `rounds` of looking around the best
         one it is a quick look: slopes alone end a little above the bottom where the ground is rough.
         """
-        told = _labsim.fit(
-            self.asked,
-            points=[] if points is None else points.tolist(),
-            starts=starts,
-            seed=seed,
-            rounds=rounds,
-            progress=progress,
-        )
-        return Solution(**{**told, "information": Information.of(told["information"])})
+        asked: list[tuple[dict[str, Any], list[list[float]]]]
+        if points is None:
+            asked = [(self._with(answers), []) for answers in product(*(one.answers for one in self.choices))]
+        else:
+            asked = [(one, points[own].tolist()) for one, own in self._by_choice(points)]
+        found = []
+        for one, begin in asked:
+            told = _labsim.fit(one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=progress)
+            found.append(Solution(**{**told, "information": Information.of(told["information"])}))
+        best = min(found, key=lambda one: one.loss)
+        return replace(best, rollouts=sum(one.rollouts for one in found))
 
     def refine(self, values: Array, *, iterations: int = 12) -> list[Refined]:
         """Go from each of (k, n) values to the bottom of the valley it lies in, over whole segments.
 
         The gears of all must have the signs of the first ones.
         """
-        told = _labsim.refine(self.asked, values.tolist(), iterations=iterations, held=False)
-        return [Refined(**one) for one in told]
+        return self._refined(values, iterations, held=False)
 
     def judge(self, values: Array) -> list[Refined]:
         """Say what each of (k, n) values leaves over, as it is: only start states are estimated."""
-        told = _labsim.refine(self.asked, values.tolist(), iterations=STATE_ITERATIONS, held=True)
-        return [Refined(**one) for one in told]
+        return self._refined(values, STATE_ITERATIONS, held=True)
 
     def inform(self, values: Array, noise: float) -> Information:
         """Return what the recordings tell around (n,) values, wherever they come from.
@@ -265,7 +280,29 @@ class Problem:
         Start states are estimated; residuals count with their own scale where it is larger than `noise`
         [board edges].
         """
-        return Information.of(_labsim.inform(self.asked, values.tolist(), noise=noise))
+        ((asked, _),) = self._by_choice(values[None])
+        return Information.of(_labsim.inform(asked, values.tolist(), noise=noise))
+
+    def _refined(self, values: Array, iterations: int, *, held: bool) -> list[Refined]:
+        found: dict[int, Refined] = {}
+        for asked, own in self._by_choice(values):
+            told = _labsim.refine(asked, values[own].tolist(), iterations=iterations, held=held)
+            found.update(zip(own, (Refined(**one) for one in told), strict=True))
+        return [found[index] for index in range(len(values))]
+
+    def _by_choice(self, values: Array) -> list[tuple[dict[str, Any], list[int]]]:
+        """Return the problem with each answer to open choices that (k, n) values give, and which give it."""
+        groups: dict[tuple[float, ...], list[int]] = {}
+        for index, row in enumerate(values):
+            groups.setdefault(tuple(row[one.slot] for one in self.choices), []).append(index)
+        return [(self._with(answers), own) for answers, own in groups.items()]
+
+    def _with(self, answers: Sequence[float]) -> dict[str, Any]:
+        """Return the problem in the engine's words, open choices at these answers."""
+        effects = [(name, sought.copy()) for name, sought in self.asked["effects"]]
+        for one, answer in zip(self.choices, answers, strict=True):
+            effects[one.effect][1][one.parameter, 2] = answer
+        return {**self.asked, "effects": effects}
 
 
 def tracker_noise(segments: Sequence[Segment]) -> float:
@@ -280,7 +317,7 @@ def tracker_noise(segments: Sequence[Segment]) -> float:
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:
     """Return low, high and start of the parameters of an effect, (p, 3); no start is NaN.
 
-    A parameter that is held has no ends, and its value as start.
+    A parameter that is held has no ends, and its value as start; so has a choice.
     """
     names = [parameter.name for parameter in parameters]
     for name in (*chosen.parameters, *held):
@@ -290,15 +327,28 @@ def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping
         [
             (np.nan, np.nan, held[one.name])
             if one.name in held
+            else (np.nan, np.nan, chosen.parameters.get(one.name, one.neutral))
+            if one.is_choice
             else (one.low, one.high, chosen.parameters.get(one.name, np.nan))
             for one in parameters
         ]
     )
 
 
+def _open_choices(effects: Sequence[Effect], held: Mapping[str, Mapping[str, float]]) -> Iterator[_Choice]:
+    """Return the choices of effects that nobody has made."""
+    slot = len(PARAMETERS)
+    for index, chosen in enumerate(effects):
+        made = {*chosen.parameters, *held.get(chosen.name, {})}
+        for place, one in enumerate(effect(chosen.name).parameters):
+            if one.is_choice and one.name not in made:
+                yield _Choice(slot, index, place, one.choices)
+            slot += 1
+
+
 def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]:
     """Return the recordings that segments are of, each once, and where in them the segments lie."""
-    recordings: list[tuple[Array, Array | None, Array, Array]] = []
+    recordings: list[tuple[Array, Array | None, Array, Array, Array]] = []
     before: list[Array] = []
     found: dict[str, int] = {}
     stretches = []
@@ -310,7 +360,10 @@ def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]
             found[name] = len(recordings)
             knobs = segment.knobs if segment.run_knobs is None else segment.run_knobs
             durations = segment.durations if segment.run_knobs is None else segment.run_durations
-            recordings.append((knobs, durations, np.full((len(knobs), 2), np.nan), np.zeros(len(knobs))))
+            path = np.zeros((len(knobs), 2)) if segment.run_path is None else segment.run_path
+            recordings.append(
+                (knobs, durations, np.full((len(knobs), 2), np.nan), np.zeros(len(knobs)), path)
+            )
             before.append(np.zeros(2) if at_rest else knobs[0])
         recordings[found[name]][2][first : first + rows] = segment.observed
         if segment.way is not None:

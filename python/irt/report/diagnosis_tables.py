@@ -124,7 +124,7 @@ def _add_values(page: Page, one: NamedEffect, info: EffectInfo | None) -> None:
 
 def _searched(parameter: EffectParameter | None) -> list[str]:
     """Return where a search looked for a parameter, and what it is."""
-    return ["-", ""] if parameter is None else [f"{parameter.low:g} to {parameter.high:g}", parameter.doc]
+    return ["-", ""] if parameter is None else [parameter.searched, parameter.doc]
 
 
 def _add_rivals(page: Page, one: NamedEffect, known: Mapping[str, EffectInfo]) -> None:

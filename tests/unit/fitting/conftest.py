@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,13 +26,15 @@ def planted(wave: np.ndarray) -> Callable[..., Rig]:
         stamped: bool = False,
         moving: bool = False,
         truth: np.ndarray = TRUTH,
+        effects: Sequence[dict[str, float | str]] = (),
     ) -> Rig:
         random = np.random.default_rng(runs)
         recordings = []
         for run in range(runs):
             knobs = np.roll(wave, 7 * run, axis=0) * (1.0 - 0.2 * run)
             start, velocity = random.uniform(-0.1, 0.1, 2), moving * random.uniform(-0.05, 0.05, 2)
-            marble = rollouts([truth], knobs, start=start, start_velocity=velocity)[0]
+            begun = {"start": start, "start_velocity": velocity}
+            marble = rollouts([truth], knobs, effects=effects, **begun)[0]
             marble += noise * random.standard_normal(marble.shape)
             stamps = truth[3] * SUBSTEP_S * np.arange(len(knobs)) if stamped else None
             recordings.append(Recording(f"run-{run}", Path(f"run-{run}.csv"), knobs, marble, stamps))

@@ -11,6 +11,8 @@ from irt.model import Effect
 from irt.rig import PARAMETERS
 from irt.segments import segments
 
+TRUTH = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
+
 
 @pytest.mark.parametrize("sd", [1e-4, 1e-3, 1e-2])
 def test_the_trackers_noise_shows_in_the_recording_alone(sd):
@@ -33,7 +35,7 @@ def test_segments_of_a_recording_share_it(planted):
     asked = Problem.of(rig, segments(rig, 1.0)).asked
     assert len(asked["recordings"]) == 2
     assert {recording for recording, *_ in asked["stretches"]} == {0, 1}
-    for (knobs, durations, observed, way), recording, before in zip(
+    for (knobs, durations, observed, way, path), recording, before in zip(
         asked["recordings"], rig.recordings, asked["knobs_before"], strict=True
     ):
         np.testing.assert_array_equal(knobs, recording.knobs)
@@ -41,6 +43,7 @@ def test_segments_of_a_recording_share_it(planted):
         seen = np.isfinite(observed)
         np.testing.assert_array_equal(observed[seen], recording.marble[seen])
         np.testing.assert_array_equal(way[seen[:, 0]], recording.way[seen[:, 0]])
+        np.testing.assert_array_equal(path, recording.rolled_path)
         np.testing.assert_array_equal(before, recording.knobs[0])
     assert not any(at_rest for *_, at_rest in asked["stretches"])
 
@@ -82,3 +85,30 @@ def test_effects_that_the_engine_does_not_have(planted, effects, message):
     rig = planted(1)
     with pytest.raises(IrtError, match=message):
         Problem.of(rig, segments(rig), effects=effects)
+
+
+HEAVY = {"offset": 0.003, "phase_rad": 3.0, "lean_rad": 0.2}
+
+
+@pytest.mark.parametrize("follows", [0.0, 1.0])
+def test_a_choice_is_made_by_what_fits_and_is_no_parameter_to_fit(planted, follows):
+    effect = Effect("eccentric_marble", HEAVY | {"follows_path": follows})
+    rig = planted(3, effects=[{"name": effect.name, **effect.parameters}])
+    problem = Problem.of(rig, segments(rig), effects=[Effect("eccentric_marble", {})], time_scale=20.0)
+    near = np.array([*TRUTH * 1.05, 0.0025, 3.1, 0.0])
+    points = np.array([[*near, answer] for answer in (0.0, 1.0)])
+    found = problem.fit(points=points, rounds=0)
+    assert found.values[-1] == follows
+    assert len(found.values) - 1 not in found.information.free
+    assert found.rollouts > problem.fit(points=points[:1], rounds=0).rollouts
+    # Each point keeps its own answer, in the order in which they were given.
+    assert [one.values[-1] for one in problem.refine(points, iterations=2)] == [0.0, 1.0]
+    made = Problem.of(rig, segments(rig), effects=[Effect("eccentric_marble", {"follows_path": follows})])
+    assert made.choices == ()
+
+
+def test_without_a_point_every_answer_is_tried(planted):
+    effect = Effect("eccentric_marble", HEAVY | {"follows_path": 0.0})
+    rig = planted(3, effects=[{"name": effect.name, **effect.parameters}])
+    found = Problem.of(rig, segments(rig), effects=[Effect("eccentric_marble", {})]).fit(rounds=0)
+    assert found.values[-1] == 0.0

@@ -52,14 +52,25 @@ pub(crate) enum Acts {
     OnKnob { moves: bool },
     /// The board's angles.
     OnTilt,
-    /// What acts on the marble in each substep; it may depend on how late it is and how the board turns.
-    OnMarble { timed: bool },
+    /// What acts on the marble in each substep.
+    OnMarble(Memory),
     /// The rim.
     OnRims,
     /// Where the camera sees the marble.
     OnPicture,
     /// When the picture was taken.
     OnExposure,
+}
+
+/// What an effect on the marble depends on besides where the marble is and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Memory {
+    /// Nothing.
+    None,
+    /// How late it is, and how the board turns.
+    Time,
+    /// How the marble has been turned by its path.
+    Turning,
 }
 
 /// A parameter of an effect.
@@ -94,6 +105,24 @@ impl Parameter {
             allowed: (-10.0, 10.0),
             means,
         }
+    }
+
+    /// A question that is answered by 1 (yes) or 0 (no): both are tried, and nothing between them.
+    pub(super) const fn choice(name: &'static str, usual: f64, means: &'static str) -> Self {
+        Self {
+            name,
+            unit: "",
+            range: (usual, usual),
+            neutral: usual,
+            allowed: (0.0, 1.0),
+            means,
+        }
+    }
+
+    /// Whether it is a question of yes or no, which no fit slides along.
+    #[must_use]
+    pub fn is_choice(&self) -> bool {
+        self.range.0 == self.range.1
     }
 }
 
@@ -137,6 +166,10 @@ impl About {
                     _ => "a finite number".to_owned(),
                 };
                 return Err(Error::invalid(what, &expected, value));
+            }
+            if parameter.is_choice() && value != low && value != high {
+                let what = format!("{} of {}", parameter.name, self.name);
+                return Err(Error::invalid(what, &format!("{low} or {high}"), value));
             }
         }
         Ok(())

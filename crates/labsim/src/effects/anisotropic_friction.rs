@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push, TINY};
@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push, TINY};
 pub(super) const ABOUT: About = About {
     name: "anisotropic_friction",
     stage: Stage::Contact,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "resistance = rolling_friction g |(v_along, ratio × v_across)|/|v|, along and across the grain",
     parameters: &[
         Parameter {

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -21,7 +21,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
 pub(super) const ABOUT: About = About {
     name: "board_warp",
     stage: Stage::Board,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "height = (c_xx x² + 2 c_xy x y + c_yy y²)/2, acceleration = -g grad(height)",
     parameters: &[
         parameter("curvature_xx_per_m", "c_xx, curvature along x; positive as in a bowl"),

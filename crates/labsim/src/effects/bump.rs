@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "bump",
     stage: Stage::Board,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "height = h exp(-r²/(2 w²)), acceleration = -g grad(height)",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "where it is, along x"),

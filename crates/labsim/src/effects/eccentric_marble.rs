@@ -1,17 +1,20 @@
 //! The marble's centre of mass is not in its middle.
 
+use std::f64::consts::FRAC_PI_2;
+
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
-use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push, length};
+use crate::lanes::{Lanes, Mask};
+use crate::motion::{Marbles, Push, Rolled, length};
 
 pub(super) const ABOUT: About = About {
     name: "eccentric_marble",
     stage: Stage::Contact,
-    acts: Acts::OnMarble { timed: false },
-    equation: "acceleration along the motion = 5/7 g × offset × sin(s/R + phase), s the way so far",
+    acts: Acts::OnMarble(Memory::Turning),
+    equation: "acceleration = 5/7 offset (g e + v²/R (e · v̂) v̂), e the horizontal part of the direction of the heavy side, \
+               which turns as the marble rolls; or, if it follows the path, 5/7 g offset sin(s/R + phase) v̂, s the way so far",
     parameters: &[
         Parameter {
             name: "offset",
@@ -27,14 +30,32 @@ pub(super) const ABOUT: About = About {
             range: (0.0, std::f64::consts::TAU),
             neutral: 0.0,
             allowed: (-100.0, 100.0),
-            means: "angle of the centre of mass before the top when the marble is let go",
+            means: "angle of the centre of mass before the top when the marble is let go: towards +x, or ahead if it follows \
+                    the path",
         },
+        Parameter {
+            name: "lean_rad",
+            unit: "rad",
+            range: (-FRAC_PI_2, FRAC_PI_2),
+            neutral: 0.0,
+            allowed: (-FRAC_PI_2, FRAC_PI_2),
+            means: "angle of the centre of mass out of that plane, towards +y, when the marble is let go; nothing if it follows \
+                    the path",
+        },
+        Parameter::choice(
+            "follows_path",
+            1.0,
+            "1 if the heavy side stays in the plane of the motion and goes on turning forward wherever the path leads; 0 if \
+             it keeps to its place in a marble that rolls, and turns back with it",
+        ),
     ],
     does: "The marble is heavier on one side, or out of round. Its weight drives it on while the heavy side comes down and holds \
-           it back while that goes up again. The heavy side is taken to lie in the plane of the motion, which is true of straight \
-           paths.",
+           it back while that goes up again; at speed the heavy side's own inertia adds to both. What is fixed in a rolling \
+           marble turns with it in three dimensions: back if the marble rolls back, and out of the plane of the motion where \
+           the path bends. A marble that is turned about the vertical along with its path keeps the heavy side in that plane.",
     matters: "For slow marbles: the weight is worth a tilt of offset radians, forth and back once a turn.",
-    looks: "A ripple of the speed with a wavelength of 2πR, the marble's circumference (43 mm), in whatever direction it rolls.",
+    looks: "A ripple of the speed with a wavelength of 2πR, the marble's circumference (43 mm), in whatever direction it rolls. \
+            A marble at rest has its heavy side below, and is slow to leave.",
     references: &[
         "Routh: The Advanced Part of a Treatise on the Dynamics of a System of Rigid Bodies, 6th ed., Macmillan, 1905",
         "Chaplygin: On a motion of a heavy body of revolution on a horizontal plane, Regular and Chaotic Dynamics 7(2), 2002 (of 1897)",
@@ -44,36 +65,60 @@ pub(super) const ABOUT: About = About {
 pub(crate) struct EccentricMarble<S: Simd> {
     /// g × offset
     weight: Lanes<S>,
-    /// Sine and cosine of the angle of the heavy side from the top.
+    follows_path: Mask<S>,
+    /// Sine and cosine of the angle of a heavy side from the top that follows the path.
     sin: Lanes<S>,
     cos: Lanes<S>,
+    /// Direction of the heavy side of a marble that keeps it in its place.
+    heavy: Vector<S>,
     /// 1/(2 R)
     half_curvature: f64,
-    /// Speed times length of the last substep, on which the marble has not been turned yet (m).
-    way: Lanes<S>,
+    /// Length of the last substep (s). The marble has rolled through it as it moves now, and is turned by that
+    /// no sooner: turned as it moved before, a marble that swings would gain energy.
+    last: Lanes<S>,
 }
+
+type Vector<S> = [Lanes<S>; 3];
 
 impl<S: Simd> Effect<S> for EccentricMarble<S> {
     fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self {
-        let phase = values[1].to_array();
+        let (phase, lean) = (values[1].to_array(), values[2].to_array());
+        let of_lanes = |of: &dyn Fn(f64, f64) -> f64| {
+            Lanes::from_fn(simd, |lane| of(phase[lane], lean[lane]))
+        };
+        let zero = Lanes::splat(simd, 0.0);
         Self {
             weight: GRAVITY * values[0],
-            sin: Lanes::from_fn(simd, |lane| libm::sin(phase[lane])),
-            cos: Lanes::from_fn(simd, |lane| libm::cos(phase[lane])),
+            follows_path: values[3].gt(zero),
+            sin: of_lanes(&|phase, _| libm::sin(phase)),
+            cos: of_lanes(&|phase, _| libm::cos(phase)),
+            heavy: [
+                of_lanes(&|phase, lean| libm::sin(phase) * libm::cos(lean)),
+                of_lanes(&|_, lean| libm::sin(lean)),
+                of_lanes(&|phase, lean| libm::cos(phase) * libm::cos(lean)),
+            ],
             half_curvature: 0.5 / rig.marble.radius_m,
-            way: Lanes::splat(simd, 0.0),
+            last: zero,
         }
     }
 
-    fn let_go(&mut self, rolled: Lanes<S>) {
-        let angles = (2.0 * self.half_curvature * rolled).to_array();
-        let simd = rolled.simd();
+    fn let_go(&mut self, before: &Rolled<S>) {
+        let simd = before.way.simd();
+        let angles = (2.0 * self.half_curvature * before.way).to_array();
         let sin = Lanes::from_fn(simd, |lane| libm::sin(angles[lane]));
         let cos = Lanes::from_fn(simd, |lane| libm::cos(angles[lane]));
         (self.sin, self.cos) = (
             self.sin * cos + self.cos * sin,
             self.cos * cos - self.sin * sin,
         );
+        let [x, y, z] = before.turned;
+        let angle = (x * x + y * y + z * z).sqrt().to_array();
+        // The tangent of half the angle over the angle: what the axis times the angle is to be multiplied by.
+        let tangent = Lanes::from_fn(simd, |lane| match angle[lane] {
+            0.0 => 0.5,
+            angle => libm::tan(0.5 * angle) / angle,
+        });
+        self.heavy = rotated(self.heavy, [tangent * x, tangent * y, tangent * z]);
     }
 
     #[inline(always)]
@@ -83,10 +128,16 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
         let inverse = one.over(length(vx, vy));
         let (x, y) = (vx * inverse, vy * inverse);
         let speed = vx * x + vy * y;
-        self.turn(speed * push.length);
-        let strength = self.weight * self.sin * push.length;
-        push.x = push.x + strength * x;
-        push.y = push.y + strength * y;
+        self.turn(speed * self.last);
+        self.roll(marbles);
+        self.last = push.length;
+        let [heavy_x, heavy_y, _] = self.heavy;
+        let ahead = x * heavy_x + y * heavy_y;
+        let inertia = (2.0 / GRAVITY * self.half_curvature) * (speed * speed) * ahead;
+        let strength = self.weight * push.length;
+        let follows = self.follows_path;
+        push.x = push.x + strength * follows.select(self.sin * x, heavy_x + inertia * x);
+        push.y = push.y + strength * follows.select(self.sin * y, heavy_y + inertia * y);
     }
 }
 
@@ -95,17 +146,48 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
     reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
 )]
 impl<S: Simd> EccentricMarble<S> {
-    /// Turns the heavy side by the way that the marble has rolled in the last substep.
+    /// Turns a heavy side that follows the path by a way (m).
     #[inline(always)]
-    fn turn(&mut self, next: Lanes<S>) {
-        let one = next.like(1.0);
-        let half = self.half_curvature * self.way;
+    fn turn(&mut self, way: Lanes<S>) {
+        let one = way.like(1.0);
+        let half = self.half_curvature * way;
         // The tangent of half the angle makes Cayley's form a rotation by the whole of it.
         let tangent = half * (one + 1.0 / 3.0 * (half * half));
         let part = (2.0 * tangent).over(one + tangent * tangent);
         let (sin, cos) = (self.sin, self.cos);
         self.sin = sin + part * (cos - tangent * sin);
         self.cos = cos - part * (sin + tangent * cos);
-        self.way = next;
     }
+
+    /// Turns a heavy side that keeps its place by how the marble has rolled and spun in the last substep.
+    #[inline(always)]
+    fn roll(&mut self, marbles: &Marbles<S>) {
+        let half = self.half_curvature * self.last;
+        let turn = [-(half * marbles.sy), half * marbles.sx, half * marbles.spin];
+        self.heavy = rotated(self.heavy, turn);
+    }
+}
+
+/// A vector after a rotation whose axis times the tangent of half its angle is given (Cayley's form).
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+#[inline(always)]
+fn rotated<S: Simd>(vector: Vector<S>, half: Vector<S>) -> Vector<S> {
+    let [x, y, z] = half;
+    let one = x.like(1.0);
+    let part = (2.0 * one).over(one + x * x + y * y + z * z);
+    let across = cross(half, vector);
+    let further = cross(half, across);
+    [0, 1, 2].map(|axis| vector[axis] + part * (across[axis] + further[axis]))
+}
+
+#[expect(
+    clippy::inline_always,
+    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
+)]
+#[inline(always)]
+fn cross<S: Simd>([ax, ay, az]: Vector<S>, [bx, by, bz]: Vector<S>) -> Vector<S> {
+    [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -13,7 +13,7 @@ const HALF_RIM_M: f64 = 1e-3;
 pub(super) const ABOUT: About = About {
     name: "friction_patch",
     stage: Stage::Contact,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "resistance = rolling_friction g × factor where |position - place| < radius",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "where its middle is, along x"),

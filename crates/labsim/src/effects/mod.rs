@@ -19,12 +19,12 @@ mod about;
 
 use pulp::Simd;
 
-pub(crate) use self::about::Acts;
 pub use self::about::{About, Parameter, Stage};
+pub(crate) use self::about::{Acts, Memory};
 use crate::board::Rig;
 use crate::error::{Error, Result};
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Pair, Push, Rims};
+use crate::motion::{Marbles, Pair, Push, Rims, Rolled};
 use crate::rollout::PerRollout;
 
 /// An effect and the values of its parameters.
@@ -70,8 +70,8 @@ pub(crate) trait Effect<S: Simd>: Sized {
     #[inline(always)]
     fn pass(&mut self, _tilt: &Pair<S>, _length: Lanes<S>) {}
 
-    /// [`Acts::OnMarble`]: the marbles are let go, and have rolled so far before (m).
-    fn let_go(&mut self, _rolled: Lanes<S>) {}
+    /// [`Acts::OnMarble`]: the marbles are let go, and have rolled before.
+    fn let_go(&mut self, _before: &Rolled<S>) {}
 
     /// [`Acts::OnMarble`]: what acts on the marbles in the next substep.
     #[inline(always)]
@@ -142,8 +142,8 @@ macro_rules! any {
                 match self { $(Self::$Type(effect) => effect.pass(tilt, length)),* }
             }
 
-            pub(crate) fn let_go(&mut self, rolled: Lanes<S>) {
-                match self { $(Self::$Type(effect) => effect.let_go(rolled)),* }
+            pub(crate) fn let_go(&mut self, before: &Rolled<S>) {
+                match self { $(Self::$Type(effect) => effect.let_go(before)),* }
             }
 
             #[inline(always)]

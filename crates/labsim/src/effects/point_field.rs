@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -24,7 +24,7 @@ const DEPTH_M: f64 = 0.03;
 pub(super) const ABOUT: About = About {
     name: "point_field",
     stage: Stage::Field,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "acceleration = k d/(|d|² + (30 mm)²)^(3/2), d along the board from the marble to the point",
     parameters: &[
         place("x_m", "where the point is, along x"),

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "quadratic_drag",
     stage: Stage::Air,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "dv/dt = -q |v| v",
     parameters: &[Parameter {
         name: "coefficient_per_m",

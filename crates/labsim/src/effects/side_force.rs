@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "side_force",
     stage: Stage::Contact,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "acceleration = k ẑ × w, w the rolling velocity",
     parameters: &[Parameter {
         name: "rate_per_s",

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -13,7 +13,7 @@ const REST: f64 = 1e-6;
 pub(super) const ABOUT: About = About {
     name: "static_friction",
     stage: Stage::Contact,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "resistance = rolling_friction g × (ratio at rest, 1 in motion)",
     parameters: &[Parameter {
         name: "ratio",

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -10,7 +10,7 @@ use crate::motion::{Marbles, Push};
 pub(super) const ABOUT: About = About {
     name: "stribeck",
     stage: Stage::Contact,
-    acts: Acts::OnMarble { timed: false },
+    acts: Acts::OnMarble(Memory::None),
     equation: "resistance = rolling_friction g (1 + strength exp(-|v|/v_s))",
     parameters: &[
         Parameter {

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair, Push, length};
@@ -103,7 +103,7 @@ macro_rules! parameters {
 pub(super) const ABOUT: About = About {
     name: "unlisted",
     stage: Stage::Field,
-    acts: Acts::OnMarble { timed: true },
+    acts: Acts::OnMarble(Memory::Time),
     equation: "acceleration = Σ push cos(wave · place + swift · velocity + tilt · angles + rate t + phase) - drag (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g gain × d tilt/dt",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
     does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five waves \

@@ -148,6 +148,7 @@ fn job(
         start,
         start_velocity: [0.0; 2],
         rolled: 0.0,
+        turned: [0.0; 3],
         clock: Clock::Even(step),
         seed,
     }

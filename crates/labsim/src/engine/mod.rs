@@ -150,7 +150,7 @@ impl Setup<'_> {
         !self.any(|acts| match acts {
             Acts::OnTilt | Acts::OnRims | Acts::OnPicture => false,
             Acts::OnKnob { moves } => moves,
-            Acts::OnArrival | Acts::OnClock | Acts::OnMarble { .. } | Acts::OnExposure => true,
+            Acts::OnArrival | Acts::OnClock | Acts::OnMarble(_) | Acts::OnExposure => true,
         })
     }
 
@@ -177,6 +177,8 @@ pub(crate) struct Job<'a> {
     pub(crate) start_velocity: [f64; 2],
     /// How far the marble has rolled before (m).
     pub(crate) rolled: f64,
+    /// The rotation that this has turned it by: its axis times its angle (rad).
+    pub(crate) turned: [f64; 3],
     pub(crate) clock: Clock,
     /// Of what effects draw.
     pub(crate) seed: u64,

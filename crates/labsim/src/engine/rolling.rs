@@ -19,7 +19,7 @@ use super::camera::Camera;
 use super::{Job, Setup};
 use crate::effects::{Acts, Any, acting};
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push, Rims};
+use crate::motion::{Marbles, Push, Rims, Rolled};
 
 /// The most rollouts to a group.
 pub(crate) const GROUP: usize = 32;
@@ -182,11 +182,14 @@ impl<S: Simd> Register<S> {
             effect.rims(&mut rims);
         }
         let actuation = Actuation::new(simd, setup, job);
-        let mut forces = effects(|acts| matches!(acts, Acts::OnMarble { .. }));
-        let rolled = Lanes::from_fn(simd, |lane| job(lane).rolled);
+        let mut forces = effects(|acts| matches!(acts, Acts::OnMarble(_)));
+        let before = Rolled {
+            way: Lanes::from_fn(simd, |lane| job(lane).rolled),
+            turned: [0, 1, 2].map(|axis| Lanes::from_fn(simd, |lane| job(lane).turned[axis])),
+        };
         for effect in &mut forces {
             effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
-            effect.let_go(rolled);
+            effect.let_go(&before);
         }
         Self {
             rims,
@@ -352,6 +355,7 @@ mod tests {
                 start: [0.01 * f64::from(i), -0.2],
                 start_velocity: [0.3, 0.0],
                 rolled: 0.0,
+                turned: [0.0; 3],
                 clock: Clock::Even(Step::rounded(f64::from(substeps(i)))),
             })
             .collect();

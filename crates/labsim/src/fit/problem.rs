@@ -2,7 +2,7 @@
 
 use super::coordinates::{GEAR_Y, TIME};
 use crate::board::Rig;
-use crate::effects::{About, Acts, Parameter};
+use crate::effects::{About, Acts, Memory, Parameter};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::parameters::{NAMES, Parameters};
@@ -57,6 +57,8 @@ pub struct Recording<'a> {
     pub observed: &'a [[f64; 2]],
     /// How far the marble has rolled up to each row (board edges), where that is known; nothing else.
     pub way: Option<&'a [f64]>,
+    /// Where it rolled, a place a row without noise (board edges), where that is known; else it never turned.
+    pub path: Option<&'a [[f64; 2]]>,
 }
 
 /// Rows of a recording that are predicted from one start state.
@@ -158,11 +160,17 @@ impl Problem<'_> {
                 Acts::OnArrival
                     | Acts::OnClock
                     | Acts::OnKnob { .. }
-                    | Acts::OnMarble { timed: true }
+                    | Acts::OnMarble(Memory::Time)
                     | Acts::OnExposure
             )
         };
         self.effects.iter().any(|one| has_memory(one.effect.acts))
+    }
+
+    /// Whether it matters how the marble is turned when it is let go.
+    pub(super) fn turns(&self) -> bool {
+        let turning = Acts::OnMarble(Memory::Turning);
+        self.effects.iter().any(|one| one.effect.acts == turning)
     }
 
     /// Whether the camera may show a marble beyond the rim.
@@ -249,8 +257,10 @@ impl Problem<'_> {
                     "another number",
                 ));
             }
-            if one.way.is_some_and(|way| way.len() != rows) {
-                let what = format!("way of recording {i}");
+            let way = one.way.map_or(rows, <[f64]>::len);
+            let path = one.path.map_or(rows, <[[f64; 2]]>::len);
+            if way != rows || path != rows {
+                let what = format!("way or path of recording {i}");
                 return Err(Error::invalid(
                     what,
                     &format!("{rows} rows"),

@@ -12,6 +12,7 @@ use crate::effects::Chosen;
 use crate::error::Result;
 use crate::parameters::Parameters;
 use crate::rollout::{Batch, PerRollout, TimeBase};
+use crate::turning::turned;
 
 /// Coordinates and the start states of all windows.
 #[derive(Debug, Clone)]
@@ -161,16 +162,19 @@ impl<'a> Shooting<'a> {
         let (mut start, mut start_velocity) =
             (Vec::with_capacity(count), Vec::with_capacity(count));
         let (mut rolled, mut updates) = (Vec::with_capacity(count), Vec::with_capacity(count));
+        let mut turned = Vec::with_capacity(count);
         for trial in trials {
             let (base, of_effects) = trial.values.split_at(5);
             let base = Parameters::from(std::array::from_fn::<f64, 5, _>(|i| base[i]));
+            let edge = problem.rig.board.edge_x_m / base.observation_scale;
+            turned.extend(self.turned(windows, edge));
             for (&index, window) in indices.iter().zip(windows) {
                 let state = self.within(&trial.values, window, trial.states[index]);
                 let row_s = window.row_s.unwrap_or(base.time_scale * SUBSTEP_S);
                 parameters.push(base);
                 start.push([state[0], state[1]]);
                 start_velocity.push([state[2] / row_s, state[3] / row_s]);
-                rolled.push(window.rolled * problem.rig.board.edge_x_m / base.observation_scale);
+                rolled.push(window.rolled * edge);
                 updates.push(trial.updates);
                 let mut rest = of_effects;
                 for (values, one) in effects.iter_mut().zip(problem.effects) {
@@ -233,6 +237,7 @@ impl<'a> Shooting<'a> {
             start: PerRollout::Each(&start),
             start_velocity: PerRollout::Each(&start_velocity),
             rolled: PerRollout::Each(&rolled),
+            turned: PerRollout::Each(&turned),
             time: if problem.is_stamped() {
                 TimeBase::Durations(PerRollout::Of(&durations))
             } else {
@@ -241,5 +246,25 @@ impl<'a> Shooting<'a> {
             seeds: PerRollout::Each(&seeds),
         };
         batch.run(problem.engine, problem.threads, self.cancel)
+    }
+
+    /// How the marble of each window is turned when it is let go, where an effect asks for that.
+    fn turned(&self, windows: &[&Window], edge_m: f64) -> Vec<[f64; 3]> {
+        let mut known: Vec<Option<Vec<[f64; 3]>>> = vec![None; self.problem.recordings.len()];
+        let of_window = |window: &&Window| {
+            let path = self.problem.recordings[window.recording].path;
+            let Some(path) = path.filter(|_| window.first > 0 && self.problem.turns()) else {
+                return [0.0; 3];
+            };
+            let of_rows = known[window.recording].get_or_insert_with(|| {
+                let path: Vec<_> = path
+                    .iter()
+                    .map(|place| place.map(|one| one * edge_m))
+                    .collect();
+                turned(&path, self.problem.rig.marble.radius_m)
+            });
+            of_rows[window.first]
+        };
+        windows.iter().map(of_window).collect()
     }
 }

@@ -99,6 +99,7 @@ mod tests {
                     start: [x, y],
                     start_velocity: [0.0; 2],
                     rolled: 0.0,
+                    turned: [0.0; 3],
                     clock: Clock::Even(Step::rounded(f64::from(substeps))),
                 })
                 .collect();

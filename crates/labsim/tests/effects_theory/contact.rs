@@ -178,8 +178,34 @@ proptest! {
         let out = [f64::cos(heading), f64::sin(heading)];
         for (engine, _) in ENGINES {
             let trial = Trial { velocity: out.map(|x| 0.09 * x), ..Trial::level(9) };
-            let path = trial.with("eccentric_marble", &[offset, phase]).run(engine);
+            let path = trial.with("eccentric_marble", &[offset, phase, 0.0, 1.0]).run(engine);
             let way: Vec<f64> = path.iter().map(|place| place[0] * out[0] + place[1] * out[1]).collect();
+            assert_speeds(&way, speed, 6e-3, &format!("{engine:?}"));
+        }
+    }
+
+    /// g + v²/R grows by exp(-10/7 ε cos α): potential energy, and inertia that changes from place to place.
+    #[test]
+    fn a_heavy_side_that_keeps_its_place_ripples_in_the_plane_it_lies_in(
+        offset in 0.002..0.01_f64, phase in 0.0..6.2_f64, along_y: bool,
+    ) {
+        let radius = Trial::level(1).rig.marble.radius_m;
+        let begin = GRAVITY + 0.09 * 0.09 / radius;
+        let turned = |way: f64| f64::cos(phase) - f64::cos(way / radius + phase);
+        let speed = |way: f64| {
+            let grown = begin * f64::exp(10.0 / 7.0 * offset * turned(way));
+            f64::sqrt((grown - GRAVITY) * radius)
+        };
+        // Along y the heavy side is there if it leans by what is left to the top.
+        let (velocity, angles) = if along_y {
+            ([0.0, 0.09], [0.0, phase])
+        } else {
+            ([0.09, 0.0], [phase, 0.0])
+        };
+        for (engine, _) in ENGINES {
+            let trial = Trial { velocity, ..Trial::level(9) };
+            let path = trial.with("eccentric_marble", &[offset, angles[0], angles[1], 0.0]).run(engine);
+            let way: Vec<f64> = path.iter().map(|place| place[usize::from(along_y)]).collect();
             assert_speeds(&way, speed, 6e-3, &format!("{engine:?}"));
         }
     }
@@ -243,9 +269,32 @@ fn a_rebound_is_as_lively_as_the_effect_says() {
 fn an_eccentric_marble_at_rest_stays() {
     for (engine, _) in ENGINES {
         let path = Trial::level(5)
-            .with("eccentric_marble", &[0.01, 1.0])
+            .with("eccentric_marble", &[0.01, 1.0, 0.0, 1.0])
             .run(engine);
         assert_eq!(path, vec![[0.0; 2]; 5], "{engine:?}");
+    }
+}
+
+/// A marble whose heavy side keeps its place is a pendulum: it swings about where the heavy side is below.
+#[test]
+fn a_marble_let_go_with_its_heavy_side_aside_swings() {
+    for (engine, _) in ENGINES {
+        let path = Trial::level(600)
+            .with("eccentric_marble", &[0.01, 2.5, 0.4, 0.0])
+            .run(engine);
+        let radius = Trial::level(1).rig.marble.radius_m;
+        let far = |axis: usize| {
+            path.iter()
+                .map(|place| place[axis].abs())
+                .fold(0.0, f64::max)
+        };
+        assert!(far(0) > 0.5 * radius && far(1) > 0.5 * radius, "{engine:?}");
+        // It comes back to where it was let go, after turning by twice the angle to below.
+        let furthest = far(0).hypot(far(1));
+        let below = f64::acos(-f64::cos(2.5) * f64::cos(0.4));
+        assert_close(furthest, 2.0 * below * radius, 5e-4, &format!("{engine:?}"));
+        let near = |place: &[f64; 2]| place[0].hypot(place[1]) < 2e-4;
+        assert!(path[100..].iter().any(near), "{engine:?}");
     }
 }
 
@@ -257,7 +306,7 @@ fn a_heavy_side_keeps_its_length_however_far_the_marble_rolls() {
         ..Trial::level(1200)
     };
     let path = trial
-        .with("eccentric_marble", &[0.0005, 1.0])
+        .with("eccentric_marble", &[0.0005, 1.0, 0.0, 1.0])
         .with("side_force", &[1.0])
         .run(Engine::Rolling);
     let speed = |row: usize| {

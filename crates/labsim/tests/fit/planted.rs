@@ -144,6 +144,7 @@ impl Planted {
                 durations: self.durations.as_deref(),
                 observed,
                 way: None,
+                path: None,
             })
             .collect();
         ask(&Problem {

@@ -10,7 +10,7 @@ use crate::engine::actuation::Actuation;
 use crate::engine::camera::Camera;
 use crate::engine::{Job, Setup};
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push};
+use crate::motion::{Marbles, Push, Rolled};
 
 type One = Lanes<Scalar>;
 
@@ -67,12 +67,16 @@ impl<'a> Marble<'a> {
             simd,
             rig,
             setup.effects,
-            |acts| matches!(acts, Acts::OnMarble { .. }),
+            |acts| matches!(acts, Acts::OnMarble(_)),
             |_| job.rollout,
         );
+        let before = Rolled {
+            way: Lanes::splat(simd, job.rolled),
+            turned: job.turned.map(|angle| Lanes::splat(simd, angle)),
+        };
         for effect in &mut forces {
             effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
-            effect.let_go(Lanes::splat(simd, job.rolled));
+            effect.let_go(&before);
         }
         Self {
             job,

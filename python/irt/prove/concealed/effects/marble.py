@@ -36,26 +36,28 @@ class SideForce(Physics):
 class EccentricMarble(Physics):
     """A centre of mass beside the marble's middle: it turns with the rigid body in three dimensions.
 
-    `offset` is in radii. When the marble is let go, the heavy side lies in the board's x-z plane,
-    `phase_rad` from the top towards +x; as the marble rests on a level board, that is below, as near as
-    friction holds it. A marble that then rolls along +x is pushed on by 5/7 g offset sin(x/radius +
-    phase). Whoever takes the heavy side to turn with the way so far, always in the plane of the motion,
-    agrees until the marble turns back or aside: a true one turns its heavy side back too, which no law of
-    the way alone does.
+    `offset` is in radii. When the marble is let go, the heavy side lies `phase_rad` from the top towards +x
+    in the board's x-z plane, and from there `lean_rad` towards +y; as the marble rests on a level board, that
+    is below, as near as friction holds it.
     """
 
     name: ClassVar[str] = "eccentric_marble"
     offset: float
     phase_rad: float
+    lean_rad: float
 
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
         offset = between(2e-4, 0.004, strength)
-        held = math.asin(min(1.0, LEAST_FRICTION / offset))
-        return cls(offset, float(np.pi + random.uniform(-held, held)))
+        held = min(1.0, LEAST_FRICTION / offset) * math.sqrt(random.random())
+        towards = random.uniform(0.0, 2.0 * np.pi)
+        lean = math.asin(held * math.sin(towards))
+        return cls(offset, math.pi - math.asin(held * math.cos(towards) / math.cos(lean)), lean)
 
     def heavy_side(self) -> tuple[float, float, float]:
-        return self.offset * math.sin(self.phase_rad), 0.0, self.offset * math.cos(self.phase_rad)
+        level = self.offset * math.cos(self.lean_rad)
+        aside = self.offset * math.sin(self.lean_rad)
+        return level * math.sin(self.phase_rad), aside, level * math.cos(self.phase_rad)
 
 
 @dataclass(frozen=True)

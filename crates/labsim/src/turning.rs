@@ -1,0 +1,103 @@
+//! How a marble is turned by the path that it rolls.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// Straight pieces into which the way from one place to the next is cut.
+const PIECES: usize = 8;
+
+/// The rotation of a rolling sphere from the first place of a path to each of its places.
+///
+/// The sphere does not spin about the vertical. How it is turned depends on the whole path, since rotations
+/// do not commute: around a closed path of area A it turns about the vertical by A over the radius squared.
+/// So the path is taken as a smooth one through its places (Catmull and Rom, 1974).
+///
+/// # Arguments
+/// `path_m`: places of the sphere's middle (m). `radius_m`: of the sphere (m).
+///
+/// Returns a rotation for each place, its axis times its angle (rad).
+pub fn turned(path_m: &[[f64; 2]], radius_m: f64) -> Vec<[f64; 3]> {
+    let mut rotation = UnitQuaternion::identity();
+    let mut all = vec![[0.0; 3]; path_m.len().min(1)];
+    for row in 1..path_m.len() {
+        let mut before = path_m[row - 1];
+        for piece in 1..=PIECES {
+            let place = between(path_m, row, piece as f64 / PIECES as f64);
+            let [x, y] = [0, 1].map(|axis| (place[axis] - before[axis]) / radius_m);
+            rotation = UnitQuaternion::from_scaled_axis(Vector3::new(-y, x, 0.0)) * rotation;
+            before = place;
+        }
+        rotation.renormalize_fast();
+        all.push(rotation.scaled_axis().into());
+    }
+    all
+}
+
+/// The place at a part of the way, 0 to 1, from the place before a row to that of the row.
+fn between(path: &[[f64; 2]], row: usize, part: f64) -> [f64; 2] {
+    let of = |index: usize, axis: usize| path[index.min(path.len() - 1)][axis];
+    std::array::from_fn(|axis| {
+        let (from, to) = (of(row - 1, axis), of(row, axis));
+        let (ahead, behind) = (of(row + 1, axis), of(row.saturating_sub(2), axis));
+        let (leaving, arriving) = (0.5 * (to - behind), 0.5 * (ahead - from));
+        let bend = 2.0 * (from - to) + leaving + arriving;
+        let lean = 3.0 * (to - from) - 2.0 * leaving - arriving;
+        from + part * (leaving + part * (lean + part * bend))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    const RADIUS: f64 = 0.007;
+
+    fn assert_turned(found: [f64; 3], expected: Vector3<f64>) {
+        let apart = UnitQuaternion::from_scaled_axis(found.into())
+            .angle_to(&UnitQuaternion::from_scaled_axis(expected));
+        assert!(apart < 2e-3, "{found:?} and {expected:?}");
+    }
+
+    #[test]
+    fn a_straight_way_turns_about_the_axis_across_it() {
+        let path: Vec<[f64; 2]> = (0..20).map(|i| [0.003 * f64::from(i), 0.0]).collect();
+        for (place, found) in path.iter().zip(turned(&path, RADIUS)) {
+            assert_turned(found, Vector3::new(0.0, place[0] / RADIUS, 0.0));
+        }
+    }
+
+    #[test]
+    fn the_way_back_undoes_the_way_there() {
+        let mut path: Vec<[f64; 2]> = (0..30)
+            .map(|i| [0.002 * f64::from(i), 0.01 * f64::sin(0.3 * f64::from(i))])
+            .collect();
+        let back: Vec<_> = path.iter().rev().copied().collect();
+        path.extend(back);
+        assert_turned(turned(&path, RADIUS)[59], Vector3::zeros());
+    }
+
+    /// A sphere that rolls around a circle turns as a cone does that rolls on another.
+    #[test]
+    fn a_circle_turns_it_about_a_leaning_axis() {
+        let (circle, steps) = (0.02, 200_u32);
+        let path: Vec<[f64; 2]> = (0..=steps)
+            .map(|i| TAU * f64::from(i) / f64::from(steps))
+            .map(|angle| [circle * f64::sin(angle), circle * (1.0 - f64::cos(angle))])
+            .collect();
+        // In a frame that turns with the direction the sphere has a constant spin.
+        let ratio = circle / RADIUS;
+        let expected = UnitQuaternion::from_scaled_axis(Vector3::z() * TAU)
+            * UnitQuaternion::from_scaled_axis(Vector3::new(0.0, ratio, -1.0) * TAU);
+        assert_turned(
+            turned(&path, RADIUS)[steps as usize],
+            expected.scaled_axis(),
+        );
+    }
+
+    #[test]
+    fn no_path_turns_nothing() {
+        assert!(turned(&[], RADIUS).is_empty());
+        assert_eq!(turned(&[[0.1, 0.2]], RADIUS), vec![[0.0; 3]]);
+    }
+}
