@@ -154,6 +154,24 @@ def rollouts(
     )
 
 
+def turned(path_m: Array, radius_m: float) -> Array:
+    """Return how a path turns the marble that rolls along it, without spinning about the vertical.
+
+    Parameters
+    ----------
+    path_m : (n, 2)
+        Where it was, a place a row [m]; between them it went smoothly.
+    radius_m : float
+        Of the marble [m].
+
+    Returns
+    -------
+    (n, 3)
+        The rotation from the first row to each, its axis times its angle [rad].
+    """
+    return _labsim.turned(np.ascontiguousarray(path_m, dtype=np.float64), radius_m)
+
+
 def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False) -> Array:
     """Knob angles of the paper's drive (Eq. 3).
 

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt import _labsim
 from irt.model import Model
 from irt.rig import PARAMETERS
-from irt.rollouts import rollouts
+from irt.rollouts import rollouts, turned
 
 Array = NDArray[np.float64]
 
@@ -51,7 +50,7 @@ class Paths:
         for index, path in enumerate(self.paths):
             own = self.of == index
             if self.row[own].any():
-                found[own] = _labsim.turned(path * edge_m, radius_m)[self.row[own]]
+                found[own] = turned(path * edge_m, radius_m)[self.row[own]]
         return found
 
 

@@ -92,14 +92,33 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     assert irt("prove", *words).status == 130
     page = Path("out/proof.md")
     assert "| rounds | 1 of 2 are finished, and counted here |" in page.read_text()
+    verified = irt("prove", "--verify", "--out", "out")
+    assert (verified.status, verified.err) == (0, "")
+    first, second = verified.out.splitlines()
+    assert first.startswith("out: 1 rigs: labels, recordings and answers are what they were")
+    assert second == (
+        "out/round-2: not finished, and not checked: its rigs are not all hidden; the same command goes on"
+    )
     monkeypatch.setattr("irt.prove.run.Proof.run", run)
     done = irt("prove", *words)
     assert (done.status, done.err) == (0, "")
     assert done.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
     assert "| rounds | 2 of 2 are finished, and counted here |" in page.read_text()
     for number in (1, 2):
-        assert f"| SHA-256 of `keys-{number}.json` |" in page.read_text()
+        assert f"| SHA-256 of `keys.json`, round {number} |" in page.read_text()
     assert irt("prove", "--verify", "--out", "out").out.startswith("out: 2 rigs: ")
+    # A page that tells of two rounds never tells of one again.
+    written, scorecard = [], import_module("irt.prove.scorecard")
+    write = scorecard.write_scorecard
+    monkeypatch.setattr(
+        scorecard,
+        "write_scorecard",
+        lambda page, results, rounds, *rest, **more: (
+            written.append(len(rounds)) or write(page, results, rounds, *rest, **more)
+        ),
+    )
+    assert irt("prove", *words).status == 0
+    assert written == [2]
 
 
 def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:

@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from irt import _labsim
 from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter
 from irt.rig import PARAMETERS, RANGES, Board, Marble
-from irt.rollouts import rollouts
+from irt.rollouts import rollouts, turned
 from irt.start_state import Inputs, estimate_start_states, simulate
 
 VALUES = (0.07, 0.06, 0.0005, 12.4, 1.05)
@@ -101,7 +100,7 @@ def test_a_marble_is_turned_as_far_as_it_has_rolled(engine, follows) -> None:
     }
     before = {
         "rolled": way[half],
-        "turned": _labsim.turned(whole * Board().edge_x_m, Marble().radius_m)[half],
+        "turned": turned(whole * Board().edge_x_m, Marble().radius_m)[half],
     }
     told = rollouts(values, knobs[half:], **before, **begun, **heavy)[0]
     untold = rollouts(values, knobs[half:], **begun, **heavy)[0]

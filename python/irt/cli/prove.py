@@ -98,8 +98,11 @@ def run(args: argparse.Namespace) -> None:
     from irt.prove.rounds import verify_all
 
     if args.verify:
-        count = verify_all(args.out)
-        print(f"{args.out}: {count} rigs: labels, recordings and answers are what they were when sealed")
+        checked = verify_all(args.out)
+        said = "labels, recordings and answers are what they were when sealed"
+        print(f"{args.out}: {checked.rigs} rigs: {said}")
+        if checked.unfinished:
+            print(checked.unfinished)
         return
     from irt.prove.scorecard import verdict
 
@@ -116,12 +119,14 @@ def run(args: argparse.Namespace) -> None:
 def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     """Go through the rounds, from where it was left; return the scores of all, and their page."""
     from irt.cli.progress import progress_bar
+    from irt.prove.chain import unfinished
     from irt.prove.results import Results
     from irt.prove.run import Proof
     from irt.prove.scorecard import write_scorecard
     from irt.workers.choice import make_workers
 
     rounds = _rounds(args)
+    left = list(rounds)
     page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
     world = shlex.split(args.world) if args.world else _world()
     jobs = args.jobs or os.cpu_count() or 1
@@ -130,7 +135,8 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     scored: list[Results] = []
     try:
         with progress_bar() as progress:
-            for one in rounds:
+            while left:
+                one = left.pop(0)
                 proof = Proof(
                     one.places.out,
                     one.plan,
@@ -143,6 +149,9 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
                 )
                 finished.append(proof.run())
                 scored.append(Results.of(finished[-1], one.plan.names()))
+                # The page that is there tells of that one as well.
+                if left and not unfinished(left[0].places):
+                    continue
                 results = Results.joined(scored)
                 write_scorecard(page, results, finished, _settings(args, rounds, finished), raw=args.full)
     except KeyboardInterrupt:

@@ -15,9 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import make_folder, read_text, write_atomic
+from irt.files import make_folder, read_text, read_toml, write_atomic
 from irt.prove.seal import Key, Seal, canonical, digest, digests, open_seal
-from irt.rig import load_rig
+from irt.rig import read_start
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,8 @@ class Places:
 
     def start(self, name: str) -> str:
         """Return how a rig's recordings begin: "rest" or "moving"."""
-        return load_rig(self.rig(name)).start
+        # Not by the whole rig: a recording without a marble is none, and says nothing of this.
+        return read_start(read_toml(self.rig(name) / "rig.toml"))
 
     def seal(self, name: str) -> Path:
         """Return the file of a rig's seal."""
@@ -128,6 +129,21 @@ def open_all(places: Places, names: Sequence[str]) -> None:
         files.update({f"{run}.csv": test["csv"].encode() for run, test in label["tests"].items()})
         shutil.rmtree(places.opened(name), ignore_errors=True)
         write_folder(places.opened(name), files)
+
+
+def unfinished(places: Places) -> str:
+    """Return what a proof that was begun still lacks before it can be checked, in words; empty if nothing.
+
+    Once its keys are given out it lacks nothing but labels, which they open: whatever else is gone was taken
+    away, and `verify` says so.
+    """
+    if places.keys.exists():
+        names = read_json(places.commitments)["commitments"] if places.commitments.exists() else ()
+        are_open = all((places.opened(name) / "label.json").exists() for name in names)
+        return "" if are_open else "its seals are not all open"
+    if not places.commitments.exists():
+        return "its rigs are not all hidden"
+    return "its keys are not given out" if places.manifest.exists() else "its rigs are not all diagnosed"
 
 
 def verify(out: Path) -> int:

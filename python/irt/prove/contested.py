@@ -89,7 +89,7 @@ class Standing:
 
 
 def contestants(score: RigScore, folder: Path, opened: Path, start: str) -> list[Contestant]:
-    """Return what other methods made of a rig.
+    """Return what other methods made of a rig; nothing where they were given no run to predict.
 
     Parameters
     ----------
@@ -109,6 +109,8 @@ def contestants(score: RigScore, folder: Path, opened: Path, start: str) -> list
         return []
     told = json.loads(read_text(folder / "baselines.json"))
     tests, _ = held_out(opened, label_of(opened), start)
+    if not tests:
+        return []
     return [
         Contestant(
             rig=score.rig,
@@ -146,6 +148,8 @@ def standing(title: str, scores: Sequence[RigScore], entries: Sequence[Contestan
     answered = [one for one in entries if not one.missing]
     names = any(one.found is not None for one in answered)
     says = any(one.told is not None for one in answered)
+    # A diagnosis that failed has no time.
+    seconds = [one.seconds for one in entries if math.isfinite(one.seconds)]
     closed, over = [], []
     for one in hidden:
         error = of[one.rig].error
@@ -161,7 +165,7 @@ def standing(title: str, scores: Sequence[RigScore], entries: Sequence[Contestan
         Rate.over(quiet, lambda one: bool(of[one.rig].told)) if says else None,
         Quantity.median(closed),
         Quantity.median(over),
-        float(np.median([one.seconds for one in entries])) if entries else math.nan,
+        float(np.median(seconds)) if seconds else math.nan,
         "" if answered or not entries else entries[0].missing,
     )
 

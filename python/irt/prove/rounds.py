@@ -6,11 +6,13 @@ tells of the rounds that are, and of how many there are to be.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from irt.prove.chain import Places, verify
+from irt.errors import IrtError
+from irt.prove.chain import Places, unfinished, verify
 from irt.prove.plan import Plan, seed_of_round
 
 
@@ -62,13 +64,64 @@ class Rounds:
             yield Round(Places(place), Plan.of(self.hidden, self.nulls, number), seed)
 
 
-def verify_all(out: Path) -> int:
-    """Check every round of a proof that was begun from end to end, and return how many rigs they have.
+@dataclass(frozen=True)
+class Checked:
+    """What came of a check.
+
+    Attributes
+    ----------
+    rigs : int
+        Of all rounds that are finished; everything of them is what it was when it was sealed.
+    unfinished : str
+        The round that is not, and what it lacks, in a line; empty where there is none.
+    """
+
+    rigs: int
+    unfinished: str = ""
+
+
+def verify_all(out: Path) -> Checked:
+    """Check every round of a proof that is finished from end to end.
+
+    The last one may be unfinished: that is how a proof is left by Ctrl-C.
 
     Raises
     ------
     IrtError
-        If one is not finished, or anything in it was altered.
+        If none is finished, anything in one was altered, or something of a round is gone.
     """
-    rounds = sorted(out.glob("round-*"), key=lambda place: int(place.name.removeprefix("round-")))
-    return sum(verify(place) for place in rounds or [out])
+    rounds = _begun(out)
+    if not rounds:
+        # Where nothing was ever hidden there is nothing to go on with: it says which file is not there.
+        lacks = unfinished(Places(out)) if (out / "seals").is_dir() else ""
+        rounds = {1: out}
+    else:
+        lacks = unfinished(Places(rounds[max(rounds)]))
+    *before, last = rounds.values()
+    line = f"{last}: not finished, and not checked: {lacks}; the same command goes on" if lacks else ""
+    if lacks and not before:
+        raise IrtError(line)
+    _check_order(out, rounds)
+    return Checked(sum(verify(place) for place in (before if lacks else rounds.values())), line)
+
+
+def _begun(out: Path) -> dict[int, Path]:
+    """Return the folders of rounds by their numbers, in their order."""
+    found = {place: re.fullmatch(r"round-([1-9]\d*)", place.name) for place in out.glob("round-*")}
+    numbers = {int(fits[1]): place for place, fits in found.items() if fits and place.is_dir()}
+    return dict(sorted(numbers.items()))
+
+
+def _check_order(out: Path, rounds: Mapping[int, Path]) -> None:
+    """Raise unless every round but the last is there and finished: none begins before.
+
+    Raises
+    ------
+    IrtError
+        With one line that names the round.
+    """
+    for number in range(1, max(rounds)):
+        place = out / f"round-{number}"
+        lacks = unfinished(Places(place)) if place.is_dir() else "is not there"
+        if lacks:
+            raise IrtError(f"{place}: {lacks}, though a later round began: something was taken away")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import math
@@ -18,7 +19,7 @@ from irt.errors import IrtError
 from irt.files import read_text
 from irt.model import Model, load_model
 from irt.prove.blind import SECONDS
-from irt.recording import Recording, load_recording
+from irt.recording import KNOBS, MARBLE, STAMP, Recording
 from irt.residual import evaluate
 from irt.segments import LEAD_ROWS
 from irt.workers import FAILED
@@ -86,7 +87,7 @@ class RigScore:
     false_alarm : bool
         Whether something was named where there was nothing.
     errors : Errors or None
-        On runs held out; None where the diagnosis failed.
+        On runs held out; None where the diagnosis failed, or the tracker saw none of them.
     intervals : dict
         Whether the 95 % interval of each parameter holds the truth: "yes", "no", or "open" where it has an
         infinite end and so cannot fail on that side.
@@ -96,6 +97,10 @@ class RigScore:
         What the diagnosis took of one core.
     reason : str
         Why it failed, if it did.
+    unread : tuple of str
+        Runs in which the tracker lost the marble, so that nothing could be diagnosed.
+    left_out : tuple of str
+        Runs held out in which the tracker never saw the marble, so that no error counts them.
     """
 
     rig: str
@@ -115,6 +120,8 @@ class RigScore:
     through_camera: bool = False
     seconds: float = math.nan
     reason: str = ""
+    unread: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
 
     @property
     def closed(self) -> float | None:
@@ -150,12 +157,13 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
     group, kinds = group_of(label)
     seen: dict[str, Any] = {
         "noise": str(label.get("noise", "white")),
-        "sigma": float(label["sigma"]),
+        "sigma": math.nan if label["sigma"] is None else float(label["sigma"]),
         "through_camera": bool(label.get("through_camera", False)),
     }
     if (answer / FAILED).exists():
-        reason = str(_json(answer / FAILED)["error"])
-        return RigScore(rig, group, kinds, "failed", reason=reason, **seen)
+        unread, why = _unread(label)
+        reason = why or str(_json(answer / FAILED)["error"])
+        return RigScore(rig, group, kinds, "failed", reason=reason, unread=unread, **seen)
     told = _json(answer / "diagnosis.json")
     base, final = load_model(answer / "base.toml"), load_model(answer / "model.toml")
     return RigScore(
@@ -167,6 +175,7 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         errors=errors_of(base, final, opened, label),
         intervals=intervals(told, label["truth"]),
         seconds=float(_json(answer / SECONDS)["seconds"]),
+        left_out=_left_out(opened, label, base.start),
         **seen,
     )
 
@@ -237,9 +246,11 @@ def matched(kinds: Sequence[str], ties: Mapping[str, Sequence[str]]) -> dict[str
     }
 
 
-def errors_of(base: Model, final: Model, opened: Path, label: Mapping[str, Any]) -> Errors:
-    """Return the errors of two models on the runs held out, in free runs."""
+def errors_of(base: Model, final: Model, opened: Path, label: Mapping[str, Any]) -> Errors | None:
+    """Return the errors of two models on the runs held out, in free runs; None where no run was seen."""
     tests, true = held_out(opened, label, base.start)
+    if not tests:
+        return None
     missed = [np.nanmean(np.abs(t.marble - seen.marble)) for t, seen in zip(true, tests, strict=True)]
     return Errors(
         base=mean_error(base, tests),
@@ -253,18 +264,52 @@ def held_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[list[R
     """Return the runs held out: as the tracker saw them, and the true paths.
 
     The rows from which a prediction starts are true in both. Noise there shifts a whole path, and would count
-    against every model but the oracle.
+    against every model but the oracle. Runs in which nothing is seen after these rows are left out.
     """
     tests, true = [], []
+    lead = LEAD_ROWS if start == "moving" else 1
     for path in sorted(opened.glob("test-*.csv"), key=lambda path: (len(path.name), path.name)):
-        seen = load_recording(path)
-        clean = np.array(label["tests"][seen.name]["clean"], dtype=np.float64)
-        marble = seen.marble.copy()
-        lead = slice(0, LEAD_ROWS if start == "moving" else 1)
-        marble[lead] = clean[lead]
-        tests.append(Recording(seen.name, path, seen.knobs, marble, seen.stamps))
-        true.append(Recording(seen.name, path, seen.knobs, clean, seen.stamps))
+        clean = np.array(label["tests"][path.stem]["clean"], dtype=np.float64)
+        seen = _begun(path, clean[:lead])
+        if seen.seen[lead:].any():
+            tests.append(seen)
+            true.append(Recording(seen.name, path, seen.knobs, clean, seen.stamps))
     return tests, true
+
+
+def _begun(path: Path, first: Array) -> Recording:
+    """Return a run with these first rows instead of its own, in which the tracker may have lost the marble.
+
+    No ordinary recording may begin so, and `load_recording` would refuse it.
+    """
+    rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
+
+    def columns(*names: str) -> Array:
+        return np.array([[float(row[name].strip() or "nan") for name in names] for row in rows])
+
+    try:
+        knobs, marble = columns(*KNOBS), columns(*MARBLE)
+        stamps = columns(STAMP)[:, 0] if STAMP in rows[0] else None
+    except (AttributeError, LookupError, ValueError) as error:
+        raise IrtError(f"{path}: is no recording: {error}") from error
+    marble[: len(first)] = first
+    return Recording(path.stem, path, knobs, marble, stamps)
+
+
+def _left_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[str, ...]:
+    """Return the names of the runs held out in which the tracker never saw the marble."""
+    kept = {one.name for one in held_out(opened, label, start)[0]}
+    return tuple(name for name in label["tests"] if name not in kept)
+
+
+def _unread(label: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
+    """Return the recordings that the tracker could not read, and why in words; empty where there are none."""
+    lost = {name: why for name, why in label.get("lost", {}).items() if name not in label["tests"]}
+    if not lost:
+        return (), ""
+    name, why = next(iter(lost.items()))
+    more = f" and {len(lost) - 1} more" if len(lost) > 1 else ""
+    return tuple(lost), f"the tracker lost the marble in {name}{more}: {why}"
 
 
 def mean_error(model: Model, runs: Sequence[Recording]) -> float:

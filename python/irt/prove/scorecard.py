@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -13,11 +12,12 @@ import numpy as np
 from irt.diagnose.diagnosis import UNLISTED
 from irt.files import make_folder, write_atomic
 from irt.prove import figures
-from irt.prove.cases import GROUPS, failures
+from irt.prove.cases import GROUPS, failures, short_unread, told_left_out, told_unread
 from irt.prove.chain import Places
 from irt.prove.contested import Standing
 from irt.prove.further import KINDS
 from irt.prove.plan import NULLS
+from irt.prove.publish import named, publish, published, withdraw
 from irt.prove.results import Results
 from irt.prove.score import CHANCE, RigScore
 from irt.prove.seal import digest
@@ -40,8 +40,6 @@ from irt.rig import Board
 #: The paper's board, for noise in millimetres.
 _EDGE_MM = 1e3 * Board.edge_x_m
 _NOISES_MM = (0.0, 0.3, 0.6, 1.0, 2.5)
-#: Files of a proof that are copied beside the page, so that anyone can check them.
-_RAW = ("commitments", "manifest", "keys")
 
 
 def write_scorecard(
@@ -60,7 +58,8 @@ def write_scorecard(
     settings : mapping
         What it was made with, in words, by title.
     raw : bool
-        Whether commitments, manifest and keys go beside the page as well.
+        Whether commitments, manifest and keys go beside the page as well; those of an earlier page, or of
+        rounds that this one does not tell of, are removed in any case.
 
     Raises
     ------
@@ -75,9 +74,7 @@ def write_scorecard(
     figures.plot_gaps(folder / "gaps.png", scores, list(_rival_gaps(results)))
     figures.plot_coverage(folder / "coverage.png", scores)
     results.save(folder / "scores.json")
-    if raw:
-        for name, path in _published(rounds):
-            shutil.copyfile(path, folder / name)
+    copied = publish(folder, rounds) if raw else set()
     lines = [
         *_answer(results),
         *_naming(scores, folder.name),
@@ -86,9 +83,11 @@ def write_scorecard(
         *_one_more(results),
         *_intervals(scores, folder.name),
         *failures(scores),
-        *_how(rounds, settings, folder.name),
+        *_how(rounds, settings, folder.name, raw=raw),
     ]
     write_atomic(page, "\n".join(lines) + "\n")
+    # Last: until then there is a page that names them.
+    withdraw(folder, copied)
     return page
 
 
@@ -108,7 +107,7 @@ def verdict(results: Results) -> str:
         sentence += f" Short of its floor: {'; '.join(short)}."
     if perhaps:
         sentence += f" Short, though chance could do that: {'; '.join(perhaps)}."
-    return sentence
+    return sentence + short_unread(scores)
 
 
 def _answer(results: Results) -> Iterator[str]:
@@ -152,6 +151,7 @@ def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
         "physics "
         "that the catalogue does not have; `sufficient` where nothing was hidden."
     )
+    yield from told_unread(scores)
     yield "\n| of rigs with effects of the catalogue | rigs | right |"
     yield "| --- | --- | --- |"
     for words, inside in _cuts(of_catalogue(scores)):
@@ -213,6 +213,7 @@ def _errors(results: Results, folder: str) -> Iterator[str]:
             low = f"{np.quantile(closed, 0.1):.3f}"
             middle = _quantity(Quantity.median(closed))
             yield f"| {words} | {len(closed)} of {len(inside)} | {middle} | {low} |"
+    yield from told_left_out(results.scores)
     yield ""
     yield from _picture(
         folder,
@@ -282,7 +283,7 @@ def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
         )
 
 
-def _how(rounds: Sequence[Places], settings: Mapping[str, str], folder: str) -> Iterator[str]:
+def _how(rounds: Sequence[Places], settings: Mapping[str, str], folder: str, *, raw: bool) -> Iterator[str]:
     yield "\n## How it was done\n"
     yield (
         "1. A process of its own drew the seeds, had every rig recorded, encrypted its label "
@@ -300,19 +301,12 @@ def _how(rounds: Sequence[Places], settings: Mapping[str, str], folder: str) -> 
     yield "\n| | |\n| --- | --- |"
     for title, words in settings.items():
         yield f"| {title} | {words} |"
-    for name, path in _published(rounds):
+    files = [(f"`{name}`", path) for name, path in published(rounds)] if raw else named(rounds)
+    for name, path in files:
         if path.exists():
-            yield f"| SHA-256 of `{name}` | `{digest(path.read_bytes())}` |"
+            yield f"| SHA-256 of {name} | `{digest(path.read_bytes())}` |"
     yield ""
     yield f"Every score is in [{folder}/scores.json]({folder}/scores.json)."
-
-
-def _published(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
-    """Yield what of each round is for anyone to check, by the name that it has beside the page."""
-    for number, places in enumerate(rounds, start=1):
-        for name in _RAW:
-            path: Path = getattr(places, name)
-            yield path.name if len(rounds) == 1 else f"{path.stem}-{number}{path.suffix}", path
 
 
 def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:

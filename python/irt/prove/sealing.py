@@ -19,7 +19,9 @@ The concealed world is a process of the same manner. It is asked
 writes the rig's recordings and ``rig.toml`` into the folder, and answers ``{"label": {...}}``: ``kind`` (an
 effect, two, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters by name, ``effects``),
 ``sigma`` of the tracker [board edges], ``noise``, ``through_camera``, and ``tests`` by name, each with its
-``csv`` and the ``clean`` path [board edges].
+``csv`` and the ``clean`` path [board edges]. ``lost`` names the runs that its tracker could not read, and
+says why of each; their cells are empty, and ``sigma`` is null where there is no other run. Such a rig is
+sealed as any other: its diagnosis fails, and that counts.
 
 A world may also record further runs of a rig that it made, once the answers are written down: it is asked
 ``{"record": {"index": 3, "kind": "...", "seed": 7, "csv": "..."}}`` with commands and a start in row 0, and

@@ -1,4 +1,9 @@
-"""A small concealed world that speaks the protocol: rapier's rollouts of a few rows, under noise."""
+"""A small concealed world that speaks the protocol: rapier's rollouts of a few rows, under noise.
+
+    python fake_world.py [LOST...]
+
+LOST are runs that its tracker cannot read, each as "index/name": 1/train-2.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +11,7 @@ import io
 import json
 import sys
 import tempfile
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +38,7 @@ HIDDEN: dict[str, list[dict[str, Any]]] = {
 }
 
 
-def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
+def make(index: int, kind: str, folder: str, seed: int, lost: Collection[str] = ()) -> dict[str, Any]:
     """Write a rig's training recordings; return its label."""
     random = np.random.default_rng(seed)
     knobs = np.array([drive(random) for _ in range(TRAIN + TEST)])
@@ -47,6 +53,9 @@ def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
     Path(folder).mkdir(parents=True, exist_ok=True)
     for i in range(TRAIN):
         save_recording(Path(folder) / f"train-{i + 1}.csv", knobs[i], seen[i])
+        if f"train-{i + 1}" in lost:
+            path = Path(folder) / f"train-{i + 1}.csv"
+            path.write_text(without_marble(path.read_text()))
     (Path(folder) / "rig.toml").write_text("[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
     names = [one["name"] for one in HIDDEN[kind]]
     kinds: Any = {"single": names[:1] and names[0], "pair": names, "unlisted": "unlisted_twist"}.get(
@@ -56,7 +65,7 @@ def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
     for i in range(TRAIN, TRAIN + TEST):
         name = f"test-{i - TRAIN + 1}"
         csv = Recording(name, Path(name), knobs[i], seen[i]).to_csv()
-        tests[name] = {"csv": csv, "clean": clean[i].tolist()}
+        tests[name] = {"csv": without_marble(csv) if name in lost else csv, "clean": clean[i].tolist()}
     label = {
         "kind": kinds,
         "truth": {**TRUTH, "effects": HIDDEN[kind]},
@@ -64,9 +73,16 @@ def make(index: int, kind: str, folder: str, seed: int) -> dict[str, Any]:
         "noise": "white",
         "signal": 0.01,
         "through_camera": False,
+        "lost": dict.fromkeys(lost, "two marbles move on the board"),
         "tests": tests,
     }
     return {"made": Path(folder).name, "label": label}
+
+
+def without_marble(csv: str) -> str:
+    """Return a recording with empty cells where the marble would be."""
+    header, *rows = csv.splitlines()
+    return "\n".join([header, *(f"{row.rsplit(',', 2)[0]},," for row in rows)]) + "\n"
 
 
 def record(index: int, kind: str, seed: int, csv: str) -> dict[str, Any]:
@@ -96,14 +112,19 @@ def drive(random: np.random.Generator) -> np.ndarray:
     return (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
 
 
-def main(requests: io.TextIOBase | Any = sys.stdin) -> None:
+def main(words: Sequence[str], requests: io.TextIOBase | Any = sys.stdin) -> None:
     """Answer requests; the greeting is what libraries do."""
     print("fake world, built today", flush=True)
     for line in requests:
         request = json.loads(line)
-        told = record(**request["record"]) if "record" in request else make(**request["make"])
+        if "record" in request:
+            told = record(**request["record"])
+        else:
+            asked = request["make"]
+            mine = f"{asked['index']}/"
+            told = make(**asked, lost=[one.removeprefix(mine) for one in words if one.startswith(mine)])
         print(json.dumps(told), flush=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -106,7 +106,7 @@ def test_rig_through_the_camera_is_what_the_tracker_reads(monkeypatch: pytest.Mo
     def watch(calibration, empty, pictures, edges, radius):
         assert calibration.shape == empty.shape
         assert radius == pytest.approx(1.04 * RADIUS_M / EDGE_X_M)
-        return pictures / EDGE_X_M * edges[0]
+        return np.array(pictures) / EDGE_X_M * edges[0]
 
     spec = spec_with()
     recorded = record(spec, watch)

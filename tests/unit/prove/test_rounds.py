@@ -11,7 +11,7 @@ import pytest
 from irt.errors import IrtError
 from irt.prove.chain import Places
 from irt.prove.results import Results
-from irt.prove.rounds import Rounds, verify_all
+from irt.prove.rounds import Checked, Rounds, verify_all
 
 
 def test_rounds_share_neither_a_folder_nor_a_name_nor_a_seed(tmp_path: Path) -> None:
@@ -37,11 +37,87 @@ def test_scores_of_rounds_are_scores_of_one_proof(score: Callable) -> None:
     assert [one.group for one in results.scores] == ["single", "none", "pair"]
 
 
-def test_every_round_is_checked(finished: Path, tmp_path: Path) -> None:
+@pytest.fixture
+def rounds(finished: Path, tmp_path: Path) -> Path:
+    """Return the folder of a proof of two rounds that are finished."""
     for number in (1, 2):
         shutil.copytree(finished, tmp_path / f"round-{number}")
-    assert verify_all(tmp_path) == 2 * verify_all(finished) == 6
-    answer = next((tmp_path / "round-2" / "answers").rglob("*.json"))
+    return tmp_path
+
+
+def test_every_round_is_checked(rounds: Path, finished: Path) -> None:
+    assert verify_all(finished) == Checked(3)
+    assert verify_all(rounds) == Checked(6)
+    answer = next((rounds / "round-2" / "answers").rglob("*.json"))
     answer.write_bytes(answer.read_bytes() + b" ")
     with pytest.raises(IrtError, match="the answer is not the one of the manifest"):
-        verify_all(tmp_path)
+        verify_all(rounds)
+
+
+@pytest.mark.parametrize(
+    ("gone", "words"),
+    [
+        (("opened/rig-0002",), "its seals are not all open"),
+        (("opened", "keys.json"), "its keys are not given out"),
+        (("opened", "keys.json", "manifest.json", "answers/rig-0003"), "its rigs are not all diagnosed"),
+        (
+            ("opened", "keys.json", "manifest.json", "answers", "commitments.json"),
+            "its rigs are not all hidden",
+        ),
+        ((".",), "its rigs are not all hidden"),
+    ],
+)
+def test_a_last_round_that_is_unfinished_is_named(rounds: Path, gone: tuple[str, ...], words: str) -> None:
+    """It used to fail the whole check: keys.json: no such file."""
+    last = rounds / "round-2"
+    remove(last, *gone)
+    last.mkdir(exist_ok=True)
+    told = f"{last}: not finished, and not checked: {words}; the same command goes on"
+    assert verify_all(rounds) == Checked(3, told)
+    answer = next((rounds / "round-1" / "answers").rglob("*.json"))
+    answer.write_bytes(answer.read_bytes() + b" ")
+    with pytest.raises(IrtError, match="the answer is not the one of the manifest"):
+        verify_all(rounds)
+
+
+@pytest.mark.parametrize(
+    ("gone", "message"),
+    [
+        (("round-1/opened", "round-1/keys.json"), "round-1: its keys are not given out, though .* began"),
+        (("round-1",), "round-1: is not there, though .* began"),
+        (("round-2/manifest.json",), "manifest.json: no such file"),
+    ],
+)
+def test_what_only_an_alteration_leaves_is_an_error(
+    rounds: Path, gone: tuple[str, ...], message: str
+) -> None:
+    """A round begins once the one before it is finished, and keys go out for a manifest alone."""
+    remove(rounds, *gone)
+    with pytest.raises(IrtError, match=message) as caught:
+        verify_all(rounds)
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_finished_is_nothing_to_check(rounds: Path) -> None:
+    remove(rounds, "round-2", "round-1/keys.json")
+    for place in (rounds, rounds / "round-1"):
+        with pytest.raises(
+            IrtError, match="round-1: not finished, and not checked: its keys are not given out"
+        ):
+            verify_all(place)
+
+
+def test_what_lies_beside_rounds_is_no_round(rounds: Path) -> None:
+    (rounds / "round-2.bak").mkdir()
+    (rounds / "round-table").mkdir()
+    (rounds / "round-3").write_text("")
+    assert verify_all(rounds) == Checked(6)
+
+
+def remove(folder: Path, *names: str) -> None:
+    for name in names:
+        path = folder / name
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()

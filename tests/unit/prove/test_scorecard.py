@@ -110,9 +110,29 @@ def test_every_link_on_the_page_leads_somewhere(page: Path) -> None:
 def test_the_chain_is_named(page: Path, places) -> None:
     text = page.read_text()
     for name in ("commitments", "manifest", "keys"):
-        path = getattr(places, name)
-        assert digest(path.read_bytes()) in text
-        assert (page.parent / "proof" / path.name).read_bytes() == path.read_bytes()
+        content = getattr(places, name).read_bytes()
+        assert f"| SHA-256 of `{name}-1.json` | `{digest(content)}` |" in text
+        assert (page.parent / "proof" / f"{name}-1.json").read_bytes() == content
+
+
+def test_the_folder_holds_what_the_page_names_and_no_more(page: Path, results: Results, places) -> None:
+    """After the first round of several, files without a number used to stay beside those with one."""
+    folder = page.with_suffix("")
+    (folder / "keys.json").write_bytes(places.keys.read_bytes())
+    (folder / "notes.txt").write_text("not ours")
+    write_scorecard(page, results, [places, places], SETTINGS, raw=True)
+    published = {f"{name}-{one}.json" for name in ("commitments", "keys", "manifest") for one in (1, 2)}
+    expected = {*PICTURES, "scores.json", "notes.txt", *published}
+    assert {path.name for path in folder.iterdir()} == expected
+    assert set(re.findall(r"SHA-256 of `(.+?)`", page.read_text())) == published
+
+
+def test_where_nothing_is_copied_the_files_are_those_of_the_proof(results: Results, places, tmp_path) -> None:
+    page = write_scorecard(tmp_path / "one.md", results, [places], SETTINGS)
+    assert "| SHA-256 of `keys.json` |" in page.read_text()
+    page = write_scorecard(tmp_path / "two.md", results, [places, places], SETTINGS)
+    for number in (1, 2):
+        assert f"| SHA-256 of `keys.json`, round {number} |" in page.read_text()
 
 
 def test_no_rig_at_all_is_drawn_all_the_same(places, score, tmp_path: Path) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,14 @@ from .spec import TEST, TRAIN, Spec
 
 #: What reads rendered runs: a picture of the board at the calibration, one from before the run, the
 #: run's pictures, the board's length along x and y, the marble's radius [board edges]; to positions (n, 2).
+#: Where it can make nothing of a run it raises a ValueError that says why.
 Watch = Callable[[Picture, Picture, Iterable[Picture], tuple[float, float], float], Array]
 
 #: Index of a run that is recorded later, for what is drawn in it.
 FURTHER = TRAIN + TEST
+
+#: Why a run that was read is lost all the same.
+UNSEEN = "no marble in the first picture, where every prediction starts"
 
 RIG_TOML = f"""\
 [board]
@@ -49,11 +54,13 @@ class Recorded:
     clean : (runs, n, 2) array
         What a perfect tracker would have read [board edges].
     seen : (runs, n, 2) array
-        What the tracker read [board edges].
+        What the tracker read [board edges], NaN where it lost the marble.
     sigma : float
-        Standard deviation of what the tracker adds, but for outliers [board edges].
+        Standard deviation of what the tracker adds, but for outliers [board edges]; NaN if it read nothing.
     signal : float
         Mean absolute difference of paths with and without what is hidden, over the noise.
+    refused : mapping of int to str
+        Runs of which the tracker could make nothing, and why.
     """
 
     spec: Spec
@@ -62,6 +69,7 @@ class Recorded:
     seen: Array
     sigma: float
     signal: float
+    refused: Mapping[int, str] = field(default_factory=dict)
 
     def names(self) -> list[str]:
         """Return the names of the runs: train-1 and so on, then test-1 and so on."""
@@ -70,6 +78,14 @@ class Recorded:
     def text(self, run: int) -> str:
         """Return a run in the format of recordings."""
         return _csv(self.commands[run], self.seen[run])
+
+    def lost(self) -> dict[str, str]:
+        """Return the runs that are no recordings, by name, and why: nothing sealed may look as if read."""
+        return {
+            name: self.refused.get(run, UNSEEN)
+            for run, name in enumerate(self.names())
+            if np.isnan(self.seen[run, 0]).any()
+        }
 
     def label(self) -> dict[str, Any]:
         """Return the truth, and the test runs, as what JSON can hold."""
@@ -87,12 +103,13 @@ class Recorded:
                 "beyond": None if spec.beyond is None else dict(spec.beyond),
                 "outliers": spec.outliers,
             },
-            "sigma": self.sigma,
+            "sigma": _known(self.sigma),
             "noise": "tracker" if spec.through_camera else spec.noise,
-            "signal": self.signal,
+            "signal": _known(self.signal),
             "drive": spec.drive,
             "starts": spec.starts,
             "through_camera": spec.through_camera,
+            "lost": self.lost(),
             "tests": tests,
         }
 
@@ -118,6 +135,9 @@ def kind(spec: Spec) -> str | list[str]:
 def record(spec: Spec, watch: Watch | None = None) -> Recorded:
     """Simulate all runs of a rig and read them as its tracker does.
 
+    A run that the tracker cannot read is lost, and the rig stays: one drawn instead would be one that the
+    tracker can read, and the proof would tell of such rigs alone.
+
     Raises
     ------
     ValueError
@@ -127,26 +147,29 @@ def record(spec: Spec, watch: Watch | None = None) -> Recorded:
         raise ValueError(f"{spec.name} is to be seen through a camera: say what reads its pictures")
     runs = range(TRAIN + TEST)
     played = [spec.play(run) for run in runs]
+    refused: dict[int, str] = {}
     if watch is not None and spec.through_camera:
         clean = np.array([camera.perfect(spec, one) for one in played])
-        seen = _watched(spec, played, watch)
+        seen, refused = _watched(spec, played, watch)
         # Of most samples: where the marble was lost or taken for another there is no noise to tell.
-        sigma = 1.4826 * float(np.nanmedian(np.abs(seen - clean)))
+        missed = np.abs(seen - clean)[~np.isnan(seen)]
+        sigma = 1.4826 * float(np.median(missed)) if len(missed) else math.nan
     else:
         clean, sigma = np.array([one.seen for one in played]), spec.sigma
         seen = clean + sigma * np.array(
             [noise.noise(spec.noise, len(clean[run]), spec.random(run, 2)) for run in runs]
         )
-    signal = 0.0
+    signal = math.nan if math.isnan(sigma) else 0.0
     if spec.hidden and sigma > 0.0:
         signal = float(np.mean([spec.missed(run, played[run]) for run in range(TRAIN)])) / sigma
     return Recorded(
         spec=spec,
         commands=np.array([spec.excitation(run)[0] for run in runs]),
         clean=clean,
-        seen=np.array([noise.outliers(seen[run], spec.outliers, spec.random(run, 3)) for run in runs]),
+        seen=np.array([_jumped(spec, run, seen[run]) for run in runs]),
         sigma=sigma,
         signal=signal,
+        refused=refused,
     )
 
 
@@ -169,23 +192,42 @@ def record_further(spec: Spec, csv: str, watch: Watch | None = None) -> str:
     x, y = np.clip(shown * EDGE_X_M / spec.observation_scale, -room, room)
     played = play(spec.base, commands, (float(x), float(y)), spec.hidden, spec.random(FURTHER, 1))
     if watch is not None and spec.through_camera:
-        seen = _watched(spec, [played], watch, FURTHER)[0]
+        ((seen,), _) = _watched(spec, [played], watch, FURTHER)
     else:
         seen = played.seen + spec.sigma * noise.noise(spec.noise, len(commands), spec.random(FURTHER, 2))
-    return _csv(commands, noise.outliers(seen, spec.outliers, spec.random(FURTHER, 3)))
+    return _csv(commands, _jumped(spec, FURTHER, seen))
 
 
-def _watched(spec: Spec, played: list[Played], watch: Watch, first: int = 0) -> Array:
-    """Return what a tracker reads (runs, n, 2) [board edges] off pictures of runs, numbered from a first."""
+def _jumped(spec: Spec, run: int, seen: Array) -> Array:
+    """Return a run with a rig's outliers; where nothing at all was read, nothing was taken for the marble."""
+    if np.isnan(seen).all():
+        return seen
+    return noise.outliers(seen, spec.outliers, spec.random(run, 3))
+
+
+def _watched(spec: Spec, played: list[Played], watch: Watch, first: int = 0) -> tuple[Array, dict[int, str]]:
+    """Return what a tracker reads (runs, n, 2) [board edges] off pictures of runs, numbered from a first.
+
+    Besides, the runs of which it can make nothing, and why: their positions are NaN.
+    """
     edges = spec.observation_scale, spec.observation_scale * EDGE_Y_M / EDGE_X_M
     radius = spec.observation_scale * RADIUS_M / EDGE_X_M
     calibration, empty = camera.calibration(spec), camera.empty(spec)
-    return np.array(
-        [
-            watch(calibration, empty, camera.pictures(spec, run, one), edges, radius)
-            for run, one in enumerate(played, start=first)
-        ]
-    )
+    read, refused = [], {}
+    for run, one in enumerate(played, start=first):
+        # Rendered before they are read: what goes wrong there is no fault of the tracker's.
+        pictures = list(camera.pictures(spec, run, one))
+        try:
+            read.append(watch(calibration, empty, pictures, edges, radius))
+        except ValueError as error:
+            read.append(np.full_like(one.seen, np.nan))
+            refused[run] = f"{error}"
+    return np.array(read), refused
+
+
+def _known(value: float) -> float | None:
+    """Return a number as JSON takes it: None for NaN, on which no seal can be put."""
+    return None if math.isnan(value) else value
 
 
 def _csv(commands: Array, marble: Array) -> str:

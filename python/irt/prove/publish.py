@@ -1,0 +1,88 @@
+"""What of a proof lies beside its page for anyone to check: commitments, manifest and keys of each round."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from irt.errors import IrtError
+from irt.files import write_atomic
+from irt.prove.chain import Places
+
+#: The files of a round that are copied, and what each holds: by that it is known again.
+HOLDS = {
+    "commitments": {"commitments", "recordings"},
+    "manifest": {"commitments", "answers"},
+    "keys": {"manifest", "keys", "seed"},
+}
+#: What such files are or were called; without a number, as in a proof's own folder.
+_NAME = re.compile(rf"({'|'.join(HOLDS)})(-\d+)?\.json")
+
+
+def published(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
+    """Yield the files of each round by the name that they have beside the page.
+
+    The only round has a number as well: whether there will be more of them changes no name.
+    """
+    for number, path in _files(rounds):
+        yield f"{path.stem}-{number}{path.suffix}", path
+
+
+def named(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
+    """Yield the same files by words that say which is meant, where nothing is copied."""
+    for number, path in _files(rounds):
+        yield f"`{path.name}`" + (f", round {number}" if len(rounds) > 1 else ""), path
+
+
+def publish(folder: Path, rounds: Sequence[Places]) -> set[str]:
+    """Copy the files of all rounds into a folder, and return the names that they have there.
+
+    Raises
+    ------
+    IrtError
+        If one cannot be written.
+    """
+    names = set()
+    for name, path in published(rounds):
+        write_atomic(folder / name, path.read_bytes())
+        names.add(name)
+    return names
+
+
+def withdraw(folder: Path, stay: Collection[str]) -> None:
+    """Remove what an earlier page left in the folder: files of other rounds or under other names.
+
+    Raises
+    ------
+    IrtError
+        If one cannot be removed.
+    """
+    for path in sorted(folder.iterdir()):
+        if path.name not in stay and _is_copy(path):
+            try:
+                path.unlink()
+            except OSError as error:
+                raise IrtError(f"{path}: cannot be removed: {error.strerror}") from error
+
+
+def _is_copy(path: Path) -> bool:
+    """Whether a file is one that was published: name and content have to say so."""
+    fits = _NAME.fullmatch(path.name)
+    # Where seals lie is the proof itself, which a page of the same name shares its folder with.
+    if fits is None or not path.is_file() or (fits[2] is None and (path.parent / "seals").exists()):
+        return False
+    with suppress(OSError, ValueError):
+        content = json.loads(path.read_bytes())
+        return isinstance(content, dict) and set(content) == HOLDS[fits[1]]
+    return False
+
+
+def _files(rounds: Sequence[Places]) -> Iterator[tuple[int, Path]]:
+    """Yield the number of each round with each of its files."""
+    for number, places in enumerate(rounds, start=1):
+        for name in HOLDS:
+            path: Path = getattr(places, name)
+            yield number, path
