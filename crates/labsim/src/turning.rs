@@ -3,7 +3,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Straight pieces into which the way from one place to the next is cut.
-const PIECES: usize = 8;
+const PIECES: usize = 4;
 
 /// The rotation of a rolling sphere from the first place of a path to each of its places.
 ///

@@ -121,8 +121,12 @@ def is_noise(case: Case, one: Fitted) -> bool:
 
 
 def is_lost(case: Case, one: Fitted, base: Fitted) -> bool:
-    """Whether a hypothesis that does not explain the recordings misses what matters, not some small rest."""
-    return one.noise > LOST * case.noise and excess(case, one) > TRUSTED * excess(case, base)
+    """Whether a hypothesis that does not explain the recordings misses what matters, not some small rest.
+
+    How small is told by what it leaves of the base model's scatter: logarithms of likelihoods count a last
+    twentieth, which impacts leave, for a fifth.
+    """
+    return one.noise > max(LOST * case.noise, TRUSTED * base.noise)
 
 
 def excess(case: Case, one: Fitted) -> float:

@@ -119,6 +119,11 @@ impl Parameter {
         }
     }
 
+    /// Whether it is an angle of any size.
+    pub(crate) fn goes_round(&self) -> bool {
+        self.unit == "rad" && self.range.1 - self.range.0 >= std::f64::consts::PI
+    }
+
     /// Whether it is a question of yes or no, which no fit slides along.
     #[must_use]
     pub fn is_choice(&self) -> bool {

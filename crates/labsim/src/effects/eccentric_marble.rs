@@ -178,9 +178,15 @@ fn rotated<S: Simd>(vector: Vector<S>, half: Vector<S>) -> Vector<S> {
     let [x, y, z] = half;
     let one = x.like(1.0);
     let part = (2.0 * one).over(one + x * x + y * y + z * z);
-    let across = cross(half, vector);
-    let further = cross(half, across);
-    [0, 1, 2].map(|axis| vector[axis] + part * (across[axis] + further[axis]))
+    let [ax, ay, az] = cross(half, vector);
+    let [bx, by, bz] = cross(half, [ax, ay, az]);
+    let [vx, vy, vz] = vector;
+    // No closures: they would not be inlined.
+    [
+        vx + part * (ax + bx),
+        vy + part * (ay + by),
+        vz + part * (az + bz),
+    ]
 }
 
 #[expect(

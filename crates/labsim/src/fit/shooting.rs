@@ -2,6 +2,7 @@
 //! windows.
 
 use std::cell::Cell;
+use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 
 use super::coordinates::{Coordinates, SCALE, TIME};
@@ -163,11 +164,16 @@ impl<'a> Shooting<'a> {
             (Vec::with_capacity(count), Vec::with_capacity(count));
         let (mut rolled, mut updates) = (Vec::with_capacity(count), Vec::with_capacity(count));
         let mut turned = Vec::with_capacity(count);
+        let mut known_turns: HashMap<u64, Vec<[f64; 3]>> = HashMap::new();
         for trial in trials {
             let (base, of_effects) = trial.values.split_at(5);
             let base = Parameters::from(std::array::from_fn::<f64, 5, _>(|i| base[i]));
             let edge = problem.rig.board.edge_x_m / base.observation_scale;
-            turned.extend(self.turned(windows, edge));
+            // Most trials differ in something else.
+            let of_edge = known_turns
+                .entry(edge.to_bits())
+                .or_insert_with(|| self.turned(windows, edge));
+            turned.extend_from_slice(of_edge);
             for (&index, window) in indices.iter().zip(windows) {
                 let state = self.within(&trial.values, window, trial.states[index]);
                 let row_s = window.row_s.unwrap_or(base.time_scale * SUBSTEP_S);

@@ -128,7 +128,7 @@ impl Search<'_> {
     ///
     /// What has a place on the board says nothing of it to those who look elsewhere: slopes do not lead
     /// there. But with everything else about right a draw that comes near stands out. To one or two
-    /// parameters slopes lead; none where no effect has more.
+    /// parameters slopes lead, and to angles, from half-way round; none where no effect has more.
     pub(super) fn redrawn(
         &self,
         coordinates: &Coordinates,
@@ -146,8 +146,15 @@ impl Search<'_> {
         let best = ends[0].clone();
         let mut found = Vec::new();
         for slots in self.problem.slots_of_effects() {
-            let axes: Vec<usize> = slots.filter_map(|slot| coordinates.find(slot)).collect();
-            if axes.len() < 3 {
+            let axes: Vec<usize> = slots
+                .clone()
+                .filter_map(|slot| coordinates.find(slot))
+                .collect();
+            let angles = slots.filter(|&slot| {
+                let parameter = self.problem.effect_parameter(slot);
+                parameter.is_some_and(|(_, one)| one.goes_round())
+            });
+            if axes.len() < 3 + angles.count() {
                 continue;
             }
             let drawn = space_filling(REDRAWN * axes.len(), axes.len(), 0);

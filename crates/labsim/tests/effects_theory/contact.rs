@@ -1,5 +1,7 @@
 //! Where the marble touches board and rim, and the air around it.
 
+use std::f64::consts::PI;
+
 use labsim::Engine;
 use labsim::board::GRAVITY;
 use proptest::prelude::*;
@@ -196,9 +198,10 @@ proptest! {
             let grown = begin * f64::exp(10.0 / 7.0 * offset * turned(way));
             f64::sqrt((grown - GRAVITY) * radius)
         };
-        // Along y the heavy side is there if it leans by what is left to the top.
+        // A heavy side ahead of the top along y leans; one below it does so from the bottom.
+        let below = if f64::cos(phase) < 0.0 { PI } else { 0.0 };
         let (velocity, angles) = if along_y {
-            ([0.0, 0.09], [0.0, phase])
+            ([0.0, 0.09], [below, f64::asin(f64::sin(phase))])
         } else {
             ([0.09, 0.0], [phase, 0.0])
         };
