@@ -163,17 +163,10 @@ impl<'a> Shooting<'a> {
         let (mut start, mut start_velocity) =
             (Vec::with_capacity(count), Vec::with_capacity(count));
         let (mut rolled, mut updates) = (Vec::with_capacity(count), Vec::with_capacity(count));
-        let mut turned = Vec::with_capacity(count);
-        let mut known_turns: HashMap<u64, Vec<[f64; 3]>> = HashMap::new();
         for trial in trials {
             let (base, of_effects) = trial.values.split_at(5);
             let base = Parameters::from(std::array::from_fn::<f64, 5, _>(|i| base[i]));
-            let edge = problem.rig.board.edge_x_m / base.observation_scale;
-            // Most trials differ in something else.
-            let of_edge = known_turns
-                .entry(edge.to_bits())
-                .or_insert_with(|| self.turned(windows, edge));
-            turned.extend_from_slice(of_edge);
+            let edge = self.edge_m(trial);
             for (&index, window) in indices.iter().zip(windows) {
                 let state = self.within(&trial.values, window, trial.states[index]);
                 let row_s = window.row_s.unwrap_or(base.time_scale * SUBSTEP_S);
@@ -243,7 +236,7 @@ impl<'a> Shooting<'a> {
             start: PerRollout::Each(&start),
             start_velocity: PerRollout::Each(&start_velocity),
             rolled: PerRollout::Each(&rolled),
-            turned: PerRollout::Each(&turned),
+            turned: PerRollout::Each(&self.turned(trials, windows)),
             time: if problem.is_stamped() {
                 TimeBase::Durations(PerRollout::Of(&durations))
             } else {
@@ -254,12 +247,34 @@ impl<'a> Shooting<'a> {
         batch.run(problem.engine, problem.threads, self.cancel)
     }
 
-    /// How the marble of each window is turned when it is let go, where an effect asks for that.
-    fn turned(&self, windows: &[&Window], edge_m: f64) -> Vec<[f64; 3]> {
+    /// How far a marble goes while it is seen to go one edge (m).
+    fn edge_m(&self, trial: &Trial) -> f64 {
+        self.problem.rig.board.edge_x_m / trial.values[SCALE]
+    }
+
+    /// How the marbles of all windows are turned when they are let go, trial after trial.
+    fn turned(&self, trials: &[Trial], windows: &[&Window]) -> Vec<[f64; 3]> {
+        if !self.problem.turns() {
+            return vec![[0.0; 3]; trials.len() * windows.len()];
+        }
+        // Most trials differ in something else.
+        let mut known: HashMap<u64, Vec<[f64; 3]>> = HashMap::new();
+        let of_trial = |trial: &Trial| {
+            let edge_m = self.edge_m(trial);
+            let of_windows = known.entry(edge_m.to_bits());
+            of_windows
+                .or_insert_with(|| self.turned_by(windows, edge_m))
+                .clone()
+        };
+        trials.iter().flat_map(of_trial).collect()
+    }
+
+    /// How the marble of each window is turned when it is let go.
+    fn turned_by(&self, windows: &[&Window], edge_m: f64) -> Vec<[f64; 3]> {
         let mut known: Vec<Option<Vec<[f64; 3]>>> = vec![None; self.problem.recordings.len()];
         let of_window = |window: &&Window| {
             let path = self.problem.recordings[window.recording].path;
-            let Some(path) = path.filter(|_| window.first > 0 && self.problem.turns()) else {
+            let Some(path) = path.filter(|_| window.first > 0) else {
                 return [0.0; 3];
             };
             let of_rows = known[window.recording].get_or_insert_with(|| {
