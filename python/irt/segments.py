@@ -147,15 +147,16 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
 
 def _paths_of(batch: Sequence[Segment]) -> Paths:
     """Return the paths of the recordings that segments are of, each once."""
-    known: dict[str, int] = {}
+    # By the arrays themselves: recordings of several folders may share a name.
+    known: dict[int, int] = {}
     paths: list[Array] = []
     for segment in batch:
-        if segment.recording not in known:
-            known[segment.recording] = len(paths)
+        if id(segment.run_path) not in known:
+            known[id(segment.run_path)] = len(paths)
             paths.append(np.zeros((1, 2)) if segment.run_path is None else segment.run_path)
     return Paths(
         tuple(paths),
-        np.array([known[segment.recording] for segment in batch]),
+        np.array([known[id(segment.run_path)] for segment in batch]),
         np.array([0 if segment.run_path is None else segment.first_row for segment in batch]),
     )
 

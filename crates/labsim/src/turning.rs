@@ -7,9 +7,9 @@ const PIECES: usize = 4;
 
 /// The rotation of a rolling sphere from the first place of a path to each of its places.
 ///
-/// The sphere does not spin about the vertical. How it is turned depends on the whole path, since rotations
-/// do not commute: around a closed path of area A it turns about the vertical by A over the radius squared.
-/// So the path is taken as a smooth one through its places (Catmull and Rom, 1974).
+/// The sphere neither slips nor spins about the vertical, as after an impact. How it is turned depends on the
+/// whole path, since rotations do not commute: around a small closed path of area A it turns about the
+/// vertical by A over the radius squared. So the path is taken as a smooth one through its places (Catmull and Rom, 1974).
 ///
 /// # Arguments
 /// `path_m`: places of the sphere's middle (m). `radius_m`: of the sphere (m).

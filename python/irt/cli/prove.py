@@ -150,7 +150,7 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
                 finished.append(proof.run())
                 scored.append(Results.of(finished[-1], one.plan.names()))
                 # The page that is there tells of that one as well.
-                if left and not unfinished(left[0].places):
+                if left and page.exists() and not unfinished(left[0].places):
                     continue
                 results = Results.joined(scored)
                 write_scorecard(page, results, finished, _settings(args, rounds, finished), raw=args.full)

@@ -58,7 +58,8 @@ def _of(case: Case, screen: Screen | None, name: str, evidence: Evidence) -> Ite
         if screen is not None:
             gains = screen.gains(name, values).reshape(SIZES, OTHERS)
         typical = np.median(gains, axis=1)
-        needed = max(evidence.price(len(parameters), 1), LEAST_SHARE * evidence.rows)
+        fitted = sum(not one.is_choice for one in parameters)
+        needed = max(evidence.price(fitted, 1), LEAST_SHARE * evidence.rows)
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
         if is_law_of_impacts(name):
             seen &= np.abs(ladder - one.neutral) > LEAST_OF_IMPACTS * (one.high - one.low)
@@ -80,7 +81,12 @@ def _ladder(
     one = parameters[index]
     end = one.high if abs(one.high - one.neutral) >= abs(one.low - one.neutral) else one.low
     ladder = one.neutral + (end - one.neutral) * np.logspace(-3.0, 0.0, SIZES)
-    others = np.array([[random.uniform(p.low, p.high) for p in parameters] for _ in range(OTHERS)])
+    others = np.array(
+        [
+            [random.choice(p.choices) if p.is_choice else random.uniform(p.low, p.high) for p in parameters]
+            for _ in range(OTHERS)
+        ]
+    )
     if alone:
         others[:] = [p.neutral for p in parameters]
     values = np.tile(others, (SIZES, 1))

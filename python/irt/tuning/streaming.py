@@ -292,7 +292,9 @@ def _drawn(random: np.random.Generator, info: EffectInfo, affected: NDArray[np.b
     drawn: dict[str, object] = {"name": info.name}
     for one in info.parameters:
         plausible = random.uniform(one.low, one.high, len(affected))
-        if np.isfinite(one.neutral):
+        if one.is_choice:
+            value = random.choice(one.choices, len(affected))
+        elif np.isfinite(one.neutral):
             value = one.neutral + size * (plausible - one.neutral)
         else:
             value = plausible / np.maximum(size, 1e-3)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -112,3 +113,17 @@ def test_without_a_point_every_answer_is_tried(planted):
     rig = planted(3, effects=[{"name": effect.name, **effect.parameters}])
     found = Problem.of(rig, segments(rig), effects=[Effect("eccentric_marble", {})]).fit(rounds=0)
     assert found.values[-1] == 0.0
+
+
+def test_windows_know_how_the_marble_was_turned_before_them(planted):
+    effect = Effect("eccentric_marble", HEAVY | {"follows_path": 0.0})
+    rig = planted(2, moving=True, effects=[{"name": effect.name, **effect.parameters}])
+    truth = np.array([[*TRUTH, *effect.parameters.values()]])
+    told = segments(rig, 1.0)
+    untold = [replace(segment, run_path=None) for segment in told]
+    left = [
+        max(float(np.abs(one).max()) for one in found.residuals)
+        for found in (Problem.of(rig, cut, effects=[effect]).judge(truth)[0] for cut in (told, untold))
+    ]
+    assert left[0] < 0.05 * left[1]
+    assert left[1] > 1e-3

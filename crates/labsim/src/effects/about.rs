@@ -119,8 +119,8 @@ impl Parameter {
         }
     }
 
-    /// Whether it is an angle of any size.
-    pub(crate) fn goes_round(&self) -> bool {
+    /// Whether it is an angle that is looked for half-way round or farther.
+    pub(crate) fn is_wide(&self) -> bool {
         self.unit == "rad" && self.range.1 - self.range.0 >= std::f64::consts::PI
     }
 

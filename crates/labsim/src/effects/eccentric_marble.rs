@@ -14,7 +14,7 @@ pub(super) const ABOUT: About = About {
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::Turning),
     equation: "acceleration = 5/7 offset (g e + v²/R (e · v̂) v̂), e the horizontal part of the direction of the heavy side, \
-               which turns as the marble rolls; or, if it follows the path, 5/7 g offset sin(s/R + phase) v̂, s the way so far",
+               which turns as the marble rolls (and, once it spins about the vertical, + 5/7 offset R (ω_z² e - ω_z e_z ω)); or, if it follows the path, 5/7 g offset sin(s/R + phase) v̂, s the way so far",
     parameters: &[
         Parameter {
             name: "offset",
@@ -55,7 +55,7 @@ pub(super) const ABOUT: About = About {
            the path bends. A marble that is turned about the vertical along with its path keeps the heavy side in that plane.",
     matters: "For slow marbles: the weight is worth a tilt of offset radians, forth and back once a turn.",
     looks: "A ripple of the speed with a wavelength of 2πR, the marble's circumference (43 mm), in whatever direction it rolls. \
-            A marble at rest has its heavy side below, and is slow to leave.",
+            A heavy side that keeps its place is below in a marble at rest, which is slow to leave.",
     references: &[
         "Routh: The Advanced Part of a Treatise on the Dynamics of a System of Rigid Bodies, 6th ed., Macmillan, 1905",
         "Chaplygin: On a motion of a heavy body of revolution on a horizontal plane, Regular and Chaotic Dynamics 7(2), 2002 (of 1897)",
@@ -131,13 +131,17 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
         self.turn(speed * self.last);
         self.roll(marbles);
         self.last = push.length;
-        let [heavy_x, heavy_y, _] = self.heavy;
-        let ahead = x * heavy_x + y * heavy_y;
-        let inertia = (2.0 / GRAVITY * self.half_curvature) * (speed * speed) * ahead;
+        let [heavy_x, heavy_y, heavy_z] = self.heavy;
+        // Over g: what throws the heavy side outwards, of the roll and of the spin about the vertical.
+        let curvature = 2.0 / GRAVITY * self.half_curvature;
+        let ahead = curvature * (speed * speed) * (x * heavy_x + y * heavy_y);
+        let spin = curvature * marbles.spin;
+        let (level, tumbling) = (one + spin * marbles.spin, spin * heavy_z);
+        let keeps_x = level * heavy_x + ahead * x + tumbling * marbles.sy;
+        let keeps_y = level * heavy_y + ahead * y - tumbling * marbles.sx;
         let strength = self.weight * push.length;
-        let follows = self.follows_path;
-        push.x = push.x + strength * follows.select(self.sin * x, heavy_x + inertia * x);
-        push.y = push.y + strength * follows.select(self.sin * y, heavy_y + inertia * y);
+        push.x = push.x + strength * self.follows_path.select(self.sin * x, keeps_x);
+        push.y = push.y + strength * self.follows_path.select(self.sin * y, keeps_y);
     }
 }
 
@@ -163,8 +167,10 @@ impl<S: Simd> EccentricMarble<S> {
     #[inline(always)]
     fn roll(&mut self, marbles: &Marbles<S>) {
         let half = self.half_curvature * self.last;
-        let turn = [-(half * marbles.sy), half * marbles.sx, half * marbles.spin];
-        self.heavy = rotated(self.heavy, turn);
+        let (x, y, z) = (-(half * marbles.sy), half * marbles.sx, half * marbles.spin);
+        // As in `turn`.
+        let tangent = x.like(1.0) + 1.0 / 3.0 * (x * x + y * y + z * z);
+        self.heavy = rotated(self.heavy, [tangent * x, tangent * y, tangent * z]);
     }
 }
 

@@ -335,7 +335,7 @@ mod tests {
     use super::*;
     use crate::board::Rig;
     use crate::drive::paper_drive;
-    use crate::effects::{About, Chosen, known};
+    use crate::effects::{About, Chosen, Parameter, known};
     use crate::engine::{Clock, Step};
     use crate::rollout::PerRollout;
 
@@ -394,9 +394,19 @@ mod tests {
 
     #[test]
     fn every_instruction_set_gives_effects_the_same_bits() {
+        for answer in [0.0, 1.0] {
+            assert_same_bits(answer);
+        }
+    }
+
+    /// Effects at values within their ranges, with this answer to every choice.
+    fn assert_same_bits(answer: f64) {
         let middle = |about: &About| -> Vec<f64> {
-            let ranges = about.parameters.iter().map(|one| one.range);
-            ranges.map(|(low, high)| low + 0.4 * (high - low)).collect()
+            let value = |one: &Parameter| match one.range {
+                _ if one.is_choice() => answer,
+                (low, high) => low + 0.4 * (high - low),
+            };
+            about.parameters.iter().map(value).collect()
         };
         let values: Vec<Vec<f64>> = known().map(middle).collect();
         let chosen: Vec<Chosen<'_>> = known()

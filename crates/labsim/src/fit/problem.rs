@@ -31,11 +31,16 @@ pub struct Hypothesis {
 }
 
 impl Hypothesis {
-    /// All parameters of an effect looked for over its plausible ranges.
+    /// All parameters of an effect looked for over its plausible ranges; choices as they usually are.
     pub fn free(effect: &'static About) -> Self {
-        let free = |one: &Parameter| Sought::Free {
-            range: one.range,
-            start: None,
+        let free = |one: &Parameter| {
+            if one.is_choice() {
+                return Sought::Held(one.neutral);
+            }
+            Sought::Free {
+                range: one.range,
+                start: None,
+            }
         };
         Self {
             effect,

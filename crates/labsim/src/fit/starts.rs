@@ -152,7 +152,7 @@ impl Search<'_> {
                 .collect();
             let angles = slots.filter(|&slot| {
                 let parameter = self.problem.effect_parameter(slot);
-                parameter.is_some_and(|(_, one)| one.goes_round())
+                coordinates.find(slot).is_some() && parameter.is_some_and(|(_, one)| one.is_wide())
             });
             if axes.len() < 3 + angles.count() {
                 continue;

@@ -6,6 +6,9 @@ several sizes of the effect to either side; the one with the least training erro
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,13 +36,20 @@ def starts(name: str, base: Fitted) -> Array:
     """Return where the fit of an effect starts, (k, 5 + p): the base fit, and sizes of the effect."""
     parameters = effect(name).parameters
     shares = [sign * size for size in SIZES for sign in (1.0, -1.0)]
-    sizes = np.unique([[_part(one, share) for one in parameters] for share in shares], axis=0)
+    answers = list(itertools.product(*(one.choices for one in parameters if one.is_choice)))
+    sizes = np.unique([_sized(parameters, share, answer) for share in shares for answer in answers], axis=0)
     return np.concatenate([np.tile(base.values, (len(sizes), 1)), sizes], axis=1)
 
 
 def training_error(fitted: Fitted) -> float:
     """Return the mean absolute residual [board edges] of a fit."""
     return float(np.nanmean(np.abs(np.concatenate([one.ravel() for one in fitted.residuals]))))
+
+
+def _sized(parameters: Sequence[EffectParameter], share: float, answer: Sequence[float]) -> list[float]:
+    """Return the values of an effect of a size, with these answers to its choices."""
+    left = iter(answer)
+    return [next(left) if one.is_choice else _part(one, share) for one in parameters]
 
 
 def _part(one: EffectParameter, share: float) -> float:
