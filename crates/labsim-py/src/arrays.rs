@@ -76,7 +76,7 @@ pub(crate) fn lengths(
     }
 }
 
-/// A `(rows, 2)` array of pairs.
+/// A `(rows, N)` array.
 pub(crate) fn matrix<'py, const N: usize>(
     py: Python<'py>,
     rows: &[[f64; N]],

@@ -301,7 +301,7 @@ fn dictionary<'py>(py: Python<'py>, information: &Information) -> PyResult<Bound
 
 fn states<'py>(py: Python<'py>, states: &[Option<[f64; 4]>]) -> Bound<'py, numpy::PyArray2<f64>> {
     let known = states.iter().map(|one| one.unwrap_or([f64::NAN; 4]));
-    matrix(py, known.flatten().collect(), 4)
+    arrays::matrix(py, &known.collect::<Vec<_>>())
 }
 
 fn matrix(py: Python<'_>, values: Vec<f64>, columns: usize) -> Bound<'_, numpy::PyArray2<f64>> {

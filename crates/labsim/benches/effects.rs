@@ -12,13 +12,16 @@ mod paper;
 const ROWS: usize = 100;
 const ROLLOUTS: usize = 2048;
 
-/// Values in the middle of the plausible ones, a little different for each rollout, as in a search.
-fn values(effect: &About) -> Vec<f64> {
+/// Values in the middle of the plausible ones, a little different for each rollout, as in a search; choices
+/// are answered as usual, or the other way.
+fn values(effect: &About, is_usual: bool) -> Vec<f64> {
     (0..ROLLOUTS)
         .flat_map(|rollout| {
             let place = 0.4 + 0.2 * rollout as f64 / ROLLOUTS as f64;
-            let at = move |(low, high): (f64, f64)| low + place * (high - low);
-            effect.parameters.iter().map(move |one| at(one.range))
+            effect.parameters.iter().map(move |one| match one.range {
+                (usual, _) if one.is_choice() && !is_usual => 1.0 - usual,
+                (low, high) => low + place * (high - low),
+            })
         })
         .collect()
 }
@@ -45,9 +48,16 @@ fn cost_of_effects(criterion: &mut Criterion) {
     };
     measure("base", &[]);
     for effect in effects() {
-        let values = values(effect);
-        let values = PerRollout::Each(&values);
-        measure(effect.name, &[Chosen { effect, values }]);
+        let mut measure = |name: &str, values: &[f64]| {
+            let values = PerRollout::Each(values);
+            measure(name, &[Chosen { effect, values }]);
+        };
+        measure(effect.name, &values(effect, true));
+        if let Some(choice) = effect.parameters.iter().find(|one| one.is_choice()) {
+            let other = 1.0 - choice.neutral;
+            let name = format!("{}, {} = {other}", effect.name, choice.name);
+            measure(&name, &values(effect, false));
+        }
     }
     group.finish();
 }

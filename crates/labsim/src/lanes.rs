@@ -179,6 +179,15 @@ impl<S: Simd> Lanes<S> {
         (sin, cos)
     }
 
+    /// Sine and cosine of any angle to the last bit, lane by lane: for what is worked out once.
+    pub(crate) fn sin_cos_of_any(self) -> (Self, Self) {
+        let angles = self.to_array();
+        (
+            Self::from_fn(self.simd, |lane| libm::sin(angles[lane])),
+            Self::from_fn(self.simd, |lane| libm::cos(angles[lane])),
+        )
+    }
+
     /// A polynomial by Horner's rule; the constant coefficient comes first.
     #[inline(always)]
     fn polynomial(self, coefficients: &[f64]) -> Self {

@@ -224,24 +224,21 @@ impl<'a> Batch<'a> {
     fn check_rollout(&self, rollout: usize, knobs: [f64; 2]) -> Result<()> {
         let parameters = &self.parameters[rollout];
         parameters.check()?;
-        let finite = |what: &str, values: &[[f64; 2]]| match values
-            .as_flattened()
-            .iter()
-            .find(|v| !v.is_finite())
-        {
+        let finite = |what: &str, values: &[f64]| match values.iter().find(|v| !v.is_finite()) {
             Some(value) => Err(Error::invalid(what, "finite numbers", value)),
             None => Ok(()),
         };
-        finite("start", self.start.of(rollout, 1))?;
-        finite("start_velocity", self.start_velocity.of(rollout, 1))?;
-        finite("rolled", &[[self.rolled.of(rollout, 1)[0], 0.0]])?;
-        let [x, y, z] = self.turned.of(rollout, 1)[0];
-        finite("turned", &[[x, y], [z, 0.0]])?;
+        finite("start", self.start.of(rollout, 1).as_flattened())?;
+        let velocity = self.start_velocity.of(rollout, 1);
+        finite("start_velocity", velocity.as_flattened())?;
+        finite("rolled", self.rolled.of(rollout, 1))?;
+        finite("turned", self.turned.of(rollout, 1).as_flattened())?;
         let commands = self.commands.of(rollout, self.issued());
         self.check_length("commands", rollout, commands.len())?;
-        finite("knobs_before", self.knobs_before.of(rollout, 1))?;
+        let before = self.knobs_before.of(rollout, 1);
+        finite("knobs_before", before.as_flattened())?;
         if knobs.contains(&f64::INFINITY) {
-            finite("commands", commands)?;
+            finite("commands", commands.as_flattened())?;
         }
         for (axis, gear) in [parameters.gear_x, parameters.gear_y]
             .into_iter()

@@ -7,22 +7,23 @@ const PIECES: usize = 4;
 
 /// The rotation of a rolling sphere from the first place of a path to each of its places.
 ///
-/// The sphere neither slips nor spins about the vertical, as after an impact. How it is turned depends on the
-/// whole path, since rotations do not commute: around a small closed path of area A it turns about the
-/// vertical by A over the radius squared. So the path is taken as a smooth one through its places (Catmull and Rom, 1974).
+/// The sphere neither slips nor spins about the vertical, as after an impact. How it is turned depends on
+/// the whole path, since rotations do not commute: around a small closed path of area A it turns about the
+/// vertical by A over the radius squared. So the path is taken as a smooth one through its places (Catmull
+/// and Rom, 1974).
 ///
 /// # Arguments
-/// `path_m`: places of the sphere's middle (m). `radius_m`: of the sphere (m).
+/// `path`: places of the sphere's middle. `radius`: of the sphere, in the same unit.
 ///
 /// Returns a rotation for each place, its axis times its angle (rad).
-pub fn turned(path_m: &[[f64; 2]], radius_m: f64) -> Vec<[f64; 3]> {
+pub fn turned(path: &[[f64; 2]], radius: f64) -> Vec<[f64; 3]> {
     let mut rotation = UnitQuaternion::identity();
-    let mut all = vec![[0.0; 3]; path_m.len().min(1)];
-    for row in 1..path_m.len() {
-        let mut before = path_m[row - 1];
+    let mut all = vec![[0.0; 3]; path.len().min(1)];
+    for row in 1..path.len() {
+        let mut before = path[row - 1];
         for piece in 1..=PIECES {
-            let place = between(path_m, row, piece as f64 / PIECES as f64);
-            let [x, y] = [0, 1].map(|axis| (place[axis] - before[axis]) / radius_m);
+            let place = between(path, row, piece as f64 / PIECES as f64);
+            let [x, y] = [0, 1].map(|axis| (place[axis] - before[axis]) / radius);
             rotation = UnitQuaternion::from_scaled_axis(Vector3::new(-y, x, 0.0)) * rotation;
             before = place;
         }

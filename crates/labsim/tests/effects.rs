@@ -3,7 +3,7 @@
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
-use labsim::effects::known;
+use labsim::effects::{Parameter, known};
 use labsim::{About, Batch, Chosen, Engine, Live, Parameters, PerRollout, Rig, TimeBase};
 use proptest::prelude::*;
 
@@ -58,15 +58,31 @@ fn chosen<'a>(effect: &'static About, values: &'a [f64]) -> Chosen<'a> {
     }
 }
 
-/// Values at a place of the box of plausible ones, 0 to 1 along each side; choices are made by the sides' halves.
-fn within(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
-    let at = |(i, one): (usize, &labsim::effects::Parameter)| {
-        if one.is_choice() {
-            return place(i).round();
-        }
-        one.range.0 + place(i) * (one.range.1 - one.range.0)
+/// Values at a place of a box, 0 to 1 along each side; choices are made by halves.
+fn values(
+    effect: &About,
+    ends: fn(&Parameter) -> (f64, f64),
+    place: impl Fn(usize) -> f64,
+) -> Vec<f64> {
+    let at = |(i, one): (usize, &Parameter)| {
+        let ((low, high), place) = if one.is_choice() {
+            (one.allowed, place(i).round())
+        } else {
+            (ends(one), place(i))
+        };
+        low + place * (high - low)
     };
     effect.parameters.iter().enumerate().map(at).collect()
+}
+
+/// Values at a place of the box of plausible ones.
+fn within(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
+    values(effect, |one| one.range, place)
+}
+
+/// Values at a place of the box of allowed ones.
+fn allowed(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
+    values(effect, |one| (one.allowed.0, one.allowed.1.min(1e6)), place)
 }
 
 #[test]
@@ -171,21 +187,27 @@ fn every_effect_shows() {
     for engine in ENGINES {
         let base = run(engine, &[], 1, |_| ());
         for effect in known() {
-            let values = within(effect, |_| 0.9);
-            let changed = run(engine, &[chosen(effect, &values)], 1, |_| ());
-            assert_ne!(changed, base, "{} in {engine:?}", effect.name);
+            for answer in [0.0, 1.0] {
+                let is_choice = |i: usize| effect.parameters[i].is_choice();
+                let values = within(effect, |i| if is_choice(i) { answer } else { 0.9 });
+                let changed = run(engine, &[chosen(effect, &values)], 1, |_| ());
+                assert_ne!(changed, base, "{} at {values:?} in {engine:?}", effect.name);
+            }
         }
     }
 }
 
 #[test]
 fn company_and_threads_do_not_matter() {
-    let values: Vec<Vec<f64>> = known().map(|effect| within(effect, |_| 0.6)).collect();
-    let all: Vec<Chosen<'_>> = known()
-        .zip(&values)
-        .map(|(effect, values)| chosen(effect, values))
-        .collect();
-    for engine in ENGINES {
+    for (engine, place) in ENGINES
+        .into_iter()
+        .flat_map(|engine| [(engine, 0.4), (engine, 0.6)])
+    {
+        let values: Vec<Vec<f64>> = known().map(|effect| within(effect, |_| place)).collect();
+        let all: Vec<Chosen<'_>> = known()
+            .zip(&values)
+            .map(|(effect, values)| chosen(effect, values))
+            .collect();
         let together = run(engine, &all, 1, |_| ());
         assert_eq!(
             run(engine, &all, 2, |_| ()),
@@ -221,46 +243,20 @@ fn company_and_threads_do_not_matter() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
-    fn rollouts_stay_finite_over_the_whole_box(places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool) {
+    fn rollouts_stay_finite_whatever_is_plausible_or_allowed(
+        places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool,
+    ) {
         for (number, effect) in known().enumerate() {
-            let values = within(effect, |i| {
+            let place = |i: usize| {
                 let place = places[(number + i) % places.len()];
                 if corner { place.round() } else { place }
-            });
-            for engine in ENGINES {
-                let path = run(engine, &[chosen(effect, &values)], 1, |_| ());
-                prop_assert!(path.as_flattened().iter().all(|seen| seen.is_finite()), "{} at {values:?} in {engine:?}", effect.name);
-            }
-        }
-    }
-}
-
-/// Values at a place of the box of allowed ones, 0 to 1 along each side.
-fn allowed(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
-    let at = |(i, one): (usize, &labsim::effects::Parameter)| {
-        let (least, most) = (one.allowed.0, one.allowed.1.min(1e6));
-        let place = if one.is_choice() {
-            place(i).round()
-        } else {
-            place(i)
-        };
-        least + place * (most - least)
-    };
-    effect.parameters.iter().enumerate().map(at).collect()
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(24))]
-    #[test]
-    fn whatever_is_allowed_is_finite(places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool) {
-        for (number, effect) in known().enumerate() {
-            let values = allowed(effect, |i| {
-                let place = places[(number + i) % places.len()];
-                if corner { place.round() } else { place }
-            });
-            for engine in ENGINES {
-                let path = run(engine, &[chosen(effect, &values)], 1, |_| ());
-                prop_assert!(path.as_flattened().iter().all(|seen| seen.is_finite()), "{} at {values:?} in {engine:?}", effect.name);
+            };
+            for values in [within(effect, place), allowed(effect, place)] {
+                for engine in ENGINES {
+                    let path = run(engine, &[chosen(effect, &values)], 1, |_| ());
+                    let finite = path.as_flattened().iter().all(|seen| seen.is_finite());
+                    prop_assert!(finite, "{} at {values:?} in {engine:?}", effect.name);
+                }
             }
         }
     }
@@ -310,11 +306,13 @@ fn the_catalogue_is_in_order() {
         for parameter in effect.parameters {
             let (low, high) = parameter.range;
             let (least, most) = parameter.allowed;
-            assert!(
-                (low < high || parameter.is_choice()) && least <= low && high <= most,
-                "{}",
-                parameter.name
-            );
+            let name = parameter.name;
+            if parameter.is_choice() {
+                assert_eq!(parameter.allowed, (0.0, 1.0), "{name}");
+            } else {
+                assert!(low < high, "{name}");
+            }
+            assert!(least <= low && high <= most, "{name}");
             assert!(
                 (least..=most).contains(&parameter.neutral),
                 "{}",
@@ -335,10 +333,11 @@ fn a_live_rollout_has_the_bits_of_a_batch() {
     let sets = causal
         .clone()
         .map(|effect| vec![(effect, within(effect, |i| 0.3 + 0.1 * (i % 5) as f64))]);
-    let all: Vec<_> = causal
-        .map(|effect| (effect, within(effect, |_| 0.6)))
-        .collect();
-    for set in sets.chain([vec![], all]) {
+    let all = [0.4, 0.6].map(|place| {
+        let at_place = |effect| (effect, within(effect, |_| place));
+        causal.clone().map(at_place).collect()
+    });
+    for set in sets.chain([vec![]]).chain(all) {
         let effects: Vec<_> = set
             .iter()
             .map(|(effect, values)| chosen(effect, values))

@@ -80,7 +80,7 @@ pub struct Parameter {
     pub name: &'static str,
     /// SI, empty for a plain number.
     pub unit: &'static str,
-    /// The plausible values: where a search looks.
+    /// The plausible values: where a search looks; of a choice the usual answer twice.
     pub range: (f64, f64),
     /// The value without effect.
     pub neutral: f64,
@@ -125,7 +125,6 @@ impl Parameter {
     }
 
     /// Whether it is a question of yes or no, which no fit slides along.
-    #[must_use]
     pub fn is_choice(&self) -> bool {
         self.range.0 == self.range.1
     }
@@ -163,18 +162,16 @@ impl About {
     pub(crate) fn check(&self, values: &[f64]) -> Result<()> {
         for (parameter, &value) in self.parameters.iter().zip(values) {
             let (low, high) = parameter.allowed;
-            if !(low..=high).contains(&value) {
+            let between = parameter.is_choice() && value != low && value != high;
+            if between || !(low..=high).contains(&value) {
                 let what = format!("{} of {}", parameter.name, self.name);
                 let expected = match (low.is_finite(), high.is_finite()) {
+                    _ if parameter.is_choice() => format!("{low} or {high}"),
                     (true, true) => format!("a number from {low} to {high}"),
                     (true, false) => format!("a number of at least {low}"),
                     _ => "a finite number".to_owned(),
                 };
                 return Err(Error::invalid(what, &expected, value));
-            }
-            if parameter.is_choice() && value != low && value != high {
-                let what = format!("{} of {}", parameter.name, self.name);
-                return Err(Error::invalid(what, &format!("{low} or {high}"), value));
             }
         }
         Ok(())

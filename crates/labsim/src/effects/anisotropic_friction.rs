@@ -48,12 +48,12 @@ pub(crate) struct AnisotropicFriction<S: Simd> {
 }
 
 impl<S: Simd> Effect<S> for AnisotropicFriction<S> {
-    fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
-        let grain = values[1].to_array();
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        let (sin, cos) = values[1].sin_cos_of_any();
         Self {
             excess: values[0] * values[0] - values[0].like(1.0),
-            cos: Lanes::from_fn(simd, |lane| libm::cos(grain[lane])),
-            sin: Lanes::from_fn(simd, |lane| libm::sin(grain[lane])),
+            cos,
+            sin,
         }
     }
 

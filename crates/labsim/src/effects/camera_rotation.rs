@@ -33,12 +33,9 @@ pub(crate) struct CameraRotation<S: Simd> {
 }
 
 impl<S: Simd> Effect<S> for CameraRotation<S> {
-    fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
-        let angle = values[0].to_array();
-        Self {
-            cos: Lanes::from_fn(simd, |lane| libm::cos(angle[lane])),
-            sin: Lanes::from_fn(simd, |lane| libm::sin(angle[lane])),
-        }
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        let (sin, cos) = values[0].sin_cos_of_any();
+        Self { cos, sin }
     }
 
     #[inline(always)]

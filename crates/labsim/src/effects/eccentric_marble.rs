@@ -13,8 +13,9 @@ pub(super) const ABOUT: About = About {
     name: "eccentric_marble",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::Turning),
-    equation: "acceleration = 5/7 offset (g e + v²/R (e · v̂) v̂), e the horizontal part of the direction of the heavy side, \
-               which turns as the marble rolls (and, once it spins about the vertical, + 5/7 offset R (ω_z² e - ω_z e_z ω)); or, if it follows the path, 5/7 g offset sin(s/R + phase) v̂, s the way so far",
+    equation: "acceleration = 5/7 offset (g e + (e · v) v/R), e the horizontal part of the direction of the heavy side, \
+               which turns as the marble rolls (and, once it spins about the vertical, + 5/7 offset R (ω_z² e - ω_z e_z ω)); \
+               or, if it follows the path, 5/7 g offset sin(s/R + phase) v̂, s the way so far",
     parameters: &[
         Parameter {
             name: "offset",
@@ -30,7 +31,7 @@ pub(super) const ABOUT: About = About {
             range: (0.0, std::f64::consts::TAU),
             neutral: 0.0,
             allowed: (-100.0, 100.0),
-            means: "angle of the centre of mass before the top when the marble is let go: towards +x, or ahead if it follows \
+            means: "angle of the centre of mass before the top where the way begins: towards +x, or ahead if it follows \
                     the path",
         },
         Parameter {
@@ -39,7 +40,7 @@ pub(super) const ABOUT: About = About {
             range: (-FRAC_PI_2, FRAC_PI_2),
             neutral: 0.0,
             allowed: (-FRAC_PI_2, FRAC_PI_2),
-            means: "angle of the centre of mass out of that plane, towards +y, when the marble is let go; nothing if it follows \
+            means: "angle of the centre of mass out of that plane, towards +y, where the way begins; nothing if it follows \
                     the path",
         },
         Parameter::choice(
@@ -73,8 +74,8 @@ pub(crate) struct EccentricMarble<S: Simd> {
     heavy: Vector<S>,
     /// 1/(2 R)
     half_curvature: f64,
-    /// Length of the last substep (s). The marble has rolled through it as it moves now, and is turned by that
-    /// no sooner: turned as it moved before, a marble that swings would gain energy.
+    /// Length of the last substep (s). The marble has rolled through it as it moves now, and is turned
+    /// by that no sooner: turned as it moved before, a marble that swings would gain energy.
     last: Lanes<S>,
 }
 
@@ -82,31 +83,22 @@ type Vector<S> = [Lanes<S>; 3];
 
 impl<S: Simd> Effect<S> for EccentricMarble<S> {
     fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self {
-        let (phase, lean) = (values[1].to_array(), values[2].to_array());
-        let of_lanes = |of: &dyn Fn(f64, f64) -> f64| {
-            Lanes::from_fn(simd, |lane| of(phase[lane], lean[lane]))
-        };
+        let (sin, cos) = values[1].sin_cos_of_any();
+        let (lean, upright) = values[2].sin_cos_of_any();
         let zero = Lanes::splat(simd, 0.0);
         Self {
             weight: GRAVITY * values[0],
             follows_path: values[3].gt(zero),
-            sin: of_lanes(&|phase, _| libm::sin(phase)),
-            cos: of_lanes(&|phase, _| libm::cos(phase)),
-            heavy: [
-                of_lanes(&|phase, lean| libm::sin(phase) * libm::cos(lean)),
-                of_lanes(&|_, lean| libm::sin(lean)),
-                of_lanes(&|phase, lean| libm::cos(phase) * libm::cos(lean)),
-            ],
+            sin,
+            cos,
+            heavy: [sin * upright, lean, cos * upright],
             half_curvature: 0.5 / rig.marble.radius_m,
             last: zero,
         }
     }
 
     fn let_go(&mut self, before: &Rolled<S>) {
-        let simd = before.way.simd();
-        let angles = (2.0 * self.half_curvature * before.way).to_array();
-        let sin = Lanes::from_fn(simd, |lane| libm::sin(angles[lane]));
-        let cos = Lanes::from_fn(simd, |lane| libm::cos(angles[lane]));
+        let (sin, cos) = (2.0 * self.half_curvature * before.way).sin_cos_of_any();
         (self.sin, self.cos) = (
             self.sin * cos + self.cos * sin,
             self.cos * cos - self.sin * sin,
@@ -114,7 +106,7 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
         let [x, y, z] = before.turned;
         let angle = (x * x + y * y + z * z).sqrt().to_array();
         // The tangent of half the angle over the angle: what the axis times the angle is to be multiplied by.
-        let tangent = Lanes::from_fn(simd, |lane| match angle[lane] {
+        let tangent = Lanes::from_fn(x.simd(), |lane| match angle[lane] {
             0.0 => 0.5,
             angle => libm::tan(0.5 * angle) / angle,
         });
@@ -125,30 +117,34 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let (vx, vy) = (marbles.vx, marbles.vy);
         let one = vx.like(1.0);
-        let inverse = one.over(length(vx, vy));
-        let (x, y) = (vx * inverse, vy * inverse);
-        let speed = vx * x + vy * y;
-        self.turn(speed * self.last);
-        self.roll(marbles);
+        let (mut push_x, mut push_y) = (vx.like(0.0), vx.like(0.0));
+        // A fit asks one answer of all lanes, and pays for that one alone.
+        if self.follows_path.any() {
+            let inverse = one.over(length(vx, vy));
+            let (x, y) = (vx * inverse, vy * inverse);
+            self.turn((vx * x + vy * y) * self.last);
+            (push_x, push_y) = (self.sin * x, self.sin * y);
+        }
+        if (!self.follows_path).any() {
+            self.roll(marbles);
+            let [heavy_x, heavy_y, heavy_z] = self.heavy;
+            // Over g: what throws the heavy side outwards, of the roll and of the spin about the vertical.
+            let curvature = 2.0 / GRAVITY * self.half_curvature;
+            let ahead = curvature * (vx * heavy_x + vy * heavy_y);
+            let spin = curvature * marbles.spin;
+            let (level, tumbling) = (one + spin * marbles.spin, spin * heavy_z);
+            let keeps_x = level * heavy_x + ahead * vx + tumbling * marbles.sy;
+            let keeps_y = level * heavy_y + ahead * vy - tumbling * marbles.sx;
+            push_x = self.follows_path.select(push_x, keeps_x);
+            push_y = self.follows_path.select(push_y, keeps_y);
+        }
         self.last = push.length;
-        let [heavy_x, heavy_y, heavy_z] = self.heavy;
-        // Over g: what throws the heavy side outwards, of the roll and of the spin about the vertical.
-        let curvature = 2.0 / GRAVITY * self.half_curvature;
-        let ahead = curvature * (speed * speed) * (x * heavy_x + y * heavy_y);
-        let spin = curvature * marbles.spin;
-        let (level, tumbling) = (one + spin * marbles.spin, spin * heavy_z);
-        let keeps_x = level * heavy_x + ahead * x + tumbling * marbles.sy;
-        let keeps_y = level * heavy_y + ahead * y - tumbling * marbles.sx;
         let strength = self.weight * push.length;
-        push.x = push.x + strength * self.follows_path.select(self.sin * x, keeps_x);
-        push.y = push.y + strength * self.follows_path.select(self.sin * y, keeps_y);
+        push.x = push.x + strength * push_x;
+        push.y = push.y + strength * push_y;
     }
 }
 
-#[expect(
-    clippy::inline_always,
-    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
-)]
 impl<S: Simd> EccentricMarble<S> {
     /// Turns a heavy side that follows the path by a way (m).
     #[inline(always)]
@@ -175,10 +171,6 @@ impl<S: Simd> EccentricMarble<S> {
 }
 
 /// A vector after a rotation whose axis times the tangent of half its angle is given (Cayley's form).
-#[expect(
-    clippy::inline_always,
-    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
-)]
 #[inline(always)]
 fn rotated<S: Simd>(vector: Vector<S>, half: Vector<S>) -> Vector<S> {
     let [x, y, z] = half;
@@ -195,10 +187,6 @@ fn rotated<S: Simd>(vector: Vector<S>, half: Vector<S>) -> Vector<S> {
     ]
 }
 
-#[expect(
-    clippy::inline_always,
-    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
-)]
 #[inline(always)]
 fn cross<S: Simd>([ax, ay, az]: Vector<S>, [bx, by, bz]: Vector<S>) -> Vector<S> {
     [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]

@@ -258,10 +258,6 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
     }
 }
 
-#[expect(
-    clippy::inline_always,
-    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
-)]
 impl<S: Simd> Law<S> {
     /// Acceleration (m/s²) at a speed (m/s) of this logarithm.
     #[inline(always)]

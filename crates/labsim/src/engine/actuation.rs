@@ -13,7 +13,7 @@ use super::agenda::Timeline;
 use super::arrivals::Arrivals;
 use super::{Job, Setup};
 use crate::board::GRAVITY;
-use crate::effects::{Acts, Any, acting};
+use crate::effects::{Acts, Any};
 use crate::lanes::Lanes;
 use crate::motion::{Pair, Push};
 
@@ -51,11 +51,7 @@ impl<S: Simd> Actuation<S> {
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
         let lanes = |value: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| value(job(lane)));
-        let effects = |places: fn(Acts) -> bool| {
-            acting(simd, setup.rig, setup.effects, places, |lane| {
-                job(lane).rollout
-            })
-        };
+        let effects = |places: fn(Acts) -> bool| setup.acting(simd, places, &job);
         let zero = Lanes::splat(simd, 0.0);
         let before = [
             lanes(&|job| job.knobs_before[0]),

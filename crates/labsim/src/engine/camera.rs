@@ -5,7 +5,7 @@ use pulp::Simd;
 use super::actuation::Actuation;
 use super::agenda::{Agenda, Moment, Timeline};
 use super::{Job, Setup};
-use crate::effects::{Acts, Any, acting};
+use crate::effects::{Acts, Any};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair};
 
@@ -39,11 +39,7 @@ impl<S: Simd> Camera<S> {
         actuation: &Actuation<S>,
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
-        let effects = |places: fn(Acts) -> bool| {
-            acting(simd, setup.rig, setup.effects, places, |lane| {
-                job(lane).rollout
-            })
-        };
+        let effects = |places: fn(Acts) -> bool| setup.acting(simd, places, &job);
         let ages = effects(|acts| acts == Acts::OnExposure);
         let zero = Lanes::splat(simd, 0.0);
         let age = ages

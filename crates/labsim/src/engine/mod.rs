@@ -14,9 +14,13 @@ use std::cmp::Ordering;
 use std::str::FromStr;
 use std::sync::atomic::{self, AtomicBool};
 
+use pulp::Simd;
+
 use crate::board::{Rig, SUBSTEP_S};
-use crate::effects::{Acts, Chosen};
+use crate::effects::{Acts, Any, Chosen, acting};
 use crate::error::Error;
+use crate::lanes::Lanes;
+use crate::motion::{Pair, Rolled};
 use crate::parameters::Parameters;
 
 /// Which physics moves the marble.
@@ -152,6 +156,37 @@ impl Setup<'_> {
             Acts::OnKnob { moves } => moves,
             Acts::OnArrival | Acts::OnClock | Acts::OnMarble(_) | Acts::OnExposure => true,
         })
+    }
+
+    /// The effects in some places, for a register; `job` is asked for a lane's rollout.
+    fn acting<'j, 'b: 'j, S: Simd>(
+        &self,
+        simd: S,
+        places: impl Fn(Acts) -> bool,
+        job: impl Fn(usize) -> &'j Job<'b>,
+    ) -> Vec<Any<S>> {
+        acting(simd, self.rig, self.effects, places, |lane| {
+            job(lane).rollout
+        })
+    }
+
+    /// Those that act on marbles, which are let go on boards at these angles.
+    fn forces<'j, 'b: 'j, S: Simd>(
+        &self,
+        simd: S,
+        tilt: &Pair<S>,
+        job: impl Fn(usize) -> &'j Job<'b>,
+    ) -> Vec<Any<S>> {
+        let before = Rolled {
+            way: Lanes::from_fn(simd, |lane| job(lane).rolled),
+            turned: [0, 1, 2].map(|axis| Lanes::from_fn(simd, |lane| job(lane).turned[axis])),
+        };
+        let mut forces = self.acting(simd, |acts| matches!(acts, Acts::OnMarble(_)), job);
+        for effect in &mut forces {
+            effect.pass(tilt, Lanes::splat(simd, 0.0));
+            effect.let_go(&before);
+        }
+        forces
     }
 
     fn is_cancelled(&self) -> bool {

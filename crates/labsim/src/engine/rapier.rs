@@ -36,7 +36,7 @@ use rapier3d_f64::prelude::*;
 use self::marble::Marble;
 use super::{Job, Setup};
 use crate::board::{Rig, SUBSTEP_S};
-use crate::effects::{Acts, acting};
+use crate::effects::Acts;
 use crate::motion::Rims;
 
 /// The most marbles to a world: enough to share its overhead, few enough to stay in the cache.
@@ -93,13 +93,7 @@ pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]
 fn restitution(setup: &Setup<'_>, job: &Job<'_>) -> f64 {
     let simd = Scalar::new();
     let mut rims = Rims::new(simd, setup.rig);
-    for effect in acting(
-        simd,
-        setup.rig,
-        setup.effects,
-        |acts| acts == Acts::OnRims,
-        |_| job.rollout,
-    ) {
+    for effect in setup.acting(simd, |acts| acts == Acts::OnRims, |_| job) {
         effect.rims(&mut rims);
     }
     rims.restitution.to_array()[0]

@@ -17,9 +17,9 @@ use self::contact::substep;
 use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup};
-use crate::effects::{Acts, Any, acting};
+use crate::effects::{Acts, Any};
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push, Rims, Rolled};
+use crate::motion::{Marbles, Push, Rims};
 
 /// The most rollouts to a group.
 pub(crate) const GROUP: usize = 32;
@@ -172,30 +172,16 @@ pub(super) struct Register<S: Simd> {
 impl<S: Simd> Register<S> {
     pub(super) fn new(simd: S, setup: &Setup<'_>, company: Company<'_, '_>) -> Self {
         let job = |lane: usize| company.of(lane);
-        let effects = |places: fn(Acts) -> bool| {
-            acting(simd, setup.rig, setup.effects, places, |lane| {
-                job(lane).rollout
-            })
-        };
         let mut rims = Rims::new(simd, setup.rig);
-        for effect in effects(|acts| acts == Acts::OnRims) {
+        for effect in setup.acting(simd, |acts| acts == Acts::OnRims, job) {
             effect.rims(&mut rims);
         }
         let actuation = Actuation::new(simd, setup, job);
-        let mut forces = effects(|acts| matches!(acts, Acts::OnMarble(_)));
-        let before = Rolled {
-            way: Lanes::from_fn(simd, |lane| job(lane).rolled),
-            turned: [0, 1, 2].map(|axis| Lanes::from_fn(simd, |lane| job(lane).turned[axis])),
-        };
-        for effect in &mut forces {
-            effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
-            effect.let_go(&before);
-        }
         Self {
             rims,
             camera: Camera::new(simd, setup, &actuation, job),
+            forces: setup.forces(simd, &actuation.tilt, job),
             actuation,
-            forces,
         }
     }
 
@@ -394,23 +380,23 @@ mod tests {
 
     #[test]
     fn every_instruction_set_gives_effects_the_same_bits() {
-        for answer in [0.0, 1.0] {
-            assert_same_bits(answer);
-        }
-    }
-
-    /// Effects at values within their ranges, with this answer to every choice.
-    fn assert_same_bits(answer: f64) {
-        let middle = |about: &About| -> Vec<f64> {
+        let middle = |about: &About, answer: f64| -> Vec<f64> {
             let value = |one: &Parameter| match one.range {
                 _ if one.is_choice() => answer,
                 (low, high) => low + 0.4 * (high - low),
             };
             about.parameters.iter().map(value).collect()
         };
-        let values: Vec<Vec<f64>> = known().map(middle).collect();
-        let chosen: Vec<Chosen<'_>> = known()
-            .zip(&values)
+        // Those that ask for a choice twice, with either answer.
+        let values: Vec<(&About, Vec<f64>)> = known()
+            .flat_map(|about| {
+                let mut both = vec![middle(about, 0.0), middle(about, 1.0)];
+                both.dedup();
+                both.into_iter().map(move |values| (about, values))
+            })
+            .collect();
+        let chosen: Vec<Chosen<'_>> = values
+            .iter()
             .map(|(effect, values)| Chosen {
                 effect,
                 values: PerRollout::Shared(values),

@@ -157,7 +157,7 @@ impl Problem<'_> {
             .is_some_and(|one| one.durations.is_some())
     }
 
-    /// Whether what happened before a window matters to it beyond the marble's state.
+    /// Whether what happened before a window matters to it beyond the marble's state, its way and its turning.
     pub(super) fn remembers(&self) -> bool {
         let has_memory = |acts: Acts| {
             matches!(
@@ -235,42 +235,22 @@ impl Problem<'_> {
     fn check_recordings(&self) -> Result<()> {
         for (i, one) in self.recordings.iter().enumerate() {
             let rows = one.commands.len();
-            if one.observed.len() != rows {
-                let what = format!("observed of recording {i}");
-                return Err(Error::invalid(
-                    what,
-                    &format!("{rows} rows"),
-                    one.observed.len(),
-                ));
-            }
             if one.durations.is_some() != self.is_stamped() {
                 let what = format!("durations of recording {i}");
-                return Err(Error::invalid(
-                    what,
-                    "all recordings stamped, or none",
-                    "both",
-                ));
+                let expected = "all recordings stamped, or none";
+                return Err(Error::invalid(what, expected, "both"));
             }
-            if one
-                .durations
-                .is_some_and(|durations| durations.len() != rows)
-            {
-                let what = format!("durations of recording {i}");
-                return Err(Error::invalid(
-                    what,
-                    &format!("{rows} rows"),
-                    "another number",
-                ));
-            }
-            let way = one.way.map_or(rows, <[f64]>::len);
-            let path = one.path.map_or(rows, <[[f64; 2]]>::len);
-            if way != rows || path != rows {
-                let what = format!("way or path of recording {i}");
-                return Err(Error::invalid(
-                    what,
-                    &format!("{rows} rows"),
-                    "another number",
-                ));
+            let lengths = [
+                ("observed", Some(one.observed.len())),
+                ("durations", one.durations.map(<[_]>::len)),
+                ("way", one.way.map(<[_]>::len)),
+                ("path", one.path.map(<[_]>::len)),
+            ];
+            for (name, length) in lengths {
+                if let Some(length) = length.filter(|&length| length != rows) {
+                    let what = format!("{name} of recording {i}");
+                    return Err(Error::invalid(what, &format!("{rows} rows"), length));
+                }
             }
             if let Some(knob) = one
                 .commands

@@ -254,38 +254,22 @@ impl<'a> Shooting<'a> {
 
     /// How the marbles of all windows are turned when they are let go, trial after trial.
     fn turned(&self, trials: &[Trial], windows: &[&Window]) -> Vec<[f64; 3]> {
-        if !self.problem.turns() {
-            return vec![[0.0; 3]; trials.len() * windows.len()];
-        }
-        // Most trials differ in something else.
-        let mut known: HashMap<u64, Vec<[f64; 3]>> = HashMap::new();
-        let of_trial = |trial: &Trial| {
+        let (turns, radius_m) = (self.problem.turns(), self.problem.rig.marble.radius_m);
+        // Most trials see at one scale.
+        let mut known: HashMap<(usize, u64), Vec<[f64; 3]>> = HashMap::new();
+        let mut all = Vec::with_capacity(trials.len() * windows.len());
+        for trial in trials {
             let edge_m = self.edge_m(trial);
-            let of_windows = known.entry(edge_m.to_bits());
-            of_windows
-                .or_insert_with(|| self.turned_by(windows, edge_m))
-                .clone()
-        };
-        trials.iter().flat_map(of_trial).collect()
-    }
-
-    /// How the marble of each window is turned when it is let go.
-    fn turned_by(&self, windows: &[&Window], edge_m: f64) -> Vec<[f64; 3]> {
-        let mut known: Vec<Option<Vec<[f64; 3]>>> = vec![None; self.problem.recordings.len()];
-        let of_window = |window: &&Window| {
-            let path = self.problem.recordings[window.recording].path;
-            let Some(path) = path.filter(|_| window.first > 0) else {
-                return [0.0; 3];
-            };
-            let of_rows = known[window.recording].get_or_insert_with(|| {
-                let path: Vec<_> = path
-                    .iter()
-                    .map(|place| place.map(|one| one * edge_m))
-                    .collect();
-                turned(&path, self.problem.rig.marble.radius_m)
-            });
-            of_rows[window.first]
-        };
-        windows.iter().map(of_window).collect()
+            for window in windows {
+                let path = self.problem.recordings[window.recording].path;
+                all.push(match path {
+                    Some(path) if turns && window.first > 0 => known
+                        .entry((window.recording, edge_m.to_bits()))
+                        .or_insert_with(|| turned(path, radius_m / edge_m))[window.first],
+                    _ => [0.0; 3],
+                });
+            }
+        }
+        all
     }
 }

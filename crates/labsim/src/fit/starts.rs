@@ -13,6 +13,7 @@ use super::robust;
 use super::search::{COARSENESS, Search};
 use super::shooting::Point;
 use super::windows::Windows;
+use crate::effects::Parameter;
 use crate::error::Result;
 
 /// Rows of the windows in which start points are screened, and how many are drawn for each refined.
@@ -128,7 +129,7 @@ impl Search<'_> {
     ///
     /// What has a place on the board says nothing of it to those who look elsewhere: slopes do not lead
     /// there. But with everything else about right a draw that comes near stands out. To one or two
-    /// parameters slopes lead, and to angles, from half-way round; none where no effect has more.
+    /// parameters slopes lead, wide angles not counted; none where no effect has more.
     pub(super) fn redrawn(
         &self,
         coordinates: &Coordinates,
@@ -146,15 +147,12 @@ impl Search<'_> {
         let best = ends[0].clone();
         let mut found = Vec::new();
         for slots in self.problem.slots_of_effects() {
-            let axes: Vec<usize> = slots
-                .clone()
-                .filter_map(|slot| coordinates.find(slot))
-                .collect();
-            let angles = slots.filter(|&slot| {
-                let parameter = self.problem.effect_parameter(slot);
-                coordinates.find(slot).is_some() && parameter.is_some_and(|(_, one)| one.is_wide())
+            let free = slots.filter_map(|slot| {
+                let (_, parameter) = self.problem.effect_parameter(slot)?;
+                Some((coordinates.find(slot)?, parameter))
             });
-            if axes.len() < 3 + angles.count() {
+            let (axes, parameters): (Vec<usize>, Vec<&Parameter>) = free.unzip();
+            if parameters.iter().filter(|one| !one.is_wide()).count() < 3 {
                 continue;
             }
             let drawn = space_filling(REDRAWN * axes.len(), axes.len(), 0);

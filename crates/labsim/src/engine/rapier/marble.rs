@@ -5,12 +5,12 @@ use rapier3d_f64::prelude::*;
 
 use super::{FIXED, HAIR, LONGEST, MARBLES, SHORTEST, TOUCH, material, meeting};
 use crate::board::{Rig, SUBSTEP_S};
-use crate::effects::{Acts, Any, acting};
+use crate::effects::Any;
 use crate::engine::actuation::Actuation;
 use crate::engine::camera::Camera;
 use crate::engine::{Job, Setup};
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push, Rolled};
+use crate::motion::{Marbles, Push};
 
 type One = Lanes<Scalar>;
 
@@ -63,29 +63,14 @@ impl<'a> Marble<'a> {
         let (body, _) = world.insert(body, ball);
         let simd = Scalar::new();
         let actuation = Actuation::new(simd, setup, |_| job);
-        let mut forces = acting(
-            simd,
-            rig,
-            setup.effects,
-            |acts| matches!(acts, Acts::OnMarble(_)),
-            |_| job.rollout,
-        );
-        let before = Rolled {
-            way: Lanes::splat(simd, job.rolled),
-            turned: job.turned.map(|angle| Lanes::splat(simd, angle)),
-        };
-        for effect in &mut forces {
-            effect.pass(&actuation.tilt, Lanes::splat(simd, 0.0));
-            effect.let_go(&before);
-        }
         Self {
             job,
             rig,
             end: job.first + setup.rows,
             body,
             camera: Camera::new(simd, setup, &actuation, |_| job),
+            forces: setup.forces(simd, &actuation.tilt, |_| job),
             actuation,
-            forces,
             row: job.first,
             done: 0,
             substeps: 0,
