@@ -13,6 +13,8 @@ from irt.rollouts import rollouts
 
 Array = NDArray[np.float64]
 
+#: Parameters that say where on the board something is.
+PLACE = {"x_m", "y_m"}
 #: Change of a path that is rounding [board edges].
 _NOTHING = 1e-12
 #: A change of size by so little changes a path alike, as the cosine between the changes.
@@ -46,6 +48,12 @@ def acts_on_impacts_alone(name: str) -> bool:
 def is_law_of_impacts(name: str) -> bool:
     """Whether an effect says how a marble leaves the rim, and not where that is."""
     return acts_on_impacts_alone(name) and effect(name).stage == "contact"
+
+
+def has_place(name: str) -> bool:
+    """Whether an effect pushes the marble at a place of the board."""
+    info = effect(name)
+    return info.stage != "sensing" and {one.name for one in info.parameters} >= PLACE
 
 
 @functools.cache

@@ -17,13 +17,13 @@ REPEATS = 10.0
 STRETCHES = (24, 60)
 
 
-def differing_delays(case: Case, mean: Fitted, price: float) -> Parameter | None:
-    """Return the standard deviation of the delays [s], if they differ, with its 95 % interval.
+def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
+    """Return what a mean delay leaves over, if the delays differ from command to command; else None.
 
-    If they do, the push that a mean delay leaves over comes with each change of the command, in proportion to
-    it, and never twice the same. Other variables explain it less well, and it is worth its price [nats].
-    What repeats must not be clearly better in longer or shorter stretches: in some a picture that turns with
-    the tilt looks like kicks.
+    If they do, the push that is left over comes with each change of the command, in proportion to it, and
+    never twice the same. Other variables explain it less well, and it is worth its price [nats]. What repeats
+    must not be clearly better in longer or shorter stretches: in some a picture that turns with the tilt
+    looks like kicks.
     """
     told: Leftover | None = None
     for longest in STRETCHES:
@@ -35,15 +35,15 @@ def differing_delays(case: Case, mean: Fitted, price: float) -> Parameter | None
         others = max((one.gain for one in sources if one.variable != JITTER), default=np.inf)
         if told is None and gain > max(price, others + CLEAR):
             told = leftover
-    return None if told is None else _spread(case, mean, told)
+    return told
 
 
-def _spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:
-    """Return the standard deviation of the delays [s], with its 95 % interval."""
+def spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:
+    """Return the standard deviation of delays that differ [s], with its 95 % interval."""
     push, low, high = leftover.size_of_jitter()
     row_s = case.row_s(mean)
     gear = float(np.mean(np.abs(mean.values[:2])))
     # A command that comes late by one row leaves out the push of one row.
     a_row = 5.0 / 7.0 * GRAVITY * gear * leftover.turned * row_s**2 / case.edge_m(mean)
-    spread, low, high = (row_s * one / a_row for one in (push, low, high))
-    return Parameter(spread, low, high)
+    size, low, high = (row_s * one / a_row for one in (push, low, high))
+    return Parameter(size, low, high)

@@ -11,14 +11,16 @@ from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.evidence import Evidence, excess
 from irt.diagnose.heldout import hold_out, is_supported
-from irt.diagnose.hypotheses import acts_on_impacts_alone, hypotheses
+from irt.diagnose.hypotheses import PLACE, acts_on_impacts_alone, hypotheses
 from irt.diagnose.impacts import refitted
-from irt.diagnose.screen import ROWS, Screen
+from irt.diagnose.screen import ROWS, Screen, drawn_values
 
 Array = NDArray[np.float64]
 
 #: Rows of the windows in which draws are laid beside residuals: short ones, longer ones, whole segments.
 HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
+#: Draws of what an effect has besides a place that it shares with another.
+MOVED = 64
 #: A further effect must take away this share of what was left beyond noise.
 WORTH = 0.3
 #: Partners that are asked whether recordings held out agree.
@@ -40,6 +42,26 @@ def seeds(case: Case, parent: Fitted, names: Iterable[str], report: Report) -> d
         points = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
         found[name] = max(float(one.explained[0]) for one in draws), points
     return found
+
+
+def moved_in(case: Case, one: Fitted, name: str, other: str) -> tuple[tuple[str, ...], Array]:
+    """Return the effects of a hypothesis with another at the place of one of them, and points to begin at.
+
+    All else stays as the hypothesis has it; of draws of what the other has besides a place, those are points
+    that leave least.
+    """
+    kept = [effect for effect in one.effects if effect != name]
+    values = dict(zip(one.names, one.values, strict=True))
+    rest = [value for key, value in values.items() if not key.startswith(f"{name}.")]
+    parameters = effect(other).parameters
+    drawn = drawn_values(parameters, None, MOVED, case.seed)
+    for axis, parameter in enumerate(parameters):
+        if parameter.name in PLACE:
+            drawn[:, axis] = values[f"{name}.{parameter.name}"]
+    names = (*kept, other)
+    tried = case.judge(names, np.concatenate([np.tile(rest, (len(drawn), 1)), drawn], axis=1))
+    tried.sort(key=lambda fitted: fitted.loss(case.noise))
+    return names, np.array([fitted.values for fitted in tried[:LIKELIEST]])
 
 
 def _best(name: str, drawn: Array) -> Array:

@@ -14,7 +14,7 @@ from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
 from irt.diagnose.hypotheses import hypotheses, size_of
-from irt.diagnose.jitter import differing_delays
+from irt.diagnose.jitter import kicks, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.library import Term
 from irt.diagnose.locate import locate, stages, variables
@@ -210,10 +210,14 @@ def _searched(search: Search, report: Report) -> _Answer:
     if is_explained(case, best, search.base):
         return _Answer(case, best)
     best = search.larger(best)
-    if _is_all(search, best):
-        return _Answer(case, best) if len(best.effects) < MANY else _learned(search, best, report)
-    jittering = _jittering(search, report)
-    return _learned(search, best, report) if jittering is None else jittering
+    if not _is_all(search, best):
+        jittering = _jittering(search, report)
+        if jittering is not None:
+            return jittering
+        best = search.with_partners(best)
+    if _is_all(search, best) and len(best.effects) < MANY:
+        return _Answer(case, best)
+    return _learned(search, best, report)
 
 
 def _learned(search: Search, best: Fitted, report: Report) -> _Answer:
@@ -231,8 +235,8 @@ def _jittering(search: Search, report: Report) -> _Answer | None:
     report("delays that differ from command to command")
     mean = search.with_effect(MEAN)
     price = search.evidence().price(2, 1)
-    if differing_delays(search.case, mean, price) is None:
+    if kicks(search.case, mean, price) is None:
         return None
     best = search.beside(mean, [name for name in hypotheses() if name not in LATE])
-    spread = differing_delays(search.case, best, price)
-    return None if spread is None else _Answer(search.case, best, spread)
+    told = kicks(search.case, best, price)
+    return None if told is None else _Answer(search.case, best, spread(search.case, best, told))

@@ -188,7 +188,7 @@ class Screen:
         parameters, size, rough = effect(name).parameters, size_of(name), is_rough(name)
         if count is None:
             count = OF_ROUGH if rough else DRAWS[min(len(parameters), len(DRAWS)) - 1]
-        drawn = _drawn(parameters, size, count, self._case.seed)
+        drawn = drawn_values(parameters, size, count, self._case.seed)
         if size is None:
             drawn = np.concatenate([self._straight(name), drawn])
         changed = self._freed(self._changes(name, drawn))
@@ -287,7 +287,7 @@ class Screen:
         return float(self._model.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
 
 
-def _drawn(parameters: tuple[EffectParameter, ...], size: int | None, count: int, seed: int) -> Array:
+def drawn_values(parameters: tuple[EffectParameter, ...], size: int | None, count: int, seed: int) -> Array:
     """Return draws that fill the ranges, (k, p).
 
     Where no parameter is the effect's size, small values are as frequent as large ones.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -13,13 +14,13 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
-from irt.diagnose.hypotheses import acts_on_impacts_alone, hypotheses
+from irt.diagnose.hypotheses import acts_on_impacts_alone, has_place, hypotheses
 from irt.diagnose.impacts import (
     between_impacts,
     is_explained_between,
     shows,
 )
-from irt.diagnose.partners import WORTH, Report, likeliest_partner, seeds
+from irt.diagnose.partners import WORTH, Report, likeliest_partner, moved_in, seeds
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -80,6 +81,7 @@ class Search:
         best = self.base
         for names in (ranked[:SINGLES], ranked[SINGLES:]):
             self._fit(self.base, {name: seeds[name] for name in names})
+            self._move_in(1)
             self._refine(1)
             best = self._grown(self.base, 1)
             if is_explained(self.case, best, self.base) or self.is_explained_between(best):
@@ -107,10 +109,11 @@ class Search:
                 self._expand(parent, others, count)
                 if is_explained(self.case, self.ranked(size)[0], self.base):
                     break
+            self._move_in(size)
             self._refine(size)
             self._swap(self.ranked(size)[0])
             best = self._grown(best, size)
-        return self._with_partners(self._pruned(best))
+        return self._pruned(best)
 
     def beside(self, parent: Fitted, names: Sequence[str]) -> Fitted:
         """Return a hypothesis that has to stay with the one effect more that is worth it, or as it is."""
@@ -131,7 +134,7 @@ class Search:
         self._refine(size)
         return self._grown(best, size)
 
-    def _with_partners(self, best: Fitted) -> Fitted:
+    def with_partners(self, best: Fitted) -> Fitted:
         """Add what explains most between impacts, where whole runs go astray at the rim and hide it."""
         while len(best.effects) < MOST_EFFECTS:
             if is_explained(self.case, best, self.base) or self.is_explained_between(best):
@@ -184,6 +187,20 @@ class Search:
             others = [other for other in hypotheses() if other not in one.effects]
             self._expand(self.without(one, name), others, SWAPS)
         self._refine(len(one.effects))
+
+    def _move_in(self, size: int) -> None:
+        """Try, where the best hypothesis of a size has an effect with a place, the others that have one.
+
+        Slopes lead to a place from near it alone, and what pushes the marble there stands in for what does.
+        """
+        for best in self.ranked(size)[:1]:
+            if is_explained(self.case, best, self.base):
+                return
+            placed = [other for other in hypotheses() if has_place(other) and other not in best.effects]
+            for name, other in itertools.product(filter(has_place, best.effects), placed):
+                names, points = moved_in(self.case, best, name, other)
+                self.report(" + ".join(names))
+                self.keep(self.case.fit(names, points=points, rounds=0))
 
     def _refine(self, size: int) -> None:
         """Refine the best hypotheses of a size."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from irt.diagnose.case import Case
-from irt.diagnose.jitter import differing_delays
+from irt.diagnose.jitter import kicks, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.search import Search
 
@@ -23,10 +23,12 @@ def price(search):
 def test_delays_that_differ_are_sized(plant):
     case = plant([{"name": "delay_jitter", "sd_s": 0.1}], runs=8, rows=120)
     search = searched(case)
-    spread = differing_delays(case, search.with_effect("delay"), price(search))
-    assert spread is not None
-    assert 0.04 < spread.value < 0.25
-    assert spread.low < spread.value < spread.high
+    mean = search.with_effect("delay")
+    told = kicks(case, mean, price(search))
+    assert told is not None
+    size = spread(case, mean, told)
+    assert 0.04 < size.value < 0.25
+    assert size.low < size.value < size.high
 
 
 def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
@@ -40,4 +42,4 @@ def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
     mean = search.with_effect("delay")
     likeliest = Leftover(case, mean, longest=60).sources(0)[0]
     assert (likeliest.variable, likeliest.stage) == ("command", "camera")
-    assert differing_delays(case, mean, price(search)) is None
+    assert kicks(case, mean, price(search)) is None

@@ -1,9 +1,10 @@
 """What stretches between impacts ask for beside a hypothesis."""
 
+import numpy as np
 import pytest
 
 from irt.diagnose.impacts import between_impacts
-from irt.diagnose.partners import likeliest_partner, seeds
+from irt.diagnose.partners import likeliest_partner, moved_in, seeds
 
 BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0004, "bias_y_rad": -0.0003}
 LAG = {"name": "lag", "time_constant_s": 0.4}
@@ -34,3 +35,17 @@ def test_seeds_begin_where_the_hypothesis_led(plant):
     explained, points = seeds(case, base, ["tilt_bias"], said)["tilt_bias"]
     assert 0.3 < explained <= 1.0
     assert points[:, :5] == pytest.approx(base.values[None].repeat(len(points), axis=0))
+
+
+def test_what_pushes_at_a_place_is_looked_for_where_something_else_was_found(plant):
+    """A point that catches the marble shows its place only to what is put there."""
+    truth = {"x_m": -0.1, "y_m": -0.05, "strength_m3_per_s2": 3e-4}
+    case = plant([{"name": "point_field", **truth}], runs=6, rows=120)
+    base = case.fit(starts=8)
+    bump = case.refine(["bump"], np.array([[*base.values, -0.09, -0.042, -1e-4, 0.04]]))[0]
+    names, points = moved_in(case, bump, "bump", "point_field")
+    assert names == ("point_field",)
+    found = case.fit(names, points=points, rounds=0)
+    assert found.noise < 2.0 * case.noise < bump.noise
+    assert found.value_of("point_field")["x_m"] == pytest.approx(truth["x_m"], abs=0.003)
+    assert found.value_of("point_field")["y_m"] == pytest.approx(truth["y_m"], abs=0.003)
