@@ -75,7 +75,7 @@ def test_the_base_alone_names_nothing(warped) -> None:
 
 
 def test_pysindy_finds_the_drag() -> None:
-    pytest.importorskip("pysindy", reason="pysindy is an optional package")
+    pytest.importorskip("pysindy", reason="the extra prove is not installed")
     given, _ = task({"name": "viscous_drag", "rate_per_s": 1.5})
     entry = sindy.enter(given)
     assert (entry.told, entry.named) == (True, ("viscous_drag",))

@@ -219,9 +219,10 @@ def _watched(spec: Spec, played: list[Played], watch: Watch, first: int = 0) -> 
         pictures = list(camera.pictures(spec, run, one))
         try:
             read.append(watch(calibration, empty, pictures, edges, radius))
-        except ValueError as error:
+        except Exception as error:
+            # Whatever it is: a tracker that breaks on a run has not read it, and that counts.
             read.append(np.full_like(one.seen, np.nan))
-            refused[run] = f"{error}"
+            refused[run] = f"{error}" if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
     return np.array(read), refused
 
 
