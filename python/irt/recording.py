@@ -151,7 +151,7 @@ def durations(stamps: Array | None) -> Array | None:
     return np.append(steps, steps[-1])
 
 
-def load_recording(path: PathLike) -> Recording:
+def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     """Read a recording from a CSV file.
 
     Columns are found by name, in any order; others are ignored. A byte order mark, Windows line ends and
@@ -162,6 +162,9 @@ def load_recording(path: PathLike) -> Recording:
     path : path
         A CSV with the columns ``step``, ``knob_x_rad``, ``knob_y_rad``, ``marble_x``, ``marble_y``, and
         ``t_s`` if the rows carry stamps.
+    begun : (k, 2) array, optional
+        Positions of the first rows [board edges] in the place of the file's, where a tracker may have lost
+        the marble.
 
     Raises
     ------
@@ -171,6 +174,8 @@ def load_recording(path: PathLike) -> Recording:
     table = _Table.read(path, (STEP, *KNOBS, *MARBLE))
     knobs, stamps = _read_commands(table)
     marble = _read_positions(table)
+    if begun is not None:
+        marble[: len(begun)] = begun
     _check_marble(f"{path}", marble, table.where)
     return Recording(Path(path).stem, Path(path), knobs, marble, stamps)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 import math
@@ -12,19 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irt.diagnose.diagnosis import UNLISTED
 from irt.errors import IrtError
 from irt.files import read_text
 from irt.model import Model, load_model
 from irt.prove.blind import SECONDS
-from irt.recording import KNOBS, MARBLE, STAMP, Recording
+from irt.recording import Recording, load_recording
 from irt.residual import evaluate
 from irt.segments import LEAD_ROWS
 from irt.workers import FAILED
-
-Array = NDArray[np.float64]
 
 NOTHING = "nothing"
 #: A gap is one to close where the base model errs by this share more than the oracle, at least.
@@ -270,30 +266,11 @@ def held_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[list[R
     lead = LEAD_ROWS if start == "moving" else 1
     for path in sorted(opened.glob("test-*.csv"), key=lambda path: (len(path.name), path.name)):
         clean = np.array(label["tests"][path.stem]["clean"], dtype=np.float64)
-        seen = _begun(path, clean[:lead])
+        seen = load_recording(path, begun=clean[:lead])
         if seen.seen[lead:].any():
             tests.append(seen)
             true.append(Recording(seen.name, path, seen.knobs, clean, seen.stamps))
     return tests, true
-
-
-def _begun(path: Path, first: Array) -> Recording:
-    """Return a run with these first rows instead of its own, in which the tracker may have lost the marble.
-
-    No ordinary recording may begin so, and `load_recording` would refuse it.
-    """
-    rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
-
-    def columns(*names: str) -> Array:
-        return np.array([[float(row[name].strip() or "nan") for name in names] for row in rows])
-
-    try:
-        knobs, marble = columns(*KNOBS), columns(*MARBLE)
-        stamps = columns(STAMP)[:, 0] if STAMP in rows[0] else None
-    except (AttributeError, LookupError, ValueError) as error:
-        raise IrtError(f"{path}: is no recording: {error}") from error
-    marble[: len(first)] = first
-    return Recording(path.stem, path, knobs, marble, stamps)
 
 
 def _left_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[str, ...]:

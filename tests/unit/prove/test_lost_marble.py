@@ -210,5 +210,5 @@ def test_a_run_held_out_that_begins_unseen_is_scored_from_the_true_start(lose, t
     again = Results.of(places, ["rig-0001", "rig-0002", "rig-0003"])
     assert again.scores[0].errors == results.scores[0].errors
     path.write_text("\n".join([header, first.replace("0", "x"), *rows]) + "\n")
-    with pytest.raises(IrtError, match=r"test-1\.csv: is no recording: could not convert"):
+    with pytest.raises(IrtError, match=r'test-1\.csv, line 2, column step: expected a number, found "x"'):
         Results.of(places, ["rig-0001"])
