@@ -18,7 +18,7 @@ from irt.files import read_text
 from irt.model import Model, load_model
 from irt.prove.blind import SECONDS
 from irt.recording import Recording, load_recording
-from irt.residual import evaluate
+from irt.residual import free_run_error
 from irt.segments import LEAD_ROWS
 from irt.workers import FAILED
 
@@ -96,7 +96,8 @@ class RigScore:
     unread : tuple of str
         Runs in which the tracker lost the marble, so that nothing could be diagnosed.
     left_out : tuple of str
-        Runs held out in which the tracker never saw the marble, so that no error counts them.
+        Runs held out in which the tracker saw nothing after the rows where predictions start, so that no
+        error counts them.
     """
 
     rig: str
@@ -162,16 +163,18 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         return RigScore(rig, group, kinds, "failed", reason=reason, unread=unread, **seen)
     told = _json(answer / "diagnosis.json")
     base, final = load_model(answer / "base.toml"), load_model(answer / "model.toml")
+    tests, true = held_out(opened, label, base.start)
+    kept = {one.name for one in tests}
     return RigScore(
         rig,
         group,
         kinds,
         told["verdict"],
         **naming(group, kinds, told),
-        errors=errors_of(base, final, opened, label),
+        errors=errors_of(base, final, tests, true, seen["sigma"]),
         intervals=intervals(told, label["truth"]),
         seconds=float(_json(answer / SECONDS)["seconds"]),
-        left_out=_left_out(opened, label, base.start),
+        left_out=tuple(name for name in label["tests"] if name not in kept),
         **seen,
     )
 
@@ -242,9 +245,13 @@ def matched(kinds: Sequence[str], ties: Mapping[str, Sequence[str]]) -> dict[str
     }
 
 
-def errors_of(base: Model, final: Model, opened: Path, label: Mapping[str, Any]) -> Errors | None:
-    """Return the errors of two models on the runs held out, in free runs; None where no run was seen."""
-    tests, true = held_out(opened, label, base.start)
+def errors_of(
+    base: Model, final: Model, tests: Sequence[Recording], true: Sequence[Recording], sigma: float
+) -> Errors | None:
+    """Return the errors of two models on runs, as the tracker saw them and as they were; None without a run.
+
+    `sigma` is the tracker's noise [board edges].
+    """
     if not tests:
         return None
     missed = [np.nanmean(np.abs(t.marble - seen.marble)) for t, seen in zip(true, tests, strict=True)]
@@ -252,7 +259,7 @@ def errors_of(base: Model, final: Model, opened: Path, label: Mapping[str, Any])
         base=mean_error(base, tests),
         final=mean_error(final, tests),
         oracle=float(np.mean(missed)),
-        signal=mean_error(base, true) / float(label["sigma"]),
+        signal=mean_error(base, true) / sigma,
     )
 
 
@@ -273,12 +280,6 @@ def held_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[list[R
     return tests, true
 
 
-def _left_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[str, ...]:
-    """Return the names of the runs held out in which the tracker never saw the marble."""
-    kept = {one.name for one in held_out(opened, label, start)[0]}
-    return tuple(name for name in label["tests"] if name not in kept)
-
-
 def _unread(label: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
     """Return the recordings that the tracker could not read, and why in words; empty where there are none."""
     lost = {name: why for name, why in label.get("lost", {}).items() if name not in label["tests"]}
@@ -291,7 +292,7 @@ def _unread(label: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
 
 def mean_error(model: Model, runs: Sequence[Recording]) -> float:
     """Return the mean absolute error [board edges] of free runs, averaged over runs."""
-    return float(np.mean([run.free_run.mae for run in evaluate(model, runs).runs]))
+    return float(np.mean([free_run_error(model, run) for run in runs]))
 
 
 def intervals(told: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, str]:
