@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -14,9 +13,9 @@ import numpy as np
 
 from irt.diagnose.diagnosis import UNLISTED
 from irt.errors import IrtError
-from irt.files import read_text
 from irt.model import Model, load_model
 from irt.prove.blind import SECONDS
+from irt.prove.chain import read_json
 from irt.recording import Recording, load_recording
 from irt.residual import free_run_error
 from irt.segments import LEAD_ROWS
@@ -159,9 +158,9 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
     }
     if (answer / FAILED).exists():
         unread, why = _unread(label)
-        reason = why or str(_json(answer / FAILED)["error"])
+        reason = why or str(read_json(answer / FAILED)["error"])
         return RigScore(rig, group, kinds, "failed", reason=reason, unread=unread, **seen)
-    told = _json(answer / "diagnosis.json")
+    told = read_json(answer / "diagnosis.json")
     base, final = load_model(answer / "base.toml"), load_model(answer / "model.toml")
     tests, true = held_out(opened, label, base.start)
     kept = {one.name for one in tests}
@@ -173,7 +172,7 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         **naming(group, kinds, told),
         errors=errors_of(base, final, tests, true, seen["sigma"]),
         intervals=intervals(told, label["truth"]),
-        seconds=float(_json(answer / SECONDS)["seconds"]),
+        seconds=float(read_json(answer / SECONDS)["seconds"]),
         left_out=tuple(name for name in label["tests"] if name not in kept),
         **seen,
     )
@@ -181,7 +180,7 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
 
 def label_of(opened: Path) -> dict[str, Any]:
     """Return the label of a rig whose seal is open."""
-    return _json(opened / "label.json")
+    return read_json(opened / "label.json")
 
 
 def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
@@ -328,8 +327,3 @@ def _finite(content: Any) -> Any:
     if isinstance(content, dict):
         return {key: _finite(value) for key, value in content.items()}
     return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def _json(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(read_text(path))
-    return content
