@@ -8,6 +8,7 @@ taken.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -82,7 +83,7 @@ class Term:
 
 def in_slots(terms: Sequence[Term]) -> list[Term]:
     """Return terms as the engine's effect takes them together: each wave in a slot of its own."""
-    waves = [sum(term.law is None for term in terms[:count]) for count in range(1, len(terms) + 1)]
+    waves = itertools.accumulate(int(term.law is None) for term in terms)
     return [term.in_slot(slot) for term, slot in zip(terms, waves, strict=True)]
 
 
