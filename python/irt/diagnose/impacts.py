@@ -88,7 +88,6 @@ def _size(one: Fitted, name: str) -> float:
     return max(
         abs(values[parameter.name] - parameter.neutral) / (parameter.high - parameter.low)
         for parameter in effect(name).parameters
-        if not parameter.is_choice
     )
 
 

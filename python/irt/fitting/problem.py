@@ -323,12 +323,12 @@ def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping
     for name in (*chosen.parameters, *held):
         if name not in names:
             raise unknown_name(f"parameter of {chosen.name}", name, names)
+    choices = {one.name: chosen.parameters.get(one.name, one.neutral) for one in parameters if one.is_choice}
+    fixed = {**choices, **held}
     return np.array(
         [
-            (np.nan, np.nan, held[one.name])
-            if one.name in held
-            else (np.nan, np.nan, chosen.parameters.get(one.name, one.neutral))
-            if one.is_choice
+            (np.nan, np.nan, fixed[one.name])
+            if one.name in fixed
             else (one.low, one.high, chosen.parameters.get(one.name, np.nan))
             for one in parameters
         ]
