@@ -257,8 +257,9 @@ class Problem:
         else:
             asked = [(one, points[own].tolist()) for one, own in self._by_choice(points)]
         found = []
-        for one, begin in asked:
-            told = _labsim.fit(one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=progress)
+        for number, (one, begin) in enumerate(asked):
+            tell = None if progress is None else _of_one(progress, number, len(asked))
+            told = _labsim.fit(one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=tell)
             found.append(Solution(**{**told, "information": Information.of(told["information"])}))
         best = min(found, key=lambda one: one.loss)
         return replace(best, rollouts=sum(one.rollouts for one in found))
@@ -303,6 +304,13 @@ class Problem:
         for one, answer in zip(self.choices, answers, strict=True):
             effects[one.effect][1][one.parameter, 2] = answer
         return {**self.asked, "effects": effects}
+
+
+def _of_one(
+    progress: Callable[[int, int, int], None], number: int, count: int
+) -> Callable[[int, int, int], None]:
+    """Return the progress of one of some fits."""
+    return lambda done, total, rows: progress(number * total + done, count * total, rows)
 
 
 def tracker_noise(segments: Sequence[Segment]) -> float:
