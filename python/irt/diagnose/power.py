@@ -78,12 +78,7 @@ def _ladder(
     one = parameters[index]
     end = one.high if abs(one.high - one.neutral) >= abs(one.low - one.neutral) else one.low
     ladder = one.neutral + (end - one.neutral) * np.logspace(-3.0, 0.0, SIZES)
-    others = np.array(
-        [
-            [random.choice(p.choices) if p.is_choice else random.uniform(p.low, p.high) for p in parameters]
-            for _ in range(OTHERS)
-        ]
-    )
+    others = np.array([[p.drawn(random) for p in parameters] for _ in range(OTHERS)])
     if alone:
         others[:] = [p.neutral for p in parameters]
     values = np.tile(others, (SIZES, 1))
