@@ -35,7 +35,7 @@ WORTH = 25.0
 HORIZONS = (LONGEST, 60, 120)
 #: Waves that the engine's effect can hold, and the parameters of one over each of what it may depend on.
 WAVES = 5
-_VECTORS = {
+VECTORS = {
     "position": ("wave_1_x_per_m", "wave_1_y_per_m"),
     "velocity": ("velocity_1_x_s_per_m", "velocity_1_y_s_per_m"),
     "command": ("tilt_1_x_per_rad", "tilt_1_y_per_rad"),
@@ -73,12 +73,13 @@ class Term:
 
     def in_slot(self, slot: int) -> Term:
         """Return it in another of the engine's waves."""
+        values = {of_slot(name, slot): value for name, value in self.values.items()}
+        return Term(self.variable, values, tuple(of_slot(name, slot) for name in self.free), self.explained)
 
-        def moved(name: str) -> str:
-            return name.replace("_1_", f"_{slot}_")
 
-        values = {moved(name): value for name, value in self.values.items()}
-        return Term(self.variable, values, tuple(moved(name) for name in self.free), self.explained)
+def of_slot(name: str, slot: int) -> str:
+    """Return what a parameter of the engine's first wave is called in another of its waves."""
+    return name.replace("_1_", f"_{slot}_")
 
 
 def in_slots(terms: Sequence[Term]) -> list[Term]:
@@ -165,7 +166,7 @@ class _View:
             push = self._power_law(term.law, term.values[f"{term.law}_power"])
             pushes = [push[:, :1], push[:, 1:]]
         else:
-            vector = np.array([term.values[name] for name in _VECTORS[term.variable]])
+            vector = np.array([term.values[name] for name in VECTORS[term.variable]])
             angle = self._told[term.variable] @ vector
             pushes = [np.stack([np.cos(angle), np.sin(angle)], axis=1)] * 2
         for axis in (0, 1):
@@ -224,7 +225,7 @@ class _View:
         told = {
             "push_1_x_m_per_s2": float(push[0]),
             "push_1_y_m_per_s2": float(push[1]),
-            **dict(zip(_VECTORS[variable], vectors[best].tolist(), strict=True)),
+            **dict(zip(VECTORS[variable], vectors[best].tolist(), strict=True)),
             "phase_1_rad": float(phase % (2.0 * np.pi)),
         }
         return Term(variable, told, tuple(told), float(explained[best]))
