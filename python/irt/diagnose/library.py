@@ -88,15 +88,17 @@ def in_slots(terms: Sequence[Term]) -> list[Term]:
     return [term.in_slot(slot) for term, slot in zip(terms, waves, strict=True)]
 
 
-def likely_terms(case: Case, base: Fitted, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
+def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
     """Return terms that explain most of what is left over, as the motion itself shows it and predictions do.
 
     Parameters
     ----------
     case : Case
         The recordings.
-    base, learned : Fitted
-        The base model, and with it what was learned so far.
+    seen : View or None
+        The motion as it was observed, freed of what these terms could do to it.
+    learned : Fitted
+        The base model with what was learned so far.
     terms : sequence of Term
         Those that were learned.
 
@@ -105,26 +107,21 @@ def likely_terms(case: Case, base: Fitted, learned: Fitted, terms: Sequence[Term
     list of Term
         Of each view the likeliest, where it explains more than chance does in a library of this size.
     """
-    found = [_likeliest(_seen(case, base, terms), case, terms)]
+    found = [_likeliest(seen, case, terms)]
     if terms:
         # In long stretches small pushes show, in short ones predictions do not go astray.
         views = (Leftover(case, learned, longest=rows) for rows in HORIZONS)
-        found += [_likeliest(_View(one, case, learned), case, terms) for one in views if one.count]
+        found += [_likeliest(View(one, case, learned), case, terms) for one in views if one.count]
     return [one for one in found if one is not None]
 
 
-def _seen(case: Case, base: Fitted, terms: Sequence[Term]) -> _View | None:
-    """Return the motion as it was observed, freed of what terms could do to it."""
+def motion_seen(case: Case, base: Fitted) -> View | None:
+    """Return the motion as it was observed; None where the marble never moved far from the rim."""
     leftover = Leftover(case, base, weak=True)
-    if not leftover.count:
-        return None
-    view = _View(leftover, case, base)
-    for term in terms:
-        view.take(term)
-    return view
+    return View(leftover, case, base) if leftover.count else None
 
 
-def _likeliest(view: _View | None, case: Case, terms: Sequence[Term]) -> Term | None:
+def _likeliest(view: View | None, case: Case, terms: Sequence[Term]) -> Term | None:
     """Return the term that explains most in a view, of those that the engine's effect still has room for."""
     if view is None:
         return None
@@ -137,7 +134,7 @@ def _likeliest(view: _View | None, case: Case, terms: Sequence[Term]) -> Term | 
     return best
 
 
-class _View:
+class View:
     """A leftover in metres, seconds and radians, against which terms are laid."""
 
     def __init__(self, leftover: Leftover, case: Case, parent: Fitted) -> None:

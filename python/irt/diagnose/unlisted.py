@@ -18,7 +18,7 @@ from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import TRUSTED, Evidence, excess, is_explained
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.impacts import shows
-from irt.diagnose.library import VECTORS, WAVES, Term, in_slots, likely_terms, of_slot
+from irt.diagnose.library import VECTORS, WAVES, Term, in_slots, likely_terms, motion_seen, of_slot
 from irt.diagnose.search import Search
 from irt.rig import PARAMETERS
 
@@ -47,11 +47,8 @@ def learn(case: Case, base: Fitted) -> Iterator[Learned]:
         With one term more each time.
     """
     terms: tuple[Term, ...] = ()
-    held, learned = case, base
-    while True:
-        likely = likely_terms(held, base, learned, terms)
-        if not likely:
-            return
+    held, learned, seen = case, base, motion_seen(case, base)
+    while likely := likely_terms(held, seen, learned, terms):
         tried = [_added(case, learned, (*terms, one)) for one in likely]
         held, terms, begun = _best(case, tried)
         # From where the terms before it led, and from the base model: slopes may lead astray.
@@ -59,6 +56,8 @@ def learn(case: Case, base: Fitted) -> Iterator[Learned]:
         fitted = held.fit([UNLISTED], points=np.array(points[: len(terms)]), rounds=1)
         held, terms, learned = _best(case, [(held, terms, fitted), (held, terms, begun)])
         yield held, terms, learned
+        if seen is not None:
+            seen.take(terms[-1])
 
 
 def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
