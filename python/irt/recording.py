@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike, read_text, write_atomic
-from irt.way import path_rolled, way_rolled
+from irt.way import rolled
 
 Array = NDArray[np.float64]
 #: Names the place of a value in a message, from its row (from 0) and its column.
@@ -94,15 +94,19 @@ class Recording:
         """Rows in which the tracker saw the marble, (n,)."""
         return ~np.isnan(self.marble[:, 0])
 
-    @cached_property
+    @property
     def rolled_path(self) -> Array:
         """Where the marble has rolled, without noise, (n, 2) [board edges]."""
-        return path_rolled(self.marble)
+        return self._rolled[0]
 
-    @cached_property
+    @property
     def way(self) -> Array:
         """How far the marble has rolled up to each row, (n,) [board edges]."""
-        return way_rolled(self.marble)
+        return self._rolled[1]
+
+    @cached_property
+    def _rolled(self) -> tuple[Array, Array]:
+        return rolled(self.marble)
 
     def to_csv(self) -> str:
         """Return the recording as CSV text that reads back bit for bit."""
