@@ -127,10 +127,9 @@ def _drawn(name: str, random: np.random.Generator) -> dict[str, Any]:
     parameters = irt.catalogue.effect(name).parameters
     size = size_of(name)
     for index, one in enumerate(parameters):
-        if one.is_choice:
-            drawn[one.name] = float(random.choice(one.choices))
-        elif (size is not None and index != size and len(parameters) > 1) or not np.isfinite(one.neutral):
-            drawn[one.name] = float(random.uniform(one.low, one.high))
+        beside = size is not None and index != size and len(parameters) > 1
+        if one.is_choice or beside or not np.isfinite(one.neutral):
+            drawn[one.name] = one.drawn(random)
         else:
             end = one.high if random.random() < (one.high - one.neutral) / (one.high - one.low) else one.low
             drawn[one.name] = float(one.neutral + (end - one.neutral) * SMALLEST ** random.random())

@@ -27,7 +27,7 @@ class EffectParameter:
     unit : str
         SI; empty for a plain number.
     low, high : float
-        The plausible values: where a search looks.
+        The plausible values: where a search looks; both are its usual answer for a choice.
     neutral : float
         The value without effect.
     least, most : float
@@ -54,6 +54,10 @@ class EffectParameter:
     def choices(self) -> tuple[float, float]:
         """What a choice may be."""
         return self.least, self.most
+
+    def drawn(self, random: np.random.Generator) -> float:
+        """Draw one of the plausible values, each as likely, or an answer to a choice."""
+        return float(random.choice(self.choices) if self.is_choice else random.uniform(self.low, self.high))
 
     @property
     def searched(self) -> str:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike, read_text, write_atomic
-from irt.way import path_rolled, way_rolled
+from irt.way import rolled
 
 Array = NDArray[np.float64]
 #: Names the place of a value in a message, from its row (from 0) and its column.
@@ -94,15 +94,19 @@ class Recording:
         """Rows in which the tracker saw the marble, (n,)."""
         return ~np.isnan(self.marble[:, 0])
 
-    @cached_property
+    @property
     def rolled_path(self) -> Array:
         """Where the marble has rolled, without noise, (n, 2) [board edges]."""
-        return path_rolled(self.marble)
+        return self._rolled[0]
 
-    @cached_property
+    @property
     def way(self) -> Array:
         """How far the marble has rolled up to each row, (n,) [board edges]."""
-        return way_rolled(self.marble)
+        return self._rolled[1]
+
+    @cached_property
+    def _rolled(self) -> tuple[Array, Array]:
+        return rolled(self.marble)
 
     def to_csv(self) -> str:
         """Return the recording as CSV text that reads back bit for bit."""
@@ -151,7 +155,7 @@ def durations(stamps: Array | None) -> Array | None:
     return np.append(steps, steps[-1])
 
 
-def load_recording(path: PathLike) -> Recording:
+def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     """Read a recording from a CSV file.
 
     Columns are found by name, in any order; others are ignored. A byte order mark, Windows line ends and
@@ -162,6 +166,9 @@ def load_recording(path: PathLike) -> Recording:
     path : path
         A CSV with the columns ``step``, ``knob_x_rad``, ``knob_y_rad``, ``marble_x``, ``marble_y``, and
         ``t_s`` if the rows carry stamps.
+    begun : (k, 2) array, optional
+        Positions of the first rows [board edges] in the place of the file's, where a tracker may have lost
+        the marble.
 
     Raises
     ------
@@ -171,6 +178,8 @@ def load_recording(path: PathLike) -> Recording:
     table = _Table.read(path, (STEP, *KNOBS, *MARBLE))
     knobs, stamps = _read_commands(table)
     marble = _read_positions(table)
+    if begun is not None:
+        marble[: len(begun)] = begun
     _check_marble(f"{path}", marble, table.where)
     return Recording(Path(path).stem, Path(path), knobs, marble, stamps)
 

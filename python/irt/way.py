@@ -19,36 +19,30 @@ _WILD = 6.0
 _MOVED = 4.0
 
 
-def path_rolled(marble: Array) -> Array:
-    """Return the path, (n, 2) [board edges], that (n, 2) positions tell of: smoothed, without slips.
+def rolled(marble: Array) -> tuple[Array, Array]:
+    """Return where and how far a marble has rolled, (n, 2) and (n,) [board edges], from (n, 2) positions.
 
-    Rows in which the tracker lost the marble are bridged by a straight line.
+    The path is smoothed, without slips, and straight where the tracker lost the marble. Noise makes every
+    path longer, and without end where the marble rests. So a place counts once it lies farther from the last
+    that counted than noise takes it.
     """
-    path = _bridged(marble)
-    return _smoothed(_tamed(path, _noise(path)))
-
-
-def way_rolled(marble: Array) -> Array:
-    """Return the length of the path up to each row, (n,) [board edges], from (n, 2) positions.
-
-    Noise makes every path longer, and without end where the marble rests. So a place counts once it lies
-    farther from the last that counted than noise takes it.
-    """
-    noise, path = _noise(_bridged(marble)), path_rolled(marble)
+    seen = bridged(marble)
+    noise = _noise(seen)
+    path = _smoothed(_tamed(seen, noise))
     way = np.zeros(len(path))
-    done, last = 0.0, path[:1].sum(axis=0)
+    done, last = 0.0, path[0]
     for row, place in enumerate(path):
         step = float(np.hypot(*(place - last)))
         if step > _MOVED * noise:
             done, last = done + step, place
         way[row] = done
-    return way
+    return path, way
 
 
-def _bridged(marble: Array) -> Array:
-    """Return positions with straight lines where the tracker lost the marble; zeros if it hardly saw it."""
+def bridged(marble: Array) -> Array:
+    """Return (n, 2) positions, straight where the tracker lost the marble; zeros if it never saw it."""
     seen = np.flatnonzero(np.isfinite(marble).all(axis=1))
-    if len(seen) < 2:
+    if len(seen) == 0:
         return np.zeros(marble.shape)
     rows = np.arange(len(marble))
     return np.stack([np.interp(rows, seen, marble[seen, axis]) for axis in (0, 1)], axis=1)

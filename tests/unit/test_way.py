@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.way import way_rolled
+from irt.way import rolled
 
 
 def there_and_back(rows=160):
@@ -21,13 +21,13 @@ def test_it_follows_a_path_through_noise(noise):
     path, length = there_and_back()
     seen = path + noise * np.random.default_rng(0).standard_normal(path.shape)
     # Within a few standard deviations anywhere, and 1 % of the way in the end.
-    assert np.abs(way_rolled(seen) - length).max() < 4.0 * noise + 0.01 * length[-1]
+    assert np.abs(rolled(seen)[1] - length).max() < 4.0 * noise + 0.01 * length[-1]
 
 
 def test_a_marble_at_rest_goes_nowhere():
     random = np.random.default_rng(1)
     still = [0.1, -0.2] + 1e-3 * random.standard_normal((1000, 2))
-    assert way_rolled(still)[-1] < 0.02
+    assert rolled(still)[1][-1] < 0.02
 
 
 def test_slips_of_the_tracker_are_no_way():
@@ -35,7 +35,7 @@ def test_slips_of_the_tracker_are_no_way():
     seen = path + 5e-4 * np.random.default_rng(2).standard_normal(path.shape)
     seen[[30, 77, 120]] += [[0.4, 0.0], [0.0, -0.3], [0.2, 0.2]]
     seen[50:54] = np.nan
-    assert np.abs(way_rolled(seen) - length).max() < 0.02 * length[-1]
+    assert np.abs(rolled(seen)[1] - length).max() < 0.02 * length[-1]
 
 
 @given(
@@ -45,7 +45,7 @@ def test_slips_of_the_tracker_are_no_way():
 def test_it_never_falls_and_takes_any_gap(places, lost):
     marble = np.array(places)
     marble[[row for row in lost if row < len(marble)]] = np.nan
-    way = way_rolled(marble)
+    _, way = rolled(marble)
     assert way.shape == (len(marble),)
     assert np.isfinite(way).all()
     assert way[0] == 0.0

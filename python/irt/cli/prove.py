@@ -126,7 +126,7 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     from irt.workers.choice import make_workers
 
     rounds = _rounds(args)
-    left = list(rounds)
+    each = list(rounds)
     page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
     world = shlex.split(args.world) if args.world else _world()
     jobs = args.jobs or os.cpu_count() or 1
@@ -135,8 +135,7 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     scored: list[Results] = []
     try:
         with progress_bar() as progress:
-            while left:
-                one = left.pop(0)
+            for one, following in zip(each, [*each[1:], None], strict=True):
                 proof = Proof(
                     one.places.out,
                     one.plan,
@@ -150,7 +149,7 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
                 finished.append(proof.run())
                 scored.append(Results.of(finished[-1], one.plan.names()))
                 # The page that is there tells of that one as well.
-                if left and page.exists() and not unfinished(left[0].places):
+                if following and page.exists() and not unfinished(following.places):
                     continue
                 results = Results.joined(scored)
                 write_scorecard(page, results, finished, _settings(args, rounds, finished), raw=args.full)

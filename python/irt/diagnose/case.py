@@ -70,16 +70,14 @@ class Fitted:
     @property
     def outside(self) -> int:
         """How many parameters of effects lie outside the values that the catalogue finds plausible."""
-        ranges = {
-            f"{name}.{one.name}": (one.least, one.most) if one.is_choice else (one.low, one.high)
+        values = self.of_effects()
+        spares = (
+            (values[f"{name}.{one.name}"], one, SPARE * (one.high - one.low))
             for name in self.effects
             for one in effect(name).parameters
-        }
-        found = self.of_effects().items()
-        spare = {key: SPARE * (high - low) for key, (low, high) in ranges.items()}
-        return sum(
-            not ranges[key][0] - spare[key] <= value <= ranges[key][1] + spare[key] for key, value in found
+            if not one.is_choice
         )
+        return sum(not one.low - spare <= value <= one.high + spare for value, one, spare in spares)
 
     def begun_at(self, other: Fitted) -> Array:
         """Return where another hypothesis led, (n,): its values where it has them, else their own."""

@@ -19,6 +19,7 @@ from irt.diagnose.evidence import Evidence, is_noise
 from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts
 from irt.diagnose.stretches import FREE, SHORTEST, runs
 from irt.segments import Segment
+from irt.way import bridged
 
 Array = NDArray[np.float64]
 
@@ -88,17 +89,14 @@ def _size(one: Fitted, name: str) -> float:
     return max(
         abs(values[parameter.name] - parameter.neutral) / (parameter.high - parameter.low)
         for parameter in effect(name).parameters
-        if not parameter.is_choice
     )
 
 
 def _is_free(observed: Array, low: Array, high: Array) -> NDArray[np.bool_]:
     """Whether the marble was well inside from the row before to the row after, (n,)."""
-    rows = np.arange(len(observed))
-    known = np.isfinite(observed).all(axis=1)
-    if not known.any():
+    if not np.isfinite(observed).any():
         return np.zeros(len(observed), dtype=bool)
-    path = np.stack([np.interp(rows, rows[known], observed[known, axis]) for axis in (0, 1)], axis=1)
+    path = bridged(observed)
     steps = np.abs(np.diff(path, axis=0))
     still = np.zeros((1, 2))
     step = np.maximum(np.concatenate([still, steps]), np.concatenate([steps, still]))

@@ -8,6 +8,7 @@ taken.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ WORTH = 25.0
 HORIZONS = (LONGEST, 60, 120)
 #: Waves that the engine's effect can hold, and the parameters of one over each of what it may depend on.
 WAVES = 5
-_VECTORS = {
+VECTORS = {
     "position": ("wave_1_x_per_m", "wave_1_y_per_m"),
     "velocity": ("velocity_1_x_s_per_m", "velocity_1_y_s_per_m"),
     "command": ("tilt_1_x_per_rad", "tilt_1_y_per_rad"),
@@ -72,29 +73,32 @@ class Term:
 
     def in_slot(self, slot: int) -> Term:
         """Return it in another of the engine's waves."""
+        values = {of_slot(name, slot): value for name, value in self.values.items()}
+        return Term(self.variable, values, tuple(of_slot(name, slot) for name in self.free), self.explained)
 
-        def moved(name: str) -> str:
-            return name.replace("_1_", f"_{slot}_")
 
-        values = {moved(name): value for name, value in self.values.items()}
-        return Term(self.variable, values, tuple(moved(name) for name in self.free), self.explained)
+def of_slot(name: str, slot: int) -> str:
+    """Return what a parameter of the engine's first wave is called in another of its waves."""
+    return name.replace("_1_", f"_{slot}_")
 
 
 def in_slots(terms: Sequence[Term]) -> list[Term]:
     """Return terms as the engine's effect takes them together: each wave in a slot of its own."""
-    waves = [sum(term.law is None for term in terms[:count]) for count in range(1, len(terms) + 1)]
+    waves = itertools.accumulate(int(term.law is None) for term in terms)
     return [term.in_slot(slot) for term, slot in zip(terms, waves, strict=True)]
 
 
-def likely_terms(case: Case, base: Fitted, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
+def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
     """Return terms that explain most of what is left over, as the motion itself shows it and predictions do.
 
     Parameters
     ----------
     case : Case
         The recordings.
-    base, learned : Fitted
-        The base model, and with it what was learned so far.
+    seen : View or None
+        The motion as it was observed, freed of what these terms could do to it.
+    learned : Fitted
+        The base model with what was learned so far.
     terms : sequence of Term
         Those that were learned.
 
@@ -103,26 +107,21 @@ def likely_terms(case: Case, base: Fitted, learned: Fitted, terms: Sequence[Term
     list of Term
         Of each view the likeliest, where it explains more than chance does in a library of this size.
     """
-    found = [_likeliest(_seen(case, base, terms), case, terms)]
+    found = [_likeliest(seen, case, terms)]
     if terms:
         # In long stretches small pushes show, in short ones predictions do not go astray.
         views = (Leftover(case, learned, longest=rows) for rows in HORIZONS)
-        found += [_likeliest(_View(one, case, learned), case, terms) for one in views if one.count]
+        found += [_likeliest(View(one, case, learned), case, terms) for one in views if one.count]
     return [one for one in found if one is not None]
 
 
-def _seen(case: Case, base: Fitted, terms: Sequence[Term]) -> _View | None:
-    """Return the motion as it was observed, freed of what terms could do to it."""
+def motion_seen(case: Case, base: Fitted) -> View | None:
+    """Return the motion as it was observed; None where the marble never moved far from the rim."""
     leftover = Leftover(case, base, weak=True)
-    if not leftover.count:
-        return None
-    view = _View(leftover, case, base)
-    for term in terms:
-        view.take(term)
-    return view
+    return View(leftover, case, base) if leftover.count else None
 
 
-def _likeliest(view: _View | None, case: Case, terms: Sequence[Term]) -> Term | None:
+def _likeliest(view: View | None, case: Case, terms: Sequence[Term]) -> Term | None:
     """Return the term that explains most in a view, of those that the engine's effect still has room for."""
     if view is None:
         return None
@@ -135,7 +134,7 @@ def _likeliest(view: _View | None, case: Case, terms: Sequence[Term]) -> Term | 
     return best
 
 
-class _View:
+class View:
     """A leftover in metres, seconds and radians, against which terms are laid."""
 
     def __init__(self, leftover: Leftover, case: Case, parent: Fitted) -> None:
@@ -164,7 +163,7 @@ class _View:
             push = self._power_law(term.law, term.values[f"{term.law}_power"])
             pushes = [push[:, :1], push[:, 1:]]
         else:
-            vector = np.array([term.values[name] for name in _VECTORS[term.variable]])
+            vector = np.array([term.values[name] for name in VECTORS[term.variable]])
             angle = self._told[term.variable] @ vector
             pushes = [np.stack([np.cos(angle), np.sin(angle)], axis=1)] * 2
         for axis in (0, 1):
@@ -223,7 +222,7 @@ class _View:
         told = {
             "push_1_x_m_per_s2": float(push[0]),
             "push_1_y_m_per_s2": float(push[1]),
-            **dict(zip(_VECTORS[variable], vectors[best].tolist(), strict=True)),
+            **dict(zip(VECTORS[variable], vectors[best].tolist(), strict=True)),
             "phase_1_rad": float(phase % (2.0 * np.pi)),
         }
         return Term(variable, told, tuple(told), float(explained[best]))

@@ -13,10 +13,7 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Power
 from irt.diagnose.evidence import LEAST_SHARE, Evidence
 from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts, size_of
-from irt.diagnose.impacts import (
-    LEAST_OF_IMPACTS,
-    between_impacts,
-)
+from irt.diagnose.impacts import LEAST_OF_IMPACTS, between_impacts
 from irt.diagnose.screen import Screen
 
 Array = NDArray[np.float64]
@@ -58,8 +55,8 @@ def _of(case: Case, screen: Screen | None, name: str, evidence: Evidence) -> Ite
         if screen is not None:
             gains = screen.gains(name, values).reshape(SIZES, OTHERS)
         typical = np.median(gains, axis=1)
-        fitted = sum(not one.is_choice for one in parameters)
-        needed = max(evidence.price(fitted, 1), LEAST_SHARE * evidence.rows)
+        price = evidence.price(sum(not one.is_choice for one in parameters), 1)
+        needed = max(price, LEAST_SHARE * evidence.rows)
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
         if is_law_of_impacts(name):
             seen &= np.abs(ladder - one.neutral) > LEAST_OF_IMPACTS * (one.high - one.low)
@@ -81,12 +78,7 @@ def _ladder(
     one = parameters[index]
     end = one.high if abs(one.high - one.neutral) >= abs(one.low - one.neutral) else one.low
     ladder = one.neutral + (end - one.neutral) * np.logspace(-3.0, 0.0, SIZES)
-    others = np.array(
-        [
-            [random.choice(p.choices) if p.is_choice else random.uniform(p.low, p.high) for p in parameters]
-            for _ in range(OTHERS)
-        ]
-    )
+    others = np.array([[p.drawn(random) for p in parameters] for _ in range(OTHERS)])
     if alone:
         others[:] = [p.neutral for p in parameters]
     values = np.tile(others, (SIZES, 1))

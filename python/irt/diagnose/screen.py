@@ -295,7 +295,7 @@ def drawn_values(parameters: tuple[EffectParameter, ...], size: int | None, coun
     places = _filling(len(parameters), count, seed)
     spread = _uniform if size is not None and len(parameters) > 1 else _by_magnitude
     columns = [
-        np.array(one.choices)[(places[:, index] < 0.5).astype(int)]
+        np.where(places[:, index] < 0.5, one.most, one.least)
         if one.is_choice
         else spread(one, places[:, index])
         for index, one in enumerate(parameters)

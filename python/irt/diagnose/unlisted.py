@@ -6,6 +6,7 @@ what is left then is looked at anew, and so on. Terms stay while recordings held
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
@@ -17,7 +18,7 @@ from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import TRUSTED, Evidence, excess, is_explained
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.impacts import shows
-from irt.diagnose.library import WAVES, Term, in_slots, likely_terms
+from irt.diagnose.library import VECTORS, WAVES, Term, in_slots, likely_terms, motion_seen, of_slot
 from irt.diagnose.search import Search
 from irt.rig import PARAMETERS
 
@@ -27,6 +28,11 @@ LEAST = 0.1
 MANY = 3
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
+
+#: What a formula calls that which the parameters of a wave are multiplied by.
+_SYMBOLS = dict(
+    zip(itertools.chain(*VECTORS.values()), ("x", "y", "v_x", "v_y", "tilt_x", "tilt_y", "t"), strict=True)
+)
 
 #: A case that holds what a fit did not move, the terms, and the fit.
 Learned = tuple[Case, tuple[Term, ...], Fitted]
@@ -41,11 +47,8 @@ def learn(case: Case, base: Fitted) -> Iterator[Learned]:
         With one term more each time.
     """
     terms: tuple[Term, ...] = ()
-    held, learned = case, base
-    while True:
-        likely = likely_terms(held, base, learned, terms)
-        if not likely:
-            return
+    held, learned, seen = case, base, motion_seen(case, base)
+    while likely := likely_terms(held, seen, learned, terms):
         tried = [_added(case, learned, (*terms, one)) for one in likely]
         held, terms, begun = _best(case, tried)
         # From where the terms before it led, and from the base model: slopes may lead astray.
@@ -53,6 +56,8 @@ def learn(case: Case, base: Fitted) -> Iterator[Learned]:
         fitted = held.fit([UNLISTED], points=np.array(points[: len(terms)]), rounds=1)
         held, terms, learned = _best(case, [(held, terms, fitted), (held, terms, begun)])
         yield held, terms, learned
+        if seen is not None:
+            seen.take(terms[-1])
 
 
 def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
@@ -129,22 +134,11 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
 def formula(values: dict[str, float]) -> str:
     """Return the learned push as a formula, in m/s^2."""
     parts = []
-    for slot in range(1, WAVES + 1):
-        push = [values[f"push_{slot}_{axis}_m_per_s2"] for axis in "xy"]
-        if push == [0.0, 0.0]:
-            continue
+    for slot, push in _waves(values):
         arguments = [
-            f"{values[key]:.4g} {variable}"
-            for key, variable in (
-                (f"wave_{slot}_x_per_m", "x"),
-                (f"wave_{slot}_y_per_m", "y"),
-                (f"velocity_{slot}_x_s_per_m", "v_x"),
-                (f"velocity_{slot}_y_s_per_m", "v_y"),
-                (f"tilt_{slot}_x_per_rad", "tilt_x"),
-                (f"tilt_{slot}_y_per_rad", "tilt_y"),
-                (f"rate_{slot}_per_s", "t"),
-            )
-            if values[key] != 0.0
+            f"{values[name]:.4g} {symbol}"
+            for name, symbol in ((of_slot(name, slot), symbol) for name, symbol in _SYMBOLS.items())
+            if values[name] != 0.0
         ]
         inside = " + ".join([*arguments, f"{values[f'phase_{slot}_rad']:.3g}"]).replace("+ -", "- ")
         parts.append(f"({push[0]:.3g}, {push[1]:.3g}) cos({inside})")
@@ -157,20 +151,18 @@ def formula(values: dict[str, float]) -> str:
 
 def variables(values: dict[str, float]) -> list[str]:
     """Return on what the learned push depends: position, velocity, tilt, time, speed."""
-    pushing = [
-        slot
-        for slot in range(1, WAVES + 1)
-        if any(values[f"push_{slot}_{axis}_m_per_s2"] != 0.0 for axis in "xy")
+    slots = [slot for slot, _ in _waves(values)]
+    found = [
+        "tilt" if variable == "command" else variable
+        for variable, names in VECTORS.items()
+        if any(values[of_slot(name, slot)] != 0.0 for slot in slots for name in names)
     ]
+    return [*found, *(["speed"] if values["drag_strength"] or values["side_strength"] else [])]
 
-    def depend(parameter: str) -> bool:
-        return any(values[parameter.format(slot, axis)] != 0.0 for slot in pushing for axis in "xy")
 
-    asked = {
-        "position": depend("wave_{}_{}_per_m"),
-        "velocity": depend("velocity_{}_{}_s_per_m"),
-        "tilt": depend("tilt_{}_{}_per_rad"),
-        "time": depend("rate_{0}_per_s"),
-        "speed": values["drag_strength"] != 0.0 or values["side_strength"] != 0.0,
-    }
-    return [name for name, depends in asked.items() if depends]
+def _waves(values: dict[str, float]) -> Iterator[tuple[int, list[float]]]:
+    """Yield the slot and the push [m/s^2] of each wave that pushes."""
+    for slot in range(1, WAVES + 1):
+        push = [values[f"push_{slot}_{axis}_m_per_s2"] for axis in "xy"]
+        if push != [0.0, 0.0]:
+            yield slot, push

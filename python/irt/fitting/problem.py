@@ -257,8 +257,9 @@ class Problem:
         else:
             asked = [(one, points[own].tolist()) for one, own in self._by_choice(points)]
         found = []
-        for one, begin in asked:
-            told = _labsim.fit(one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=progress)
+        for number, (one, begin) in enumerate(asked):
+            tell = None if progress is None else _of_one(progress, number, len(asked))
+            told = _labsim.fit(one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=tell)
             found.append(Solution(**{**told, "information": Information.of(told["information"])}))
         best = min(found, key=lambda one: one.loss)
         return replace(best, rollouts=sum(one.rollouts for one in found))
@@ -305,6 +306,13 @@ class Problem:
         return {**self.asked, "effects": effects}
 
 
+def _of_one(
+    progress: Callable[[int, int, int], None], number: int, count: int
+) -> Callable[[int, int, int], None]:
+    """Return the progress of one of some fits."""
+    return lambda done, total, rows: progress(number * total + done, count * total, rows)
+
+
 def tracker_noise(segments: Sequence[Segment]) -> float:
     """Estimate the standard deviation of the tracker [board edges] from the recordings alone.
 
@@ -323,12 +331,12 @@ def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping
     for name in (*chosen.parameters, *held):
         if name not in names:
             raise unknown_name(f"parameter of {chosen.name}", name, names)
+    choices = {one.name: chosen.parameters.get(one.name, one.neutral) for one in parameters if one.is_choice}
+    fixed = {**choices, **held}
     return np.array(
         [
-            (np.nan, np.nan, held[one.name])
-            if one.name in held
-            else (np.nan, np.nan, chosen.parameters.get(one.name, one.neutral))
-            if one.is_choice
+            (np.nan, np.nan, fixed[one.name])
+            if one.name in fixed
             else (one.low, one.high, chosen.parameters.get(one.name, np.nan))
             for one in parameters
         ]

@@ -44,39 +44,43 @@ def failures(scores: Sequence[RigScore]) -> Iterator[str]:
         )
 
 
-def unread(scores: Sequence[RigScore]) -> list[str]:
-    """Return the names of the rigs that were not answered because the tracker lost the marble."""
-    return [one.rig for one in scores if one.unread]
-
-
 def told_unread(scores: Sequence[RigScore]) -> Iterator[str]:
-    """Yield which rigs those are, and what they count as."""
-    names = unread(scores)
+    """Yield which rigs were not answered because the tracker lost the marble, and what they count as."""
+    names = _unread(scores)
     if names:
         yield (
-            f"\nThe tracker lost the marble: {_rigs(len(names))} ({', '.join(names)}), sealed all the same. "
-            "Nothing could be diagnosed, which counts as failed: what was hidden there was missed, and where "
-            "nothing was it is a false alarm."
+            f"\nThe tracker lost the marble: {counted(len(names), 'rig')} ({', '.join(names)}), sealed all "
+            "the same. Nothing could be diagnosed, which counts as failed: what was hidden there was missed, "
+            "and where nothing was it is a false alarm."
         )
+
+
+def short_unread(scores: Sequence[RigScore]) -> str:
+    """Return in a sentence how many rigs those are, empty where there is none."""
+    count = len(_unread(scores))
+    if not count:
+        return ""
+    return f" The tracker lost the marble: {counted(count, 'rig')}, counted as not answered."
 
 
 def told_left_out(scores: Sequence[RigScore]) -> Iterator[str]:
     """Yield which runs held out no error counts."""
     runs = [f"{one.rig} {name}" for one in scores for name in one.left_out]
     if runs:
-        many = f"{len(runs)} run{'' if len(runs) == 1 else 's'} held out"
-        which = "which is" if len(runs) == 1 else "which are"
-        yield (f"\nThe tracker lost the marble in {many}, {which} left out of all errors: {', '.join(runs)}.")
+        many, are = counted(len(runs), "run"), "is" if len(runs) == 1 else "are"
+        yield (
+            f"\nThe tracker lost the marble in {many} held out, which {are} left out of all errors: "
+            f"{', '.join(runs)}."
+        )
 
 
-def short_unread(scores: Sequence[RigScore]) -> str:
-    """Return the same in a sentence, empty where no rig was lost."""
-    count = len(unread(scores))
-    return f" The tracker lost the marble: {_rigs(count)}, counted as not answered." if count else ""
+def counted(count: int, what: str) -> str:
+    """Return so many of something in words."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _rigs(count: int) -> str:
-    return f"{count} rig{'' if count == 1 else 's'}"
+def _unread(scores: Sequence[RigScore]) -> list[str]:
+    return [one.rig for one in scores if one.unread]
 
 
 def _reason(score: RigScore) -> str:

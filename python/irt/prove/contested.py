@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.files import read_text
+from irt.prove.chain import read_json
 from irt.prove.score import RigScore, held_out, label_of
 from irt.prove.tally import Quantity, Rate, nulls, of_catalogue
 from irt.recording import Recording
@@ -107,7 +106,7 @@ def contestants(score: RigScore, folder: Path, opened: Path, start: str) -> list
     """
     if (folder / FAILED).exists():
         return []
-    told = json.loads(read_text(folder / "baselines.json"))
+    told = read_json(folder / "baselines.json")
     tests, _ = held_out(opened, label_of(opened), start)
     if not tests:
         return []

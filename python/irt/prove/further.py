@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import read_text
+from irt.prove.chain import read_json
 from irt.prove.pipe import Pipe
 from irt.prove.propose import RANDOM, SUGGESTED
 from irt.prove.score import RigScore, naming
@@ -50,7 +49,7 @@ def in_a_tie(answer: Path) -> bool:
     path = answer / "diagnosis.json"
     if not path.exists():
         return False
-    told = json.loads(read_text(path))
+    told = read_json(path)
     return bool(told["verdict"] == "missing" and any(one["confusable_with"] for one in told["effects"]))
 
 
@@ -97,7 +96,7 @@ def resolved(score: RigScore, folder: Path) -> Resolved:
     exact = {}
     for kind in KINDS:
         path = folder / kind / "diagnosis.json"
-        told = json.loads(read_text(path)) if path.exists() else {"verdict": "failed", "effects": []}
+        told = read_json(path) if path.exists() else {"verdict": "failed", "effects": []}
         again = naming(score.group, score.kinds, told)
         after[kind] = again["tie_size"]
         exact[kind] = bool(again["exact"] and not again["ties"])

@@ -9,7 +9,6 @@ families.
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from irt.errors import IrtError
-from irt.files import read_text
 from irt.fitting.least_squares import stamped_time_scale
 from irt.model import load_model
+from irt.prove.chain import read_json
 from irt.recording import save_recording
 from irt.rig import Rig, load_rig
 from irt.rollouts import SUBSTEP_S
@@ -34,7 +33,7 @@ def main(words: Sequence[str]) -> int:
     folder, out = (Path(word) for word in words)
     try:
         rig = load_rig(folder)
-        told = json.loads(read_text(folder / "models" / "diagnosis.json"))
+        told = read_json(folder / "models" / "diagnosis.json")
         rivals = sorted((folder / "models").glob("rival-*.toml"))
         models = [load_model(path) for path in (folder / "models" / "model.toml", *rivals)]
         suggest(rig, models, told["fit"]["noise"], seed=0, threads=1).save(out / f"{SUGGESTED}.csv")

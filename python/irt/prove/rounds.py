@@ -7,7 +7,7 @@ tells of the rounds that are, and of how many there are to be.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,7 +59,7 @@ class Rounds:
 
     def __iter__(self) -> Iterator[Round]:
         for number in range(self.count):
-            place = self.out if self.count == 1 else self.out / f"round-{number + 1}"
+            place = self.out if self.count == 1 else _place(self.out, number + 1)
             seed = None if self.seed is None else seed_of_round(self.seed, number)
             yield Round(Places(place), Plan.of(self.hidden, self.nulls, number), seed)
 
@@ -90,38 +90,29 @@ def verify_all(out: Path) -> Checked:
     IrtError
         If none is finished, anything in one was altered, or something of a round is gone.
     """
-    rounds = _begun(out)
-    if not rounds:
-        # Where nothing was ever hidden there is nothing to go on with: it says which file is not there.
-        lacks = unfinished(Places(out)) if (out / "seals").is_dir() else ""
-        rounds = {1: out}
-    else:
-        lacks = unfinished(Places(rounds[max(rounds)]))
-    *before, last = rounds.values()
+    begun = max(_numbers(out), default=0)
+    last = _place(out, begun) if begun else out
+    # Where nothing was ever hidden there is nothing to go on with: it says which file is not there.
+    lacks = unfinished(Places(last)) if begun or (out / "seals").is_dir() else ""
     line = f"{last}: not finished, and not checked: {lacks}; the same command goes on" if lacks else ""
-    if lacks and not before:
+    if lacks and begun < 2:
         raise IrtError(line)
-    _check_order(out, rounds)
-    return Checked(sum(verify(place) for place in (before if lacks else rounds.values())), line)
+    before = []
+    for number in range(1, begun):
+        before.append(place := _place(out, number))
+        if gone := unfinished(Places(place)) if place.is_dir() else "is not there":
+            raise IrtError(f"{place}: {gone}, though a later round began: something was taken away")
+    return Checked(sum(map(verify, before if lacks else [*before, last])), line)
 
 
-def _begun(out: Path) -> dict[int, Path]:
-    """Return the folders of rounds by their numbers, in their order."""
-    found = {place: re.fullmatch(r"round-([1-9]\d*)", place.name) for place in out.glob("round-*")}
-    numbers = {int(fits[1]): place for place, fits in found.items() if fits and place.is_dir()}
-    return dict(sorted(numbers.items()))
+def _numbers(out: Path) -> Iterator[int]:
+    """Yield the numbers of the rounds that were begun, of several."""
+    for place in out.glob("round-*"):
+        fits = re.fullmatch(r"round-([1-9]\d*)", place.name)
+        if fits and place.is_dir():
+            yield int(fits[1])
 
 
-def _check_order(out: Path, rounds: Mapping[int, Path]) -> None:
-    """Raise unless every round but the last is there and finished: none begins before.
-
-    Raises
-    ------
-    IrtError
-        With one line that names the round.
-    """
-    for number in range(1, max(rounds)):
-        place = out / f"round-{number}"
-        lacks = unfinished(Places(place)) if place.is_dir() else "is not there"
-        if lacks:
-            raise IrtError(f"{place}: {lacks}, though a later round began: something was taken away")
+def _place(out: Path, number: int) -> Path:
+    """Return the folder of one of several rounds."""
+    return out / f"round-{number}"

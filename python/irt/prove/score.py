@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -12,19 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irt.diagnose.diagnosis import UNLISTED
 from irt.errors import IrtError
-from irt.files import read_text
 from irt.model import Model, load_model
 from irt.prove.blind import SECONDS
-from irt.recording import KNOBS, MARBLE, STAMP, Recording
-from irt.residual import evaluate
+from irt.prove.chain import read_json
+from irt.recording import Recording, load_recording
+from irt.residual import free_run_error
 from irt.segments import LEAD_ROWS
 from irt.workers import FAILED
-
-Array = NDArray[np.float64]
 
 NOTHING = "nothing"
 #: A gap is one to close where the base model errs by this share more than the oracle, at least.
@@ -100,7 +95,8 @@ class RigScore:
     unread : tuple of str
         Runs in which the tracker lost the marble, so that nothing could be diagnosed.
     left_out : tuple of str
-        Runs held out in which the tracker never saw the marble, so that no error counts them.
+        Runs held out in which the tracker saw nothing after the rows where predictions start, so that no
+        error counts them.
     """
 
     rig: str
@@ -162,27 +158,29 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
     }
     if (answer / FAILED).exists():
         unread, why = _unread(label)
-        reason = why or str(_json(answer / FAILED)["error"])
+        reason = why or str(read_json(answer / FAILED)["error"])
         return RigScore(rig, group, kinds, "failed", reason=reason, unread=unread, **seen)
-    told = _json(answer / "diagnosis.json")
+    told = read_json(answer / "diagnosis.json")
     base, final = load_model(answer / "base.toml"), load_model(answer / "model.toml")
+    tests, true = held_out(opened, label, base.start)
+    kept = {one.name for one in tests}
     return RigScore(
         rig,
         group,
         kinds,
         told["verdict"],
         **naming(group, kinds, told),
-        errors=errors_of(base, final, opened, label),
+        errors=errors_of(base, final, tests, true, seen["sigma"]),
         intervals=intervals(told, label["truth"]),
-        seconds=float(_json(answer / SECONDS)["seconds"]),
-        left_out=_left_out(opened, label, base.start),
+        seconds=float(read_json(answer / SECONDS)["seconds"]),
+        left_out=tuple(name for name in label["tests"] if name not in kept),
         **seen,
     )
 
 
 def label_of(opened: Path) -> dict[str, Any]:
     """Return the label of a rig whose seal is open."""
-    return _json(opened / "label.json")
+    return read_json(opened / "label.json")
 
 
 def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
@@ -246,9 +244,13 @@ def matched(kinds: Sequence[str], ties: Mapping[str, Sequence[str]]) -> dict[str
     }
 
 
-def errors_of(base: Model, final: Model, opened: Path, label: Mapping[str, Any]) -> Errors | None:
-    """Return the errors of two models on the runs held out, in free runs; None where no run was seen."""
-    tests, true = held_out(opened, label, base.start)
+def errors_of(
+    base: Model, final: Model, tests: Sequence[Recording], true: Sequence[Recording], sigma: float
+) -> Errors | None:
+    """Return the errors of two models on runs, as the tracker saw them and as they were; None without a run.
+
+    `sigma` is the tracker's noise [board edges].
+    """
     if not tests:
         return None
     missed = [np.nanmean(np.abs(t.marble - seen.marble)) for t, seen in zip(true, tests, strict=True)]
@@ -256,7 +258,7 @@ def errors_of(base: Model, final: Model, opened: Path, label: Mapping[str, Any])
         base=mean_error(base, tests),
         final=mean_error(final, tests),
         oracle=float(np.mean(missed)),
-        signal=mean_error(base, true) / float(label["sigma"]),
+        signal=mean_error(base, true) / sigma,
     )
 
 
@@ -270,36 +272,11 @@ def held_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[list[R
     lead = LEAD_ROWS if start == "moving" else 1
     for path in sorted(opened.glob("test-*.csv"), key=lambda path: (len(path.name), path.name)):
         clean = np.array(label["tests"][path.stem]["clean"], dtype=np.float64)
-        seen = _begun(path, clean[:lead])
+        seen = load_recording(path, begun=clean[:lead])
         if seen.seen[lead:].any():
             tests.append(seen)
             true.append(Recording(seen.name, path, seen.knobs, clean, seen.stamps))
     return tests, true
-
-
-def _begun(path: Path, first: Array) -> Recording:
-    """Return a run with these first rows instead of its own, in which the tracker may have lost the marble.
-
-    No ordinary recording may begin so, and `load_recording` would refuse it.
-    """
-    rows = list(csv.DictReader(read_text(path).splitlines(), skipinitialspace=True))
-
-    def columns(*names: str) -> Array:
-        return np.array([[float(row[name].strip() or "nan") for name in names] for row in rows])
-
-    try:
-        knobs, marble = columns(*KNOBS), columns(*MARBLE)
-        stamps = columns(STAMP)[:, 0] if STAMP in rows[0] else None
-    except (AttributeError, LookupError, ValueError) as error:
-        raise IrtError(f"{path}: is no recording: {error}") from error
-    marble[: len(first)] = first
-    return Recording(path.stem, path, knobs, marble, stamps)
-
-
-def _left_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[str, ...]:
-    """Return the names of the runs held out in which the tracker never saw the marble."""
-    kept = {one.name for one in held_out(opened, label, start)[0]}
-    return tuple(name for name in label["tests"] if name not in kept)
 
 
 def _unread(label: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
@@ -314,7 +291,7 @@ def _unread(label: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
 
 def mean_error(model: Model, runs: Sequence[Recording]) -> float:
     """Return the mean absolute error [board edges] of free runs, averaged over runs."""
-    return float(np.mean([run.free_run.mae for run in evaluate(model, runs).runs]))
+    return float(np.mean([free_run_error(model, run) for run in runs]))
 
 
 def intervals(told: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, str]:
@@ -350,8 +327,3 @@ def _finite(content: Any) -> Any:
     if isinstance(content, dict):
         return {key: _finite(value) for key, value in content.items()}
     return None if isinstance(content, float) and not math.isfinite(content) else content
-
-
-def _json(path: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(read_text(path))
-    return content

@@ -12,7 +12,7 @@ import numpy as np
 from irt.diagnose.diagnosis import UNLISTED
 from irt.files import make_folder, write_atomic
 from irt.prove import figures
-from irt.prove.cases import GROUPS, failures, short_unread, told_left_out, told_unread
+from irt.prove.cases import GROUPS, counted, failures, short_unread, told_left_out, told_unread
 from irt.prove.chain import Places
 from irt.prove.contested import Standing
 from irt.prove.further import KINDS
@@ -100,7 +100,7 @@ def verdict(results: Results) -> str:
     short = [one.what for one in told if not one.kept and one.sure]
     perhaps = [one.what for one in told if not one.kept and not one.sure]
     sentence = (
-        f"{hidden} rig{'' if hidden == 1 else 's'} with hidden physics and {len(scores) - hidden} without, "
+        f"{counted(hidden, 'rig')} with hidden physics and {len(scores) - hidden} without, "
         f"diagnosed blind: {kept} of {len(told)} promises kept."
     )
     if short:

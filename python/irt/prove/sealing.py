@@ -40,7 +40,8 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import make_folder, read_text, write_atomic
+from irt.files import make_folder, write_atomic
+from irt.prove.chain import read_json
 from irt.prove.pipe import Pipe, serve
 from irt.prove.plan import Plan, seed_of
 from irt.prove.seal import Key, canonical, close, digest, digests
@@ -71,7 +72,7 @@ class Vault:
         if not secret.exists():
             drawn = secrets.randbits(64) if seed is None else seed
             write_atomic(secret, canonical({"seed": drawn, "plan": plan.as_dict()}))
-        known = json.loads(read_text(secret))
+        known = read_json(secret)
         if known["plan"] != plan.as_dict() or seed not in (None, known["seed"]):
             raise IrtError(f"{folder.parent}: holds a proof of another plan or seed; choose another --out")
         self.seed: int = known["seed"]
@@ -100,9 +101,9 @@ class Vault:
         released = self._folder / "released.json"
         if not released.exists():
             write_atomic(released, canonical({"manifest": told}))
-        if json.loads(read_text(released))["manifest"] != told:
+        if read_json(released)["manifest"] != told:
             raise IrtError("the keys were given out for other answers: these were changed since")
-        keys = {rig: json.loads(read_text(self._folder / f"{rig}.json")) for rig in rigs}
+        keys = {rig: read_json(self._folder / f"{rig}.json") for rig in rigs}
         return {"manifest": told, "keys": keys, "seed": self.seed}
 
 

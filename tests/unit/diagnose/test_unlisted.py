@@ -9,7 +9,7 @@ from irt.catalogue import effect
 from irt.diagnose import unlisted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.latent import Leftover
-from irt.diagnose.library import likely_terms
+from irt.diagnose.library import likely_terms, motion_seen
 from irt.diagnose.unlisted import formula, learn, variables
 
 
@@ -20,7 +20,7 @@ def wave(**changes):
 
 def likely(case):
     base = case.fit()
-    return likely_terms(case, base, base, ())
+    return likely_terms(case, motion_seen(case, base), base, ())
 
 
 def likeliest(case):

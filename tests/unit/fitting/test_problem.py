@@ -111,8 +111,14 @@ def test_a_choice_is_made_by_what_fits_and_is_no_parameter_to_fit(planted, follo
 def test_without_a_point_every_answer_is_tried(planted):
     effect = Effect("eccentric_marble", HEAVY | {"follows_path": 0.0})
     rig = planted(3, effects=[{"name": effect.name, **effect.parameters}])
-    found = Problem.of(rig, segments(rig), effects=[Effect("eccentric_marble", {})]).fit(rounds=0)
+    reports = []
+    problem = Problem.of(rig, segments(rig), effects=[Effect("eccentric_marble", {})])
+    found = problem.fit(rounds=0, progress=lambda *report: reports.append(report))
     assert found.values[-1] == 0.0
+    done, totals = [done for done, *_ in reports], {total for _, total, _ in reports}
+    # A bar that has arrived begins no second time.
+    assert done == sorted(done)
+    assert totals == {done[-1]}
 
 
 def test_windows_know_how_the_marble_was_turned_before_them(planted):

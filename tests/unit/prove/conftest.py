@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from irt.model import Effect, Model, save_model
-from irt.prove.chain import Places
+from irt.prove.chain import Places, write_folder
 from irt.prove.plan import Plan
 from irt.prove.run import Proof
 from irt.prove.score import Errors, RigScore
@@ -56,9 +56,7 @@ class Hat:
                 raise KeyboardInterrupt
             self.asked.append(name)
             folder = self.place / f"{len(list(self.place.iterdir()))}"
-            folder.mkdir()
-            for file, data in files.items():
-                (folder / file).write_bytes(data)
+            write_folder(folder, files)
             yield name, answered(folder, (PARALLAX,))
 
 

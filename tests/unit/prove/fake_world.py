@@ -51,21 +51,18 @@ def make(index: int, kind: str, folder: str, seed: int, lost: Collection[str] = 
     )
     seen = clean + NOISE * random.standard_normal(clean.shape)
     Path(folder).mkdir(parents=True, exist_ok=True)
-    for i in range(TRAIN):
-        save_recording(Path(folder) / f"train-{i + 1}.csv", knobs[i], seen[i])
-        if f"train-{i + 1}" in lost:
-            path = Path(folder) / f"train-{i + 1}.csv"
-            path.write_text(without_marble(path.read_text()))
+    names = [f"train-{i + 1}" for i in range(TRAIN)] + [f"test-{i + 1}" for i in range(TEST)]
+    texts = {}
+    for name, commands, marble in zip(names, knobs, seen, strict=True):
+        csv = Recording(name, Path(name), commands, marble).to_csv()
+        texts[name] = without_marble(csv) if name in lost else csv
+    for name in names[:TRAIN]:
+        (Path(folder) / f"{name}.csv").write_text(texts[name])
     (Path(folder) / "rig.toml").write_text("[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
-    names = [one["name"] for one in HIDDEN[kind]]
-    kinds: Any = {"single": names[:1] and names[0], "pair": names, "unlisted": "unlisted_twist"}.get(
+    hidden = [one["name"] for one in HIDDEN[kind]]
+    kinds: Any = {"single": hidden[:1] and hidden[0], "pair": hidden, "unlisted": "unlisted_twist"}.get(
         kind, kind
     )
-    tests = {}
-    for i in range(TRAIN, TRAIN + TEST):
-        name = f"test-{i - TRAIN + 1}"
-        csv = Recording(name, Path(name), knobs[i], seen[i]).to_csv()
-        tests[name] = {"csv": without_marble(csv) if name in lost else csv, "clean": clean[i].tolist()}
     label = {
         "kind": kinds,
         "truth": {**TRUTH, "effects": HIDDEN[kind]},
@@ -74,7 +71,10 @@ def make(index: int, kind: str, folder: str, seed: int, lost: Collection[str] = 
         "signal": 0.01,
         "through_camera": False,
         "lost": dict.fromkeys(lost, "two marbles move on the board"),
-        "tests": tests,
+        "tests": {
+            name: {"csv": texts[name], "clean": path.tolist()}
+            for name, path in zip(names[TRAIN:], clean[TRAIN:], strict=True)
+        },
     }
     return {"made": Path(folder).name, "label": label}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 from collections.abc import Mapping
 
@@ -121,13 +122,9 @@ def test_rig_through_the_camera_is_what_the_tracker_reads(monkeypatch: pytest.Mo
 
 
 def test_unknown_tracker_is_an_answer() -> None:
-    class Answers(list):
-        write = list.append
-
-        def flush(self) -> None:
-            pass
-
-    answers = Answers()
+    answers = io.StringIO()
     request = {"index": 1, "kind": "none", "folder": "nowhere", "seed": 1, "tracker": "irt.nothing:positions"}
     serve([json.dumps({"make": request})], answers)
-    assert json.loads(answers[0])["error"].startswith("ValueError: no tracker 'irt.nothing:positions'")
+    assert json.loads(answers.getvalue())["error"].startswith(
+        "ValueError: no tracker 'irt.nothing:positions'"
+    )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import io
 import json
 import subprocess
 import sys
@@ -255,15 +256,8 @@ def test_a_share_of_rigs_is_seen_through_a_camera() -> None:
     assert not any(_is_watched({"seed": 3, "index": index}, 0.0) for index in range(100))
 
 
-def test_nothing_of_a_failed_rig_stops_the_server(tmp_path: Path) -> None:
-    class Answers(list):
-        def write(self, line: str) -> None:
-            self.append(line)
-
-        def flush(self) -> None:
-            pass
-
-    answers = Answers()
+def test_nothing_of_a_failed_rig_stops_the_server() -> None:
+    answers = io.StringIO()
     serve(["", '{"make": {"index": 1}}'], answers)
-    assert len(answers) == 1
-    assert json.loads(answers[0])["error"].startswith("TypeError: ")
+    (answer,) = answers.getvalue().splitlines()
+    assert json.loads(answer)["error"].startswith("TypeError: ")

@@ -14,6 +14,7 @@ import pytest
 from irt.errors import IrtError
 from irt.model import Effect, Model, save_model
 from irt.prove import further, propose
+from irt.prove.chain import write_folder
 from irt.prove.further import all_resolved, in_a_tie, recorded
 from irt.prove.pipe import Pipe
 from irt.prove.plan import Plan
@@ -136,10 +137,7 @@ def test_a_proof_with_a_tie_gets_one_more_run(prove, answered, tmp_path: Path) -
             for name, files in inputs.items():
                 asked.append((module.rpartition(".")[2], name))
                 folder = tmp_path / f"hat-{len(asked)}"
-                folder.mkdir()
-                for file, data in files.items():
-                    (folder / file).parent.mkdir(exist_ok=True)
-                    (folder / file).write_bytes(data)
+                write_folder(folder, files)
                 if module == "irt.prove.propose":
                     csv = files["train-1.csv"]
                     yield name, {"suggested.csv": csv, "random.csv": csv}

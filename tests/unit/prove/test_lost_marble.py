@@ -6,6 +6,7 @@ marble ended the proof where other methods or the scores came to read it.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -15,7 +16,7 @@ import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.prove.chain import Places, verify
+from irt.prove.chain import Places, verify, write_folder
 from irt.prove.concealed import camera
 from irt.prove.concealed.__main__ import serve
 from irt.prove.concealed.physics import EDGE_X_M
@@ -27,23 +28,16 @@ from irt.rig import load_rig
 from irt.workers import FAILED, Files
 
 REASON = "two marbles move on the board"
-
-
-class Answers(list[str]):
-    """What the concealed world says."""
-
-    write = list.append
-
-    def flush(self) -> None:
-        pass
+#: Of the rigs of a proof that is finished.
+NAMES = ("rig-0001", "rig-0002", "rig-0003")
 
 
 def told(request: Mapping[str, object]) -> dict:
     """Return what the concealed world answers to a request for a rig that is seen through a camera."""
-    answers = Answers()
+    answers = io.StringIO()
     asked = {"index": 1, "kind": "none", "seed": 1, "tracker": "irt.tracking:positions", **request}
     serve([json.dumps({"record" if "csv" in request else "make": asked})], answers)
-    answer: dict = json.loads(answers[0])
+    answer: dict = json.loads(answers.getvalue())
     return answer
 
 
@@ -125,9 +119,8 @@ class Diagnoses:
     def each(self, module: str, inputs: Mapping[str, Files]) -> Iterator[tuple[str, Files]]:
         for name, files in inputs.items():
             folder = self._place / module / name
-            for file, data in files.items():
-                (folder / file).parent.mkdir(parents=True, exist_ok=True)
-                (folder / file).write_bytes(data)
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            write_folder(folder, files)
             try:
                 load_rig(folder)
                 yield name, self._contested(folder) if module.endswith("contest") else self._answered(folder)
@@ -195,20 +188,19 @@ def test_a_lost_run_held_out_is_left_out_and_told(lose, tmp_path: Path) -> None:
     )
 
 
-def test_nothing_is_said_where_nothing_was_lost(lose, tmp_path: Path) -> None:
-    places, results = lose()
-    page = write_scorecard(tmp_path / "p.md", results, [places], {}).read_text()
+def test_nothing_is_said_where_nothing_was_lost(places: Places, tmp_path: Path) -> None:
+    page = write_scorecard(tmp_path / "p.md", Results.of(places, NAMES), [places], {}).read_text()
     assert "tracker lost" not in page
 
 
-def test_a_run_held_out_that_begins_unseen_is_scored_from_the_true_start(lose, tmp_path: Path) -> None:
+def test_a_run_held_out_that_begins_unseen_is_scored_from_the_true_start(places: Places) -> None:
     """Row 0 is true in any case; a world that does not say that it was lost ends no proof by that."""
-    places, results = lose()
+    results = Results.of(places, NAMES)
     path = places.opened("rig-0001") / "test-1.csv"
     header, first, *rows = path.read_text().splitlines()
     path.write_text("\n".join([header, f"{first.rsplit(',', 2)[0]},,", *rows]) + "\n")
-    again = Results.of(places, ["rig-0001", "rig-0002", "rig-0003"])
+    again = Results.of(places, NAMES)
     assert again.scores[0].errors == results.scores[0].errors
     path.write_text("\n".join([header, first.replace("0", "x"), *rows]) + "\n")
-    with pytest.raises(IrtError, match=r"test-1\.csv: is no recording: could not convert"):
+    with pytest.raises(IrtError, match=r'test-1\.csv, line 2, column step: expected a number, found "x"'):
         Results.of(places, ["rig-0001"])

@@ -36,8 +36,8 @@ def starts(name: str, base: Fitted) -> Array:
     """Return where the fit of an effect starts, (k, 5 + p): the base fit, and sizes of the effect."""
     parameters = effect(name).parameters
     shares = [sign * size for size in SIZES for sign in (1.0, -1.0)]
-    answers = list(itertools.product(*(one.choices for one in parameters if one.is_choice)))
-    sizes = np.unique([_sized(parameters, share, answer) for share in shares for answer in answers], axis=0)
+    sized = (itertools.product(*(_values(one, share) for one in parameters)) for share in shares)
+    sizes = np.unique(list(itertools.chain(*sized)), axis=0)
     return np.concatenate([np.tile(base.values, (len(sizes), 1)), sizes], axis=1)
 
 
@@ -46,10 +46,9 @@ def training_error(fitted: Fitted) -> float:
     return float(np.nanmean(np.abs(np.concatenate([one.ravel() for one in fitted.residuals]))))
 
 
-def _sized(parameters: Sequence[EffectParameter], share: float, answer: Sequence[float]) -> list[float]:
-    """Return the values of an effect of a size, with these answers to its choices."""
-    left = iter(answer)
-    return [next(left) if one.is_choice else _part(one, share) for one in parameters]
+def _values(one: EffectParameter, share: float) -> Sequence[float]:
+    """Return where a parameter starts for an effect of a size: a choice with every answer."""
+    return one.choices if one.is_choice else (_part(one, share),)
 
 
 def _part(one: EffectParameter, share: float) -> float:

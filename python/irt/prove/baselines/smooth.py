@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from irt.prove.baselines.entry import Task
 from irt.recording import Recording
+from irt.way import bridged
 
 Array = NDArray[np.float64]
 
@@ -46,10 +47,7 @@ def smoothed(task: Task) -> list[Smoothed]:
 def _smoothed(recording: Recording, row_s: float) -> Smoothed:
     from scipy.signal import savgol_filter  # noqa: PLC0415
 
-    rows = np.arange(len(recording.knobs))
-    marble = np.stack(
-        [np.interp(rows, rows[recording.seen], axis[recording.seen]) for axis in recording.marble.T], axis=1
-    )
+    marble = bridged(recording.marble)
     place, velocity, acceleration = (
         savgol_filter(marble, WINDOW, DEGREE, deriv=order, delta=row_s, axis=0) for order in range(3)
     )

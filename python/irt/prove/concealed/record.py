@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +69,7 @@ class Recorded:
     seen: Array
     sigma: float
     signal: float
-    refused: Mapping[int, str] = field(default_factory=dict)
+    refused: Mapping[int, str]
 
     def names(self) -> list[str]:
         """Return the names of the runs: train-1 and so on, then test-1 and so on."""
