@@ -28,7 +28,7 @@ class Plan:
     single, pair, unlisted : int
         Rigs that hide one effect, two, or physics that the catalogue does not have.
     first : int
-        Rigs of rounds before this one, so that no two rigs of a proof share a name.
+        Rigs of rounds and proofs before this one, so that no two that are counted together share a name.
     """
 
     none: int = 0
@@ -39,10 +39,8 @@ class Plan:
     first: int = 0
 
     @classmethod
-    def of(cls, hidden: int, nulls: int, rounds_before: int = 0) -> Plan:
-        """Return the plan for so many rigs that hide something and so many that do not.
-
-        In a proof of several rounds they are those of the one after so many.
+    def of(cls, hidden: int, nulls: int, first: int = 0) -> Plan:
+        """Return the plan for so many rigs that hide something and so many that do not, after the first ones.
 
         Raises
         ------
@@ -51,7 +49,6 @@ class Plan:
         """
         if hidden + nulls < 1:
             raise IrtError("a proof needs at least one rig")
-        first = rounds_before * (hidden + nulls)
         return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING), first=first)
 
     @property

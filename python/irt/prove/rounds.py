@@ -49,6 +49,8 @@ class Rounds:
         Rigs of each round that hide something, and that do not.
     seed : int or None
         Of the whole proof; None has the operating system draw one for each round.
+    before : int
+        Rigs of earlier proofs, which these rounds are to be counted with.
     """
 
     out: Path
@@ -56,12 +58,14 @@ class Rounds:
     hidden: int
     nulls: int
     seed: int | None = None
+    before: int = 0
 
     def __iter__(self) -> Iterator[Round]:
         for number in range(self.count):
             place = self.out if self.count == 1 else _place(self.out, number + 1)
             seed = None if self.seed is None else seed_of_round(self.seed, number)
-            yield Round(Places(place), Plan.of(self.hidden, self.nulls, number), seed)
+            first = self.before + number * (self.hidden + self.nulls)
+            yield Round(Places(place), Plan.of(self.hidden, self.nulls, first), seed)
 
 
 @dataclass(frozen=True)
