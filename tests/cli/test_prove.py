@@ -105,7 +105,7 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     assert done.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
     assert "| rounds | 2 of 2 are finished, and counted here |" in page.read_text()
     for number in (1, 2):
-        assert f"| SHA-256 of `keys.json`, round {number} |" in page.read_text()
+        assert f"| `keys.json`, round {number} |" in page.read_text()
     assert irt("prove", "--verify", "--out", "out").out.startswith("out: 2 rigs: ")
     # A page that tells of two rounds never tells of one again.
     written, scorecard = [], import_module("irt.prove.scorecard")
@@ -119,6 +119,39 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     )
     assert irt("prove", *words).status == 0
     assert written == [2]
+
+
+@pytest.mark.slow
+def test_rounds_of_another_day_are_added_to_a_page(irt, monkeypatch, tmp_path: Path) -> None:
+    """Given again, the command counts nothing twice; what others have added since is not taken away."""
+    monkeypatch.chdir(tmp_path)
+    words = ("--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD)
+    page = Path("docs/proof.md")
+    first = irt("prove", "--full", "--rounds", "1", *words, "--out", "one", "--page", page)
+    assert (first.status, first.err) == (0, "")
+    for _ in range(2):
+        second = irt("prove", *words, "--out", "two", "--onto", page)
+        assert (second.status, second.err) == (0, "")
+        assert second.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
+        told = json.loads(Path("docs/proof/scores.json").read_text())
+        assert [one["rig"] for one in told["rigs"]] == ["rig-0001", "rig-0002"]
+        assert [one["rigs"] for one in told["rounds"]] == [1, 1]
+    assert irt("prove", *words, "--out", "three", "--onto", page).out.startswith(
+        "0 rigs with hidden physics and 3"
+    )
+    refused = irt("prove", *words, "--out", "two", "--onto", page)
+    assert refused.status == 1
+    assert refused.err == (
+        "irt: docs/proof.md: another proof has been added since this one began; choose another --out\n"
+    )
+    assert (
+        irt("prove", *words, "--onto", page, "--page", page).err
+        == "irt: --onto names the page: leave --page out\n"
+    )
+    assert (
+        irt("prove", *words, "--out", "four", "--onto", "none.md").err
+        == "irt: none/scores.json: no such file\n"
+    )
 
 
 def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:

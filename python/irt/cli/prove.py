@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import json
 import os
 import shlex
 import sys
@@ -14,8 +15,6 @@ from irt.cli.inputs import whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from irt.prove.chain import Places
     from irt.prove.results import Results
     from irt.prove.rounds import Rounds
@@ -67,6 +66,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--page", metavar="FILE", type=Path, help="the scorecard (default: DIR/proof.md)")
     parser.add_argument(
+        "--onto",
+        metavar="PAGE",
+        type=Path,
+        help="add to the rounds that this page tells of, instead of writing a page of its own",
+    )
+    parser.add_argument(
         "--baselines",
         action="store_true",
         help="let other methods try the same rigs, and ties get one more run",
@@ -88,6 +93,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "examples:\n"
         "  irt prove --out proof               12 rigs, some minutes; the same command goes on after Ctrl-C\n"
         "  irt prove --full --out proof-full   writes docs/proof.md after each of its rounds\n"
+        "  irt prove --full --rounds 1 --onto docs/proof.md --out more   one round more, by today's code\n"
         "  irt prove --verify --out proof      was anything altered?\n"
         "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof"
     )
@@ -120,19 +126,21 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     """Go through the rounds, from where it was left; return the scores of all, and their page."""
     from irt.cli.progress import progress_bar
     from irt.prove.chain import unfinished
+    from irt.prove.made import Made, note
     from irt.prove.results import Results
     from irt.prove.run import Proof
     from irt.prove.scorecard import write_scorecard
     from irt.workers.choice import make_workers
 
-    rounds = _rounds(args)
+    earlier = Results(()) if args.onto is None else _earlier(args)
+    rounds = _rounds(args, len(earlier.scores))
     each = list(rounds)
-    page = args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
+    page = args.onto or args.page or (Path("docs/proof.md") if args.full else args.out / "proof.md")
     world = shlex.split(args.world) if args.world else _world()
     jobs = args.jobs or os.cpu_count() or 1
     workers = make_workers(jobs, args.cluster)
     finished: list[Places] = []
-    scored: list[Results] = []
+    scored = [earlier]
     try:
         with progress_bar() as progress:
             for one, following in zip(each, [*each[1:], None], strict=True):
@@ -146,13 +154,23 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
                     contest=args.baselines or args.full,
                     hiders=jobs,
                 )
+                if unfinished(one.places):
+                    note(one.places, _recorder(args))
                 finished.append(proof.run())
-                scored.append(Results.of(finished[-1], one.plan.names()))
+                made = Made.of(one.places, one.plan.rigs)
+                scored.append(Results.of(one.places, one.plan.names(), made))
                 # The page that is there tells of that one as well.
                 if following and page.exists() and not unfinished(following.places):
                     continue
                 results = Results.joined(scored)
-                write_scorecard(page, results, finished, _settings(args, rounds, finished), raw=args.full)
+                write_scorecard(
+                    page,
+                    results,
+                    finished,
+                    _settings(args, rounds, len(finished)),
+                    raw=args.full or args.onto is not None,
+                    earlier=len(earlier.made),
+                )
     except KeyboardInterrupt:
         print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
         raise
@@ -170,34 +188,59 @@ def _of_round(progress: Progress, done: int, count: int) -> Progress:
     return tell
 
 
-def _settings(args: argparse.Namespace, rounds: Rounds, finished: Sequence[Places]) -> dict[str, str]:
+def _settings(args: argparse.Namespace, rounds: Rounds, finished: int) -> dict[str, str]:
     """Return what it takes to do the same again."""
-    from importlib.metadata import version
-
-    from irt.prove.chain import read_json
-
     words = ["irt", "prove", *(f"--{flag}" for flag in ("full", "baselines") if getattr(args, flag))]
-    for option in ("rigs", "nulls", "rounds", "seed"):
+    for option in ("rigs", "nulls", "rounds", "seed", "onto"):
         if getattr(args, option) is not None:
             words += [f"--{option}", f"{getattr(args, option)}"]
-    world = f"`{args.world}`"
-    if args.world is None:
-        world = f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
     told = {"command": f"`{shlex.join(words)}`"}
-    seeds = [f"{read_json(one.keys)['seed']}" for one in finished]
     if args.seed is None:
-        seeds.append("drawn by the operating system")
+        told["seeds"] = "drawn by the operating system"
     if rounds.count > 1:
-        told["rounds"] = f"{len(finished)} of {rounds.count} are finished, and counted here"
-    return {
-        **told,
-        "seed" if rounds.count == 1 else "seeds": ", ".join(seeds),
-        "rigs made by": world,
-        "diagnosed by": f"irt {version('labsim-irt')}, one thread each",
-    }
+        told["rounds"] = f"{finished} of {rounds.count} are finished, and counted here"
+    return told
 
 
-def _rounds(args: argparse.Namespace) -> Rounds:
+def _recorder(args: argparse.Namespace) -> str:
+    """Return in words what records the rigs."""
+    from importlib.metadata import version
+
+    if args.world is not None:
+        return f"`{args.world}`"
+    return f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
+
+
+def _earlier(args: argparse.Namespace) -> Results:
+    """Return what the page told of when this proof began.
+
+    That is written down: the same command, given again, must not count its own rounds twice.
+
+    Raises
+    ------
+    IrtError
+        If there is no such page, or another proof has been added to it since.
+    """
+    from irt.files import make_folder, write_atomic
+    from irt.prove.chain import read_json
+    from irt.prove.results import Results
+
+    if args.page is not None:
+        raise IrtError("--onto names the page: leave --page out")
+    told = Results.load(args.onto.with_suffix("") / "scores.json")
+    kept = make_folder(args.out) / "onto.json"
+    if not kept.exists():
+        write_atomic(kept, json.dumps({"rounds": len(told.made)}) + "\n")
+    count = int(read_json(kept)["rounds"])
+    own = {read_json(path)["seed"] for path in args.out.rglob("keys.json")}
+    if not {one.seed for one in told.made[count:]} <= {f"{seed}" for seed in own}:
+        raise IrtError(
+            f"{args.onto}: another proof has been added since this one began; choose another --out"
+        )
+    return told.first(count)
+
+
+def _rounds(args: argparse.Namespace, before: int) -> Rounds:
     from irt.prove.rounds import Rounds
 
     hidden, nulls = _FULL if args.full else _QUICK
@@ -207,6 +250,7 @@ def _rounds(args: argparse.Namespace) -> Rounds:
         hidden if args.rigs is None else args.rigs,
         nulls if args.nulls is None else args.nulls,
         args.seed,
+        before,
     )
 
 

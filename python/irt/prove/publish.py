@@ -22,13 +22,17 @@ HOLDS = {
 _NAME = re.compile(rf"({'|'.join(HOLDS)})(-\d+)?\.json")
 
 
-def published(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
-    """Yield the files of each round by the name that they have beside the page.
+def published(folder: Path, rounds: Sequence[Places], earlier: int = 0) -> Iterator[tuple[str, Path]]:
+    """Yield the files of each round by the name that they have in the folder beside the page.
 
-    The only round has a number as well: whether there will be more of them changes no name.
+    The only round has a number as well: whether there will be more of them changes no name. Those of earlier
+    proofs, which the first numbers are of, are in the folder already.
     """
+    for number in range(1, earlier + 1):
+        for name in HOLDS:
+            yield f"{name}-{number}.json", folder / f"{name}-{number}.json"
     for number, path in _files(rounds):
-        yield f"{path.stem}-{number}{path.suffix}", path
+        yield f"{path.stem}-{earlier + number}{path.suffix}", path
 
 
 def named(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
@@ -37,17 +41,20 @@ def named(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
         yield f"`{path.name}`" + (f", round {number}" if len(rounds) > 1 else ""), path
 
 
-def publish(folder: Path, rounds: Sequence[Places]) -> set[str]:
+def publish(folder: Path, rounds: Sequence[Places], earlier: int = 0) -> set[str]:
     """Copy the files of all rounds into a folder, and return the names that they have there.
 
     Raises
     ------
     IrtError
-        If one cannot be written.
+        If one cannot be written, or one of so many earlier rounds is not there.
     """
     names = set()
-    for name, path in published(rounds):
-        write_atomic(folder / name, path.read_bytes())
+    for name, path in published(folder, rounds, earlier):
+        if not path.exists():
+            raise IrtError(f"{path}: is not there, and belongs to a round that the page counts")
+        if path != folder / name:
+            write_atomic(folder / name, path.read_bytes())
         names.add(name)
     return names
 

@@ -7,11 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from irt.errors import IrtError
 from irt.files import write_atomic
-from irt.prove.chain import Places
+from irt.prove.chain import Places, read_json
 from irt.prove.contest import METHODS
 from irt.prove.contested import Contestant, Standing, contestants, is_ahead, of_diagnosis, standing
 from irt.prove.further import Resolved, all_resolved
+from irt.prove.made import Made
 from irt.prove.score import RigScore, score_rig
 from irt.prove.seal import canonical
 from irt.prove.tally import Floor, floors
@@ -29,15 +31,18 @@ class Results:
         What other methods made of the same rigs; empty where they were not asked.
     ties : tuple of Resolved
         What became of ties with one run more; empty where there were none.
+    made : tuple of Made
+        How each round was made.
     """
 
     scores: tuple[RigScore, ...]
     entries: tuple[Contestant, ...] = ()
     ties: tuple[Resolved, ...] = ()
+    made: tuple[Made, ...] = ()
 
     @classmethod
-    def of(cls, places: Places, names: Sequence[str]) -> Results:
-        """Score a proof whose seals are open.
+    def of(cls, places: Places, names: Sequence[str], made: Made | None = None) -> Results:
+        """Score a round of a proof whose seals are open.
 
         Raises
         ------
@@ -53,7 +58,40 @@ class Results:
                 score, places.contest(score.rig), places.opened(score.rig), places.start(score.rig)
             )
         ]
-        return cls(scores, tuple(entries), tuple(all_resolved(scores, places.out / "further")))
+        ties = tuple(all_resolved(scores, places.out / "further"))
+        return cls(scores, tuple(entries), ties, () if made is None else (made,))
+
+    @classmethod
+    def load(cls, path: Path) -> Results:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        IrtError
+            If the file is missing or holds something else.
+        """
+        content = read_json(path)
+        try:
+            return cls(
+                tuple(RigScore.from_dict(one) for one in content["rigs"]),
+                tuple(Contestant(**one) for one in content["baselines"]),
+                tuple(Resolved(**one) for one in content["ties"]),
+                tuple(Made(**one) for one in content["rounds"]),
+            )
+        except (KeyError, TypeError) as error:
+            raise IrtError(f"{path}: holds no scores of a proof: {error}") from error
+
+    def first(self, rounds: int) -> Results:
+        """Return the scores of the first rounds alone."""
+        made = self.made[:rounds]
+        scores = self.scores[: sum(one.rigs for one in made)]
+        names = {one.rig for one in scores}
+        return Results(
+            scores,
+            tuple(one for one in self.entries if one.rig in names),
+            tuple(one for one in self.ties if one.rig in names),
+            made,
+        )
 
     @classmethod
     def joined(cls, rounds: Sequence[Results]) -> Results:
@@ -62,6 +100,7 @@ class Results:
             tuple(one for each in rounds for one in each.scores),
             tuple(one for each in rounds for one in each.entries),
             tuple(one for each in rounds for one in each.ties),
+            tuple(one for each in rounds for one in each.made),
         )
 
     @property
@@ -99,5 +138,6 @@ class Results:
             "rigs": [one.as_dict() for one in self.scores],
             "baselines": [one.as_dict() for one in self.entries],
             "ties": [asdict(one) for one in self.ties],
+            "rounds": [asdict(one) for one in self.made],
         }
         write_atomic(path, canonical(content) + b"\n")

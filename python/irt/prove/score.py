@@ -131,6 +131,18 @@ class RigScore:
         told: dict[str, Any] = _finite({**asdict(self), "closed": self.closed})
         return told
 
+    @classmethod
+    def from_dict(cls, told: Mapping[str, Any]) -> RigScore:
+        """Return the score that `as_dict` told of."""
+        values = {name: value for name, value in told.items() if name != "closed"}
+        for name in ("kinds", "named", "unread", "left_out"):
+            values[name] = tuple(values[name])
+        for name in ("sigma", "seconds"):
+            values[name] = _number(values[name])
+        if values["errors"] is not None:
+            values["errors"] = Errors(**{name: _number(one) for name, one in values["errors"].items()})
+        return cls(**values)
+
 
 def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
     """Score the answer of one rig.
@@ -320,6 +332,11 @@ def _holds(name: str, one: Mapping[str, Any], value: float) -> str:
     if all(same < low or same > high for same in (value, value - turn, value + turn)):
         return "no"
     return "open" if math.isnan(low) or math.isnan(high) else "yes"
+
+
+def _number(told: float | None) -> float:
+    """Return a number that JSON may have had none for."""
+    return math.nan if told is None else told
 
 
 def _finite(content: Any) -> Any:

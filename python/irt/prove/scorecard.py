@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +14,8 @@ from irt.files import make_folder, write_atomic
 from irt.prove import figures
 from irt.prove.cases import GROUPS, counted, failures, short_unread, told_left_out, told_unread
 from irt.prove.chain import Places
-from irt.prove.contested import Standing
 from irt.prove.further import KINDS
+from irt.prove.made import Made
 from irt.prove.plan import NULLS
 from irt.prove.publish import named, publish, published, withdraw
 from irt.prove.results import Results
@@ -43,7 +43,13 @@ _NOISES_MM = (0.0, 0.3, 0.6, 1.0, 2.5)
 
 
 def write_scorecard(
-    page: Path, results: Results, rounds: Sequence[Places], settings: Mapping[str, str], *, raw: bool = False
+    page: Path,
+    results: Results,
+    rounds: Sequence[Places],
+    settings: Mapping[str, str],
+    *,
+    raw: bool = False,
+    earlier: int = 0,
 ) -> Path:
     """Write the page, its pictures and ``scores.json``, the latter two into a folder of the page's name.
 
@@ -60,6 +66,8 @@ def write_scorecard(
     raw : bool
         Whether commitments, manifest and keys go beside the page as well; those of an earlier page, or of
         rounds that this one does not tell of, are removed in any case.
+    earlier : int
+        Rounds of earlier proofs that the results count too; what was published of them stays.
 
     Raises
     ------
@@ -74,16 +82,20 @@ def write_scorecard(
     figures.plot_gaps(folder / "gaps.png", scores, list(_rival_gaps(results)))
     figures.plot_coverage(folder / "coverage.png", scores)
     results.save(folder / "scores.json")
-    copied = publish(folder, rounds) if raw else set()
+    copied = publish(folder, rounds, earlier) if raw else set()
+    quoted = ((f"`{name}`", path) for name, path in published(folder, rounds, earlier))
     lines = [
         *_answer(results),
         *_naming(scores, folder.name),
         *_errors(results, folder.name),
-        *_methods(results.standings),
+        *_methods(results),
         *_one_more(results),
         *_intervals(scores, folder.name),
         *failures(scores),
-        *_how(rounds, settings, folder.name, raw=raw),
+        *_how(settings, results.made),
+        *_hashes(quoted if raw else named(rounds)),
+        "",
+        f"Every score is in [{folder.name}/scores.json]({folder.name}/scores.json).",
     ]
     write_atomic(page, "\n".join(lines) + "\n")
     # Last: until then there is a page that names them.
@@ -223,7 +235,8 @@ def _errors(results: Results, folder: str) -> Iterator[str]:
     )
 
 
-def _methods(standings: Sequence[Standing]) -> Iterator[str]:
+def _methods(results: Results) -> Iterator[str]:
+    standings = results.standings
     if len(standings) < 2:
         return
     yield "\n## Beside other methods, on the same rigs\n"
@@ -243,7 +256,9 @@ def _methods(standings: Sequence[Standing]) -> Iterator[str]:
         closed, over = (_quantity(value) if value.of else "" for value in (one.closed, one.over_oracle))
         yield f"| {one.title} | {' | '.join(rates)} | {closed} | {over} | {one.seconds:.1f} |"
     yield ""
-    yield "Medians over all rigs that hide something. The methods are in `python/irt/prove/baselines/`."
+    tried, all_of_them = len({one.rig for one in results.entries}), len(results.scores)
+    few = f" They tried {tried} of {all_of_them} rigs." if tried < all_of_them else ""
+    yield f"Medians over all rigs that hide something. The methods are in `python/irt/prove/baselines/`.{few}"
 
 
 def _one_more(results: Results) -> Iterator[str]:
@@ -283,7 +298,7 @@ def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
         )
 
 
-def _how(rounds: Sequence[Places], settings: Mapping[str, str], folder: str, *, raw: bool) -> Iterator[str]:
+def _how(settings: Mapping[str, str], made: Sequence[Made]) -> Iterator[str]:
     yield "\n## How it was done\n"
     yield (
         "1. A process of its own drew the seeds, had every rig recorded, encrypted its label "
@@ -301,12 +316,18 @@ def _how(rounds: Sequence[Places], settings: Mapping[str, str], folder: str, *, 
     yield "\n| | |\n| --- | --- |"
     for title, words in settings.items():
         yield f"| {title} | {words} |"
-    files = [(f"`{name}`", path) for name, path in published(rounds)] if raw else named(rounds)
+    yield "\n| round | rigs | seed | recorded by | diagnosed by |"
+    yield "| --- | --- | --- | --- | --- |"
+    for number, one in enumerate(made, start=1):
+        yield f"| {number} | {one.rigs} | {one.seed} | {one.world} | {one.code} |"
+
+
+def _hashes(files: Iterable[tuple[str, Path]]) -> Iterator[str]:
+    yield "\n| file | SHA-256 |"
+    yield "| --- | --- |"
     for name, path in files:
         if path.exists():
-            yield f"| SHA-256 of {name} | `{digest(path.read_bytes())}` |"
-    yield ""
-    yield f"Every score is in [{folder}/scores.json]({folder}/scores.json)."
+            yield f"| {name} | `{digest(path.read_bytes())}` |"
 
 
 def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from irt.errors import IrtError
 from irt.prove.contest import METHODS
 from irt.prove.contested import Contestant
+from irt.prove.further import Resolved
+from irt.prove.made import Made
 from irt.prove.results import Results
 from irt.prove.scorecard import verdict, write_scorecard
 from irt.prove.seal import digest
@@ -111,7 +115,7 @@ def test_the_chain_is_named(page: Path, places) -> None:
     text = page.read_text()
     for name in ("commitments", "manifest", "keys"):
         content = getattr(places, name).read_bytes()
-        assert f"| SHA-256 of `{name}-1.json` | `{digest(content)}` |" in text
+        assert f"| `{name}-1.json` | `{digest(content)}` |" in text
         assert (page.parent / "proof" / f"{name}-1.json").read_bytes() == content
 
 
@@ -124,15 +128,15 @@ def test_the_folder_holds_what_the_page_names_and_no_more(page: Path, results: R
     published = {f"{name}-{one}.json" for name in ("commitments", "keys", "manifest") for one in (1, 2)}
     expected = {*PICTURES, "scores.json", "notes.txt", *published}
     assert {path.name for path in folder.iterdir()} == expected
-    assert set(re.findall(r"SHA-256 of `(.+?)`", page.read_text())) == published
+    assert set(re.findall(r"^\| `(.+?\.json)` \|", page.read_text(), re.MULTILINE)) == published
 
 
 def test_where_nothing_is_copied_the_files_are_those_of_the_proof(results: Results, places, tmp_path) -> None:
     page = write_scorecard(tmp_path / "one.md", results, [places], SETTINGS)
-    assert "| SHA-256 of `keys.json` |" in page.read_text()
+    assert "| `keys.json` |" in page.read_text()
     page = write_scorecard(tmp_path / "two.md", results, [places, places], SETTINGS)
     for number in (1, 2):
-        assert f"| SHA-256 of `keys.json`, round {number} |" in page.read_text()
+        assert f"| `keys.json`, round {number} |" in page.read_text()
 
 
 def test_no_rig_at_all_is_drawn_all_the_same(places, score, tmp_path: Path) -> None:
@@ -140,3 +144,45 @@ def test_no_rig_at_all_is_drawn_all_the_same(places, score, tmp_path: Path) -> N
     page = write_scorecard(tmp_path / "proof.md", Results((score("none"),)), [places], SETTINGS)
     assert all((tmp_path / "proof" / name).stat().st_size > 1000 for name in PICTURES)
     assert "not counted" in page.read_text()
+
+
+def test_scores_are_read_back_as_they_were_written(results: Results, tmp_path: Path) -> None:
+    made = Made(len(results.scores), "5", "another engine", "irt, code 12")
+    results = replace(
+        results, ties=(Resolved("rig-0002", 2.0, {"random": None}, {"random": True}),), made=(made,)
+    )
+    results.save(tmp_path / "scores.json")
+    again = Results.load(tmp_path / "scores.json")
+    # No number equals itself where there is none: compared as they are written.
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == (tmp_path / "scores.json").read_bytes()
+    assert again.floors == results.floors
+    assert again.made == (made,)
+
+
+def test_scores_of_something_else_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "scores.json"
+    path.write_text('{"rigs": []}')
+    with pytest.raises(IrtError, match=r"scores\.json: holds no scores of a proof: 'baselines'"):
+        Results.load(path)
+
+
+def test_a_page_tells_of_earlier_rounds_too(page: Path, results: Results, places) -> None:
+    """Numbers go on after theirs, and nothing of them is withdrawn."""
+    folder = page.with_suffix("")
+    first = {path.name: path.read_bytes() for path in folder.glob("*-1.json")}
+    made = (Made(10, "5", "another engine", "irt, code 12"), Made(10, "6", "another engine", "irt, code 34"))
+    both = replace(Results.joined([results, results]), made=made)
+    write_scorecard(page, both, [places], SETTINGS, raw=True, earlier=1)
+    assert {name: (folder / name).read_bytes() for name in first} == first
+    assert (folder / "keys-2.json").read_bytes() == places.keys.read_bytes()
+    text = page.read_text()
+    assert "| 2 | 10 | 6 | another engine | irt, code 34 |" in text
+    for number in (1, 2):
+        assert f"| `manifest-{number}.json` |" in text
+    assert both.first(1).scores == results.scores
+    (folder / "keys-1.json").unlink()
+    with pytest.raises(
+        IrtError, match=r"keys-1\.json: is not there, and belongs to a round that the page counts"
+    ):
+        write_scorecard(page, both, [places], SETTINGS, raw=True, earlier=1)
