@@ -12,7 +12,7 @@ from irt.errors import IrtError
 from irt.recording import Recording
 from irt.rig import Rig
 from irt.rollouts import SUBSTEP_S
-from irt.start_state import Inputs, Paths
+from irt.start_state import Inputs
 
 Array = NDArray[np.float64]
 
@@ -142,11 +142,11 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
             durations[i, : issued[i]] = run_durations
     first = np.array([first for _, _, first in runs])
     rolled = np.array([0.0 if segment.way is None else segment.way[0] for segment in batch])
-    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, _paths_of(batch))
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, *_paths_of(batch))
 
 
-def _paths_of(batch: Sequence[Segment]) -> Paths:
-    """Return the paths of the recordings that segments are of, each once."""
+def _paths_of(batch: Sequence[Segment]) -> tuple[tuple[Array, ...], NDArray[np.int64]]:
+    """Return the paths of the recordings that segments are of, each once, and which each segment is of."""
     # By the arrays themselves: recordings of several folders may share a name.
     known: dict[int, int] = {}
     paths: list[Array] = []
@@ -154,11 +154,7 @@ def _paths_of(batch: Sequence[Segment]) -> Paths:
         if id(segment.run_path) not in known:
             known[id(segment.run_path)] = len(paths)
             paths.append(np.zeros((1, 2)) if segment.run_path is None else segment.run_path)
-    return Paths(
-        tuple(paths),
-        np.array([known[id(segment.run_path)] for segment in batch]),
-        np.array([0 if segment.run_path is None else segment.first_row for segment in batch]),
-    )
+    return tuple(paths), np.array([known[id(segment.run_path)] for segment in batch])
 
 
 def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
