@@ -39,6 +39,7 @@ def effects() -> list[
         str,
         list[str],
         bool,
+        bool,
     ]
 ]: ...
 def rollouts(
@@ -63,7 +64,7 @@ def rollouts(
     durations: npt.NDArray[np.float64] | None,
     threads: int | None,
 ) -> npt.NDArray[np.float64]: ...
-def turned(path: npt.NDArray[np.float64], radius_m: float) -> npt.NDArray[np.float64]: ...
+def turned(path: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
 def fit(
     problem: Mapping[str, Any],

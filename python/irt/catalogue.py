@@ -87,6 +87,8 @@ class EffectInfo:
         Where to read more.
     listed : bool
         Whether the catalogue lists it. What it does not list simulates like any effect and is no hypothesis.
+    turns : bool
+        Whether it matters how the marble has been turned by its path.
     """
 
     name: str
@@ -98,6 +100,7 @@ class EffectInfo:
     looks: str
     references: tuple[str, ...]
     listed: bool
+    turns: bool
 
     @property
     def doc(self) -> str:
@@ -182,7 +185,8 @@ def _column(effect_name: str, name: str, value: Any, count: int) -> Array:
 @functools.cache
 def _known() -> dict[str, EffectInfo]:
     found = {}
-    for name, stage, equation, parameters, does, matters, looks, references, listed in _labsim.effects():
+    for one in _labsim.effects():
+        name, stage, equation, parameters, does, matters, looks, references, listed, turns = one
         found[name] = EffectInfo(
             name=name,
             stage=stage,
@@ -193,5 +197,6 @@ def _known() -> dict[str, EffectInfo]:
             looks=looks,
             references=tuple(references),
             listed=listed,
+            turns=turns,
         )
     return found

@@ -154,22 +154,22 @@ def rollouts(
     )
 
 
-def turned(path_m: Array, radius_m: float) -> Array:
+def turned(path: Array, radius: float) -> Array:
     """Return how a path turns the marble that rolls along it, without spinning about the vertical.
 
     Parameters
     ----------
-    path_m : (n, 2)
-        Where it was, a place a row [m]; between them it went smoothly.
-    radius_m : float
-        Of the marble [m].
+    path : (n, 2)
+        Where it was, a place a row; between them it went smoothly.
+    radius : float
+        Of the marble, in the unit of the path.
 
     Returns
     -------
     (n, 3)
         The rotation from the first row to each, its axis times its angle [rad].
     """
-    return _labsim.turned(np.ascontiguousarray(path_m, dtype=np.float64), radius_m)
+    return _labsim.turned(path, radius)
 
 
 def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False) -> Array:

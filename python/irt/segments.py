@@ -12,7 +12,7 @@ from irt.errors import IrtError
 from irt.recording import Recording
 from irt.rig import Rig
 from irt.rollouts import SUBSTEP_S
-from irt.start_state import Inputs, Paths
+from irt.start_state import Inputs
 
 Array = NDArray[np.float64]
 
@@ -30,58 +30,50 @@ class Segment:
 
     Attributes
     ----------
-    recording : str
-        Name of the recording.
-    first_row : int
-        The recording's row where the segment begins.
-    knobs : (n, 2) array
-        Commanded knob angles [rad].
-    durations : (n,) array or None
-        How long each command holds [s], where the recording is stamped.
-    observed : (n, 2) array
-        Positions [board edges], NaN rows where the tracker lost the marble.
+    run : Recording
+        The whole recording, whose commands effects may remember.
+    rows : slice
+        Which of its rows.
     start : (2,) array
         Position at the first row [board edges].
     start_velocity : (2,) array
         Velocity at the first row [board edges per second of simulated time].
-    run_knobs : (m, 2) array or None
-        Commands of the whole recording [rad], which effects may remember; by default there is no more of it.
-    run_durations : (m,) array or None
-        How long those hold [s].
-    way : (n,) array or None
-        How far the marble has rolled from the recording's row 0 to each row [board edges].
-    run_path : (m, 2) array or None
-        Where it has rolled in the whole recording, a place a row [board edges].
     """
 
-    recording: str
-    first_row: int
-    knobs: Array
-    durations: Array | None
-    observed: Array
+    run: Recording
+    rows: slice
     start: Array
     start_velocity: Array
-    run_knobs: Array | None = None
-    run_durations: Array | None = None
-    way: Array | None = None
-    run_path: Array | None = None
+
+    @property
+    def recording(self) -> str:
+        """Name of the recording."""
+        return self.run.name
+
+    @property
+    def first_row(self) -> int:
+        """The recording's row where the segment begins."""
+        return int(self.rows.start)
+
+    @property
+    def knobs(self) -> Array:
+        """Commanded knob angles, (n, 2) [rad]."""
+        return self.run.knobs[self.rows]
+
+    @property
+    def durations(self) -> Array | None:
+        """How long each command holds, (n,) [s], where the recording is stamped."""
+        return None if self.run.durations is None else self.run.durations[self.rows]
+
+    @property
+    def observed(self) -> Array:
+        """Positions, (n, 2) [board edges], NaN rows where the tracker lost the marble."""
+        return self.run.marble[self.rows]
 
     def cut(self, first: int, stop: int) -> Segment:
-        """Return some of its rows, with the commands before them; how the marble begins is not known."""
-        own, whole = slice(first, stop), self.run_knobs is None
-        return Segment(
-            recording=self.recording,
-            first_row=self.first_row + first,
-            knobs=self.knobs[own],
-            durations=None if self.durations is None else self.durations[own],
-            observed=self.observed[own],
-            start=np.full(2, np.nan),
-            start_velocity=np.full(2, np.nan),
-            run_knobs=self.knobs if whole else self.run_knobs,
-            run_durations=self.durations if whole else self.run_durations,
-            way=None if self.way is None else self.way[own],
-            run_path=self.run_path,
-        )
+        """Return some of its rows; how the marble begins is not known."""
+        unknown = np.full(2, np.nan)
+        return Segment(self.run, slice(self.first_row + first, self.first_row + stop), unknown, unknown)
 
 
 def segments(rig: Rig, seconds: float | None = None) -> list[Segment]:
@@ -128,10 +120,8 @@ def segments(rig: Rig, seconds: float | None = None) -> list[Segment]:
 def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
     """Return the commands of segments of one length, with those of their whole recordings or alone."""
     runs = [
-        (segment.run_knobs, segment.run_durations, segment.first_row)
-        if whole and segment.run_knobs is not None
-        else (segment.knobs, segment.durations, 0)
-        for segment in batch
+        (one.run.knobs, one.run.durations, one.first_row) if whole else (one.knobs, one.durations, 0)
+        for one in batch
     ]
     issued = np.array([len(knobs) for knobs, _, _ in runs])
     knobs = np.zeros((len(batch), int(issued.max()), 2))
@@ -141,42 +131,16 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
         if durations is not None and run_durations is not None:
             durations[i, : issued[i]] = run_durations
     first = np.array([first for _, _, first in runs])
-    rolled = np.array([0.0 if segment.way is None else segment.way[0] for segment in batch])
-    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, _paths_of(batch))
-
-
-def _paths_of(batch: Sequence[Segment]) -> Paths:
-    """Return the paths of the recordings that segments are of, each once."""
-    # By the arrays themselves: recordings of several folders may share a name.
-    known: dict[int, int] = {}
-    paths: list[Array] = []
-    for segment in batch:
-        if id(segment.run_path) not in known:
-            known[id(segment.run_path)] = len(paths)
-            paths.append(np.zeros((1, 2)) if segment.run_path is None else segment.run_path)
-    return Paths(
-        tuple(paths),
-        np.array([known[id(segment.run_path)] for segment in batch]),
-        np.array([0 if segment.run_path is None else segment.first_row for segment in batch]),
-    )
+    rolled = np.array([one.run.way[one.first_row] for one in batch])
+    recordings = list(dict.fromkeys(one.run for one in batch))
+    paths = tuple(recording.rolled_path for recording in recordings)
+    path = np.array([recordings.index(one.run) for one in batch])
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, paths, path)
 
 
 def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
     """Return rows of a recording that begin in a state (4,): place, and rate a second."""
-    durations = recording.durations
-    return Segment(
-        recording=recording.name,
-        first_row=stretch.start,
-        knobs=recording.knobs[stretch],
-        durations=None if durations is None else durations[stretch],
-        observed=recording.marble[stretch],
-        start=state[:2],
-        start_velocity=state[2:],
-        run_knobs=recording.knobs,
-        run_durations=durations,
-        way=recording.way[stretch],
-        run_path=recording.rolled_path,
-    )
+    return Segment(recording, stretch, state[:2], state[2:])
 
 
 def guess(recording: Recording, head: slice, step_s: float, degree: int) -> Array:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.catalogue import effect
 from irt.model import Model
 from irt.rig import PARAMETERS
 from irt.rollouts import rollouts, turned
@@ -19,39 +20,6 @@ Array = NDArray[np.float64]
 _STEPS = np.array([1e-4, 1e-4, 1e-3, 1e-3])
 #: Gauss-Newton steps; with the base physics the third hardly moves the state any more.
 _ITERATIONS = 6
-
-
-@dataclass(frozen=True, eq=False)
-class Paths:
-    """What windows were rolled before.
-
-    Attributes
-    ----------
-    paths : tuple of (m, 2) arrays
-        Where marbles have rolled in whole recordings, a place a row [board edges].
-    of, row : (w,) int arrays
-        Which path each window is of, and in which row of it the window begins.
-    """
-
-    paths: tuple[Array, ...]
-    of: NDArray[np.int64]
-    row: NDArray[np.int64]
-
-    def taken(self, windows: NDArray[np.int64]) -> Paths:
-        """Return what some windows were rolled before."""
-        return Paths(self.paths, self.of[windows], self.row[windows])
-
-    def turned(self, edge_m: float, radius_m: float) -> Array:
-        """Return by what rotation this has turned marbles, axis times angle, (w, 3) [rad].
-
-        `edge_m` is how far the marble goes while it is seen to go one edge [m].
-        """
-        found = np.zeros((len(self.of), 3))
-        for index, path in enumerate(self.paths):
-            own = self.of == index
-            if self.row[own].any():
-                found[own] = turned(path * edge_m, radius_m)[self.row[own]]
-        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +40,10 @@ class Inputs:
         n, the rows of each window.
     rolled : (w,) array
         How far the marble has rolled before each window [board edges].
-    paths : Paths or None
-        And where; by default it has not been turned by that.
+    paths : tuple of (m, 2) arrays
+        Where marbles have rolled in whole recordings, a place a row [board edges].
+    path : (w,) int array or None
+        Which of them each window is of; by default no marble has been turned.
     """
 
     knobs: Array
@@ -82,7 +52,8 @@ class Inputs:
     issued: NDArray[np.int64]
     rows: int
     rolled: Array
-    paths: Paths | None = None
+    paths: tuple[Array, ...] = ()
+    path: NDArray[np.int64] | None = None
 
     @classmethod
     def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
@@ -99,6 +70,15 @@ class Inputs:
         """Return all windows so many times, one set after another."""
         return self._taken(np.tile(np.arange(len(self.first)), times))
 
+    def turned(self, radius: float) -> Array:
+        """Return how that has turned marbles of a radius [board edges]: axis times angle, (w, 3) [rad]."""
+        found = np.zeros((len(self.first), 3))
+        for index, path in enumerate(self.paths):
+            own = np.asarray(self.path == index)
+            if self.first[own].any():
+                found[own] = turned(path, radius)[self.first[own]]
+        return found
+
     def _taken(self, windows: NDArray[np.int64]) -> Inputs:
         durations = None if self.durations is None else self.durations[windows]
         return Inputs(
@@ -108,7 +88,8 @@ class Inputs:
             self.issued[windows],
             self.rows,
             self.rolled[windows],
-            None if self.paths is None else self.paths.taken(windows),
+            self.paths,
+            None if self.path is None else self.path[windows],
         )
 
 
@@ -156,16 +137,19 @@ def simulate(
         if added is None or effect.name != added["name"]
     ]
     own = model.values if values is None else values
+    if added is not None:
+        effects.append(added)
     edge_m = model.board.edge_x_m / own[PARAMETERS.index("observation_scale")]
+    turns = any(effect(one["name"]).turns for one in effects)
     return rollouts(
         np.tile(own, (len(states), 1)),
         inputs.knobs,
         rig=model,
-        effects=effects if added is None else [*effects, added],
+        effects=effects,
         start=states[:, :2],
         start_velocity=states[:, 2:],
         rolled=inputs.rolled * edge_m,
-        turned=None if inputs.paths is None else inputs.paths.turned(edge_m, model.marble.radius_m),
+        turned=inputs.turned(model.marble.radius_m / edge_m) if turns else None,
         durations=inputs.durations,
         time_step=model.time_step,
         substeps=None if substeps is None else np.full(len(states), substeps),

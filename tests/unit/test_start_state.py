@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter
+from irt.recording import Recording
 from irt.rig import PARAMETERS, RANGES, Board, Marble
 from irt.rollouts import rollouts, turned
+from irt.segments import inputs_of, segment_of
 from irt.start_state import Inputs, estimate_start_states, simulate
 
 VALUES = (0.07, 0.06, 0.0005, 12.4, 1.05)
@@ -107,6 +110,30 @@ def test_a_marble_is_turned_as_far_as_it_has_rolled(engine, follows) -> None:
     gone = np.abs(whole[half:] - whole[half]).max()
     assert np.abs(told - whole[half:]).max() < 0.01 * gone
     assert np.abs(untold - whole[half:]).max() > 0.05 * gone
+
+
+def test_a_segment_knows_how_the_marble_was_turned_before_it() -> None:
+    """By the path of its own recording; without it the heavy side is somewhere else."""
+    effect = {"offset": 0.002, "phase_rad": 1.0, "lean_rad": 0.4, "follows_path": 0.0}
+    level = model(gear_x=0.05, gear_y=0.04, rolling_friction=2e-4, time_scale=1.0, observation_scale=1.0)
+    heavy = dataclasses.replace(level, effects=(Effect("eccentric_marble", effect),), start="rest")
+    knobs = np.array([[0.03, 0.05]]).repeat(300, axis=0)
+    knobs[80:] = [-0.03, 0.06]
+    whole = simulate(heavy, Inputs.of_whole(knobs[None]), np.zeros((1, 4)))[0]
+    half = 200
+    state = np.append(whole[half], (whole[half + 1] - whole[half - 1]) * 120.0)
+    segment = segment_of(Recording("run", Path("run.csv"), knobs, whole), slice(half, 300), state)
+    inputs = inputs_of([segment], whole=True)
+    untold = dataclasses.replace(inputs, paths=(), path=None)
+    missed, astray = (
+        np.abs(simulate(heavy, one, state[None])[0] - whole[half:]).max() for one in (inputs, untold)
+    )
+    gone = np.abs(whole[half:] - whole[half]).max()
+    assert missed < 0.01 * gone
+    assert astray > 0.05 * gone
+    # Windows that are repeated, as for finite differences, keep their paths.
+    twice = simulate(heavy, inputs.repeated(2), np.tile(state, (2, 1)))
+    np.testing.assert_array_equal(twice, simulate(heavy, inputs, state[None]).repeat(2, axis=0))
 
 
 @pytest.mark.parametrize("stamped", [False, True])

@@ -21,7 +21,7 @@ type Parameter = (
 );
 
 /// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, and
-/// whether it is of the catalogue.
+/// whether it is of the catalogue and whether it matters to it how the marble has been turned.
 type About = (
     &'static str,
     String,
@@ -31,6 +31,7 @@ type About = (
     &'static str,
     &'static str,
     Vec<&'static str>,
+    bool,
     bool,
 );
 
@@ -65,6 +66,7 @@ pub(crate) fn catalogue() -> Vec<About> {
                 about.looks,
                 about.references.to_vec(),
                 is_listed,
+                about.turns(),
             )
         })
         .collect()

@@ -123,7 +123,7 @@ fn rollouts<'py>(
     Ok(array.into_pyarray(py))
 }
 
-/// The rotation (rad) of a marble from the first place of its path (m) to each; see `labsim::turned`.
+/// The rotation (rad) of a marble from the first place of its path to each; see `labsim::turned`.
 #[pyfunction]
 #[expect(
     clippy::needless_pass_by_value,
@@ -132,11 +132,11 @@ fn rollouts<'py>(
 fn turned<'py>(
     py: Python<'py>,
     path: PyReadonlyArray2<'py, f64>,
-    radius_m: f64,
+    radius: f64,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     Ok(arrays::matrix(
         py,
-        &labsim::turned(&arrays::rows::<2>(&path)?, radius_m),
+        &labsim::turned(&arrays::rows::<2>(&path)?, radius),
     ))
 }
 

@@ -235,16 +235,10 @@ def _publisher() -> Any:
 
 def _summary(track: Track) -> Summary:
     """Return what the track is worth, its noise estimated as that of a recording is."""
-    import numpy as np
-
-    from irt.fitting.problem import tracker_noise
-    from irt.segments import Segment
+    from irt.fitting.problem import noise_in
     from irt.tracking.recorded import summarise
 
-    still = np.zeros((len(track.marble), 2))
-    zero = np.zeros(2)
-    noise = tracker_noise([Segment(track.name, 0, still, None, track.marble, zero, zero)])
-    return summarise(track, noise)
+    return summarise(track, noise_in([track.marble]))
 
 
 def _facts(args: argparse.Namespace, source: Source, timed: Timed | None) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -313,13 +313,18 @@ def _of_one(
     return lambda done, total, rows: progress(number * total + done, count * total, rows)
 
 
-def tracker_noise(segments: Sequence[Segment]) -> float:
-    """Estimate the standard deviation of the tracker [board edges] from the recordings alone.
+def tracker_noise(segments: Iterable[Segment]) -> float:
+    """Estimate the standard deviation of the tracker [board edges] from the recordings alone."""
+    return noise_in(segment.observed for segment in segments)
+
+
+def noise_in(observed: Iterable[Array]) -> float:
+    """Estimate the standard deviation of the tracker [board edges] from (n, 2) positions alone.
 
     The motion is smooth from row to row, so that of fourth differences mostly noise is left. A tracker that
     reads pixels errs alike as long as the marble stays within one: it is told by the rows in which it moves.
     """
-    return _labsim.tracker_noise([np.ascontiguousarray(segment.observed) for segment in segments])
+    return _labsim.tracker_noise([np.ascontiguousarray(one) for one in observed])
 
 
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:
@@ -356,25 +361,12 @@ def _open_choices(effects: Sequence[Effect], held: Mapping[str, Mapping[str, flo
 
 def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]:
     """Return the recordings that segments are of, each once, and where in them the segments lie."""
-    recordings: list[tuple[Array, Array | None, Array, Array, Array]] = []
-    before: list[Array] = []
-    found: dict[str, int] = {}
-    stretches = []
-    for segment in segments:
-        rows, whole = len(segment.knobs), segment.run_knobs is not None
-        first = segment.first_row if whole else 0
-        name = segment.recording if whole else f"{segment.recording}, row {segment.first_row}"
-        if name not in found:
-            found[name] = len(recordings)
-            knobs = segment.knobs if segment.run_knobs is None else segment.run_knobs
-            durations = segment.durations if segment.run_knobs is None else segment.run_durations
-            path = np.zeros((len(knobs), 2)) if segment.run_path is None else segment.run_path
-            recordings.append(
-                (knobs, durations, np.full((len(knobs), 2), np.nan), np.zeros(len(knobs)), path)
-            )
-            before.append(np.zeros(2) if at_rest else knobs[0])
-        recordings[found[name]][2][first : first + rows] = segment.observed
-        if segment.way is not None:
-            recordings[found[name]][3][first : first + rows] = segment.way
-        stretches.append((found[name], first, rows, at_rest and segment.first_row == 0))
-    return {"recordings": recordings, "knobs_before": np.array(before), "stretches": stretches}
+    runs = list(dict.fromkeys(one.run for one in segments))
+    return {
+        "recordings": [(run.knobs, run.durations, run.marble, run.way, run.rolled_path) for run in runs],
+        "knobs_before": np.array([np.zeros(2) if at_rest else run.knobs[0] for run in runs]),
+        "stretches": [
+            (runs.index(one.run), one.first_row, len(one.knobs), at_rest and one.first_row == 0)
+            for one in segments
+        ],
+    }

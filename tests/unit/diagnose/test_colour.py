@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from irt.diagnose.case import Fitted
 from irt.diagnose.colour import MOST_CARRIED, carried, fresh, memory, seeming
 from irt.diagnose.evidence import excess, is_lost, is_noise
-from irt.fitting.problem import tracker_noise
+from irt.fitting.problem import noise_in
 
 SCALE = 1e-3
 
@@ -45,10 +45,8 @@ def test_the_more_carries_on_the_smaller_noise_seems(share, more):
     assert seeming(share + more) > seeming(share)
 
 
-def test_noise_seems_as_much_smaller_as_differences_tell(plant):
-    case = plant()
-    pieces = [replace(one, observed=noise) for one, noise in zip(case.segments, coloured(0.5), strict=False)]
-    assert tracker_noise(pieces) * seeming(0.5) == pytest.approx(SCALE, rel=0.08)
+def test_noise_seems_as_much_smaller_as_differences_tell():
+    assert noise_in(coloured(0.5, runs=4)) * seeming(0.5) == pytest.approx(SCALE, rel=0.08)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])

@@ -1,13 +1,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.fitting.problem import Problem, tracker_noise
+from irt.fitting.problem import Problem, noise_in
 from irt.model import Effect
 from irt.rig import PARAMETERS
 from irt.segments import segments
@@ -23,11 +22,11 @@ def test_the_trackers_noise_shows_in_the_recording_alone(sd):
     observed = smooth + sd * random.standard_normal(smooth.shape)
     observed[::40] = 0.9
     observed[13:17] = np.nan
-    assert tracker_noise([SimpleNamespace(observed=observed)]) == pytest.approx(sd, rel=0.2)
+    assert noise_in([observed]) == pytest.approx(sd, rel=0.2)
 
 
 def test_noise_of_next_to_no_rows_is_still_positive():
-    assert 0.0 < tracker_noise([SimpleNamespace(observed=np.zeros((3, 2)))]) < 1e-5
+    assert 0.0 < noise_in([np.zeros((3, 2))]) < 1e-5
 
 
 def test_segments_of_a_recording_share_it(planted):
@@ -41,9 +40,8 @@ def test_segments_of_a_recording_share_it(planted):
     ):
         np.testing.assert_array_equal(knobs, recording.knobs)
         assert durations is None
-        seen = np.isfinite(observed)
-        np.testing.assert_array_equal(observed[seen], recording.marble[seen])
-        np.testing.assert_array_equal(way[seen[:, 0]], recording.way[seen[:, 0]])
+        np.testing.assert_array_equal(observed, recording.marble)
+        np.testing.assert_array_equal(way, recording.way)
         np.testing.assert_array_equal(path, recording.rolled_path)
         np.testing.assert_array_equal(before, recording.knobs[0])
     assert not any(at_rest for *_, at_rest in asked["stretches"])
@@ -125,11 +123,12 @@ def test_windows_know_how_the_marble_was_turned_before_them(planted):
     effect = Effect("eccentric_marble", HEAVY | {"follows_path": 0.0})
     rig = planted(2, moving=True, effects=[{"name": effect.name, **effect.parameters}])
     truth = np.array([[*TRUTH, *effect.parameters.values()]])
-    told = segments(rig, 1.0)
-    untold = [replace(segment, run_path=None) for segment in told]
+    told = Problem.of(rig, segments(rig, 1.0), effects=[effect])
+    standing = [(*rest, np.zeros_like(path)) for *rest, path in told.asked["recordings"]]
+    untold = replace(told, asked={**told.asked, "recordings": standing})
     left = [
-        max(float(np.abs(one).max()) for one in found.residuals)
-        for found in (Problem.of(rig, cut, effects=[effect]).judge(truth)[0] for cut in (told, untold))
+        max(float(np.abs(one).max()) for one in problem.judge(truth)[0].residuals)
+        for problem in (told, untold)
     ]
     assert left[0] < 0.05 * left[1]
     assert left[1] > 1e-3

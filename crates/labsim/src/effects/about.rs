@@ -158,6 +158,11 @@ impl About {
         self.parameters.iter().map(|one| one.neutral).collect()
     }
 
+    /// Whether it matters how the marble has been turned by its path.
+    pub fn turns(&self) -> bool {
+        self.acts == Acts::OnMarble(Memory::Turning)
+    }
+
     /// Refuses values that no physics allows.
     pub(crate) fn check(&self, values: &[f64]) -> Result<()> {
         for (parameter, &value) in self.parameters.iter().zip(values) {

@@ -174,8 +174,7 @@ impl Problem<'_> {
 
     /// Whether it matters how the marble is turned when it is let go.
     pub(super) fn turns(&self) -> bool {
-        let turning = Acts::OnMarble(Memory::Turning);
-        self.effects.iter().any(|one| one.effect.acts == turning)
+        self.effects.iter().any(|one| one.effect.turns())
     }
 
     /// Whether the camera may show a marble beyond the rim.
