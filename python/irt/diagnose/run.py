@@ -27,8 +27,10 @@ from irt.fitting.fit import Progress
 from irt.model import Parameter
 from irt.rig import Rig, load_rig
 
-#: Effects that look like delays that differ, by their mean.
+#: Effects that make up for what delays that differ come late by in the mean.
 LATE = ("delay", "lag", "latency", "clock_drift")
+#: Those of them that are one thing by two names.
+ALIKE = ("delay", "latency")
 #: The effect that stands for the mean of delays that differ.
 MEAN = "delay"
 #: What leaves far more than noise, and more than this share of the error on recordings held out, only stands
@@ -211,7 +213,7 @@ def _searched(search: Search, report: Report) -> _Answer:
         return _Answer(case, best)
     best = search.larger(best)
     if not _is_all(search, best):
-        jittering = _jittering(search, report)
+        jittering = _jittering(search, best, report)
         if jittering is not None:
             return jittering
         best = search.with_partners(best)
@@ -230,13 +232,19 @@ def _learned(search: Search, best: Fitted, report: Report) -> _Answer:
     return _Answer(case, fitted, terms=terms, known=best)
 
 
-def _jittering(search: Search, report: Report) -> _Answer | None:
-    """Choose delays that differ, with what else is missing beside their mean."""
+def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
+    """Choose delays that differ, with what else is missing beside their mean.
+
+    They must show beside the best hypothesis, too, if that says how late commands come: what a clock that
+    drifts leaves beside a delay looks like them.
+    """
     report("delays that differ from command to command")
-    mean = search.with_effect(MEAN)
     price = search.evidence().price(2, 1)
+    if set(LATE) & set(best.effects) and kicks(search.case, best, price) is None:
+        return None
+    mean = search.with_effect(MEAN)
     if kicks(search.case, mean, price) is None:
         return None
-    best = search.beside(mean, [name for name in hypotheses() if name not in LATE])
+    best = search.beside(mean, [name for name in hypotheses() if name not in ALIKE])
     told = kicks(search.case, best, price)
     return None if told is None else _Answer(search.case, best, spread(search.case, best, told))
