@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from irt.catalogue import effect
@@ -28,7 +28,7 @@ from irt.model import Parameter
 from irt.rig import Rig, load_rig
 
 #: Effects that make up for what delays that differ come late by in the mean.
-LATE = ("delay", "lag", "latency", "clock_drift")
+MADE_UP = ("delay", "latency", "lag")
 #: Those of them that are one thing by two names.
 ALIKE = ("delay", "latency")
 #: The effect that stands for the mean of delays that differ.
@@ -235,16 +235,27 @@ def _learned(search: Search, best: Fitted, report: Report) -> _Answer:
 def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
     """Choose delays that differ, with what else is missing beside their mean.
 
-    They must show beside the best hypothesis, too, if that says how late commands come: what a clock that
-    drifts leaves beside a delay looks like them.
+    They must show beside the best hypothesis, too, if that makes up for their mean: what a clock that drifts
+    leaves beside a delay looks like them. Where they do not show beside their mean alone they may beside the
+    effect that explains most.
     """
     report("delays that differ from command to command")
     price = search.evidence().price(2, 1)
-    if set(LATE) & set(best.effects) and kicks(search.case, best, price) is None:
+    if set(MADE_UP) & set(best.effects) and kicks(search.case, best, price) is None:
         return None
-    mean = search.with_effect(MEAN)
-    if kicks(search.case, mean, price) is None:
-        return None
-    best = search.beside(mean, [name for name in hypotheses() if name not in ALIKE])
-    told = kicks(search.case, best, price)
-    return None if told is None else _Answer(search.case, best, spread(search.case, best, told))
+    for parent in _mains(search, best):
+        mean = search.with_effect(MEAN, parent)
+        if kicks(search.case, mean, price) is None:
+            continue
+        full = search.beside(mean, [name for name in hypotheses() if name not in {*ALIKE, *mean.effects}])
+        told = kicks(search.case, full, price)
+        return None if told is None else _Answer(search.case, full, spread(search.case, full, told))
+    return None
+
+
+def _mains(search: Search, best: Fitted) -> Iterator[Fitted]:
+    """Yield the base model, and the effect that explains most alone, if it does not make up for delays."""
+    yield search.base
+    singles = [one for one in search.ranked(1) if one.effects[0] in best.effects]
+    if singles and singles[0].effects[0] not in MADE_UP:
+        yield singles[0]

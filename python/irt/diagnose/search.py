@@ -260,11 +260,13 @@ class Search:
         """The recordings without all that is near the rim."""
         return between_impacts(self.case, self.base)
 
-    def with_effect(self, name: str) -> Fitted:
-        """Return the base model with one effect more, fitted."""
-        if frozenset({name}) not in self.fits:
-            self._expand(self.base, [name], 1)
-        return self.fits[frozenset({name})]
+    def with_effect(self, name: str, parent: Fitted | None = None) -> Fitted:
+        """Return a hypothesis, by default the base model, with one effect more, fitted."""
+        parent = parent or self.base
+        effects = frozenset({*parent.effects, name})
+        if effects not in self.fits:
+            self._expand(parent, [name], 1)
+        return self.fits[effects]
 
     def remember(self, one: Fitted, held: HeldOut) -> None:
         """Take a hypothesis among those tried, with what recordings held out say of it."""
