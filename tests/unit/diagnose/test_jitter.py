@@ -3,7 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from irt.catalogue import effect
+from irt.diagnose import run
 from irt.diagnose.case import Case
 from irt.diagnose.jitter import kicks, spread
 from irt.diagnose.latent import Leftover
@@ -43,3 +46,28 @@ def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
     likeliest = Leftover(case, mean, longest=60).sources(0)[0]
     assert (likeliest.variable, likeliest.stage) == ("command", "camera")
     assert kicks(case, mean, price(search)) is None
+
+
+@pytest.mark.parametrize(
+    ("effects", "asked"),
+    [
+        (["clock_drift", "delay"], [("clock_drift", "delay")]),
+        (["clock_drift"], [("delay",), ("clock_drift", "delay")]),
+        ([], [("delay",)]),
+    ],
+)
+def test_delays_that_differ_are_looked_for_beside_what_else_is_missing(plant, monkeypatch, effects, asked):
+    """What one delay leaves of a clock that drifts looks like them, until the drift is in the model."""
+    search = searched(plant(runs=2, rows=40))
+    for names in (effects[:1], effects):
+        search.keep(search.case.refine(names, neutral(search, names))[0])
+    seen = []
+    monkeypatch.setattr(run, "kicks", lambda case, one, price: seen.append(one.effects))
+    assert run._jittering(search, search.fits[frozenset(effects)], lambda _: None) is None
+    assert seen == asked
+
+
+def neutral(search, names):
+    """Return the base model's values, and of effects those without effect, (1, n)."""
+    values = [one.neutral for name in names for one in effect(name).parameters]
+    return np.array([[*search.base.values, *values]])
