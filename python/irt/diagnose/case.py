@@ -70,14 +70,13 @@ class Fitted:
     @property
     def outside(self) -> int:
         """How many parameters of effects lie outside the values that the catalogue finds plausible."""
-        values = self.of_effects()
-        spares = (
-            (values[f"{name}.{one.name}"], one, SPARE * (one.high - one.low))
-            for name in self.effects
-            for one in effect(name).parameters
-            if not one.is_choice
+        known = {f"{name}.{one.name}": one for name in self.effects for one in effect(name).parameters}
+        found = [(value, known[key]) for key, value in self.of_effects().items() if not known[key].is_choice]
+        spares = [SPARE * (one.high - one.low) for _, one in found]
+        return sum(
+            not one.low - spare <= value <= one.high + spare
+            for (value, one), spare in zip(found, spares, strict=True)
         )
-        return sum(not one.low - spare <= value <= one.high + spare for value, one, spare in spares)
 
     def begun_at(self, other: Fitted) -> Array:
         """Return where another hypothesis led, (n,): its values where it has them, else their own."""
