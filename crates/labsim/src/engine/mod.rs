@@ -20,7 +20,7 @@ use crate::board::{Rig, SUBSTEP_S};
 use crate::effects::{Acts, Any, Chosen, acting};
 use crate::error::Error;
 use crate::lanes::Lanes;
-use crate::motion::{Pair, Rolled};
+use crate::motion::{Pair, Rims, Rolled};
 use crate::parameters::Parameters;
 
 /// Which physics moves the marble.
@@ -168,6 +168,15 @@ impl Setup<'_> {
         acting(simd, self.rig, self.effects, places, |lane| {
             job(lane).rollout
         })
+    }
+
+    /// The rims as the marbles of a register meet them.
+    fn rims<'j, 'b: 'j, S: Simd>(&self, simd: S, job: impl Fn(usize) -> &'j Job<'b>) -> Rims<S> {
+        let mut rims = Rims::new(simd, self.rig);
+        for effect in self.acting(simd, |acts| acts == Acts::OnRims, job) {
+            effect.rims(&mut rims);
+        }
+        rims
     }
 
     /// Those that act on marbles, which are let go on boards at these angles.

@@ -36,8 +36,6 @@ use rapier3d_f64::prelude::*;
 use self::marble::Marble;
 use super::{Job, Setup};
 use crate::board::{Rig, SUBSTEP_S};
-use crate::effects::Acts;
-use crate::motion::Rims;
 
 /// The most marbles to a world: enough to share its overhead, few enough to stay in the cache.
 pub(crate) const GROUP: usize = 64;
@@ -91,11 +89,7 @@ pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]
 
 /// Restitution of the rim as a marble meets it.
 fn restitution(setup: &Setup<'_>, job: &Job<'_>) -> f64 {
-    let simd = Scalar::new();
-    let mut rims = Rims::new(simd, setup.rig);
-    for effect in setup.acting(simd, |acts| acts == Acts::OnRims, |_| job) {
-        effect.rims(&mut rims);
-    }
+    let rims = setup.rims(Scalar::new(), |_| job);
     rims.restitution.to_array()[0]
 }
 

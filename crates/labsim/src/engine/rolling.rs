@@ -17,7 +17,7 @@ use self::contact::substep;
 use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup};
-use crate::effects::{Acts, Any};
+use crate::effects::Any;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push, Rims};
 
@@ -172,13 +172,9 @@ pub(super) struct Register<S: Simd> {
 impl<S: Simd> Register<S> {
     pub(super) fn new(simd: S, setup: &Setup<'_>, company: Company<'_, '_>) -> Self {
         let job = |lane: usize| company.of(lane);
-        let mut rims = Rims::new(simd, setup.rig);
-        for effect in setup.acting(simd, |acts| acts == Acts::OnRims, job) {
-            effect.rims(&mut rims);
-        }
         let actuation = Actuation::new(simd, setup, job);
         Self {
-            rims,
+            rims: setup.rims(simd, job),
             camera: Camera::new(simd, setup, &actuation, job),
             forces: setup.forces(simd, &actuation.tilt, job),
             actuation,
