@@ -50,7 +50,7 @@ def moved_in(case: Case, one: Fitted, name: str, other: str) -> tuple[tuple[str,
     All else stays as the hypothesis has it; of draws of what the other has besides a place, those are points
     that leave least.
     """
-    kept = [effect for effect in one.effects if effect != name]
+    kept = [own for own in one.effects if own != name]
     values = dict(zip(one.names, one.values, strict=True))
     rest = [value for key, value in values.items() if not key.startswith(f"{name}.")]
     parameters = effect(other).parameters

@@ -245,10 +245,11 @@ def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
         return None
     for parent in _mains(search, best):
         mean = search.with_effect(MEAN, parent)
-        if kicks(search.case, mean, price) is None:
+        shown = kicks(search.case, mean, price)
+        if shown is None:
             continue
         full = search.beside(mean, [name for name in hypotheses() if name not in {*ALIKE, *mean.effects}])
-        told = kicks(search.case, full, price)
+        told = shown if full is mean else kicks(search.case, full, price)
         return None if told is None else _Answer(search.case, full, spread(search.case, full, told))
     return None
 

@@ -76,13 +76,14 @@ def write_scorecard(
     """
     make_folder(page.parent)
     folder = make_folder(page.with_suffix(""))
+    # First: it looks whether earlier rounds are whole, before anything of their page is written over.
+    copied = publish(folder, rounds, earlier) if raw else set()
     scores = results.scores
     figures.plot_confusion(folder / "confusion.png", scores)
     figures.plot_power(folder / "power.png", scores)
     figures.plot_gaps(folder / "gaps.png", scores, list(_rival_gaps(results)))
     figures.plot_coverage(folder / "coverage.png", scores)
     results.save(folder / "scores.json")
-    copied = publish(folder, rounds, earlier) if raw else set()
     quoted = ((f"`{name}`", path) for name, path in published(folder, rounds, earlier))
     lines = [
         *_answer(results),
