@@ -120,6 +120,11 @@ def is_noise(case: Case, one: Fitted) -> bool:
     return max(sizes, default=1.0) < UNEVEN
 
 
+def is_trusted(case: Case, one: Fitted, base: Fitted) -> bool:
+    """Whether a hypothesis leaves little of the base model's mismatch, whatever its windows look like."""
+    return excess(case, one) <= TRUSTED * excess(case, base)
+
+
 def is_lost(case: Case, one: Fitted, base: Fitted) -> bool:
     """Whether a hypothesis that does not explain the recordings misses what matters, not some small rest.
 

@@ -27,6 +27,8 @@ _SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
 _CHI_SQUARED = 3.84
 #: Simulated nulls.
 NULLS = 99
+#: Rows that a Gaussian process is asked about, at most.
+MOST_ROWS = 400
 #: Name of delays that differ from command to command.
 JITTER = "jitter"
 
@@ -75,10 +77,20 @@ class Leftover:
         predictions are: right for the base model alone. Else what the predictions miss is looked at.
     longest : int
         Rows of a stretch, at most: long ones show small pushes, if the predictions do not go astray.
+    most : int or None
+        Rows in all, at most.
     """
 
-    def __init__(self, case: Case, fitted: Fitted, *, weak: bool = False, longest: int = LONGEST) -> None:
-        self.rows, self._residual, self._fixed = stretches(case, fitted, longest, weak=weak)
+    def __init__(
+        self,
+        case: Case,
+        fitted: Fitted,
+        *,
+        weak: bool = False,
+        longest: int = LONGEST,
+        most: int | None = MOST_ROWS,
+    ) -> None:
+        self.rows, self._residual, self._fixed = stretches(case, fitted, longest, weak=weak, most=most)
         self._noise = case.noise
 
     @property

@@ -89,13 +89,13 @@ def _size(case: Case, fitted: Fitted, source: Source) -> str:
 def variables(terms: Sequence[Term], sources: Sequence[Source]) -> list[Finding]:
     """Return on which variables a learned push depends, with the share of the leftover that it explains."""
     found = []
-    for variable in dict.fromkeys(term.variable for term in terms):
+    for variable in dict.fromkeys(name for term in terms for name in term.depends_on):
         chances = [one.p_value for one in sources if one.variable == variable]
         found.append(
             Finding(
                 _KINDS[variable],
                 f"the leftover push depends on {_VARIABLES[variable]}",
-                min(1.0, sum(term.explained for term in terms if term.variable == variable)),
+                min(1.0, sum(term.explained for term in terms if variable in term.depends_on)),
                 min(chances, default=CLEAR),
             )
         )
@@ -113,8 +113,17 @@ _VARIABLES = {
     "command": "the command",
     "command rate": "how fast the command changes",
     "time": "the time since the recording began",
+    "heading": "the direction of motion",
+    "way": "how far the marble has rolled",
 }
-_KINDS: dict[str, Kind] = {"position": "region", "velocity": "regime", "time": "time", "command": "stage"}
+_KINDS: dict[str, Kind] = {
+    "position": "region",
+    "velocity": "regime",
+    "heading": "regime",
+    "time": "time",
+    "way": "time",
+    "command": "stage",
+}
 
 
 def _places(case: Case, reach: Array, screen: Screen) -> Iterator[tuple[Kind, str, Mask]]:

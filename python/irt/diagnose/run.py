@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding, NamedEffect
-from irt.diagnose.evidence import is_explained
+from irt.diagnose.evidence import is_explained, is_trusted
 from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
@@ -206,11 +206,12 @@ def _searched(search: Search, report: Report) -> _Answer:
 
     What leaves noise ends the search: nothing that repeats does so where delays differ, while a lag and a
     clock that drifts together may look like those. What was learned comes last and has to beat the catalogue:
-    two terms of a library can stand for two effects that have names.
+    two terms of a library can stand for two effects that have names. One effect that seems to leave noise in
+    most windows, and no more, has to stand up to it, too.
     """
     case, best = search.case, search.singles()
     if is_explained(case, best, search.base):
-        return _Answer(case, best)
+        return _Answer(case, best) if is_trusted(case, best, search.base) else _learned(search, best, report)
     best = search.larger(best)
     if not _is_all(search, best):
         jittering = _jittering(search, best, report)

@@ -22,8 +22,6 @@ SLOW, ASTRAY = 1.0, 50.0
 _SMOOTH = 3
 #: How far apart commands arrive that differ in delay [rows].
 _SPREAD = 1.0
-#: Rows that count, at most: whole stretches, spread over the recordings.
-MOST_ROWS = 400
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +67,19 @@ def _spread_out(count: int) -> NDArray[np.int64]:
     return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
 
 
-def stretches(case: Case, fitted: Fitted, longest: int, *, weak: bool) -> tuple[Rows, Array, list[Array]]:
-    """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it."""
+def stretches(
+    case: Case, fitted: Fitted, longest: int, *, weak: bool, most: int | None
+) -> tuple[Rows, Array, list[Array]]:
+    """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it.
+
+    Of more rows than `most` whole stretches are taken, spread over the recordings.
+    """
     reach, late = case.model(fitted).reach, lateness(case, fitted)
     screen = Screen(case, fitted, longest)
     pieces: list[_Piece] = []
     windows = screen.windows()
     for index in _spread_out(len(windows)):
-        if sum(len(piece.place) for piece in pieces) >= MOST_ROWS:
+        if most is not None and sum(len(piece.place) for piece in pieces) >= most:
             break
         window = windows[index]
         piece = _observed(window, late, case.noise) if weak else _predicted(window, late)

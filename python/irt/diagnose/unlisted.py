@@ -15,11 +15,13 @@ import numpy as np
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.evidence import TRUSTED, Evidence, excess, is_explained
+from irt.diagnose.evidence import Evidence, excess, is_explained, is_trusted
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.impacts import shows
-from irt.diagnose.library import VECTORS, WAVES, Term, in_slots, likely_terms, motion_seen, of_slot
+from irt.diagnose.library import PROFILES, VECTORS, Term, in_slots, of_slot
+from irt.diagnose.profiles import ROUND, SHAPES
 from irt.diagnose.search import Search
+from irt.diagnose.view import likely_terms, motion_seen
 from irt.rig import PARAMETERS
 
 #: A further term must take away this share of what was left beyond noise.
@@ -29,9 +31,23 @@ MANY = 3
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
 
-#: What a formula calls that which the parameters of a wave are multiplied by.
+#: What a formula calls that which the parameters of a profile are multiplied by, and a profile of s.
 _SYMBOLS = dict(
-    zip(itertools.chain(*VECTORS.values()), ("x", "y", "v_x", "v_y", "tilt_x", "tilt_y", "t"), strict=True)
+    zip(
+        itertools.chain(*VECTORS.values()),
+        ("x", "y", "v_x", "v_y", "cos heading", "sin heading", "tilt_x", "tilt_y", "t", "way"),
+        strict=True,
+    )
+)
+_FUNCTIONS = (
+    "cos({})",
+    "tanh({})",
+    "exp(-({})^2/2)",
+    "ridge({})",
+    "exp(-(({})^2 + ({})^2)/2)",
+    "({})",
+    "({})^2",
+    "({}) ({})",
 )
 
 #: A case that holds what a fit did not move, the terms, and the fit.
@@ -73,7 +89,10 @@ def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
 def _values(learned: Fitted, terms: Sequence[Term]) -> list[float]:
     """Return the values of the engine's effect: what was learned, and the last term as it explains most."""
     neutral = {one.name: one.neutral for one in effect(UNLISTED).parameters}
-    return list((neutral | learned.value_of(UNLISTED) | in_slots(terms)[-1].values).values())
+    known, (*before, last) = learned.value_of(UNLISTED), in_slots(terms)
+    shared = {name for term in before for name in term.free}
+    added = {name: value for name, value in last.values.items() if name not in shared}
+    return list((neutral | known | added).values())
 
 
 def _best(case: Case, tried: Sequence[Learned]) -> Learned:
@@ -121,48 +140,87 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
     """
     if not best.effects:
         return True
-    evidence, left = search.evidence(), excess(search.case, best)
+    evidence, case = search.evidence(), search.case
     if evidence.margin(learned, best) <= 0.0:
         return False
-    if len(best.effects) >= MANY or left > TRUSTED * excess(search.case, search.base):
+    if not is_explained(case, best, search.base) and (
+        len(best.effects) >= MANY or not is_trusted(case, best, search.base)
+    ):
         return True
-    if excess(search.case, learned) > HALF * left:
+    if excess(case, learned) > HALF * excess(case, best):
         return False
     return is_supported(search.held_out(learned), search.held_out(best), evidence.scale)
 
 
 def formula(values: dict[str, float]) -> str:
     """Return the learned push as a formula, in m/s^2."""
-    parts = []
-    for slot, push in _waves(values):
-        arguments = [
-            f"{values[name]:.4g} {symbol}"
-            for name, symbol in ((of_slot(name, slot), symbol) for name, symbol in _SYMBOLS.items())
-            if values[name] != 0.0
-        ]
-        inside = " + ".join([*arguments, f"{values[f'phase_{slot}_rad']:.3g}"]).replace("+ -", "- ")
-        parts.append(f"({push[0]:.3g}, {push[1]:.3g}) cos({inside})")
+    parts, drags = [], []
+    for slot in _profiles(values):
+        push, brake = _push(values, slot), values[f"brake_{slot}_m_per_s2"]
+        profile = _profile(values, slot)
+        if push != [0.0, 0.0]:
+            parts.append(f"({push[0]:.3g}, {push[1]:.3g}) {profile}")
+        if brake:
+            drags.append(f"{brake:.3g} {profile}")
     if values["drag_strength"]:
-        parts.append(f"{-values['drag_strength']:.3g} (v / 0.1 m/s)^{values['drag_power']:.2g} along v")
+        drags.insert(0, f"{values['drag_strength']:.3g}")
+    if drags:
+        drag = " + ".join(drags).replace("+ -", "- ")
+        parts.append(f"-({drag}) (v / 0.1 m/s)^{values['drag_power']:.2g} along v")
     if values["side_strength"]:
         parts.append(f"{values['side_strength']:.3g} (v / 0.1 m/s)^{values['side_power']:.2g} across v")
-    return "a = " + " + ".join(parts)
+    if values["mode_gain"]:
+        rate, damping = values["mode_rate_rad_per_s"], values["mode_damping"]
+        parts.append(
+            f"5/7 g {values['mode_gain']:.3g} (u - tilt), u'' = {rate**2:.4g} (tilt - u) "
+            f"- {2.0 * damping * rate:.3g} u'"
+        )
+    shapes = {round(values[f"shape_{slot}"]) for slot in _profiles(values)}
+    what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
+    return "a = " + " + ".join(parts) + what
 
 
 def variables(values: dict[str, float]) -> list[str]:
     """Return on what the learned push depends: position, velocity, tilt, time, speed."""
-    slots = [slot for slot, _ in _waves(values)]
     found = [
         "tilt" if variable == "command" else variable
         for variable, names in VECTORS.items()
-        if any(values[of_slot(name, slot)] != 0.0 for slot in slots for name in names)
+        if any(values[of_slot(name, slot)] != 0.0 for slot in _profiles(values) for name in names)
+        or (variable == "command" and values["mode_gain"])
     ]
-    return [*found, *(["speed"] if values["drag_strength"] or values["side_strength"] else [])]
+    drags = [values["drag_strength"], *(values[f"brake_{slot}_m_per_s2"] for slot in _profiles(values))]
+    return [*found, *(["speed"] if any(drags) or values["side_strength"] else [])]
 
 
-def _waves(values: dict[str, float]) -> Iterator[tuple[int, list[float]]]:
-    """Yield the slot and the push [m/s^2] of each wave that pushes."""
-    for slot in range(1, WAVES + 1):
-        push = [values[f"push_{slot}_{axis}_m_per_s2"] for axis in "xy"]
-        if push != [0.0, 0.0]:
-            yield slot, push
+def _profile(values: dict[str, float], slot: int) -> str:
+    """Return a profile as a function of what it depends on."""
+    shape = round(values[f"shape_{slot}"])
+    symbols = [(values[of_slot(name, slot)], symbol) for name, symbol in _SYMBOLS.items()]
+    phases = [_sum(symbols, values[f"phase_{slot}_rad"])]
+    if SHAPES[shape] in ROUND:
+        across = []
+        for variable in ("position", "command"):
+            x, y = (of_slot(name, slot) for name in VECTORS[variable])
+            of_x, of_y = (_SYMBOLS[name] for name in VECTORS[variable])
+            across += [(-values[y], of_x), (values[x], of_y)]
+        phases.append(_sum(across, values[f"across_{slot}_rad"]))
+    return _FUNCTIONS[shape].format(*phases)
+
+
+def _sum(symbols: Sequence[tuple[float, str]], phase: float) -> str:
+    """Return multiples of what has a symbol, and a phase, as a sum."""
+    parts = [f"{value:.4g} {symbol}" for value, symbol in symbols if value != 0.0]
+    return " + ".join([*parts, f"{phase:.3g}"]).replace("+ -", "- ")
+
+
+def _push(values: dict[str, float], slot: int) -> list[float]:
+    return [values[f"push_{slot}_{axis}_m_per_s2"] for axis in "xy"]
+
+
+def _profiles(values: dict[str, float]) -> list[int]:
+    """Return the slots of the profiles that push or brake."""
+    return [
+        slot
+        for slot in range(1, PROFILES + 1)
+        if _push(values, slot) != [0.0, 0.0] or values[f"brake_{slot}_m_per_s2"] != 0.0
+    ]

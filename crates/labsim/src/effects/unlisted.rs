@@ -1,11 +1,11 @@
-//! What no effect of the catalogue explains: waves of push over board, velocity, tilt and time, and powers of the speed.
+//! What no effect of the catalogue explains: profiles over board, velocity, tilt and time, powers of the speed, a mode.
 
 use pulp::Simd;
 
 use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
-use crate::lanes::Lanes;
-use crate::motion::{Marbles, Pair, Push, length};
+use crate::lanes::{Lanes, Mask};
+use crate::motion::{Marbles, Pair, Push, Rolled, length};
 
 /// A parameter that is neutral at zero.
 const fn parameter(
@@ -37,6 +37,10 @@ const fn swift(name: &'static str, means: &'static str) -> Parameter {
     parameter(name, "rad s/m", (-200.0, 200.0), 1e4, means)
 }
 
+const fn heading(name: &'static str, means: &'static str) -> Parameter {
+    parameter(name, "rad", (-10.0, 10.0), 1e4, means)
+}
+
 const fn tilt(name: &'static str, means: &'static str) -> Parameter {
     parameter(name, "", (-2e3, 2e3), 1e5, means)
 }
@@ -64,38 +68,76 @@ const fn power(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
-const fn gain(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "s", (-0.1, 0.1), 10.0, means)
-}
+/// How many profiles there are, and the parameters of each.
+const PROFILES: usize = 5;
+const OF_PROFILE: usize = 16;
 
-/// How many waves there are, and the parameters of each.
-const WAVES: usize = 5;
-const OF_WAVE: usize = 10;
+/// Shapes of a profile over its phase s: the wave cos s, the step tanh s, the bell exp(-s²/2), the ridge
+/// -s exp((1-s²)/2), which is its slope and 1 at most, the spot, a bell that is round, the line s, the bowl s²
+/// and the saddle, s times what it is across.
+const STEP: f64 = 1.0;
+const BELL: f64 = 2.0;
+const RIDGE: f64 = 3.0;
+const SPOT: f64 = 4.0;
+const LINE: f64 = 5.0;
+const BOWL: f64 = 6.0;
+const SADDLE: f64 = 7.0;
 
 macro_rules! parameters {
     ($($n:literal $nth:literal),*) => {
         &[
             $(
-                push(concat!("push_", $n, "_x_m_per_s2"), concat!("acceleration along x at the crest of the ", $nth, " wave")),
-                push(concat!("push_", $n, "_y_m_per_s2"), concat!("acceleration along y at the crest of the ", $nth, " wave")),
-                wave(concat!("wave_", $n, "_x_per_m"), concat!("phase of the ", $nth, " wave for each metre along x")),
-                wave(concat!("wave_", $n, "_y_per_m"), concat!("phase of the ", $nth, " wave for each metre along y")),
-                swift(concat!("velocity_", $n, "_x_s_per_m"), concat!("phase of the ", $nth, " wave for each m/s along x")),
-                swift(concat!("velocity_", $n, "_y_s_per_m"), concat!("phase of the ", $nth, " wave for each m/s along y")),
-                tilt(concat!("tilt_", $n, "_x_per_rad"), concat!("phase of the ", $nth, " wave for each radian about x")),
-                tilt(concat!("tilt_", $n, "_y_per_rad"), concat!("phase of the ", $nth, " wave for each radian about y")),
-                rate(concat!("rate_", $n, "_per_s"), concat!("phase of the ", $nth, " wave for each second since row 0")),
+                Parameter {
+                    name: concat!("shape_", $n),
+                    unit: "",
+                    range: (0.0, SADDLE),
+                    neutral: 0.0,
+                    allowed: (0.0, SADDLE),
+                    means: concat!("of the ", $nth, " profile: 0 wave, 1 step, 2 bell, 3 ridge, 4 spot, 5 line, 6 bowl, 7 saddle"),
+                },
+                push(concat!("push_", $n, "_x_m_per_s2"), concat!("acceleration along x where the ", $nth, " profile is 1")),
+                push(concat!("push_", $n, "_y_m_per_s2"), concat!("acceleration along y where the ", $nth, " profile is 1")),
+                strength(concat!("brake_", $n, "_m_per_s2"), concat!("what the ", $nth, " profile adds to the drag where it is 1")),
+                wave(concat!("wave_", $n, "_x_per_m"), concat!("phase of the ", $nth, " profile for each metre along x")),
+                wave(concat!("wave_", $n, "_y_per_m"), concat!("phase of the ", $nth, " profile for each metre along y")),
+                swift(concat!("velocity_", $n, "_x_s_per_m"), concat!("phase of the ", $nth, " profile for each m/s along x")),
+                swift(concat!("velocity_", $n, "_y_s_per_m"), concat!("phase of the ", $nth, " profile for each m/s along y")),
+                heading(concat!("heading_", $n, "_x"), concat!("phase of the ", $nth, " profile where the marble rolls along x")),
+                heading(concat!("heading_", $n, "_y"), concat!("phase of the ", $nth, " profile where the marble rolls along y")),
+                tilt(concat!("tilt_", $n, "_x_per_rad"), concat!("phase of the ", $nth, " profile for each radian about x")),
+                tilt(concat!("tilt_", $n, "_y_per_rad"), concat!("phase of the ", $nth, " profile for each radian about y")),
+                rate(concat!("rate_", $n, "_per_s"), concat!("phase of the ", $nth, " profile for each second since row 0")),
+                wave(concat!("way_", $n, "_per_m"), concat!("phase of the ", $nth, " profile for each metre rolled since row 0")),
                 phase(
                     concat!("phase_", $n, "_rad"),
-                    concat!("phase of the ", $nth, " wave at rest in the centre of the level board, at row 0"),
+                    concat!("phase of the ", $nth, " profile at rest in the centre of the level board, at row 0"),
+                ),
+                phase(
+                    concat!("across_", $n, "_rad"),
+                    concat!("phase of the ", $nth, " profile across that over board and tilt: of spot and saddle alone"),
                 ),
             )*
             strength("drag_strength", "drag, deceleration at 0.1 m/s; negative drives on"),
             power("drag_power", "p, with which power of the speed the drag grows"),
             strength("side_strength", "side, acceleration to the left at 0.1 m/s"),
             power("side_power", "q, with which power of the speed the push to the side grows"),
-            gain("rate_gain_x_s", "seconds by which the push is ahead of the board's angle about x"),
-            gain("rate_gain_y_s", "seconds by which the push is ahead of the board's angle about y"),
+            parameter("mode_gain", "", (-2.0, 2.0), 100.0, "how much of the mode's way from the board's angles adds to them"),
+            Parameter {
+                name: "mode_rate_rad_per_s",
+                unit: "rad/s",
+                range: (2.0, 40.0),
+                neutral: 10.0,
+                allowed: (0.1, 1e3),
+                means: "how fast the mode swings without its damping",
+            },
+            Parameter {
+                name: "mode_damping",
+                unit: "",
+                range: (0.0, 0.99),
+                neutral: 0.2,
+                allowed: (0.0, 0.99),
+                means: "damping of the mode, of the critical one",
+            },
         ]
     };
 }
@@ -104,16 +146,17 @@ pub(super) const ABOUT: About = About {
     name: "unlisted",
     stage: Stage::Field,
     acts: Acts::OnMarble(Memory::Time),
-    equation: "acceleration = Σ push cos(wave · place + swift · velocity + tilt · angles + rate t + phase) - drag (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g gain × d tilt/dt",
+    equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g gain (mode - angles), \
+               s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
-    does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five waves \
-           of push over the board, the marble's velocity, the board's tilt and time, a drag and a push to the side with any \
-           power of the speed, and a push with the turning of the board. Accelerations are those of the rolling marble as it \
-           is seen, not 7/5 of them. Above 1 m/s the powers count as at 1 m/s; a drag with the power 0 holds a resting marble \
-           as friction does.",
+    does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five profiles \
+           (a wave, a step, a bell, a ridge, a round spot, a line, a bowl or a saddle) of push and of drag over the board, the marble's \
+           velocity and its direction, the board's tilt, the time and the way ℓ since row 0, a drag and a push to the side with any power of the speed, and a mode in which the board \
+           swings after its knobs. Accelerations are those of the rolling marble as it is seen, not 7/5 of them. Above 1 m/s \
+           the powers count as at 1 m/s; a drag with the power 0 holds a resting marble as friction does.",
     matters: "Where a diagnosis has learned it; it is no hypothesis of its own, since it imitates many effects.",
-    looks: "Whatever the catalogue leaves: pushes that depend on the place, on the velocity, on the tilt, on the time since the \
-            beginning or on how fast the board turns.",
+    looks: "Whatever the catalogue leaves: pushes that depend on the place, on the velocity, on the tilt, on the time or the way \
+            since the beginning or on how the board was turned.",
     references: &[
         "Ljung: System Identification, 2nd ed., ch. 5 (models of nonlinear systems)",
         "Brunton, Proctor, Kutz: Discovering governing equations from data by sparse identification of nonlinear dynamical \
@@ -125,73 +168,110 @@ pub(super) const ABOUT: About = About {
 const SLOWEST: f64 = 1e-9;
 const FASTEST: f64 = 1.0;
 
+/// What makes the ridge 1 where it is highest: the root of e.
+const RIDGE_TOP: f64 = 1.648_721_270_700_128_2;
+
 /// Force through the centre over the acceleration of a rolling sphere.
 const FORCE: f64 = 7.0 / 5.0;
 
-struct Wave<S: Simd> {
+struct Profile<S: Simd> {
+    shape: Shapes<S>,
     push: Pair<S>,
+    /// What it adds to the drag, as `Law::most`, where any lane has some.
+    brake: Option<Lanes<S>>,
     /// Radians a metre along x and y.
     vector: Pair<S>,
-    /// Radians for each m/s along x and y, and for each radian about x and y, where any lane has some.
+    /// Radians for each m/s along x and y, for the direction of motion, and for each radian about x and y, where
+    /// any lane has some.
     swift: Option<Pair<S>>,
+    heading: Option<Pair<S>>,
     tilt: Option<Pair<S>>,
     rate: Lanes<S>,
+    /// Radians for each metre rolled, where any lane has some.
+    way: Option<Lanes<S>>,
     phase: Lanes<S>,
+    across: Lanes<S>,
+}
+
+/// Which lanes have which shape, where any has another than a wave.
+struct Shapes<S: Simd> {
+    step: Option<Mask<S>>,
+    bell: Option<Mask<S>>,
+    ridge: Option<Mask<S>>,
+    spot: Option<Mask<S>>,
+    line: Option<Mask<S>>,
+    bowl: Option<Mask<S>>,
+    saddle: Option<Mask<S>>,
+    is_wave: bool,
 }
 
 /// An acceleration that grows with a power of the speed.
 struct Law<S: Simd> {
+    /// What an acceleration at 0.1 m/s becomes at `FASTEST`.
+    growth: Lanes<S>,
     /// At `FASTEST` (m/s²).
     most: Lanes<S>,
     power: Lanes<S>,
 }
 
+/// A board on springs: where it swings after its knobs tell it to be elsewhere.
+struct Mode<S: Simd> {
+    gain: Lanes<S>,
+    /// Rate times damping, and the rate at which it rings (rad/s).
+    fade: Lanes<S>,
+    ringing: Lanes<S>,
+    natural: Lanes<S>,
+    /// Angles (rad) and their rates (rad/s), once the board has some.
+    state: Option<[Pair<S>; 2]>,
+    /// How far the angles were from the board's in the last substep, on average (rad).
+    away: Pair<S>,
+    swing: Swing<S>,
+}
+
+/// What so many seconds leave of a free swing: the decay times cosine, and times sine over the ringing.
+struct Swing<S: Simd> {
+    length: Lanes<S>,
+    cos: Lanes<S>,
+    sin: Lanes<S>,
+}
+
 pub(crate) struct Unlisted<S: Simd> {
-    /// Those that push in any lane: in the others they add nothing to a sum that begins at zero.
-    waves: Vec<Wave<S>>,
-    drag: Option<Law<S>>,
+    /// Those that push or brake in any lane: in the others they add nothing to a sum that begins at zero.
+    profiles: Vec<Profile<S>>,
+    brakes: bool,
+    drag: Law<S>,
     side: Option<Law<S>>,
-    /// g times the gains about x and y.
-    gain: Pair<S>,
+    mode: Option<Mode<S>>,
     /// When the present substep began, after row 0, and how long it is (s).
     time: Lanes<S>,
     length: Lanes<S>,
-    /// The board's angles in this substep, and how much they were others in the last (rad).
+    /// How far the marble has rolled since row 0 (m), if that matters.
+    way: Option<Lanes<S>>,
+    /// The board's angles in this substep (rad).
     tilt: Option<Pair<S>>,
-    turned: Pair<S>,
 }
 
 impl<S: Simd> Effect<S> for Unlisted<S> {
     fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
         let zero = Lanes::splat(simd, 0.0);
-        let (waves, rest) = values.split_at(WAVES * OF_WAVE);
-        let used = |pair: Pair<S>| (pair[0].ne(zero) | pair[1].ne(zero)).any().then_some(pair);
-        let waves = waves.chunks_exact(OF_WAVE).map(|one| Wave {
-            push: [one[0], one[1]],
-            vector: [one[2], one[3]],
-            swift: used([one[4], one[5]]),
-            tilt: used([one[6], one[7]]),
-            rate: one[8],
-            phase: one[9],
-        });
-        let law = |strength: Lanes<S>, power: Lanes<S>| {
-            let powers = power.to_array();
-            let growth =
-                Lanes::from_fn(simd, |lane| libm::pow(FASTEST / 0.1, powers[lane]));
-            strength.ne(zero).any().then_some(Law {
-                most: strength * growth,
-                power,
-            })
-        };
+        let (profiles, rest) = values.split_at(PROFILES * OF_PROFILE);
+        let any = |one: Lanes<S>| one.ne(zero).any();
+        let (drag, side) = (Law::new(rest[0], rest[1]), Law::new(rest[2], rest[3]));
+        let profiles: Vec<_> = profiles
+            .chunks_exact(OF_PROFILE)
+            .filter(|one| one[1..4].iter().any(|&amplitude| any(amplitude)))
+            .map(|one| Profile::new(one, drag.growth))
+            .collect();
         Self {
-            waves: waves.filter(|one| used(one.push).is_some()).collect(),
-            drag: law(rest[0], rest[1]),
-            side: law(rest[2], rest[3]),
-            gain: [GRAVITY * rest[4], GRAVITY * rest[5]],
+            way: profiles.iter().any(|one| one.way.is_some()).then_some(zero),
+            brakes: any(drag.most) || profiles.iter().any(|one| one.brake.is_some()),
+            profiles,
+            drag,
+            side: any(side.most).then_some(side),
+            mode: any(rest[4]).then(|| Mode::new(rest[4], rest[5], rest[6])),
             time: zero,
             length: zero,
             tilt: None,
-            turned: [zero; 2],
         }
     }
 
@@ -199,31 +279,39 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
     fn pass(&mut self, tilt: &Pair<S>, length: Lanes<S>) {
         self.time = self.time + self.length;
         self.length = length;
-        if let Some(before) = self.tilt.replace(*tilt) {
-            self.turned = [tilt[0] - before[0], tilt[1] - before[1]];
+        self.tilt = Some(*tilt);
+        if let Some(mode) = &mut self.mode {
+            mode.pass(tilt, length);
         }
+    }
+
+    fn let_go(&mut self, before: &Rolled<S>) {
+        self.way = self.way.map(|_| before.way);
     }
 
     #[inline(always)]
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let (zero, one) = (push.length.like(0.0), push.length.like(1.0));
-        let (mut x, mut y) = (zero, zero);
-        for term in &self.waves {
-            let mut angle = term.vector[0] * marbles.x + term.vector[1] * marbles.y;
-            if let Some(swift) = term.swift {
-                let [wx, wy] = marbles.rolling();
-                angle = angle + swift[0] * wx + swift[1] * wy;
+        let (mut x, mut y, mut drag) = (zero, zero, self.drag.most);
+        for profile in &self.profiles {
+            let at = profile.at(marbles, push, self);
+            let impulse = FORCE * (at * push.length);
+            x = x + impulse * profile.push[0];
+            y = y + impulse * profile.push[1];
+            if let Some(brake) = profile.brake {
+                drag = drag + brake * at;
             }
-            if let (Some(by), Some(tilt)) = (term.tilt, self.tilt) {
-                angle = angle + by[0] * tilt[0] + by[1] * tilt[1];
-            }
-            let impulse = FORCE * ((angle + term.rate * self.time + term.phase).cos() * push.length);
-            x = x + impulse * term.push[0];
-            y = y + impulse * term.push[1];
         }
-        x = x + self.gain[1] * self.turned[1];
-        y = y - self.gain[0] * self.turned[0];
-        if self.drag.is_some() || self.side.is_some() {
+        if let Some(way) = &mut self.way {
+            let [wx, wy] = marbles.rolling();
+            *way = *way + length(wx, wy) * push.length;
+        }
+        if let Some(mode) = &self.mode {
+            let pull = GRAVITY * (mode.gain * push.length);
+            x = x + pull * mode.away[1];
+            y = y - pull * mode.away[0];
+        }
+        if self.brakes || self.side.is_some() {
             // The rolling velocity after the pushes: what is slower than they are is held, not reversed.
             let [wx, wy] = marbles.rolling();
             let (wx, wy) = (
@@ -242,11 +330,11 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
                 x = x - part * (wy + half * wx);
                 y = y + part * (wx - half * wy);
             }
-            if let Some(law) = &self.drag {
-                let change = law.at(ln) * push.length;
+            if self.brakes {
+                let change = drag * (self.drag.power * ln).exp_decay() * push.length;
                 // The law's own solution but for third powers of what is lost: v (1 - q + p/2 q² - ...).
                 let (slows, drives) = (change.max(zero), change.min(zero));
-                let share = 0.5 * (law.power * slows).over(speed);
+                let share = 0.5 * (self.drag.power * slows).over(speed);
                 push.resistance = push.resistance + slows.over(one + share);
                 let drives = FORCE * drives.over(speed);
                 x = x - drives * wx;
@@ -258,7 +346,169 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
     }
 }
 
+impl<S: Simd> Profile<S> {
+    /// `growth` is what a drag at 0.1 m/s becomes at `FASTEST`.
+    fn new(values: &[Lanes<S>], growth: Lanes<S>) -> Self {
+        let zero = growth.like(0.0);
+        let used = |pair: Pair<S>| (pair[0].ne(zero) | pair[1].ne(zero)).any().then_some(pair);
+        Self {
+            shape: Shapes::new(values[0]),
+            push: [values[1], values[2]],
+            brake: values[3].ne(zero).any().then(|| values[3] * growth),
+            vector: [values[4], values[5]],
+            swift: used([values[6], values[7]]),
+            heading: used([values[8], values[9]]),
+            tilt: used([values[10], values[11]]),
+            rate: values[12],
+            way: values[13].ne(zero).any().then_some(values[13]),
+            phase: values[14],
+            across: values[15],
+        }
+    }
+
+    /// Its value for marbles, with the board, the time and the way as they are `now`.
+    #[inline(always)]
+    fn at(&self, marbles: &Marbles<S>, push: &Push<S>, now: &Unlisted<S>) -> Lanes<S> {
+        let [kx, ky] = self.vector;
+        let mut angle = kx * marbles.x + ky * marbles.y;
+        let mut across = kx * marbles.y - ky * marbles.x + self.across;
+        if let Some(swift) = self.swift {
+            let [wx, wy] = marbles.rolling();
+            angle = angle + swift[0] * wx + swift[1] * wy;
+        }
+        if let Some(by) = self.heading {
+            // Where what pushes a resting marble would set it going, too.
+            let [wx, wy] = marbles.rolling();
+            let (wx, wy) = (wx + 1.0 / FORCE * push.x, wy + 1.0 / FORCE * push.y);
+            angle = angle + (by[0] * wx + by[1] * wy).over(length(wx, wy));
+        }
+        if let (Some(by), Some(tilt)) = (self.tilt, now.tilt) {
+            angle = angle + by[0] * tilt[0] + by[1] * tilt[1];
+            across = across + by[0] * tilt[1] - by[1] * tilt[0];
+        }
+        if let (Some(by), Some(way)) = (self.way, now.way) {
+            angle = angle + by * way;
+        }
+        let angle = angle + self.rate * now.time + self.phase;
+        self.shape.of(angle, across)
+    }
+}
+
+impl<S: Simd> Shapes<S> {
+    fn new(shape: Lanes<S>) -> Self {
+        let of = |code: f64| {
+            let own = shape.gt(shape.like(code - 0.5)) & shape.lt(shape.like(code + 0.5));
+            own.any().then_some(own)
+        };
+        Self {
+            step: of(STEP),
+            bell: of(BELL),
+            ridge: of(RIDGE),
+            spot: of(SPOT),
+            line: of(LINE),
+            bowl: of(BOWL),
+            saddle: of(SADDLE),
+            is_wave: shape.lt(shape.like(0.5)).any(),
+        }
+    }
+
+    /// The value at a phase; `across` is the phase of a spot or a saddle in the other direction.
+    #[inline(always)]
+    fn of(&self, angle: Lanes<S>, across: Lanes<S>) -> Lanes<S> {
+        let one = angle.like(1.0);
+        let mut value = if self.is_wave { angle.cos() } else { one };
+        if let Some(own) = self.step {
+            let fallen = (-2.0 * angle.abs()).exp_decay();
+            let high = (one - fallen).over(one + fallen);
+            let step = angle.lt(angle.like(0.0)).select(-high, high);
+            value = own.select(step, value);
+        }
+        if let Some(own) = self.line {
+            value = own.select(angle, value);
+        }
+        if let Some(own) = self.bowl {
+            value = own.select(angle * angle, value);
+        }
+        if let Some(own) = self.saddle {
+            value = own.select(angle * across, value);
+        }
+        if self.bell.is_some() || self.ridge.is_some() || self.spot.is_some() {
+            let square = -0.5 * (angle * angle);
+            if let Some(own) = self.bell {
+                value = own.select(square.exp_decay(), value);
+            }
+            if let Some(own) = self.ridge {
+                value = own.select(RIDGE_TOP * (-angle * square.exp_decay()), value);
+            }
+            if let Some(own) = self.spot {
+                value = own.select((square - 0.5 * (across * across)).exp_decay(), value);
+            }
+        }
+        value
+    }
+}
+
+impl<S: Simd> Mode<S> {
+    fn new(gain: Lanes<S>, natural: Lanes<S>, damping: Lanes<S>) -> Self {
+        let zero = gain.like(0.0);
+        let left = (gain.like(1.0) - damping * damping).sqrt();
+        Self {
+            gain,
+            fade: natural * damping,
+            ringing: natural * left,
+            natural,
+            state: None,
+            away: [zero; 2],
+            swing: Swing {
+                length: zero,
+                cos: gain.like(1.0),
+                sin: zero,
+            },
+        }
+    }
+
+    #[inline(always)]
+    fn pass(&mut self, tilt: &Pair<S>, length: Lanes<S>) {
+        if length.ne(self.swing.length).any() {
+            self.swing = self.over(length);
+        }
+        let zero = length.like(0.0);
+        // It has long been where it settles.
+        let [angles, rates] = self.state.get_or_insert([*tilt, [zero; 2]]);
+        for axis in 0..2 {
+            let (away, rate) = (angles[axis] - tilt[axis], rates[axis]);
+            let Swing { cos, sin, .. } = self.swing;
+            let left = cos * away + sin * (rate + self.fade * away);
+            let speed = cos * rate - sin * (self.fade * rate + self.natural * self.natural * away);
+            self.away[axis] = 0.5 * (away + left);
+            angles[axis] = tilt[axis] + left;
+            rates[axis] = speed;
+        }
+    }
+
+    #[inline(never)]
+    fn over(&self, length: Lanes<S>) -> Swing<S> {
+        let (sin, cos) = (self.ringing * length).sin_cos_of_any();
+        let left = (-self.fade * length).exp_decay();
+        Swing {
+            length,
+            cos: left * cos,
+            sin: (left * sin).over(self.ringing),
+        }
+    }
+}
+
 impl<S: Simd> Law<S> {
+    fn new(strength: Lanes<S>, power: Lanes<S>) -> Self {
+        let powers = power.to_array();
+        let growth = Lanes::from_fn(power.simd(), |lane| libm::pow(FASTEST / 0.1, powers[lane]));
+        Self {
+            growth,
+            most: strength * growth,
+            power,
+        }
+    }
+
     /// Acceleration (m/s²) at a speed (m/s) of this logarithm.
     #[inline(always)]
     fn at(&self, ln: Lanes<S>) -> Lanes<S> {

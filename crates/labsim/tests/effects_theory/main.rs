@@ -35,8 +35,9 @@ struct Trial {
     velocity: [f64; 2],
     effects: Vec<(&'static str, Vec<f64>)>,
     seed: u64,
-    /// The row in which the marble is let go.
+    /// The row in which the marble is let go, and how far it has rolled before (m).
     first: usize,
+    rolled: f64,
 }
 
 impl Trial {
@@ -52,6 +53,7 @@ impl Trial {
             effects: Vec::new(),
             seed: 0,
             first: 0,
+            rolled: 0.0,
         }
     }
 
@@ -79,6 +81,7 @@ impl Trial {
         let batch = Batch {
             effects: &effects,
             first: PerRollout::Shared(&[self.first]),
+            rolled: PerRollout::Shared(&[self.rolled]),
             rows: self.commands.len() - self.first,
             start: PerRollout::Shared(&[self.start.map(|x| x / EDGE)]),
             start_velocity: PerRollout::Shared(&[self.velocity.map(|v| v / EDGE)]),

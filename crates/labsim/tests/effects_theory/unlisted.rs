@@ -1,4 +1,4 @@
-//! Waves of push and powers of the speed.
+//! Profiles of push and drag, powers of the speed, and the mode.
 
 use labsim::Engine;
 use labsim::board::GRAVITY;
@@ -201,33 +201,130 @@ proptest! {
     }
 
     #[test]
-    fn a_push_that_is_ahead_of_a_lagging_board_by_its_lag_is_no_lag(time in 0.05..0.1_f64) {
-        let commands = (0..16).map(|row| if row < 3 { [0.0; 2] } else { [0.004, -0.006] }).collect();
-        let plain = Trial::of(commands);
+    fn every_shape_over_the_board_takes_energy_and_gives_it_back(
+        shape in 0..8_usize, push in -0.03..0.03_f64, vector in 20.0..60.0_f64, phase in -2.0..2.0_f64,
+    ) {
+        let (start, speed) = (-0.06, 0.14);
+        let named = [
+            ("shape_2", shape as f64), ("push_2_x_m_per_s2", 0.2 * push), ("wave_2_x_per_m", vector),
+            ("phase_2_rad", phase), ("across_2_rad", 0.5),
+        ];
+        let profile = |x: f64| profiles(vector * x + phase, 0.5)[shape];
+        let speeds = |x: f64| f64::sqrt(speed * speed + 2.0 * integral(start, x, |x| 0.2 * push * profile(x)));
+        prop_assume!((0..=24).all(|i| speeds(start + 0.005 * f64::from(i)) > 0.08));
         for (engine, _) in ENGINES {
-            let lagging = plain.clone().with("lag", &[time]);
-            let ahead = unlisted(lagging.clone(), &[("rate_gain_x_s", time), ("rate_gain_y_s", time)]);
-            let (plain, lagging, ahead) = (plain.run(engine), lagging.run(engine), ahead.run(engine));
-            for axis in 0..2 {
-                assert_close(ahead[15][axis], plain[15][axis], 2e-4, &format!("axis {axis} in {engine:?}"));
-                prop_assert!((lagging[15][axis] - plain[15][axis]).abs() > 1e-3);
-            }
+            let trial = Trial { start: [start, 0.0], velocity: [speed, 0.0], ..Trial::level(11) };
+            let way = along_x(&unlisted(trial, &named).run(engine));
+            assert_speeds(&way, speeds, 6e-3, &format!("shape {shape} in {engine:?}"));
+        }
+    }
+
+    #[test]
+    fn a_saddle_over_the_tilt_pushes_by_the_product_of_both_angles(
+        x in -0.02..0.02_f64, y in -0.003..0.003_f64, push in -0.1..0.1_f64,
+    ) {
+        let named = [("shape_4", 7.0), ("push_4_y_m_per_s2", push), ("tilt_4_x_per_rad", 60.0)];
+        for (engine, within) in ENGINES {
+            let plain = Trial::of(vec![[x, y]; 7]);
+            let (path, without) = (unlisted(plain.clone(), &named).run(engine), plain.run(engine));
+            let n: f64 = 144.0;
+            let way = push * 3600.0 * x * y * SUBSTEP * SUBSTEP * n * (n + 1.0) / 2.0;
+            assert_close(path[6][1] - without[6][1], way, 4.0 * within, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn a_round_spot_brakes_by_where_the_marble_is(
+        brake in 0.01..0.08_f64, radius in 0.015..0.04_f64, x in -0.03..0.03_f64, y in -0.03..0.03_f64,
+    ) {
+        // A drag of the first power takes as much speed on each way, whatever the speed.
+        let (start, speed) = (-0.08, 0.15);
+        let bell = |at: f64| f64::exp(-0.5 * ((at - x).powi(2) + y.powi(2)) / radius.powi(2));
+        let named = [
+            ("shape_1", 4.0), ("brake_1_m_per_s2", brake), ("wave_1_x_per_m", 1.0 / radius),
+            ("phase_1_rad", -x / radius), ("across_1_rad", -y / radius), ("drag_power", 1.0),
+        ];
+        let speeds = |at: f64| speed - integral(start, at, |at| brake / 0.1 * bell(at));
+        for (engine, _) in ENGINES {
+            let trial = Trial { start: [start, 0.0], velocity: [speed, 0.0], ..Trial::level(10) };
+            let way = along_x(&unlisted(trial, &named).run(engine));
+            prop_assume!(speeds(way[9]) > 0.05);
+            assert_speeds(&way, speeds, 6e-3, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn a_drag_may_grow_with_the_way_that_the_marble_has_rolled(by in 0.1..1.0_f64, rolled in 0.0..0.5_f64, angle in 0.0..6.2_f64) {
+        let speed = 0.15;
+        let named = [
+            ("shape_5", 5.0), ("brake_5_m_per_s2", 0.05), ("way_5_per_m", by), ("drag_power", 0.0),
+        ];
+        let fall = |way: f64| 0.05 * by * (rolled * way + 0.5 * way * way);
+        let speeds = |way: f64| f64::sqrt(speed * speed - 2.0 * fall(way));
+        prop_assume!(fall(0.15) < 0.4 * speed * speed);
+        for (engine, _) in ENGINES {
+            let velocity = [speed * f64::cos(angle), speed * f64::sin(angle)];
+            let start = velocity.map(|v| -0.5 * v);
+            let trial = Trial { start, velocity, rolled, ..Trial::level(10) };
+            let path = unlisted(trial, &named).run(engine);
+            let way: Vec<f64> = path.iter().map(|[x, y]| f64::hypot(x - start[0], y - start[1])).collect();
+            assert_speeds(&way, speeds, 6e-3, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn a_drag_may_depend_on_the_direction_of_motion(share in -0.9..0.9_f64, back: bool) {
+        let (speed, drag) = (if back { -0.12 } else { 0.12 }, 0.03);
+        let named = [
+            ("shape_1", 5.0), ("brake_1_m_per_s2", drag), ("heading_1_x", share), ("phase_1_rad", 1.0),
+            ("drag_power", 0.0),
+        ];
+        let fall = drag * (1.0 + share * f64::signum(speed));
+        for (engine, within) in ENGINES {
+            let trial = Trial { velocity: [speed, 0.0], ..Trial::level(9) };
+            let path = unlisted(trial, &named).run(engine);
+            let n: f64 = 192.0;
+            let way = speed.abs() * 8.0 * ROW - fall * SUBSTEP * SUBSTEP * n * (n + 1.0) / 2.0;
+            assert_close(path[8][0], f64::signum(speed) * way, 4.0 * within, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn a_mode_swings_after_a_knob_that_jumps(rate in 3.0..25.0_f64, damping in 0.0..0.9_f64, gain in -1.0..1.0_f64) {
+        let (knob, first) = (0.006, 3);
+        let commands = (0..16).map(|row| [0.0, if row < first { 0.0 } else { knob }]).collect();
+        let (fade, ringing) = (rate * damping, rate * f64::sqrt(1.0 - damping * damping));
+        // How far the board is from where it settles.
+        let away = |t: f64| {
+            -knob * f64::exp(-fade * t) * (f64::cos(ringing * t) + fade / ringing * f64::sin(ringing * t))
+        };
+        let plain = Trial::of(commands);
+        let named = [("mode_gain", gain), ("mode_rate_rad_per_s", rate), ("mode_damping", damping)];
+        for (engine, _) in ENGINES {
+            let path = unlisted(plain.clone(), &named).run(engine);
+            let rigid = plain.run(engine);
+            let end = ROW * f64::from(15 - first);
+            let way = 5.0 / 7.0 * GRAVITY * gain * integral(0.0, end, |t| (end - t) * away(t));
+            let found = path[15][0] - rigid[15][0];
+            assert_close(found, way, 0.02 * way.abs() + 1e-4, &format!("{engine:?}"));
+            assert_close(path[15][1], 0.0, 1e-7, "it swings about y alone");
         }
     }
 }
 
-#[test]
-fn a_board_that_jumps_gives_its_gain_at_once() {
-    let commands = (0..8)
-        .map(|row| [0.0, if row < 3 { 0.0 } else { 0.01 }])
-        .collect::<Vec<_>>();
-    for (engine, _) in ENGINES {
-        let plain = Trial::of(commands.clone());
-        let path = unlisted(plain.clone(), &[("rate_gain_y_s", 0.05)]).run(engine);
-        let way = path[7][0] - plain.run(engine)[7][0];
-        let expected = 5.0 / 7.0 * GRAVITY * 0.05 * 0.01 * 4.0 * ROW;
-        assert_close(way, expected, 0.02 * expected, &format!("{engine:?}"));
-    }
+/// Each shape at a phase, with the phase across.
+fn profiles(s: f64, across: f64) -> [f64; 8] {
+    let bell = f64::exp(-0.5 * s * s);
+    [
+        f64::cos(s),
+        f64::tanh(s),
+        bell,
+        -s * bell * f64::exp(0.5),
+        bell * f64::exp(-0.5 * across * across),
+        s,
+        s * s,
+        s * across,
+    ]
 }
 
 #[test]
@@ -260,6 +357,13 @@ fn a_drag_of_power_zero_is_friction() {
     }
 }
 
+/// The way along a path (m).
+fn rolled(path: &[[f64; 2]]) -> f64 {
+    path.windows(2)
+        .map(|two| f64::hypot(two[1][0] - two[0][0], two[1][1] - two[0][1]))
+        .sum()
+}
+
 #[test]
 fn a_window_continues_the_path_of_the_whole_run() {
     let first = 9;
@@ -287,8 +391,13 @@ fn a_window_continues_the_path_of_the_whole_run() {
         ("drag_strength", 0.05),
         ("drag_power", 1.5),
         ("side_strength", 0.03),
-        ("rate_gain_x_s", 0.05),
-        ("rate_gain_y_s", -0.03),
+        ("shape_3", 1.0),
+        ("brake_3_m_per_s2", 0.03),
+        ("heading_3_x", 0.7),
+        ("way_3_per_m", 2.0),
+        ("mode_gain", 0.6),
+        ("mode_rate_rad_per_s", 9.0),
+        ("mode_damping", 0.1),
     ];
     let whole = Trial {
         durations: Some(durations),
@@ -300,7 +409,8 @@ fn a_window_continues_the_path_of_the_whole_run() {
         } else {
             whole.clone()
         };
-        for (engine, within) in [(Engine::Rolling, 1e-9), (Engine::Rapier, 1e-4)] {
+        // The way by its rows is a little shorter than it was.
+        for (engine, within) in [(Engine::Rolling, 1e-7), (Engine::Rapier, 1e-4)] {
             let path = whole.run(engine);
             let (before, start) = (path[first - 1], path[first]);
             let velocity = [0, 1].map(|axis| (start[axis] - before[axis]) / SUBSTEP);
@@ -308,6 +418,7 @@ fn a_window_continues_the_path_of_the_whole_run() {
                 start,
                 velocity,
                 first,
+                rolled: rolled(&path[..=first]),
                 ..whole.clone()
             };
             for (row, (found, expected)) in

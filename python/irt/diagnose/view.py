@@ -1,0 +1,333 @@
+"""A leftover in metres, seconds and radians, against which the terms of the library are laid.
+
+That is a sparse library, as in SINDy (Brunton et al. 2016), but in the weak form: no derivative of a noisy
+position is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.diagnose.case import Case, Fitted
+from irt.diagnose.latent import Leftover
+from irt.diagnose.library import BRAKE, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
+from irt.diagnose.profiles import (
+    LOCAL,
+    POLYNOMIALS,
+    ROUND,
+    SHAPES,
+    Grid,
+    half_plane,
+    lines,
+    saddles,
+    spots,
+    waves,
+)
+from irt.diagnose.stretches import LONGEST
+from irt.rig import PARAMETERS
+
+Array = NDArray[np.float64]
+
+#: Shortest wave over the board [m], and the shortest over time [rows].
+SHORTEST_M, SHORTEST_ROWS = 0.02, 4.0
+#: Waves over velocity or tilt have so many periods over what was seen of it, at most.
+PERIODS = 3
+#: Powers of the speed that are tried, and those of a drag that changes.
+POWERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+BRAKES = (0.0, 1.0)
+#: Waves of a drag over time: periods in the longest recording, and phases.
+SLOW = np.arange(0.25, 2.1, 0.25)
+PHASES = np.arange(4) * np.pi / 4.0
+#: Rates [rad/s] and dampings of modes.
+RATES = np.geomspace(2.0, 40.0, 25)
+DAMPINGS = (0.03, 0.1, 0.25, 0.6)
+#: What a term must explain [nats]: each of its parameters, and that it is the best of some ten thousand.
+PRICE, WORTH = 3.0, 12.0
+#: Terms of other families are tried, too, if they explain this share of what the likeliest does; so many.
+NEAR, FAMILIES = 0.7, 3
+#: Rows of the stretches in which the motion itself is looked at: a push shows with the square of the time.
+SEEN = 60
+#: Rows of the stretches in which predictions are looked at once something is learned.
+HORIZONS = (LONGEST, 60, 120)
+#: Speed at which the strength of a power law is given [m/s], and what a slope pulls [m/s^2].
+AT = 0.1
+PULL = 5.0 / 7.0 * 9.81
+
+
+def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
+    """Return terms that explain most of what is left over, as the motion itself shows it and predictions do.
+
+    Parameters
+    ----------
+    case : Case
+        The recordings.
+    seen : View or None
+        The motion as it was observed, freed of what these terms could do to it.
+    learned : Fitted
+        The base model with what was learned so far.
+    terms : sequence of Term
+        Those that were learned.
+
+    Returns
+    -------
+    list of Term
+        Of each view the likeliest, where it explains more than chance does in a library of this size.
+    """
+    found = [] if seen is None else seen.likely(terms, FAMILIES)
+    if terms:
+        # In long stretches small pushes show, in short ones predictions do not go astray.
+        views = (Leftover(case, learned, longest=rows, most=None) for rows in HORIZONS)
+        found += [term for one in views if one.count for term in View(one, case, learned).likely(terms, 1)]
+    return found
+
+
+def motion_seen(case: Case, base: Fitted) -> View | None:
+    """Return the motion as it was observed; None where the marble never moved far from the rim."""
+    leftover = Leftover(case, base, weak=True, longest=SEEN, most=None)
+    return View(leftover, case, base) if leftover.count else None
+
+
+class View:
+    """A leftover, and what the marble, the board and the time were in its rows."""
+
+    def __init__(self, leftover: Leftover, case: Case, parent: Fitted) -> None:
+        edge_m, row_s = case.edge_m(parent), case.row_s(parent)
+        rows = leftover.rows
+        self._leftover, self._case, self._row_s = leftover, case, row_s
+        self._gears = parent.values[[PARAMETERS.index(name) for name in ("gear_x", "gear_y")]]
+        self._told = {
+            "position": rows.place * edge_m,
+            "velocity": rows.velocity * edge_m / row_s,
+            "heading": rows.velocity
+            / np.maximum(np.linalg.norm(rows.velocity, axis=1, keepdims=True), 1e-12),
+            "command": rows.knobs * self._gears,
+            "time": rows.time[:, None] * row_s,
+            "way": edge_m * self._of_runs([one.way[:, None] for one in case.rig.recordings]),
+        }
+        #: From pushes in m/s^2 to board edges a row squared.
+        self._unit = row_s**2 / edge_m
+        self._data = [self._freed(axis) for axis in (0, 1)]
+
+    @property
+    def total(self) -> float:
+        """Sum of squares that is left [board edges squared]."""
+        return max(float(sum(data @ data for data in self._data)), 1e-300)
+
+    def likely(self, terms: Sequence[Term], families: int) -> list[Term]:
+        """Return the likeliest terms of so many families, of those that the engine still has room for."""
+        best: dict[tuple[str, ...], tuple[float, Term]] = {}
+        for one in self._candidates(terms):
+            gain = 0.5 * one.explained * self.total / self._case.noise**2 - PRICE * len(one.free)
+            if gain > best.get(one.family, (WORTH,))[0]:
+                best[one.family] = (gain, one)
+        ranked = sorted(best.values(), key=lambda one: -one[0])[:families]
+        return [one for gain, one in ranked if gain > NEAR * ranked[0][0]]
+
+    def take(self, term: Term) -> None:
+        """Leave a term out of what is left: what it depends on, of any strength."""
+        values = term.values
+        if term.law == MODE:
+            pushes = self._swing(values["mode_rate_rad_per_s"], values["mode_damping"])
+            parts = [pushes[:, :1], pushes[:, 1:]]
+        elif term.law is not None:
+            pushes = self._power_law(term.law, values[f"{term.law}_power"])
+            parts = [pushes[:, :1], pushes[:, 1:]]
+        else:
+            profile = self._profile(term)
+            law = self._power_law("drag", values["drag_power"]) if term.brakes else np.ones((len(profile), 2))
+            parts = [profile * law[:, :1], profile * law[:, 1:]]
+        for axis in (0, 1):
+            self._leftover.explain(axis, self._leftover.moved(parts[axis]))
+            self._data[axis] = self._freed(axis)
+
+    def _freed(self, axis: int) -> Array:
+        return self._leftover.freed(axis, self._leftover.residual(axis)[:, None])[:, 0]
+
+    def _moved(self, axis: int, pushes: Array) -> Array:
+        """Return what (n, k) pushes in m/s^2 along an axis do that nothing else could, (n, k)."""
+        return self._unit * self._leftover.freed(axis, self._leftover.moved(pushes))
+
+    def _candidates(self, terms: Sequence[Term]) -> Iterator[Term]:
+        laws = {term.law for term in terms}
+        powers = [term.values["drag_power"] for term in terms if "drag_power" in term.values]
+        for name in LAWS:
+            if name not in laws:
+                yield from self._laws(name, powers[:1] if name == "drag" and powers else POWERS)
+        if MODE not in laws:
+            yield self._mode()
+        if sum(term.law is None for term in terms) < PROFILES:
+            yield from self._waves()
+            yield from map(self._pushed, self._local())
+            for power in powers[:1] or BRAKES:
+                law = self._power_law("drag", power)
+                yield from (self._braked(grid, law, power) for grid in self._changing())
+
+    def _waves(self) -> Iterator[Term]:
+        """Yield of each kind the wave, with a push in one direction, that explains most."""
+        step = np.pi / (2.0 * max(float(np.ptp(self._told["position"][:, 0])), 0.05))
+        yield self._wave("position", half_plane(np.full(2, step), int(2.0 * np.pi / SHORTEST_M / step)))
+        for variable in ("velocity", "command"):
+            if self._varies(variable):
+                seen = np.ptp(self._told[variable], axis=0)
+                yield self._wave(variable, half_plane(np.pi / (2.0 * seen), 4 * PERIODS))
+        step = np.pi / (2.0 * self._lasts)
+        yield self._wave("time", np.arange(step, 2.0 * np.pi / (SHORTEST_ROWS * self._row_s), step)[:, None])
+
+    def _local(self) -> Iterator[Grid]:
+        """Yield steps, bells, ridges and polynomials over everything, spots and saddles."""
+        for variable, values in self._told.items():
+            if self._varies(variable) and variable != "heading":
+                yield from lines(variable, values, (*LOCAL, *POLYNOMIALS))
+        yield from spots(self._told["position"])
+        yield from (saddles(name, self._told[name]) for name in ("position", "command") if self._varies(name))
+
+    def _changing(self) -> Iterator[Grid]:
+        """Yield how a drag may change over the board, over its direction, time and the way."""
+        yield from spots(self._told["position"])
+        for variable in ("position", "heading", "time", "way"):
+            if self._varies(variable):
+                yield from lines(variable, self._told[variable], ("step", "bell", "line"))
+        rates = 2.0 * np.pi / self._lasts * SLOW
+        yield from (waves("time", rates[:, None], phase) for phase in PHASES)
+
+    def _varies(self, variable: str) -> bool:
+        return bool((np.ptp(self._told[variable], axis=0) > 0.0).all())
+
+    @property
+    def _lasts(self) -> float:
+        """Seconds of the longest recording."""
+        return max(float(self._told["time"].max()), self._row_s)
+
+    def _laws(self, name: str, powers: Sequence[float]) -> Iterator[Term]:
+        """Yield power laws of the speed, against the motion or across it."""
+        for power in powers:
+            strength, explained = self._sized(self._power_law(name, power)[:, None])
+            values = {f"{name}_strength": float(strength[0]), f"{name}_power": power}
+            yield Term("velocity", values, tuple(values), float(explained[0]))
+
+    def _mode(self) -> Term:
+        """Return the mode of the board that explains most."""
+        tried = [(rate, damping) for rate in RATES for damping in DAMPINGS]
+        gains, explained = self._sized(np.stack([self._swing(*one) for one in tried], axis=1))
+        best = int(np.argmax(explained))
+        rate, damping = tried[best]
+        values = {"mode_gain": float(gains[best]), "mode_rate_rad_per_s": rate, "mode_damping": damping}
+        return Term("command", values, tuple(values), float(explained[best]))
+
+    def _swing(self, rate: float, damping: float) -> Array:
+        """Return the pushes (n, 2) of a mode: as far as it is away from the board's angles."""
+        tilts = [one.knobs * self._gears for one in self._case.rig.recordings]
+        away = self._of_runs([_away(one, rate, damping, self._row_s) for one in tilts])
+        # A turn about y pushes along x, a turn about x against y.
+        return PULL * np.column_stack([away[:, 1], -away[:, 0]])
+
+    def _of_runs(self, values: Sequence[Array]) -> Array:
+        """Return in each row what (rows, c) values of each recording say there, (n, c)."""
+        rows = self._leftover.rows
+        return np.array([values[run][row] for run, row in zip(rows.run, rows.time.astype(int), strict=True)])
+
+    def _power_law(self, name: str, power: float) -> Array:
+        """Return pushes (n, 2) of a power law of unit strength."""
+        velocity = self._told["velocity"]
+        speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
+        along = velocity / speed
+        direction = -along if name == "drag" else np.stack([-along[:, 1], along[:, 0]], axis=1)
+        return np.asarray(direction * (speed / AT) ** power)
+
+    def _profile(self, term: Term) -> Array:
+        """Return what multiplies the strength of a profile in each row, (n, k): of a wave any phase."""
+        vector = np.array([[term.values[name] for name in VECTORS[term.variable]]])
+        phase, across = (np.array([term.values[name]]) for name in ("phase_1_rad", "across_1_rad"))
+        if term.shape == "wave":
+            vector, phase = np.tile(vector, (2, 1)), phase + np.array([0.0, 0.5 * np.pi])
+        return Grid(term.variable, term.shape, vector, phase, across).of(self._told[term.variable])
+
+    def _pushed(self, grid: Grid) -> Term:
+        """Return of profiles the one that explains most with a push in one direction."""
+        profiles = grid.of(self._told[grid.variable])
+        strengths, explained = np.zeros((2, len(grid.phases))), np.zeros(len(grid.phases))
+        for axis in (0, 1):
+            moved = self._moved(axis, profiles)
+            along, length = moved.T @ self._data[axis], (moved**2).sum(axis=0)
+            strengths[axis] = along / np.maximum(length, 1e-300)
+            explained += strengths[axis] * along / self.total
+        best = int(np.argmax(explained))
+        sizes = dict(zip(PUSH, strengths[:, best].tolist(), strict=True))
+        return _term(grid, best, sizes, float(explained[best]))
+
+    def _braked(self, grid: Grid, law: Array, power: float) -> Term:
+        """Return of profiles the one that explains most as a change of the drag."""
+        profiles = grid.of(self._told[grid.variable])
+        strengths, explained = self._sized(profiles[:, :, None] * law[:, None])
+        best = int(np.argmax(explained))
+        sizes = {BRAKE: float(strengths[best]), "drag_power": power}
+        return _term(grid, best, sizes, float(explained[best]))
+
+    def _sized(self, pushes: Array) -> tuple[Array, Array]:
+        """Return the strengths (k,) of (n, k, 2) pushes that suit best, and what each explains."""
+        along, length = np.zeros(pushes.shape[1]), np.zeros(pushes.shape[1])
+        for axis in (0, 1):
+            moved = self._moved(axis, pushes[:, :, axis])
+            along += moved.T @ self._data[axis]
+            length += (moved**2).sum(axis=0)
+        strengths = np.asarray(along / np.maximum(length, 1e-300))
+        return strengths, np.asarray(strengths * along / self.total)
+
+    def _wave(self, variable: str, vectors: Array) -> Term:
+        """Return the wave that explains most, of (k, c) vectors over the c values of a variable."""
+        angles = self._told[variable] @ vectors.T
+        amplitudes, explained = np.zeros((len(vectors), 2, 2)), np.zeros(len(vectors))
+        for axis in (0, 1):
+            parts = [self._moved(axis, part) for part in (np.cos(angles), np.sin(angles))]
+            gram = np.array([[(a * b).sum(axis=0) for b in parts] for a in parts]).transpose(2, 0, 1)
+            gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(2) + 1e-300 * np.eye(2)
+            right = np.array([part.T @ self._data[axis] for part in parts]).T
+            amplitudes[:, axis] = np.linalg.solve(gram, right[..., None])[..., 0]
+            explained += (amplitudes[:, axis] * right).sum(axis=1) / self.total
+        best = int(np.argmax(explained))
+        # One phase for both axes: that of the larger share.
+        cosine, sine = amplitudes[best, :, 0], amplitudes[best, :, 1]
+        phase = 0.5 * np.arctan2(-2.0 * (cosine * sine).sum(), (cosine**2 - sine**2).sum())
+        push = cosine * np.cos(phase) - sine * np.sin(phase)
+        sizes = dict(zip(PUSH, push.tolist(), strict=True))
+        grid = waves(variable, vectors[best : best + 1], phase % (2.0 * np.pi))
+        return _term(grid, 0, sizes, float(explained[best]))
+
+
+def _term(grid: Grid, index: int, sizes: Mapping[str, float], explained: float) -> Term:
+    """Return one of the profiles, of these strengths."""
+    vector = dict(zip(VECTORS[grid.variable], grid.vectors[index].tolist(), strict=True))
+    phases = {"phase_1_rad": float(grid.phases[index])}
+    across = {"across_1_rad": float(grid.across[index])}
+    free = {**vector, **phases, **sizes}
+    if grid.shape in ROUND:
+        free = {**free, **across}
+    if grid.shape == "spot":
+        # A length without a direction, and a place.
+        del free[VECTORS["position"][1]]
+    told = {"shape_1": float(SHAPES.index(grid.shape)), **vector, **phases, **across, **sizes}
+    return Term(grid.variable, told, tuple(free), explained)
+
+
+def _away(tilts: Array, rate: float, damping: float, row_s: float) -> Array:
+    """Return how far a mode is from (n, 2) angles that hold for a row each, in the middle of the rows."""
+    ringing, fade = rate * np.sqrt(1.0 - damping**2), rate * damping
+    state, found = np.array([tilts[0], np.zeros(2)]), np.zeros_like(tilts)
+    step = _step(ringing, fade, rate, row_s)
+    middle = _step(ringing, fade, rate, 0.5 * row_s)
+    for row, tilt in enumerate(tilts):
+        state = state - [tilt, np.zeros(2)]
+        found[row] = (middle @ state)[0]
+        state = step @ state + [tilt, np.zeros(2)]
+    return found
+
+
+def _step(ringing: float, fade: float, rate: float, seconds: float) -> Array:
+    """Return what a free swing becomes of a way and a speed after so long, (2, 2)."""
+    cos, sin = np.cos(ringing * seconds), np.sin(ringing * seconds) / ringing
+    return np.asarray(
+        np.exp(-fade * seconds) * np.array([[cos + fade * sin, sin], [-sin * rate**2, cos - fade * sin]])
+    )
