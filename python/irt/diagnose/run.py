@@ -216,11 +216,22 @@ def _searched(search: Search, report: Report) -> _Answer:
     if not _is_all(search, best):
         jittering = _jittering(search, best, report)
         if jittering is not None:
-            return jittering
+            return _repeatable(search, jittering, best, report)
         best = search.with_partners(best)
     if _is_all(search, best) and len(best.effects) < MANY:
         return _Answer(case, best)
     return _learned(search, best, report)
+
+
+def _repeatable(search: Search, jittering: _Answer, best: Fitted, report: Report) -> _Answer:
+    """Choose between delays that differ beside another effect, and what can be learned and leaves noise.
+
+    What repeats needs no chance to be explained: a drag by the direction of motion was taken for both.
+    """
+    if set(jittering.best.effects) <= {MEAN}:
+        return jittering
+    learned = _learned(search, best, report)
+    return learned if learned.terms and is_explained(search.case, learned.best, search.base) else jittering
 
 
 def _learned(search: Search, best: Fitted, report: Report) -> _Answer:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from irt.catalogue import EffectInfo, EffectParameter, effects
+from irt.catalogue import EffectInfo, EffectParameter, effect, effects
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, NamedEffect
 from irt.model import Effect, Parameter
 from irt.report.page import Page
@@ -101,7 +101,12 @@ def _explain(page: Page, info: EffectInfo) -> None:
 
 def _add_values(page: Page, one: NamedEffect, info: EffectInfo | None) -> None:
     """Add the fitted values of an effect; of what was learned, those that say something."""
-    said = {name: value for name, value in one.parameters.items() if info is not None or value.value != 0.0}
+    neutral = {parameter.name: parameter.neutral for parameter in effect(UNLISTED).parameters}
+    said = {
+        name: value
+        for name, value in one.parameters.items()
+        if info is not None or value.value != neutral.get(name, 0.0)
+    }
     if not said:
         return
     rows = [

@@ -1,10 +1,15 @@
 //! What no effect of the catalogue explains: profiles over board, velocity, tilt and time, powers of the speed, a mode.
 
+mod mode;
+mod profile;
+
 use pulp::Simd;
 
+use self::mode::Mode;
+use self::profile::{Profile, SADDLE};
 use super::{About, Acts, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
-use crate::lanes::{Lanes, Mask};
+use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair, Push, Rolled, length};
 
 /// A parameter that is neutral at zero.
@@ -71,17 +76,6 @@ const fn power(name: &'static str, means: &'static str) -> Parameter {
 /// How many profiles there are, and the parameters of each.
 const PROFILES: usize = 5;
 const OF_PROFILE: usize = 16;
-
-/// Shapes of a profile over its phase s: the wave cos s, the step tanh s, the bell exp(-s²/2), the ridge
-/// -s exp((1-s²)/2), which is its slope and 1 at most, the spot, a bell that is round, the line s, the bowl s²
-/// and the saddle, s times what it is across.
-const STEP: f64 = 1.0;
-const BELL: f64 = 2.0;
-const RIDGE: f64 = 3.0;
-const SPOT: f64 = 4.0;
-const LINE: f64 = 5.0;
-const BOWL: f64 = 6.0;
-const SADDLE: f64 = 7.0;
 
 macro_rules! parameters {
     ($($n:literal $nth:literal),*) => {
@@ -168,42 +162,8 @@ pub(super) const ABOUT: About = About {
 const SLOWEST: f64 = 1e-9;
 const FASTEST: f64 = 1.0;
 
-/// What makes the ridge 1 where it is highest: the root of e.
-const RIDGE_TOP: f64 = 1.648_721_270_700_128_2;
-
 /// Force through the centre over the acceleration of a rolling sphere.
 const FORCE: f64 = 7.0 / 5.0;
-
-struct Profile<S: Simd> {
-    shape: Shapes<S>,
-    push: Pair<S>,
-    /// What it adds to the drag, as `Law::most`, where any lane has some.
-    brake: Option<Lanes<S>>,
-    /// Radians a metre along x and y.
-    vector: Pair<S>,
-    /// Radians for each m/s along x and y, for the direction of motion, and for each radian about x and y, where
-    /// any lane has some.
-    swift: Option<Pair<S>>,
-    heading: Option<Pair<S>>,
-    tilt: Option<Pair<S>>,
-    rate: Lanes<S>,
-    /// Radians for each metre rolled, where any lane has some.
-    way: Option<Lanes<S>>,
-    phase: Lanes<S>,
-    across: Lanes<S>,
-}
-
-/// Which lanes have which shape, where any has another than a wave.
-struct Shapes<S: Simd> {
-    step: Option<Mask<S>>,
-    bell: Option<Mask<S>>,
-    ridge: Option<Mask<S>>,
-    spot: Option<Mask<S>>,
-    line: Option<Mask<S>>,
-    bowl: Option<Mask<S>>,
-    saddle: Option<Mask<S>>,
-    is_wave: bool,
-}
 
 /// An acceleration that grows with a power of the speed.
 struct Law<S: Simd> {
@@ -212,27 +172,6 @@ struct Law<S: Simd> {
     /// At `FASTEST` (m/s²).
     most: Lanes<S>,
     power: Lanes<S>,
-}
-
-/// A board on springs: where it swings after its knobs tell it to be elsewhere.
-struct Mode<S: Simd> {
-    gain: Lanes<S>,
-    /// Rate times damping, and the rate at which it rings (rad/s).
-    fade: Lanes<S>,
-    ringing: Lanes<S>,
-    natural: Lanes<S>,
-    /// Angles (rad) and their rates (rad/s), once the board has some.
-    state: Option<[Pair<S>; 2]>,
-    /// How far the angles were from the board's in the last substep, on average (rad).
-    away: Pair<S>,
-    swing: Swing<S>,
-}
-
-/// What so many seconds leave of a free swing: the decay times cosine, and times sine over the ringing.
-struct Swing<S: Simd> {
-    length: Lanes<S>,
-    cos: Lanes<S>,
-    sin: Lanes<S>,
 }
 
 pub(crate) struct Unlisted<S: Simd> {
@@ -343,158 +282,6 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         }
         push.x = push.x + x;
         push.y = push.y + y;
-    }
-}
-
-impl<S: Simd> Profile<S> {
-    /// `growth` is what a drag at 0.1 m/s becomes at `FASTEST`.
-    fn new(values: &[Lanes<S>], growth: Lanes<S>) -> Self {
-        let zero = growth.like(0.0);
-        let used = |pair: Pair<S>| (pair[0].ne(zero) | pair[1].ne(zero)).any().then_some(pair);
-        Self {
-            shape: Shapes::new(values[0]),
-            push: [values[1], values[2]],
-            brake: values[3].ne(zero).any().then(|| values[3] * growth),
-            vector: [values[4], values[5]],
-            swift: used([values[6], values[7]]),
-            heading: used([values[8], values[9]]),
-            tilt: used([values[10], values[11]]),
-            rate: values[12],
-            way: values[13].ne(zero).any().then_some(values[13]),
-            phase: values[14],
-            across: values[15],
-        }
-    }
-
-    /// Its value for marbles, with the board, the time and the way as they are `now`.
-    #[inline(always)]
-    fn at(&self, marbles: &Marbles<S>, push: &Push<S>, now: &Unlisted<S>) -> Lanes<S> {
-        let [kx, ky] = self.vector;
-        let mut angle = kx * marbles.x + ky * marbles.y;
-        let mut across = kx * marbles.y - ky * marbles.x + self.across;
-        if let Some(swift) = self.swift {
-            let [wx, wy] = marbles.rolling();
-            angle = angle + swift[0] * wx + swift[1] * wy;
-        }
-        if let Some(by) = self.heading {
-            // Where what pushes a resting marble would set it going, too.
-            let [wx, wy] = marbles.rolling();
-            let (wx, wy) = (wx + 1.0 / FORCE * push.x, wy + 1.0 / FORCE * push.y);
-            angle = angle + (by[0] * wx + by[1] * wy).over(length(wx, wy));
-        }
-        if let (Some(by), Some(tilt)) = (self.tilt, now.tilt) {
-            angle = angle + by[0] * tilt[0] + by[1] * tilt[1];
-            across = across + by[0] * tilt[1] - by[1] * tilt[0];
-        }
-        if let (Some(by), Some(way)) = (self.way, now.way) {
-            angle = angle + by * way;
-        }
-        let angle = angle + self.rate * now.time + self.phase;
-        self.shape.of(angle, across)
-    }
-}
-
-impl<S: Simd> Shapes<S> {
-    fn new(shape: Lanes<S>) -> Self {
-        let of = |code: f64| {
-            let own = shape.gt(shape.like(code - 0.5)) & shape.lt(shape.like(code + 0.5));
-            own.any().then_some(own)
-        };
-        Self {
-            step: of(STEP),
-            bell: of(BELL),
-            ridge: of(RIDGE),
-            spot: of(SPOT),
-            line: of(LINE),
-            bowl: of(BOWL),
-            saddle: of(SADDLE),
-            is_wave: shape.lt(shape.like(0.5)).any(),
-        }
-    }
-
-    /// The value at a phase; `across` is the phase of a spot or a saddle in the other direction.
-    #[inline(always)]
-    fn of(&self, angle: Lanes<S>, across: Lanes<S>) -> Lanes<S> {
-        let one = angle.like(1.0);
-        let mut value = if self.is_wave { angle.cos() } else { one };
-        if let Some(own) = self.step {
-            let fallen = (-2.0 * angle.abs()).exp_decay();
-            let high = (one - fallen).over(one + fallen);
-            let step = angle.lt(angle.like(0.0)).select(-high, high);
-            value = own.select(step, value);
-        }
-        if let Some(own) = self.line {
-            value = own.select(angle, value);
-        }
-        if let Some(own) = self.bowl {
-            value = own.select(angle * angle, value);
-        }
-        if let Some(own) = self.saddle {
-            value = own.select(angle * across, value);
-        }
-        if self.bell.is_some() || self.ridge.is_some() || self.spot.is_some() {
-            let square = -0.5 * (angle * angle);
-            if let Some(own) = self.bell {
-                value = own.select(square.exp_decay(), value);
-            }
-            if let Some(own) = self.ridge {
-                value = own.select(RIDGE_TOP * (-angle * square.exp_decay()), value);
-            }
-            if let Some(own) = self.spot {
-                value = own.select((square - 0.5 * (across * across)).exp_decay(), value);
-            }
-        }
-        value
-    }
-}
-
-impl<S: Simd> Mode<S> {
-    fn new(gain: Lanes<S>, natural: Lanes<S>, damping: Lanes<S>) -> Self {
-        let zero = gain.like(0.0);
-        let left = (gain.like(1.0) - damping * damping).sqrt();
-        Self {
-            gain,
-            fade: natural * damping,
-            ringing: natural * left,
-            natural,
-            state: None,
-            away: [zero; 2],
-            swing: Swing {
-                length: zero,
-                cos: gain.like(1.0),
-                sin: zero,
-            },
-        }
-    }
-
-    #[inline(always)]
-    fn pass(&mut self, tilt: &Pair<S>, length: Lanes<S>) {
-        if length.ne(self.swing.length).any() {
-            self.swing = self.over(length);
-        }
-        let zero = length.like(0.0);
-        // It has long been where it settles.
-        let [angles, rates] = self.state.get_or_insert([*tilt, [zero; 2]]);
-        for axis in 0..2 {
-            let (away, rate) = (angles[axis] - tilt[axis], rates[axis]);
-            let Swing { cos, sin, .. } = self.swing;
-            let left = cos * away + sin * (rate + self.fade * away);
-            let speed = cos * rate - sin * (self.fade * rate + self.natural * self.natural * away);
-            self.away[axis] = 0.5 * (away + left);
-            angles[axis] = tilt[axis] + left;
-            rates[axis] = speed;
-        }
-    }
-
-    #[inline(never)]
-    fn over(&self, length: Lanes<S>) -> Swing<S> {
-        let (sin, cos) = (self.ringing * length).sin_cos_of_any();
-        let left = (-self.fade * length).exp_decay();
-        Swing {
-            length,
-            cos: left * cos,
-            sin: (left * sin).over(self.ringing),
-        }
     }
 }
 
