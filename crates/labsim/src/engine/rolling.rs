@@ -210,14 +210,18 @@ impl<S: Simd> Register<S> {
     #[inline(always)]
     fn wait(&mut self, row: usize, substeps: u32, company: Company<'_, '_>) {
         self.begin_row(row, company);
-        if self.actuation.moves() {
-            for substep in 0..substeps {
+        let moves = self.actuation.moves();
+        // A board that stands still in a row is passed in one go.
+        let (times, substeps) = if moves { (substeps, 1) } else { (1, substeps) };
+        let length = if self.forces.is_empty() {
+            Lanes::splat(self.rims.reach_x.simd(), 0.0)
+        } else {
+            f64::from(substeps) * self.actuation.length(row, |lane| company.of(lane))
+        };
+        for substep in 0..times {
+            if moves {
                 self.actuation.substep(row, substep);
             }
-        }
-        if !self.forces.is_empty() {
-            let length = self.actuation.length(row, |lane| company.of(lane));
-            let length = f64::from(substeps) * length;
             for effect in &mut self.forces {
                 effect.pass(&self.actuation.tilt, length);
             }

@@ -87,12 +87,12 @@ impl<'a> Marble<'a> {
         for row in 0..self.job.first {
             self.begin_row(row);
             let (job, substeps) = (self.job, self.job.clock.step(row).substeps);
+            let length = self.actuation.length(row, |_| job);
             for substep in 0..substeps {
                 self.turn(row, substep);
-            }
-            let length = f64::from(substeps) * self.actuation.length(row, |_| job);
-            for effect in &mut self.forces {
-                effect.pass(&self.actuation.tilt, length);
+                for effect in &mut self.forces {
+                    effect.pass(&self.actuation.tilt, length);
+                }
             }
         }
         let one = |values: [f64; 2]| values.map(|value| Lanes::splat(Scalar::new(), value));
