@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from irt.diagnose.case import Case, Fitted
+from irt.catalogue import effect
+from irt.diagnose.case import SPARE, Case, Fitted
 from irt.diagnose.latent import JITTER, Leftover
 from irt.model import Parameter
 from irt.rollouts import GRAVITY
@@ -13,6 +14,8 @@ from irt.rollouts import GRAVITY
 CLEAR = 3.0
 #: What repeats must not explain it better by so many nats in stretches of any length.
 REPEATS = 10.0
+#: Scatter that they leave beside their mean, at least, in units of the tracker's.
+MATTERS = 1.2
 #: Rows of the stretches looked at: in short ones other causes go less astray, long ones show smaller spreads.
 STRETCHES = (24, 60)
 
@@ -36,6 +39,16 @@ def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
         if told is None and gain > max(price, others + CLEAR):
             told = leftover
     return told
+
+
+def is_plausible(case: Case, mean: Fitted, told: Parameter) -> bool:
+    """Whether differing delays of this spread may be what a mean delay leaves over.
+
+    They move the marble by more than the tracker errs, or its own memory looks like them; and where commands
+    hardly change anything looks like large ones.
+    """
+    (size,) = (one for one in effect("delay_jitter").parameters if one.name == "sd_s")
+    return mean.noise > MATTERS * case.noise and told.value <= size.high + SPARE * (size.high - size.low)
 
 
 def spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:

@@ -14,7 +14,7 @@ from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
 from irt.diagnose.hypotheses import hypotheses, size_of
-from irt.diagnose.jitter import kicks, spread
+from irt.diagnose.jitter import is_plausible, kicks, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.library import Term
 from irt.diagnose.locate import locate, stages, variables
@@ -22,6 +22,7 @@ from irt.diagnose.partners import Report
 from irt.diagnose.rivals import rivals
 from irt.diagnose.search import Search
 from irt.diagnose.unlisted import MANY, confirmed
+from irt.diagnose.view import motion_seen
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.model import Parameter
@@ -36,6 +37,8 @@ MEAN = "delay"
 #: What leaves far more than noise, and more than this share of the error on recordings held out, only stands
 #: in for something else: no name is better than such a one.
 BELIEVED = 0.85
+#: What is to be learned may stand in for delays that differ if one term explains so much of the motion.
+REPEATABLE = 0.85
 #: Steps that a diagnosis takes at most, for the progress bar alone.
 _STEPS = 120
 
@@ -224,11 +227,14 @@ def _searched(search: Search, report: Report) -> _Answer:
 
 
 def _repeatable(search: Search, jittering: _Answer, best: Fitted, report: Report) -> _Answer:
-    """Choose between delays that differ beside another effect, and what can be learned and leaves noise.
+    """Choose between delays that differ and what can be learned, where that may leave noise.
 
-    What repeats needs no chance to be explained: a drag by the direction of motion was taken for both.
+    What repeats needs no chance to be explained: a board that swings after its knobs, and a drag by the
+    direction of motion, were taken for delays that differ.
     """
-    if set(jittering.best.effects) <= {MEAN}:
+    seen = motion_seen(search.case, search.base)
+    likely = [] if seen is None else seen.likely((), 1)
+    if not any(seen is not None and seen.explains(one) > REPEATABLE for one in likely):
         return jittering
     learned = _learned(search, best, report)
     return learned if learned.terms and is_explained(search.case, learned.best, search.base) else jittering
@@ -262,7 +268,10 @@ def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
             continue
         full = search.beside(mean, [name for name in hypotheses() if name not in {*ALIKE, *mean.effects}])
         told = shown if full is mean else kicks(search.case, full, price)
-        return None if told is None else _Answer(search.case, full, spread(search.case, full, told))
+        if told is None:
+            return None
+        size = spread(search.case, full, told)
+        return _Answer(search.case, full, size) if is_plausible(search.case, full, size) else None
     return None
 
 

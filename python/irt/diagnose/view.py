@@ -126,6 +126,11 @@ class View:
         ranked = sorted(best.values(), key=lambda one: -one[0])[:families]
         return [one for gain, one in ranked if gain > NEAR * ranked[0][0]]
 
+    def explains(self, term: Term) -> float:
+        """Return the share that a term explains of what is left beyond the tracker's noise."""
+        noise = self._case.noise**2 * sum(len(data) for data in self._data)
+        return term.explained * self.total / max(self.total - noise, 1e-300)
+
     def take(self, term: Term) -> None:
         """Leave a term out of what is left: what it depends on, of any strength."""
         values = term.values

@@ -1,6 +1,7 @@
 """Delays that differ, and what only looks like them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ import pytest
 from irt.catalogue import effect
 from irt.diagnose import run
 from irt.diagnose.case import Case
-from irt.diagnose.jitter import kicks, spread
+from irt.diagnose.jitter import is_plausible, kicks, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.search import Search
+from irt.model import Parameter
 
 
 def searched(case):
@@ -32,6 +34,35 @@ def test_delays_that_differ_are_sized(plant):
     size = spread(case, mean, told)
     assert 0.04 < size.value < 0.25
     assert size.low < size.value < size.high
+    assert is_plausible(case, mean, size)
+
+
+@pytest.mark.parametrize(
+    ("spread_s", "noises", "believed"), [(0.1, 1.1, False), (0.1, 1.4, True), (0.4, 1.4, False)]
+)
+def test_delays_that_differ_have_to_matter_and_to_be_plausible(spread_s, noises, believed):
+    """A tracker's own memory on a board that hardly moves looks like spreads of half a second."""
+    case, mean = SimpleNamespace(noise=1e-3), SimpleNamespace(noise=noises * 1e-3)
+    assert is_plausible(case, mean, Parameter(spread_s)) is believed
+
+
+@pytest.mark.parametrize(("share", "is_asked"), [(0.5, False), (0.9, True)])
+@pytest.mark.parametrize("leaves_noise", [False, True])
+def test_what_repeats_is_asked_before_delays_that_differ_are_believed(
+    share, is_asked, leaves_noise, monkeypatch
+):
+    """A board that swings after its knobs was taken for them."""
+    seen = SimpleNamespace(likely=lambda terms, families: ["term"], explains=lambda term: share)
+    monkeypatch.setattr(run, "motion_seen", lambda case, base: seen)
+    monkeypatch.setattr(run, "is_explained", lambda case, one, base: leaves_noise)
+    learned = SimpleNamespace(terms=("term",), best=None)
+    asked = []
+    monkeypatch.setattr(run, "_learned", lambda search, best, report: asked.append(best) or learned)
+    jittering = SimpleNamespace(best=SimpleNamespace(effects=("delay",)))
+    search = SimpleNamespace(case=None, base=None)
+    told = run._repeatable(search, jittering, "best", lambda text: None)
+    assert bool(asked) == is_asked
+    assert told is (learned if is_asked and leaves_noise else jittering)
 
 
 def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
