@@ -122,7 +122,9 @@ def is_noise(case: Case, one: Fitted) -> bool:
 
 def is_trusted(case: Case, one: Fitted, base: Fitted) -> bool:
     """Whether a hypothesis leaves little of the base model's mismatch, whatever its windows look like."""
-    return excess(case, one) <= TRUSTED * excess(case, base)
+    return is_noise(case, one) or (
+        excess(case, one) <= max(TRUSTED * excess(case, base), LEFT_NOISE * _noise_loss(one))
+    )
 
 
 def is_lost(case: Case, one: Fitted, base: Fitted) -> bool:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irt.catalogue import effect
-from irt.diagnose.case import SPARE, Case, Fitted
+from irt.diagnose.case import Case, Fitted
 from irt.diagnose.latent import JITTER, Leftover
 from irt.model import Parameter
 from irt.rollouts import GRAVITY
@@ -41,14 +40,9 @@ def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
     return told
 
 
-def is_plausible(case: Case, mean: Fitted, told: Parameter) -> bool:
-    """Whether differing delays of this spread may be what a mean delay leaves over.
-
-    They move the marble by more than the tracker errs, or its own memory looks like them; and where commands
-    hardly change anything looks like large ones.
-    """
-    (size,) = (one for one in effect("delay_jitter").parameters if one.name == "sd_s")
-    return mean.noise > MATTERS * case.noise and told.value <= size.high + SPARE * (size.high - size.low)
+def matters(case: Case, mean: Fitted) -> bool:
+    """Whether a mean delay leaves more than the tracker's own memory may make, which looks like kicks."""
+    return mean.noise > MATTERS * case.noise
 
 
 def spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:

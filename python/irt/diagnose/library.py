@@ -1,8 +1,8 @@
 """A library of pushes that no effect of the catalogue has, and which of them explain most of what is left.
 
-Profiles (waves, steps, bells, ridges, spots, lines, bowls) of a push or of a drag over the board, over the
-marble's velocity and its direction, over the board's tilt, over time and over the way so far; powers of the
-speed against the motion and across it; a mode in which the board swings after its knobs.
+Profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push or of a drag over the board,
+over the marble's velocity and its direction, over the board's tilt, over time and over the way so far; powers
+of the speed against the motion and across it; a mode in which the board swings after its knobs.
 """
 
 from __future__ import annotations

@@ -19,11 +19,12 @@ LOCAL = ("step", "bell", "ridge")
 POLYNOMIALS = ("line", "bowl")
 #: Those of two phases, the second one across.
 ROUND = ("spot", "saddle")
-#: Directions of lines, and widths of lines and of spots as shares of what was seen of a variable.
+#: Directions of lines, and widths as shares of what was seen of a variable.
 DIRECTIONS = 12
 WIDTHS = (0.025, 0.05, 0.1, 0.2)
 #: Places from end to end at which polynomials are zero.
 OFFSETS = 9
+#: Radii of spots as shares of the longer side of where the marble was.
 RADII = (0.07, 0.1, 0.15, 0.22)
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding, NamedEffect
-from irt.diagnose.evidence import is_explained, is_trusted
+from irt.diagnose.evidence import is_explained
 from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
 from irt.diagnose.hypotheses import hypotheses, size_of
-from irt.diagnose.jitter import is_plausible, kicks, spread
+from irt.diagnose.jitter import kicks, matters, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.library import Term
 from irt.diagnose.locate import locate, stages, variables
@@ -209,19 +209,19 @@ def _searched(search: Search, report: Report) -> _Answer:
 
     What leaves noise ends the search: nothing that repeats does so where delays differ, while a lag and a
     clock that drifts together may look like those. What was learned comes last and has to beat the catalogue:
-    two terms of a library can stand for two effects that have names. One effect that seems to leave noise in
-    most windows, and no more, has to stand up to it, too.
+    two terms of a library can stand for two effects that have names. Effects that seem to leave noise in most
+    windows, and no more, have to stand up to further ones and to it, too.
     """
     case, best = search.case, search.singles()
-    if is_explained(case, best, search.base):
-        return _Answer(case, best) if is_trusted(case, best, search.base) else _learned(search, best, report)
+    if search.is_done(best):
+        return _Answer(case, best)
     best = search.larger(best)
     if not _is_all(search, best):
         jittering = _jittering(search, best, report)
         if jittering is not None:
             return _repeatable(search, jittering, best, report)
         best = search.with_partners(best)
-    if _is_all(search, best) and len(best.effects) < MANY:
+    if len(best.effects) < MANY and (search.is_done(best) or search.is_explained_between(best)):
         return _Answer(case, best)
     return _learned(search, best, report)
 
@@ -233,8 +233,7 @@ def _repeatable(search: Search, jittering: _Answer, best: Fitted, report: Report
     direction of motion, were taken for delays that differ.
     """
     seen = motion_seen(search.case, search.base)
-    likely = [] if seen is None else seen.likely((), 1)
-    if not any(seen is not None and seen.explains(one) > REPEATABLE for one in likely):
+    if seen is None or not any(seen.explains(one) > REPEATABLE for one in seen.likely((), 1)):
         return jittering
     learned = _learned(search, best, report)
     return learned if learned.terms and is_explained(search.case, learned.best, search.base) else jittering
@@ -268,10 +267,9 @@ def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
             continue
         full = search.beside(mean, [name for name in hypotheses() if name not in {*ALIKE, *mean.effects}])
         told = shown if full is mean else kicks(search.case, full, price)
-        if told is None:
+        if told is None or not matters(search.case, full):
             return None
-        size = spread(search.case, full, told)
-        return _Answer(search.case, full, size) if is_plausible(search.case, full, size) else None
+        return _Answer(search.case, full, spread(search.case, full, told))
     return None
 
 

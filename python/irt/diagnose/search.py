@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.evidence import Evidence, excess, is_explained
+from irt.diagnose.evidence import Evidence, excess, is_explained, is_trusted
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
 from irt.diagnose.hypotheses import acts_on_impacts_alone, has_place, hypotheses
 from irt.diagnose.impacts import (
@@ -98,7 +98,7 @@ class Search:
         """Try more effects together, and return the best hypothesis."""
         for size in range(2, MOST_EFFECTS + 1):
             # Two effects may show together where neither does alone; a third one needs two.
-            if size > max(2, len(best.effects) + 1) or is_explained(self.case, best, self.base):
+            if size > max(2, len(best.effects) + 1) or self.is_done(best):
                 break
             if self.is_explained_between(best):
                 best = self._with_impacts(best)
@@ -107,7 +107,7 @@ class Search:
             for parent, count in zip(self.ranked(size - 1), counts, strict=False):
                 others = [name for name in hypotheses() if name not in parent.effects]
                 self._expand(parent, others, count)
-                if is_explained(self.case, self.ranked(size)[0], self.base):
+                if self.is_done(self.ranked(size)[0]):
                     break
             self._move_in(size)
             self._refine(size)
@@ -121,6 +121,12 @@ class Search:
         found = [self.fits.get(frozenset({*parent.effects, name}), parent) for name in names]
         best = min(found, key=lambda one: (one.loss(self.case.noise), one.effects))
         return best if self._is_worth(best, parent) else parent
+
+    def is_done(self, one: Fitted) -> bool:
+        """Whether nothing is left to explain; of effects by more than what most windows look like."""
+        if not is_explained(self.case, one, self.base):
+            return False
+        return not one.effects or is_trusted(self.case, one, self.base)
 
     def is_explained_between(self, one: Fitted) -> bool:
         """Whether nothing is left between impacts, so that what is left is how the marble meets the rim."""

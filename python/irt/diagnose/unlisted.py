@@ -143,9 +143,9 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
     evidence, case = search.evidence(), search.case
     if evidence.margin(learned, best) <= 0.0:
         return False
-    if not is_explained(case, best, search.base) and (
-        len(best.effects) >= MANY or not is_trusted(case, best, search.base)
-    ):
+    if len(best.effects) >= MANY:
+        return True
+    if not is_explained(case, best, search.base) and not is_trusted(case, best, search.base):
         return True
     if excess(case, learned) > HALF * excess(case, best):
         return False
@@ -181,7 +181,7 @@ def formula(values: dict[str, float]) -> str:
 
 
 def variables(values: dict[str, float]) -> list[str]:
-    """Return on what the learned push depends: position, velocity, tilt, time, speed."""
+    """Return on what the learned push depends: position, velocity, heading, tilt, time, way, speed."""
     found = [
         "tilt" if variable == "command" else variable
         for variable, names in VECTORS.items()

@@ -74,7 +74,8 @@ def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence
     Returns
     -------
     list of Term
-        Of each view the likeliest, where it explains more than chance does in a library of this size.
+        Of the motion the likeliest of some families, of each other view the likeliest, where they explain
+        more than chance does in a library of this size.
     """
     found = [] if seen is None else seen.likely(terms, FAMILIES)
     if terms:
@@ -128,8 +129,8 @@ class View:
 
     def explains(self, term: Term) -> float:
         """Return the share that a term explains of what is left beyond the tracker's noise."""
-        noise = self._case.noise**2 * sum(len(data) for data in self._data)
-        return term.explained * self.total / max(self.total - noise, 1e-300)
+        noise = self._case.noise**2 * sum(self._leftover.freedom(axis) for axis in (0, 1))
+        return min(1.0, term.explained * self.total / (self.total - noise)) if self.total > noise else 0.0
 
     def take(self, term: Term) -> None:
         """Leave a term out of what is left: what it depends on, of any strength."""
@@ -157,7 +158,7 @@ class View:
 
     def _candidates(self, terms: Sequence[Term]) -> Iterator[Term]:
         laws = {term.law for term in terms}
-        powers = [term.values["drag_power"] for term in terms if "drag_power" in term.values]
+        powers = [term.values["drag_power"] for term in terms if "drag_power" in term.free]
         for name in LAWS:
             if name not in laws:
                 yield from self._laws(name, powers[:1] if name == "drag" and powers else POWERS)
@@ -182,7 +183,7 @@ class View:
         yield self._wave("time", np.arange(step, 2.0 * np.pi / (SHORTEST_ROWS * self._row_s), step)[:, None])
 
     def _local(self) -> Iterator[Grid]:
-        """Yield steps, bells, ridges and polynomials over everything, spots and saddles."""
+        """Yield steps, bells, ridges and polynomials over all but the direction, spots and saddles."""
         for variable, values in self._told.items():
             if self._varies(variable) and variable != "heading":
                 yield from lines(variable, values, (*LOCAL, *POLYNOMIALS))
@@ -225,7 +226,11 @@ class View:
     def _swing(self, rate: float, damping: float) -> Array:
         """Return the pushes (n, 2) of a mode: as far as it is away from the board's angles."""
         tilts = [one.knobs * self._gears for one in self._case.rig.recordings]
-        away = self._of_runs([_away(one, rate, damping, self._row_s) for one in tilts])
+        at_rest = self._case.rig.start == "rest"
+        before = [np.zeros(2) if at_rest else one[0] for one in tilts]
+        away = self._of_runs(
+            [_away(*one, rate, damping, self._row_s) for one in zip(tilts, before, strict=True)]
+        )
         # A turn about y pushes along x, a turn about x against y.
         return PULL * np.column_stack([away[:, 1], -away[:, 0]])
 
@@ -317,10 +322,13 @@ def _term(grid: Grid, index: int, sizes: Mapping[str, float], explained: float) 
     return Term(grid.variable, told, tuple(free), explained)
 
 
-def _away(tilts: Array, rate: float, damping: float, row_s: float) -> Array:
-    """Return how far a mode is from (n, 2) angles that hold for a row each, in the middle of the rows."""
+def _away(tilts: Array, before: Array, rate: float, damping: float, row_s: float) -> Array:
+    """Return how far a mode is from (n, 2) angles that hold for a row each, in the middle of the rows.
+
+    It has settled at the angles `before`.
+    """
     ringing, fade = rate * np.sqrt(1.0 - damping**2), rate * damping
-    state, found = np.array([tilts[0], np.zeros(2)]), np.zeros_like(tilts)
+    state, found = np.array([before, np.zeros(2)]), np.zeros_like(tilts)
     step = _step(ringing, fade, rate, row_s)
     middle = _step(ringing, fade, rate, 0.5 * row_s)
     for row, tilt in enumerate(tilts):

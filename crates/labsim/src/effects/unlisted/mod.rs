@@ -55,7 +55,8 @@ const fn rate(name: &'static str, means: &'static str) -> Parameter {
 }
 
 const fn phase(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "rad", (0.0, std::f64::consts::TAU), 100.0, means)
+    // Of a narrow profile at the board's end it is many radians.
+    parameter(name, "rad", (-10.0, 10.0), 200.0, means)
 }
 
 const fn strength(name: &'static str, means: &'static str) -> Parameter {
@@ -144,10 +145,11 @@ pub(super) const ABOUT: About = About {
                s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
     does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five profiles \
-           (a wave, a step, a bell, a ridge, a round spot, a line, a bowl or a saddle) of push and of drag over the board, the marble's \
-           velocity and its direction, the board's tilt, the time and the way ℓ since row 0, a drag and a push to the side with any power of the speed, and a mode in which the board \
-           swings after its knobs. Accelerations are those of the rolling marble as it is seen, not 7/5 of them. Above 1 m/s \
-           the powers count as at 1 m/s; a drag with the power 0 holds a resting marble as friction does.",
+           (a wave, a step, a bell, a ridge, a round spot, a line, a bowl or a saddle) of push and of drag over the board, \
+           the marble's velocity and its direction, the board's tilt, the time and the way ℓ since row 0, a drag and a push \
+           to the side with any power of the speed, and a mode in which the board swings after its knobs. Accelerations are \
+           those of the rolling marble as it is seen, not 7/5 of them. Above 1 m/s the powers count as at 1 m/s, lines, bowls \
+           and saddles beyond 1000 radians as there; a drag with the power 0 holds a resting marble as friction does.",
     matters: "Where a diagnosis has learned it; it is no hypothesis of its own, since it imitates many effects.",
     looks: "Whatever the catalogue leaves: pushes that depend on the place, on the velocity, on the tilt, on the time or the way \
             since the beginning or on how the board was turned.",
@@ -242,8 +244,7 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             }
         }
         if let Some(way) = &mut self.way {
-            let [wx, wy] = marbles.rolling();
-            *way = *way + length(wx, wy) * push.length;
+            *way = *way + length(marbles.vx, marbles.vy) * push.length;
         }
         if let Some(mode) = &self.mode {
             let pull = GRAVITY * (mode.gain * push.length);

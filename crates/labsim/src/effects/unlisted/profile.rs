@@ -22,6 +22,9 @@ const LINE: f64 = 5.0;
 const BOWL: f64 = 6.0;
 pub(super) const SADDLE: f64 = 7.0;
 
+/// Phase beyond which line, bowl and saddle do not grow: a push that grows with the speed has an end.
+const FARTHEST: f64 = 1e3;
+
 /// What makes the ridge 1 where it is highest: the root of e.
 const RIDGE_TOP: f64 = 1.648_721_270_700_128_2;
 
@@ -62,7 +65,7 @@ impl<S: Simd> Profile<S> {
         let zero = growth.like(0.0);
         let used = |pair: Pair<S>| (pair[0].ne(zero) | pair[1].ne(zero)).any().then_some(pair);
         Self {
-            shape: Shapes::new(values[0]),
+            shape: Shapes::new(values[0].round()),
             push: [values[1], values[2]],
             brake: values[3].ne(zero).any().then(|| values[3] * growth),
             vector: [values[4], values[5]],
@@ -133,14 +136,18 @@ impl<S: Simd> Shapes<S> {
             let step = angle.lt(angle.like(0.0)).select(-high, high);
             value = own.select(step, value);
         }
-        if let Some(own) = self.line {
-            value = own.select(angle, value);
-        }
-        if let Some(own) = self.bowl {
-            value = own.select(angle * angle, value);
-        }
-        if let Some(own) = self.saddle {
-            value = own.select(angle * across, value);
+        if self.line.is_some() || self.bowl.is_some() || self.saddle.is_some() {
+            let farthest = angle.like(FARTHEST);
+            let (angle, across) = (angle.clamp(farthest), across.clamp(farthest));
+            if let Some(own) = self.line {
+                value = own.select(angle, value);
+            }
+            if let Some(own) = self.bowl {
+                value = own.select(angle * angle, value);
+            }
+            if let Some(own) = self.saddle {
+                value = own.select(angle * across, value);
+            }
         }
         if self.bell.is_some() || self.ridge.is_some() || self.spot.is_some() {
             let square = -0.5 * (angle * angle);
