@@ -1,6 +1,7 @@
 """What a search tries, and what it takes for one thing by two names."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,3 +50,22 @@ def test_a_hypothesis_is_begun_where_a_larger_one_led(begun):
     found.keep(lost)
     right = found.case.fit(["lag", "viscous_drag"])
     assert found.thorough(lost, right).loss(found.case.noise) < lost.loss(found.case.noise) - 10.0
+
+
+@pytest.mark.parametrize(
+    ("effects", "explained", "trusted", "done"),
+    [
+        ((), True, False, True),
+        (("lag",), True, True, True),
+        (("lag",), True, False, False),
+        (("lag",), False, True, False),
+    ],
+)
+def test_effects_are_not_enough_by_what_most_windows_look_like(
+    effects, explained, trusted, done, monkeypatch
+):
+    """A lag left noise in most windows of a rig that had a dead band beside it."""
+    monkeypatch.setattr(search, "is_explained", lambda case, one, base: explained)
+    monkeypatch.setattr(search, "is_trusted", lambda case, one, base: trusted)
+    found = Search(None, lambda text: None, {frozenset(): None})
+    assert found.is_done(SimpleNamespace(effects=effects)) is done

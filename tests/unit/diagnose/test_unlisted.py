@@ -147,6 +147,42 @@ def test_what_is_learned_simulates_and_leaves_noise(plant):
     assert "cos(" in formula(values)
 
 
+def neutral(**changes):
+    return {one.name: one.neutral for one in effect(UNLISTED).parameters} | changes
+
+
+@pytest.mark.parametrize(
+    ("changes", "told", "depends"),
+    [
+        ({"shape_2": 1.0, "push_2_x_m_per_s2": 0.5, "rate_2_per_s": 2.0}, "(0.5, 0) tanh(2 t + 0)", ["time"]),
+        (
+            {"shape_1": 3.0, "push_1_y_m_per_s2": 0.5, "wave_1_x_per_m": 9.0, "phase_1_rad": -1.0},
+            "(0, 0.5) ridge(9 x - 1), ridge(s) = -s exp((1 - s^2)/2)",
+            ["position"],
+        ),
+        (
+            {"shape_1": 4.0, "brake_1_m_per_s2": 0.2, "wave_1_x_per_m": 9.0, "across_1_rad": 2.0},
+            "-(0.2 exp(-((9 x + 0)^2 + (9 y + 2)^2)/2)) (v / 0.1 m/s)^1 along v",
+            ["position", "speed"],
+        ),
+        (
+            {"shape_1": 7.0, "push_1_x_m_per_s2": 0.5, "tilt_1_x_per_rad": 3.0},
+            "(0.5, 0) (3 tilt_x + 0) (3 tilt_y + 0)",
+            ["tilt"],
+        ),
+        (
+            {"drag_strength": 0.3, "shape_1": 5.0, "brake_1_m_per_s2": 0.1, "heading_1_y": 1.0},
+            "-(0.3 + 0.1 (1 sin heading + 0)) (v / 0.1 m/s)^1 along v",
+            ["heading", "speed"],
+        ),
+        ({"mode_gain": 1.0}, "5/7 g 1 (u - tilt), u'' = 100 (tilt - u) - 4 u'", ["tilt"]),
+    ],
+)
+def test_a_formula_tells_what_was_learned(changes, told, depends):
+    assert formula(neutral(**changes)) == f"a = {told}"
+    assert variables(neutral(**changes)) == depends
+
+
 def test_the_likeliest_source_of_a_wave_is_the_position(plant):
     case = plant([wave()], runs=6)
     sources = Leftover(case, case.fit()).sources(0)
