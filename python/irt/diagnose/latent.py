@@ -77,8 +77,8 @@ class Leftover:
         predictions are: right for the base model alone. Else what the predictions miss is looked at.
     longest : int
         Rows of a stretch, at most: long ones show small pushes, if the predictions do not go astray.
-    most : int or None
-        Rows in all, at most.
+    most : int
+        Rows in all, at most: whole stretches, spread over the recordings.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class Leftover:
         *,
         weak: bool = False,
         longest: int = LONGEST,
-        most: int | None = MOST_ROWS,
+        most: int = MOST_ROWS,
     ) -> None:
         self.rows, self._residual, self._fixed = stretches(case, fitted, longest, weak=weak, most=most)
         self._noise = case.noise

@@ -68,7 +68,7 @@ def _spread_out(count: int) -> NDArray[np.int64]:
 
 
 def stretches(
-    case: Case, fitted: Fitted, longest: int, *, weak: bool, most: int | None
+    case: Case, fitted: Fitted, longest: int, *, weak: bool, most: int
 ) -> tuple[Rows, Array, list[Array]]:
     """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it.
 
@@ -79,7 +79,7 @@ def stretches(
     pieces: list[_Piece] = []
     windows = screen.windows()
     for index in _spread_out(len(windows)):
-        if most is not None and sum(len(piece.place) for piece in pieces) >= most:
+        if sum(len(piece.place) for piece in pieces) >= most:
             break
         window = windows[index]
         piece = _observed(window, late, case.noise) if weak else _predicted(window, late)

@@ -50,6 +50,8 @@ PRICE, WORTH = 3.0, 12.0
 NEAR, FAMILIES = 0.7, 3
 #: Rows of the stretches in which the motion itself is looked at: a push shows with the square of the time.
 SEEN = 60
+#: Rows that are looked at, at most.
+MOST_ROWS = 1200
 #: Rows of the stretches in which predictions are looked at once something is learned.
 HORIZONS = (LONGEST, 60, 120)
 #: Speed at which the strength of a power law is given [m/s], and what a slope pulls [m/s^2].
@@ -80,14 +82,14 @@ def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence
     found = [] if seen is None else seen.likely(terms, FAMILIES)
     if terms:
         # In long stretches small pushes show, in short ones predictions do not go astray.
-        views = (Leftover(case, learned, longest=rows, most=None) for rows in HORIZONS)
+        views = (Leftover(case, learned, longest=rows, most=MOST_ROWS) for rows in HORIZONS)
         found += [term for one in views if one.count for term in View(one, case, learned).likely(terms, 1)]
     return found
 
 
 def motion_seen(case: Case, base: Fitted) -> View | None:
     """Return the motion as it was observed; None where the marble never moved far from the rim."""
-    leftover = Leftover(case, base, weak=True, longest=SEEN, most=None)
+    leftover = Leftover(case, base, weak=True, longest=SEEN, most=MOST_ROWS)
     return View(leftover, case, base) if leftover.count else None
 
 
@@ -136,7 +138,8 @@ class View:
         """Leave a term out of what is left: what it depends on, of any strength."""
         values = term.values
         if term.law == MODE:
-            pushes = self._swing(values["mode_rate_rad_per_s"], values["mode_damping"])
+            mode = [np.array([values[name]]) for name in ("mode_rate_rad_per_s", "mode_damping")]
+            pushes = self._swings(*mode)[:, 0]
             parts = [pushes[:, :1], pushes[:, 1:]]
         elif term.law is not None:
             pushes = self._power_law(term.law, values[f"{term.law}_power"])
@@ -216,26 +219,27 @@ class View:
 
     def _mode(self) -> Term:
         """Return the mode of the board that explains most."""
-        tried = [(rate, damping) for rate in RATES for damping in DAMPINGS]
-        gains, explained = self._sized(np.stack([self._swing(*one) for one in tried], axis=1))
+        rates, dampings = (grid.ravel() for grid in np.meshgrid(RATES, DAMPINGS))
+        gains, explained = self._sized(self._swings(rates, dampings))
         best = int(np.argmax(explained))
-        rate, damping = tried[best]
-        values = {"mode_gain": float(gains[best]), "mode_rate_rad_per_s": rate, "mode_damping": damping}
+        told = (gains[best], rates[best], dampings[best])
+        values = dict(
+            zip(("mode_gain", "mode_rate_rad_per_s", "mode_damping"), map(float, told), strict=True)
+        )
         return Term("command", values, tuple(values), float(explained[best]))
 
-    def _swing(self, rate: float, damping: float) -> Array:
-        """Return the pushes (n, 2) of a mode: as far as it is away from the board's angles."""
-        tilts = [one.knobs * self._gears for one in self._case.rig.recordings]
+    def _swings(self, rates: Array, dampings: Array) -> Array:
+        """Return the pushes (n, k, 2) of k modes: as far as they are away from the board's angles."""
         at_rest = self._case.rig.start == "rest"
-        before = [np.zeros(2) if at_rest else one[0] for one in tilts]
+        tilts = [one.knobs * self._gears for one in self._case.rig.recordings]
         away = self._of_runs(
-            [_away(*one, rate, damping, self._row_s) for one in zip(tilts, before, strict=True)]
+            [_away(one, np.zeros(2) if at_rest else one[0], rates, dampings, self._row_s) for one in tilts]
         )
         # A turn about y pushes along x, a turn about x against y.
-        return PULL * np.column_stack([away[:, 1], -away[:, 0]])
+        return PULL * np.stack([away[:, :, 1], -away[:, :, 0]], axis=2)
 
     def _of_runs(self, values: Sequence[Array]) -> Array:
-        """Return in each row what (rows, c) values of each recording say there, (n, c)."""
+        """Return in each row what (rows, ...) values of each recording say there, (n, ...)."""
         rows = self._leftover.rows
         return np.array([values[run][row] for run, row in zip(rows.run, rows.time.astype(int), strict=True)])
 
@@ -322,25 +326,26 @@ def _term(grid: Grid, index: int, sizes: Mapping[str, float], explained: float) 
     return Term(grid.variable, told, tuple(free), explained)
 
 
-def _away(tilts: Array, before: Array, rate: float, damping: float, row_s: float) -> Array:
-    """Return how far a mode is from (n, 2) angles that hold for a row each, in the middle of the rows.
+def _away(tilts: Array, before: Array, rates: Array, dampings: Array, row_s: float) -> Array:
+    """Return how far k modes are from (n, 2) angles that hold a row each, in the rows' middles, (n, k, 2).
 
-    It has settled at the angles `before`.
+    They have settled at the angles `before`.
     """
-    ringing, fade = rate * np.sqrt(1.0 - damping**2), rate * damping
-    state, found = np.array([before, np.zeros(2)]), np.zeros_like(tilts)
-    step = _step(ringing, fade, rate, row_s)
-    middle = _step(ringing, fade, rate, 0.5 * row_s)
+    found = np.zeros((len(tilts), len(rates), 2))
+    state = np.zeros((len(rates), 2, 2))
+    state[:, 0] = before
+    step, middle = _step(rates, dampings, row_s), _step(rates, dampings, 0.5 * row_s)
     for row, tilt in enumerate(tilts):
-        state = state - [tilt, np.zeros(2)]
-        found[row] = (middle @ state)[0]
-        state = step @ state + [tilt, np.zeros(2)]
+        state[:, 0] -= tilt
+        found[row] = (middle @ state)[:, 0]
+        state = step @ state
+        state[:, 0] += tilt
     return found
 
 
-def _step(ringing: float, fade: float, rate: float, seconds: float) -> Array:
-    """Return what a free swing becomes of a way and a speed after so long, (2, 2)."""
+def _step(rates: Array, dampings: Array, seconds: float) -> Array:
+    """Return what free swings become of a way and a speed after so long, (k, 2, 2)."""
+    ringing, fade = rates * np.sqrt(1.0 - dampings**2), rates * dampings
     cos, sin = np.cos(ringing * seconds), np.sin(ringing * seconds) / ringing
-    return np.asarray(
-        np.exp(-fade * seconds) * np.array([[cos + fade * sin, sin], [-sin * rate**2, cos - fade * sin]])
-    )
+    matrix = np.array([[cos + fade * sin, sin], [-sin * rates**2, cos - fade * sin]])
+    return np.asarray(np.exp(-fade * seconds)[:, None, None] * matrix.transpose(2, 0, 1))
