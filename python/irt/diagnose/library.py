@@ -26,6 +26,8 @@ VECTORS = {
 #: What is no profile: power laws of the speed, against the motion and across it, and the mode.
 LAWS = ("drag", "side")
 MODE = "mode"
+#: By what parameter each of them is told.
+_SIZES = {"drag_strength": "drag", "side_strength": "side", "mode_gain": MODE}
 #: What of a profile multiplies it.
 PUSH = ("push_1_x_m_per_s2", "push_1_y_m_per_s2")
 BRAKE = "brake_1_m_per_s2"
@@ -38,7 +40,7 @@ class Term:
     Attributes
     ----------
     variable : str
-        What the push depends on: A key of `VECTORS`.
+        What the push depends on, a key of `VECTORS`.
     values : dict
         Parameters of the engine's effect, those of a profile by their names in the first slot.
     free : tuple of str
@@ -55,7 +57,7 @@ class Term:
     @property
     def law(self) -> str | None:
         """The power law that it is, "drag" or "side", or "mode"; None for a profile."""
-        return next((name for name in (*LAWS, MODE) if f"{name}_{_SIZES[name]}" in self.values), None)
+        return next((name for size, name in _SIZES.items() if size in self.values), None)
 
     @property
     def brakes(self) -> bool:
@@ -81,10 +83,6 @@ class Term:
         """Return it in another of the engine's profiles."""
         values = {of_slot(name, slot): value for name, value in self.values.items()}
         return Term(self.variable, values, tuple(of_slot(name, slot) for name in self.free), self.explained)
-
-
-#: By what parameter each of those that are no profiles is told.
-_SIZES = {"drag": "strength", "side": "strength", MODE: "gain"}
 
 
 def of_slot(name: str, slot: int) -> str:

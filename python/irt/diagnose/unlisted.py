@@ -154,8 +154,8 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
 
 def formula(values: dict[str, float]) -> str:
     """Return the learned push as a formula, in m/s^2."""
-    parts, drags = [], []
-    for slot in _profiles(values):
+    parts, drags, slots = [], [], _profiles(values)
+    for slot in slots:
         push, brake = _push(values, slot), values[f"brake_{slot}_m_per_s2"]
         profile = _profile(values, slot)
         if push != [0.0, 0.0]:
@@ -175,20 +175,21 @@ def formula(values: dict[str, float]) -> str:
             f"5/7 g {values['mode_gain']:.3g} (u - tilt), u'' = {rate**2:.4g} (tilt - u) "
             f"- {2.0 * damping * rate:.3g} u'"
         )
-    shapes = {round(values[f"shape_{slot}"]) for slot in _profiles(values)}
+    shapes = {round(values[f"shape_{slot}"]) for slot in slots}
     what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
     return "a = " + " + ".join(parts) + what
 
 
 def variables(values: dict[str, float]) -> list[str]:
     """Return on what the learned push depends: position, velocity, heading, tilt, time, way, speed."""
+    slots = _profiles(values)
     found = [
         "tilt" if variable == "command" else variable
         for variable, names in VECTORS.items()
-        if any(values[of_slot(name, slot)] != 0.0 for slot in _profiles(values) for name in names)
+        if any(values[of_slot(name, slot)] != 0.0 for slot in slots for name in names)
         or (variable == "command" and values["mode_gain"])
     ]
-    drags = [values["drag_strength"], *(values[f"brake_{slot}_m_per_s2"] for slot in _profiles(values))]
+    drags = [values["drag_strength"], *(values[f"brake_{slot}_m_per_s2"] for slot in slots)]
     return [*found, *(["speed"] if any(drags) or values["side_strength"] else [])]
 
 

@@ -28,6 +28,7 @@ from irt.diagnose.profiles import (
 )
 from irt.diagnose.stretches import LONGEST
 from irt.rig import PARAMETERS
+from irt.rollouts import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -56,7 +57,7 @@ MOST_ROWS = 1200
 HORIZONS = (LONGEST, 60, 120)
 #: Speed at which the strength of a power law is given [m/s], and what a slope pulls [m/s^2].
 AT = 0.1
-PULL = 5.0 / 7.0 * 9.81
+PULL = 5.0 / 7.0 * GRAVITY
 
 
 def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
@@ -136,21 +137,22 @@ class View:
 
     def take(self, term: Term) -> None:
         """Leave a term out of what is left: what it depends on, of any strength."""
+        pushes = self._pushes(term)
+        for axis in (0, 1):
+            self._leftover.explain(axis, self._leftover.moved(pushes[:, :, axis]))
+            self._data[axis] = self._freed(axis)
+
+    def _pushes(self, term: Term) -> Array:
+        """Return pushes of unit strength, (n, k, 2): of a wave any phase."""
         values = term.values
         if term.law == MODE:
-            mode = [np.array([values[name]]) for name in ("mode_rate_rad_per_s", "mode_damping")]
-            pushes = self._swings(*mode)[:, 0]
-            parts = [pushes[:, :1], pushes[:, 1:]]
-        elif term.law is not None:
-            pushes = self._power_law(term.law, values[f"{term.law}_power"])
-            parts = [pushes[:, :1], pushes[:, 1:]]
-        else:
-            profile = self._profile(term)
-            law = self._power_law("drag", values["drag_power"]) if term.brakes else np.ones((len(profile), 2))
-            parts = [profile * law[:, :1], profile * law[:, 1:]]
-        for axis in (0, 1):
-            self._leftover.explain(axis, self._leftover.moved(parts[axis]))
-            self._data[axis] = self._freed(axis)
+            return self._swings(
+                *(np.array([values[f"mode_{name}"]]) for name in ("rate_rad_per_s", "damping"))
+            )
+        if term.law is not None:
+            return self._power_law(term.law, values[f"{term.law}_power"])[:, None]
+        law = self._power_law("drag", values["drag_power"]) if term.brakes else np.ones(2)
+        return np.asarray(self._profile(term)[:, :, None] * law[..., None, :])
 
     def _freed(self, axis: int) -> Array:
         return self._leftover.freed(axis, self._leftover.residual(axis)[:, None])[:, 0]

@@ -1,10 +1,5 @@
 //! A mode in which the board swings after its knobs.
 
-#![expect(
-    clippy::inline_always,
-    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
-)]
-
 use pulp::Simd;
 
 use crate::lanes::Lanes;

@@ -1,10 +1,5 @@
 //! Shapes over what a push or a drag may depend on.
 
-#![expect(
-    clippy::inline_always,
-    reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
-)]
-
 use pulp::Simd;
 
 use super::{FORCE, Unlisted};
@@ -110,7 +105,7 @@ impl<S: Simd> Profile<S> {
 impl<S: Simd> Shapes<S> {
     fn new(shape: Lanes<S>) -> Self {
         let of = |code: f64| {
-            let own = shape.gt(shape.like(code - 0.5)) & shape.lt(shape.like(code + 0.5));
+            let own = !shape.ne(shape.like(code));
             own.any().then_some(own)
         };
         Self {
