@@ -17,6 +17,9 @@ from irt.fitting.robust import OF_NORMAL, deviation
 #: An effect must explain this share of what noise alone would make, or it is too small to be told from the
 #: engine's own imperfections.
 LEAST_SHARE = 0.01
+#: By so many nats an effect must be likelier than it costs. Right ones of three noises and more were worth 90
+#: and more in rigs of another engine, and what was named in a rig without any, 3.
+SURE = 10.0
 #: What may be left over of the base model's mismatch beyond noise, and beyond the likelihood of noise.
 LEFT_SHARE, LEFT_NOISE = 0.01, 0.1
 #: Residuals without memory, of about the tracker's size, are noise.
@@ -27,6 +30,8 @@ UNEVEN, ENOUGH = 1.3, 60
 LOST = 2.0
 #: Effects are believed if they leave no more than this share of the base model's mismatch.
 TRUSTED = 0.1
+#: Most of a mismatch is more than this share.
+MOST = 0.5
 #: In windows of so many rows the typical misfit is below that, and few windows go astray: a marble that stops
 #: a moment too late or meets a corner otherwise goes elsewhere from there, and no physics is missing.
 WINDOW_ROWS, TYPICAL, ASTRAY, FEW = 60, 1.3, 3.0, 0.25
@@ -86,7 +91,11 @@ class Evidence:
     def is_better(self, one: Fitted, over: Fitted) -> bool:
         """Whether the additional effects of a hypothesis are worth naming."""
         least = LEAST_SHARE * self.rows * max(1, len(one.effects) - len(over.effects))
-        return self.margin(one, over) > 0.0 and self.gain(one, over) > least
+        return self.margin(one, over) > SURE and self.gain(one, over) > least
+
+    def needed(self, parameters: int) -> float:
+        """Return by how many nats one effect of so many parameters has to be likelier, to be named."""
+        return max(self.price(parameters, 1) + SURE, LEAST_SHARE * self.rows)
 
 
 def is_explained(case: Case, one: Fitted, base: Fitted) -> bool:
@@ -125,6 +134,11 @@ def is_trusted(case: Case, one: Fitted, base: Fitted) -> bool:
     return is_noise(case, one) or (
         excess(case, one) <= max(TRUSTED * excess(case, base), LEFT_NOISE * _noise_loss(one))
     )
+
+
+def is_most_left(case: Case, one: Fitted, base: Fitted) -> bool:
+    """Whether a hypothesis leaves most of the base model's mismatch."""
+    return excess(case, one) > MOST * excess(case, base)
 
 
 def is_lost(case: Case, one: Fitted, base: Fitted) -> bool:

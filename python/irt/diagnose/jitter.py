@@ -19,13 +19,13 @@ MATTERS = 1.2
 STRETCHES = (24, 60)
 
 
-def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
+def kicks(case: Case, mean: Fitted, needed: float) -> Leftover | None:
     """Return what a mean delay leaves over, if the delays differ from command to command; else None.
 
     If they do, the push that is left over comes with each change of the command, in proportion to it, and
-    never twice the same. Other variables explain it less well, and it is worth its price [nats]. What repeats
-    must not be clearly better in longer or shorter stretches: in some a picture that turns with the tilt
-    looks like kicks.
+    never twice the same. Other variables explain it less well, and it explains as many nats as are needed.
+    What repeats must not be clearly better in longer or shorter stretches: in some a picture that turns with
+    the tilt looks like kicks.
     """
     told: Leftover | None = None
     for longest in STRETCHES:
@@ -35,7 +35,7 @@ def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
         if any(one.gain > gain + REPEATS for one in sources if one.repeats):
             return None
         others = max((one.gain for one in sources if one.variable != JITTER), default=np.inf)
-        if told is None and gain > max(price, others + CLEAR):
+        if told is None and gain > max(needed, others + CLEAR):
             told = leftover
     return told
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from irt.catalogue import EffectParameter, effect, effects
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Power
-from irt.diagnose.evidence import LEAST_SHARE, Evidence
+from irt.diagnose.evidence import Evidence
 from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts, size_of
 from irt.diagnose.impacts import LEAST_OF_IMPACTS, between_impacts
 from irt.diagnose.screen import Screen
@@ -55,8 +55,7 @@ def _of(case: Case, screen: Screen | None, name: str, evidence: Evidence) -> Ite
         if screen is not None:
             gains = screen.gains(name, values).reshape(SIZES, OTHERS)
         typical = np.median(gains, axis=1)
-        price = evidence.price(sum(not one.is_choice for one in parameters), 1)
-        needed = max(price, LEAST_SHARE * evidence.rows)
+        needed = evidence.needed(sum(not one.is_choice for one in parameters))
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
         if is_law_of_impacts(name):
             seen &= np.abs(ladder - one.neutral) > LEAST_OF_IMPACTS * (one.high - one.low)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding, NamedEffect
-from irt.diagnose.evidence import is_explained
+from irt.diagnose.evidence import is_explained, is_most_left
 from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
@@ -20,9 +20,8 @@ from irt.diagnose.library import Term
 from irt.diagnose.locate import locate, stages, variables
 from irt.diagnose.partners import Report
 from irt.diagnose.rivals import rivals
-from irt.diagnose.search import Search
-from irt.diagnose.unlisted import MANY, confirmed
-from irt.diagnose.view import motion_seen
+from irt.diagnose.search import MOST_EFFECTS, Search
+from irt.diagnose.unlisted import MANY, Library
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.model import Parameter
@@ -37,8 +36,6 @@ MEAN = "delay"
 #: What leaves far more than noise, and more than this share of the error on recordings held out, only stands
 #: in for something else: no name is better than such a one.
 BELIEVED = 0.85
-#: What is to be learned may stand in for delays that differ if one term explains so much of the motion.
-REPEATABLE = 0.85
 #: Steps that a diagnosis takes at most, for the progress bar alone.
 _STEPS = 120
 
@@ -210,41 +207,38 @@ def _searched(search: Search, report: Report) -> _Answer:
     What leaves noise ends the search: nothing that repeats does so where delays differ, while a lag and a
     clock that drifts together may look like those. What was learned comes last and has to beat the catalogue:
     two terms of a library can stand for two effects that have names. Effects that seem to leave noise in most
-    windows, and no more, have to stand up to further ones and to it, too.
+    windows, and no more, have to stand up to further ones and to it, too. It may end the search before three
+    effects and chance are asked, where two effects leave most or one term explains the motion: a board that
+    swings after its knobs, and a drag by the direction of motion, were taken for delays that differ.
     """
     case, best = search.case, search.singles()
     if search.is_done(best):
         return _Answer(case, best)
-    best = search.larger(best)
+    library = Library(search)
+    best = search.larger(best, 2)
+    left = not (search.is_done(best) or search.is_explained_between(best))
+    if left and (library.is_repeatable or is_most_left(search.case, best, search.base)):
+        learned = _learned(library, best, report)
+        if search.is_done(learned.best):
+            return learned
+    best = search.pruned(search.larger(best, MOST_EFFECTS))
     if not _is_all(search, best):
         jittering = _jittering(search, best, report)
         if jittering is not None:
-            return _repeatable(search, jittering, best, report)
+            learned = _learned(library, best, report) if library.is_repeatable else jittering
+            return learned if learned.terms and is_explained(case, learned.best, search.base) else jittering
         best = search.with_partners(best)
     if len(best.effects) < MANY and (search.is_done(best) or search.is_explained_between(best)):
         return _Answer(case, best)
-    return _learned(search, best, report)
+    return _learned(library, best, report)
 
 
-def _repeatable(search: Search, jittering: _Answer, best: Fitted, report: Report) -> _Answer:
-    """Choose between delays that differ and what can be learned, where that may leave noise.
-
-    What repeats needs no chance to be explained: a board that swings after its knobs, and a drag by the
-    direction of motion, were taken for delays that differ.
-    """
-    seen = motion_seen(search.case, search.base)
-    if seen is None or not any(seen.explains(one) > REPEATABLE for one in seen.likely((), 1)):
-        return jittering
-    learned = _learned(search, best, report)
-    return learned if learned.terms and is_explained(search.case, learned.best, search.base) else jittering
-
-
-def _learned(search: Search, best: Fitted, report: Report) -> _Answer:
+def _learned(library: Library, best: Fitted, report: Report) -> _Answer:
     """Choose between the catalogue's best hypothesis and what can be learned without a name."""
     report("physics that the catalogue does not have")
-    learned = confirmed(search, best)
+    learned = library.beyond(best)
     if learned is None:
-        return _Answer(search.case, best)
+        return _Answer(library.search.case, best)
     case, terms, fitted = learned
     return _Answer(case, fitted, terms=terms, known=best)
 
@@ -257,16 +251,16 @@ def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
     effect that explains most.
     """
     report("delays that differ from command to command")
-    price = search.evidence().price(2, 1)
-    if set(MADE_UP) & set(best.effects) and kicks(search.case, best, price) is None:
+    needed = search.evidence().needed(2)
+    if set(MADE_UP) & set(best.effects) and kicks(search.case, best, needed) is None:
         return None
     for parent in _mains(search, best):
         mean = search.with_effect(MEAN, parent)
-        shown = kicks(search.case, mean, price)
+        shown = kicks(search.case, mean, needed)
         if shown is None:
             continue
         full = search.beside(mean, [name for name in hypotheses() if name not in {*ALIKE, *mean.effects}])
-        told = shown if full is mean else kicks(search.case, full, price)
+        told = shown if full is mean else kicks(search.case, full, needed)
         if told is None or not matters(search.case, full):
             return None
         return _Answer(search.case, full, spread(search.case, full, told))

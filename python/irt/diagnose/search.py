@@ -94,26 +94,31 @@ class Search:
             best = self._grown(self.base, 1)
         return best
 
-    def larger(self, best: Fitted) -> Fitted:
-        """Try more effects together, and return the best hypothesis."""
-        for size in range(2, MOST_EFFECTS + 1):
-            # Two effects may show together where neither does alone; a third one needs two.
-            if size > max(2, len(best.effects) + 1) or self.is_done(best):
+    def larger(self, best: Fitted, size: int) -> Fitted:
+        """Try so many effects together where fewer leave something, and return the best hypothesis."""
+        # Two effects may show together where neither does alone; a third one needs two.
+        if size > max(2, len(best.effects) + 1) or self.is_done(best):
+            return best
+        if self.is_explained_between(best):
+            return self._with_impacts(best)
+        counts = PARTNERS if size == 2 else PARTNERS[:1]
+        for parent, count in zip(self.ranked(size - 1), counts, strict=False):
+            others = [name for name in hypotheses() if name not in parent.effects]
+            self._expand(parent, others, count)
+            if self.is_done(self.ranked(size)[0]):
                 break
-            if self.is_explained_between(best):
-                best = self._with_impacts(best)
-                break
-            counts = PARTNERS if size == 2 else PARTNERS[:1]
-            for parent, count in zip(self.ranked(size - 1), counts, strict=False):
-                others = [name for name in hypotheses() if name not in parent.effects]
-                self._expand(parent, others, count)
-                if self.is_done(self.ranked(size)[0]):
-                    break
-            self._move_in(size)
-            self._refine(size)
-            self._swap(self.ranked(size)[0])
-            best = self._grown(best, size)
-        return self._pruned(best)
+        self._move_in(size)
+        self._refine(size)
+        self._swap(self.ranked(size)[0])
+        return self._grown(best, size)
+
+    def pruned(self, best: Fitted) -> Fitted:
+        """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
+        for name in best.effects:
+            without = self.without(best, name)
+            if not self.evidence().is_better(best, without) or not self.is_supported(best, without):
+                return self.pruned(without)
+        return best
 
     def beside(self, parent: Fitted, names: Sequence[str]) -> Fitted:
         """Return a hypothesis that has to stay with the one effect more that is worth it, or as it is."""
@@ -134,8 +139,10 @@ class Search:
 
     def _with_impacts(self, best: Fitted) -> Fitted:
         """Try a law of impacts beside a hypothesis that leaves nothing between them."""
-        names = [name for name in hypotheses() if acts_on_impacts_alone(name)]
-        self._expand(best, [name for name in names if name not in best.effects], len(names))
+        names = [name for name in hypotheses() if acts_on_impacts_alone(name) and name not in best.effects]
+        if not names:
+            return best
+        self._expand(best, names, len(names))
         size = len(best.effects) + 1
         self._refine(size)
         return self._grown(best, size)
@@ -290,11 +297,3 @@ class Search:
             self.report(f"{' + '.join(key) or 'the five parameters'}, held out")
             self._held_out[key] = hold_out(self.case, one)
         return self._held_out[key]
-
-    def _pruned(self, best: Fitted) -> Fitted:
-        """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
-        for name in best.effects:
-            without = self.without(best, name)
-            if not self.evidence().is_better(best, without) or not self.is_supported(best, without):
-                return self._pruned(without)
-        return best

@@ -6,9 +6,10 @@ what is left then is looked at anew, and so on. Terms stay while recordings held
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,13 +22,15 @@ from irt.diagnose.impacts import shows
 from irt.diagnose.library import PROFILES, VECTORS, Term, in_slots, of_slot
 from irt.diagnose.profiles import ROUND, SHAPES
 from irt.diagnose.search import Search
-from irt.diagnose.view import likely_terms, motion_seen
+from irt.diagnose.view import View, likely_terms, motion_seen
 from irt.rig import PARAMETERS
 
 #: A further term must take away this share of what was left beyond noise.
 LEAST = 0.1
 #: So many effects together may stand for one that has no name, even if they leave noise.
 MANY = 3
+#: What repeats needs neither chance nor three effects if one term explains so much of the motion.
+REPEATABLE = 0.85
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
 
@@ -54,8 +57,10 @@ _FUNCTIONS = (
 Learned = tuple[Case, tuple[Term, ...], Fitted]
 
 
-def learn(case: Case, base: Fitted) -> Iterator[Learned]:
+def learn(case: Case, base: Fitted, seen: View | None) -> Iterator[Learned]:
     """Fit the likeliest term of the library inside the simulator, then with it the likeliest of what is left.
+
+    What is learned is taken from `seen`, the motion as it was observed (`irt.diagnose.view.motion_seen`).
 
     Yields
     ------
@@ -63,7 +68,7 @@ def learn(case: Case, base: Fitted) -> Iterator[Learned]:
         With one term more each time.
     """
     terms: tuple[Term, ...] = ()
-    held, learned, seen = case, base, motion_seen(case, base)
+    held, learned = case, base
     while likely := likely_terms(held, seen, learned, terms):
         tried = [_added(case, learned, (*terms, one)) for one in likely]
         held, terms, begun = _best(case, tried)
@@ -101,35 +106,59 @@ def _best(case: Case, tried: Sequence[Learned]) -> Learned:
     return min(tried, key=lambda one: one[2].loss(scale))
 
 
-def confirmed(search: Search, best: Fitted) -> Learned | None:
-    """Return what was learned, if it beats the catalogue's best hypothesis and recordings held out agree.
+@dataclass(eq=False)
+class Library:
+    """What can be learned without a name of the recordings of a search; found when it is first asked for."""
 
-    Terms stay as long as they are better than those before them; what is likelier, but not on recordings held
-    out, may be so with the next one.
-    """
-    case, base = search.case, search.base
-    kept: Learned | None = None
-    before, held_before, doubted = base, search.held_out(base), False
-    for fixed, terms, fitted in learn(case, base):
-        search.report(f"a push that depends on {terms[-1].variable}")
-        evidence = Evidence.of(case, [*search.fits.values(), fitted])
-        between = replace(search.between_impacts, held=fixed.held)
-        least = excess(case, fitted) < (1.0 - LEAST) * excess(case, before)
-        if not least or not evidence.is_better(fitted, before) or not shows(between, fitted, base):
-            break
-        held = hold_out(fixed, fitted)
-        if is_supported(held, held_before, evidence.scale):
-            kept, before, held_before, doubted = (fixed, terms, fitted), fitted, held, False
-        elif doubted:
-            break
-        else:
-            doubted = True
-        if is_explained(case, fitted, base):
-            break
-    if kept is None:
-        return None
-    search.remember(before, held_before)
-    return kept if _is_preferred(search, before, best) else None
+    search: Search
+
+    @property
+    def is_repeatable(self) -> bool:
+        """Whether one term explains nearly all of the motion beyond noise."""
+        return self._motion[1]
+
+    def beyond(self, best: Fitted) -> Learned | None:
+        """Return what was learned, if it beats a hypothesis of the catalogue."""
+        learned = self._confirmed
+        return learned if learned is not None and _is_preferred(self.search, learned[2], best) else None
+
+    @functools.cached_property
+    def _confirmed(self) -> Learned | None:
+        """What was learned, as far as recordings held out agree.
+
+        Terms stay as long as they are better than those before them; what is not may be so with the next one:
+        of a board that is wavy both ways, one way alone predicts nothing.
+        """
+        search = self.search
+        case, base = search.case, search.base
+        kept: Learned | None = None
+        before, held_before, doubted = base, search.held_out(base), False
+        for fixed, terms, fitted in learn(case, base, self._motion[0]):
+            search.report(f"a push that depends on {terms[-1].variable}")
+            evidence = Evidence.of(case, [*search.fits.values(), fitted])
+            between = replace(search.between_impacts, held=fixed.held)
+            least = excess(case, fitted) < (1.0 - LEAST) * excess(case, before)
+            seems = least and evidence.is_better(fitted, before) and shows(between, fitted, base)
+            held = hold_out(fixed, fitted) if seems else None
+            if held is not None and is_supported(held, held_before, evidence.scale):
+                kept, before, held_before, doubted = (fixed, terms, fitted), fitted, held, False
+            elif doubted:
+                break
+            else:
+                doubted = True
+            if is_explained(case, fitted, base):
+                break
+        if kept is not None:
+            search.remember(before, held_before)
+        return kept
+
+    @functools.cached_property
+    def _motion(self) -> tuple[View | None, bool]:
+        """The motion as it was observed, of which what is learned is taken; and what `is_repeatable` says."""
+        seen = motion_seen(self.search.case, self.search.base)
+        if seen is None:
+            return None, False
+        return seen, any(seen.explains(one) > REPEATABLE for one in seen.likely((), 1))
 
 
 def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:

@@ -42,6 +42,20 @@ def test_more_parameters_and_more_choices_cost_more(parameters, choices):
     assert evidence.price(parameters, choices + 1) > evidence.price(parameters, choices)
 
 
+@given(st.floats(60.0, 1e5), st.integers(1, 6), st.floats(0.9, 1.1))
+def test_what_is_needed_is_what_is_worth_naming(rows, parameters, share):
+    """One yardstick for what is named, and for what could have been."""
+    evidence = Evidence(scale=1e-3, rows=rows, memory=1.0)
+    base = fitted([np.full((2000, 2), 2e-3)])
+    gain = share * evidence.needed(parameters)
+    least = (base.loss(1e-3) - gain) / 4000.0
+    # Half of a Student-t with four degrees of freedom, backwards.
+    residual = 1e-3 * np.sqrt(4.0 * np.expm1(least / 2.5))
+    one = fitted([np.full((2000, 2), residual)], ["lag"], parameters)
+    assert np.isclose(evidence.gain(one, base), gain, rtol=1e-6)
+    assert evidence.is_better(one, base) == (share > 1.0) or abs(share - 1.0) < 1e-3
+
+
 def test_what_fits_noise_no_better_is_not_worth_naming(plant):
     case = plant()
     evidence = Evidence(case.noise, 1500.0, 1.0)

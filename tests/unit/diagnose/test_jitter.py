@@ -20,15 +20,15 @@ def searched(case):
     return search
 
 
-def price(search):
-    return search.evidence().price(2, 1)
+def needed(search):
+    return search.evidence().needed(2)
 
 
 def test_delays_that_differ_are_sized(plant):
     case = plant([{"name": "delay_jitter", "sd_s": 0.1}], runs=8, rows=120)
     search = searched(case)
     mean = search.with_effect("delay")
-    told = kicks(case, mean, price(search))
+    told = kicks(case, mean, needed(search))
     assert told is not None
     size = spread(case, mean, told)
     assert 0.04 < size.value < 0.25
@@ -42,25 +42,6 @@ def test_delays_that_differ_have_to_leave_more_than_the_tracker_does(noises, bel
     assert matters(SimpleNamespace(noise=1e-3), SimpleNamespace(noise=noises * 1e-3)) is believed
 
 
-@pytest.mark.parametrize(("share", "is_asked"), [(0.5, False), (0.9, True)])
-@pytest.mark.parametrize("leaves_noise", [False, True])
-def test_what_repeats_is_asked_before_delays_that_differ_are_believed(
-    share, is_asked, leaves_noise, monkeypatch
-):
-    """A board that swings after its knobs was taken for them."""
-    seen = SimpleNamespace(likely=lambda terms, families: ["term"], explains=lambda term: share)
-    monkeypatch.setattr(run, "motion_seen", lambda case, base: seen)
-    monkeypatch.setattr(run, "is_explained", lambda case, one, base: leaves_noise)
-    learned = SimpleNamespace(terms=("term",), best=None)
-    asked = []
-    monkeypatch.setattr(run, "_learned", lambda search, best, report: asked.append(best) or learned)
-    jittering = SimpleNamespace(best=SimpleNamespace(effects=("delay",)))
-    search = SimpleNamespace(case=None, base=None)
-    told = run._repeatable(search, jittering, "best", lambda text: None)
-    assert bool(asked) == is_asked
-    assert told is (learned if is_asked and leaves_noise else jittering)
-
-
 def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
     case = plant(runs=6, rows=120)
     turned = []
@@ -72,7 +53,7 @@ def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
     mean = search.with_effect("delay")
     likeliest = Leftover(case, mean, longest=60).sources(0)[0]
     assert (likeliest.variable, likeliest.stage) == ("command", "camera")
-    assert kicks(case, mean, price(search)) is None
+    assert kicks(case, mean, needed(search)) is None
 
 
 @pytest.mark.parametrize(
@@ -89,7 +70,7 @@ def test_delays_that_differ_are_looked_for_beside_what_else_is_missing(plant, mo
     for names in (effects[:1], effects):
         search.keep(search.case.refine(names, neutral(search, names))[0])
     seen = []
-    monkeypatch.setattr(run, "kicks", lambda case, one, price: seen.append(one.effects))
+    monkeypatch.setattr(run, "kicks", lambda case, one, needed: seen.append(one.effects))
     assert run._jittering(search, search.fits[frozenset(effects)], lambda _: None) is None
     assert seen == asked
 

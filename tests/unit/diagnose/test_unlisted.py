@@ -9,7 +9,8 @@ from irt.catalogue import effect
 from irt.diagnose import unlisted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.latent import Leftover
-from irt.diagnose.unlisted import formula, learn, variables
+from irt.diagnose.search import Search
+from irt.diagnose.unlisted import Library, formula, learn, variables
 from irt.diagnose.view import likely_terms, motion_seen
 
 
@@ -62,7 +63,8 @@ def test_what_is_left_of_a_first_wave_is_learned_next(plant):
     first = {"push_1_x_m_per_s2": 0.01, "wave_1_x_per_m": 60.0, "phase_1_rad": 0.5}
     second = {"push_2_y_m_per_s2": 0.006, "wave_2_y_per_m": 100.0}
     case = plant([{"name": UNLISTED, **first, **second}], runs=6)
-    learned = learn(case, case.fit())
+    base = case.fit()
+    learned = learn(case, base, motion_seen(case, base))
     one, two = next(learned), next(learned)
     assert [len(terms) for _, terms, _ in (one, two)] == [1, 2]
     assert two[2].noise < 1.3 * case.noise < one[2].noise
@@ -124,7 +126,7 @@ def test_drag_is_a_power_of_the_speed(plant):
 def test_what_is_planted_is_learned_first_and_leaves_noise(plant, planted, family):
     case = plant([{"name": UNLISTED, **planted}], runs=6, rows=100)
     base = case.fit()
-    _, terms, fitted = next(learn(case, base))
+    _, terms, fitted = next(learn(case, base, motion_seen(case, base)))
     assert terms[0].family == family
     assert fitted.noise < 1.3 * case.noise < base.noise
 
@@ -138,7 +140,7 @@ def test_noise_teaches_nothing(plant, seed):
 def test_what_is_learned_simulates_and_leaves_noise(plant):
     case = plant([wave()], runs=6)
     base = case.fit()
-    fixed, _, fitted = next(learn(case, base))
+    fixed, _, fitted = next(learn(case, base, motion_seen(case, base)))
     assert fitted.noise < 1.3 * case.noise < base.noise
     values = fitted.value_of(UNLISTED)
     assert set(values) == {one.name for one in effect(UNLISTED).parameters}
@@ -189,6 +191,13 @@ def test_the_likeliest_source_of_a_wave_is_the_position(plant):
     repeatable = [one for one in sources if one.variable in {"position", "velocity", "command", "time"}]
     assert repeatable[0].variable == "position"
     assert repeatable[0].p_value == 0.01
+
+
+@pytest.mark.parametrize(("planted", "repeats"), [([wave()], True), ([], False)])
+def test_one_term_explains_the_motion_where_one_is_planted(plant, planted, repeats):
+    search = Search(plant(planted, runs=6), lambda _: None)
+    search.keep(search.case.fit())
+    assert Library(search).is_repeatable is repeats
 
 
 def test_noise_has_no_source(plant):

@@ -121,7 +121,7 @@ fn walk(
     random: &mut ChaCha8Rng,
 ) -> Result<()> {
     let points: Vec<Point> = live.iter().map(|walker| walker.point.clone()).collect();
-    let lines = shooting.linearise(&points, pace.look)?;
+    let lines = shooting.linearise(&points, pace.look, pace.held)?;
     let mut trials = Vec::new();
     let mut befores = Vec::new();
     for (walker, line) in live.iter().zip(&lines) {
@@ -175,7 +175,7 @@ pub(super) fn search_nearby(
 ) -> Result<Point> {
     for _ in 0..rounds {
         let line = shooting
-            .linearise(std::slice::from_ref(&point), Look::Both)?
+            .linearise(std::slice::from_ref(&point), Look::Both, false)?
             .remove(0);
         let scale = robust::scale(&line.residual, &shooting.windows.known).max(noise);
         let normal = Normal::new(

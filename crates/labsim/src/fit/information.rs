@@ -111,7 +111,7 @@ struct Solved {
 /// Linearises the residuals at a solution; they count with their own scale where `noise` is smaller.
 pub(super) fn inform(shooting: &Shooting<'_>, point: &Point, noise: f64) -> Result<Information> {
     let line = shooting
-        .linearise(std::slice::from_ref(point), Look::Careful)?
+        .linearise(std::slice::from_ref(point), Look::Careful, false)?
         .remove(0);
     let (widths, count) = (shooting.coordinates.widths(), point.z.len());
     let derivative = shooting.coordinates.derivative(&point.z);

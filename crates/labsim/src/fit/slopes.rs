@@ -16,7 +16,8 @@ const AGREEMENT: f64 = 0.1;
 const AGREEMENT_FLOOR: f64 = 0.01;
 
 /// Residuals at a point and their slopes, a column of all residuals for each coordinate and for each
-/// component of the start states; a window's state moves its own residuals only.
+/// component of the start states; a window's state moves its own residuals only. Where coordinates are
+/// held there are no columns for them.
 #[derive(Debug, Clone)]
 pub(super) struct Linearisation {
     /// Predicted minus observed (board edges); zero where nothing was seen.
@@ -49,11 +50,18 @@ enum Column {
 }
 
 impl Shooting<'_> {
-    /// Residuals and slopes at each point.
-    pub(super) fn linearise(&self, points: &[Point], look: Look) -> Result<Vec<Linearisation>> {
-        let mut lines = self.slopes(points, look, 1.0)?;
+    /// Residuals and slopes at each point; where `held`, slopes by start states alone.
+    pub(super) fn linearise(
+        &self,
+        points: &[Point],
+        look: Look,
+        held: bool,
+    ) -> Result<Vec<Linearisation>> {
+        let columns = self.columns(look, held);
+        let mut lines = self.slopes(points, look, &columns, 1.0)?;
         if look == Look::Careful {
-            for (line, fine) in lines.iter_mut().zip(self.slopes(points, look, FINE)?) {
+            let fine = self.slopes(points, look, &columns, FINE)?;
+            for (line, fine) in lines.iter_mut().zip(fine) {
                 for (slope, fine) in line.by_z.iter_mut().zip(fine.by_z) {
                     believe_gentler(slope, &fine);
                 }
@@ -90,8 +98,13 @@ impl Shooting<'_> {
     /// rounded to another number would jump. But then a change of the time scale also changes how long an
     /// update is, and what impacts do depends on that a little; so this column is taken a second time,
     /// with one update more or less of equal length.
-    fn slopes(&self, points: &[Point], look: Look, fineness: f64) -> Result<Vec<Linearisation>> {
-        let columns = self.columns(look);
+    fn slopes(
+        &self,
+        points: &[Point],
+        look: Look,
+        columns: &[Column],
+        fineness: f64,
+    ) -> Result<Vec<Linearisation>> {
         let sides: &[f64] = if look == Look::Quick {
             &[1.0]
         } else {
@@ -103,7 +116,7 @@ impl Shooting<'_> {
             let centre = self.trial(&point.z, &point.states, None);
             let z = self.coordinates.clip(&point.z);
             for side in sides {
-                for &column in &columns {
+                for &column in columns {
                     let (trial, step) =
                         self.moved(&centre, &z, column, side * fineness, look == Look::Quick);
                     trials.push(trial);
@@ -134,16 +147,19 @@ impl Shooting<'_> {
                 .collect();
             let (ahead, behind) = sided.split_at(columns.len());
             let slopes = (0..columns.len()).map(|i| agreed(&ahead[i], behind.get(i)));
-            sorted(&columns, slopes.collect(), residual)
+            sorted(columns, slopes.collect(), residual)
         };
         Ok(points.iter().map(line).collect())
     }
 
-    fn columns(&self, look: Look) -> Vec<Column> {
+    fn columns(&self, look: Look, held: bool) -> Vec<Column> {
+        let states = (0..self.windows.components()).map(Column::State);
+        if held {
+            return states.collect();
+        }
         let time = self.coordinates.find(TIME);
         let twice = time.filter(|_| look != Look::Quick);
         let along = (0..self.coordinates.len()).map(Column::Along);
-        let states = (0..self.windows.components()).map(Column::State);
         along
             .chain(twice.map(Column::Updates))
             .chain(states)

@@ -1,0 +1,96 @@
+"""In which order one effect, several, what can be learned, and delays that differ are asked."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from irt.diagnose import run
+from irt.diagnose.search import MOST_EFFECTS
+
+
+class Scripted:
+    """A search in which only hypotheses of some numbers of effects leave noise."""
+
+    def __init__(self, enough):
+        self.case, self.base, self.enough, self.asked = None, None, enough, []
+
+    def singles(self):
+        return SimpleNamespace(effects=("delay",))
+
+    def larger(self, best, size):
+        self.asked.append(size)
+        return best if self.is_done(best) else SimpleNamespace(effects=("delay",) * size)
+
+    def pruned(self, best):
+        return best
+
+    def with_partners(self, best):
+        return best
+
+    def is_explained_between(self, best):
+        return False
+
+    def is_done(self, one):
+        return one.effects == ("unlisted",) or len(one.effects) >= self.enough
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """Search by a script, and return the effects of the answer, and what was asked for."""
+
+    def of(*, enough, repeats, most_left=False, learns=True, jitters=False):
+        search = Scripted(enough)
+        learned = (None, ("term",), SimpleNamespace(effects=("unlisted",))) if learns else None
+
+        def beyond(best):
+            search.asked.append("library")
+            return learned
+
+        def jittering(search, best, report):
+            search.asked.append("jitter")
+            return run._Answer(None, SimpleNamespace(effects=("jitter",))) if jitters else None
+
+        library = SimpleNamespace(search=search, is_repeatable=repeats, beyond=beyond)
+        monkeypatch.setattr(run, "Library", lambda search: library)
+        monkeypatch.setattr(run, "_jittering", jittering)
+        monkeypatch.setattr(run, "is_most_left", lambda case, one, base: most_left)
+        monkeypatch.setattr(run, "is_explained", lambda case, one, base: search.is_done(one))
+        return run._searched(search, lambda text: None).best.effects, search.asked
+
+    return of
+
+
+def test_one_effect_that_leaves_noise_ends_the_search(searched):
+    assert searched(enough=1, repeats=True) == (("delay",), [])
+
+
+def test_what_has_names_is_not_learned(searched):
+    effects, asked = searched(enough=2, repeats=True)
+    assert len(effects) == 2
+    assert "library" not in asked
+
+
+@pytest.mark.parametrize(("repeats", "most_left"), [(True, False), (False, True)])
+def test_what_one_term_explains_or_two_effects_leave_is_learned_before_others_are_asked(
+    searched, repeats, most_left
+):
+    told = searched(enough=3, repeats=repeats, most_left=most_left, jitters=True)
+    assert told == (("unlisted",), [2, "library"])
+
+
+@pytest.mark.parametrize("repeats", [False, True])
+def test_three_effects_are_asked_where_nothing_can_be_learned(searched, repeats):
+    effects, asked = searched(enough=MOST_EFFECTS, repeats=repeats, learns=False)
+    assert len(effects) == MOST_EFFECTS
+    assert asked.count("library") == 1 + repeats
+
+
+@pytest.mark.parametrize("repeats", [False, True])
+def test_delays_that_differ_are_told_where_nothing_that_repeats_leaves_noise(searched, repeats):
+    effects, asked = searched(enough=9, repeats=repeats, learns=False, jitters=True)
+    assert effects == ("jitter",)
+    assert asked[-1] == ("library" if repeats else "jitter")
+
+
+def test_what_can_be_learned_comes_last(searched):
+    assert searched(enough=9, repeats=False) == (("unlisted",), [2, 3, "jitter", "library"])
