@@ -7,7 +7,6 @@ import numpy as np
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.latent import JITTER, Leftover
 from irt.model import Parameter
-from irt.rollouts import GRAVITY
 
 #: By so many nats a differing delay must explain the leftover better than any other variable.
 CLEAR = 3.0
@@ -30,7 +29,7 @@ def kicks(case: Case, mean: Fitted, needed: float) -> Leftover | None:
     told: Leftover | None = None
     for longest in STRETCHES:
         leftover = Leftover(case, mean, longest=longest)
-        sources = leftover.sources(case.seed)
+        sources = leftover.sources(case.seed, nulls=0)
         gain = max((one.gain for one in sources if one.variable == JITTER), default=0.0)
         if any(one.gain > gain + REPEATS for one in sources if one.repeats):
             return None
@@ -47,10 +46,6 @@ def matters(case: Case, mean: Fitted) -> bool:
 
 def spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:
     """Return the standard deviation of delays that differ [s], with its 95 % interval."""
-    push, low, high = leftover.size_of_jitter()
     row_s = case.row_s(mean)
-    gear = float(np.mean(np.abs(mean.values[:2])))
-    # A command that comes late by one row leaves out the push of one row.
-    a_row = 5.0 / 7.0 * GRAVITY * gear * leftover.turned * row_s**2 / case.edge_m(mean)
-    size, low, high = (row_s * one / a_row for one in (push, low, high))
+    size, low, high = (row_s * one for one in leftover.size_of_jitter())
     return Parameter(size, low, high)

@@ -9,20 +9,29 @@ al. 2009). Neither noisy positions nor their differences are ever differentiated
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import block_diag, cholesky, solve_triangular
 
 from irt.diagnose.case import Case, Fitted
+from irt.diagnose.colour import seeming
 from irt.diagnose.stretches import LONGEST, SHORTEST, integrator, stretches
 
 Array = NDArray[np.float64]
 
 #: Variances of the push tried, by the displacement that they make over that of the tracker's noise.
 _SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
+#: What a tracker's noise carries on from row to row, tried.
+_CARRIED = (0.0, 0.3, 0.6)
+#: Standard deviations of differing delays tried [rows], and how late commands are in units of these, with
+#: weights: Gauss and Hermite's points of a normal variable.
+_SPREADS = (0.03, 0.1, 0.3, 1.0, 3.0)
+_LATE, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
+_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 #: The 95 % point of a chi-squared variable of one degree of freedom.
 _CHI_SQUARED = 3.84
 #: Simulated nulls.
@@ -123,67 +132,100 @@ class Leftover:
         """Return observed minus predicted for a coordinate, (n,) [board edges]."""
         return np.asarray(self._residual[:, axis])
 
-    def sources(self, seed: int) -> list[Source]:
-        """Compare the variables that the leftover may depend on, the likeliest first."""
+    def sources(self, seed: int, *, nulls: int = NULLS) -> list[Source]:
+        """Compare the variables that the leftover may depend on, the likeliest first.
+
+        Each with noise that carries on from row to row as suits it best: coloured noise drifts, as a marble
+        does that is pushed, and the recordings alone let it seem smaller than it is.
+        """
         if self.count < 4 * SHORTEST:
             return []
         random = np.random.default_rng(seed)
-        nulls = self._noise * random.standard_normal((self.count, NULLS))
-        plain = [
-            _restricted(
-                self._noise**2 * np.eye(self.count),
-                self._fixed[axis],
-                np.column_stack([self.residual(axis), nulls]),
-            )
-            for axis in (0, 1)
-        ]
+        drawn = self._noise * random.standard_normal((2, self.count, nulls))
+        data = [np.column_stack([self.residual(axis), drawn[axis]]) for axis in (0, 1)]
+        noises = [self._coloured(share) for share in _CARRIED]
+        plain = np.max([self._likelihood([noise, noise], data) for noise in noises], axis=0)
         told = [
-            (name, stage, *self._of(kernel, stage, nulls, plain)) for name, stage, kernel in self._kernels()
+            (name, stage, *self._of(kernel, stage, data, noises)) for name, stage, kernel in self._kernels()
         ]
-        highest = np.max([null for *_, null, _ in told], axis=0)
+        told.append((JITTER, "command", *self._of_jitter(data)))
+        gains = [np.maximum(likelihood - plain, 0.0) for _, _, likelihood, _ in told]
+        highest = np.max([gain[1:] for gain in gains], axis=0)
         best: dict[str, Source] = {}
-        for name, stage, gain, _, push in told:
-            p_value = float((1 + (highest >= gain).sum()) / (1 + NULLS))
-            source = Source(name, stage, gain, p_value, push)
-            if name not in best or gain > best[name].gain:
+        for (name, stage, _, push), gain in zip(told, gains, strict=True):
+            p_value = float((1 + (highest >= gain[0]).sum()) / (1 + nulls))
+            source = Source(name, stage, float(gain[0]), p_value, push if gain[0] > 0.0 else 0.0)
+            if name not in best or source.gain > best[name].gain:
                 best[name] = source
         return sorted(best.values(), key=lambda one: -one.gain)
 
-    @property
-    def turned(self) -> float:
-        """Root mean square of the changes of the commands [rad]."""
-        return max(float(np.sqrt((self.rows.turn**2).mean())), 1e-9)
+    def _coloured(self, share: float) -> Array:
+        """Return the covariance (n, n) of a coordinate's noise, which carries on a share from row to row."""
+        apart = np.abs(self.rows.time[:, None] - self.rows.time)
+        same = self.rows.stretch[:, None] == self.rows.stretch
+        return np.asarray(np.where(same, share**apart, 0.0) * (seeming(share) * self._noise) ** 2)
+
+    def _likelihood(self, covariances: Sequence[Array], data: Sequence[Array]) -> Array:
+        """Return the log restricted likelihood of (n, k) data of both axes, (k,)."""
+        x, y = (
+            _restricted(covariance, fixed, one)
+            for covariance, fixed, one in zip(covariances, self._fixed, data, strict=True)
+        )
+        return np.asarray(x + y)
 
     def size_of_jitter(self) -> tuple[float, float, float]:
-        """Return the push that differing delays make, root mean square [board edges a row squared].
+        """Return the standard deviation of delays that differ [rows].
 
         And the ends of its 95 % interval, where the likelihood has fallen by what chi-squared allows.
         """
-        moved = [
-            self.moved(self.moved(np.diag(self.rows.arriving[:, 1 - axis] / self.turned**2)).T)
-            for axis in (0, 1)
-        ]
+        fixed, data = block_diag(*self._fixed), np.concatenate([self.residual(0), self.residual(1)])
 
-        def likelihood(push: float) -> float:
-            gain = 0.0
-            for axis in (0, 1):
-                covariance = push**2 * moved[axis] + self._noise**2 * np.eye(self.count)
-                gain += float(_restricted(covariance, self._fixed[axis], self.residual(axis)[:, None])[0])
-            return gain
+        def likelihood(spread: float, share: float) -> float:
+            return float(_restricted(self._jittered(spread, share), fixed, data[:, None])[0])
 
-        coarse = np.logspace(-6.0, -1.0, 26)
-        likeliest = coarse[np.argmax([likelihood(push) for push in coarse])]
-        pushes = likeliest * np.logspace(-0.3, 0.3, 41)
-        gains = np.array([likelihood(push) for push in pushes])
-        inside = pushes[gains > gains.max() - 0.5 * _CHI_SQUARED]
-        return float(pushes[gains.argmax()]), float(inside.min()), float(inside.max())
+        tried = list(product(np.logspace(-2.5, 1.0, 11), _CARRIED))
+        likeliest, share = tried[int(np.argmax([likelihood(*one) for one in tried]))]
+        spreads = likeliest * np.logspace(-0.35, 0.35, 25)
+        gains = np.array([likelihood(spread, share) for spread in spreads])
+        inside = spreads[gains > gains.max() - 0.5 * _CHI_SQUARED]
+        return float(spreads[gains.argmax()]), float(inside.min()), float(inside.max())
+
+    def _jittered(self, spread: float, share: float) -> Array:
+        """Return the covariance (2n, 2n) of all rows of x and then y, if delays differ by so many rows.
+
+        A command that comes late does so for both axes, and pushes the marble along its own change. Noise
+        carries on a share from row to row.
+        """
+        noise = self._coloured(share)
+        covariance = block_diag(noise, noise)
+        first = 0
+        for one in self.rows.arrivals:
+            own = np.flatnonzero(self.rows.stretch == self.rows.stretch[first])
+            time, both = self.rows.time[own], np.concatenate([own, own + self.count])
+            moved = [
+                np.sqrt(weight) * one.moved(time, late).transpose(2, 0, 1).reshape(len(both), -1)
+                for late, weight in zip(spread * _LATE, _WEIGHTS, strict=True)
+            ]
+            columns = np.concatenate(moved, axis=1)
+            covariance[np.ix_(both, both)] += columns @ columns.T
+            first += len(own)
+        return np.asarray(covariance)
+
+    def _of_jitter(self, data: Sequence[Array]) -> tuple[Array, float]:
+        """Return what `_of` does of delays that differ from command to command."""
+        fixed, both = block_diag(*self._fixed), np.concatenate(data)
+        tried = list(product(_SPREADS, _CARRIED))
+        told = np.array([_restricted(self._jittered(*one), fixed, both) for one in tried])
+        spread, _ = tried[int(told[:, 0].argmax())]
+        pushes = np.concatenate([one.push for one in self.rows.arrivals])
+        return told.max(axis=0), spread * float(np.sqrt((pushes**2).mean()))
 
     def _kernels(self) -> list[tuple[str, str, Callable[[int], Array]]]:
         """Return variable, stage, and covariance (n, n) of unit size for each coordinate."""
         rows = self.rows
         speed = max(float(np.sqrt((rows.velocity**2).mean())), 1e-9)
         angle = max(float(np.sqrt((rows.knobs**2).mean())), 1e-9)
-        turned = self.turned
+        turned = max(float(np.sqrt((rows.turn**2).mean())), 1e-9)
         same = rows.run[:, None] == rows.run
 
         def alike(values: Array, length: float) -> Callable[[int], Array]:
@@ -197,8 +239,6 @@ class Leftover:
             ("command rate", "command", alike(rows.turn / turned, 0.7)),
             *(("time", "force", alike(rows.time[:, None], length)) for length in (4.0, 15.0, 60.0)),
         ]
-        # Commands of x turn the board about x: they push along y.
-        found.append((JITTER, "command", lambda axis: np.diag(rows.arriving[:, 1 - axis] / turned**2)))
         found.append(("each row anew", "force", lambda _: np.eye(self.count)))
         found.append(
             ("each run anew", "force", lambda _: _squared_exponential(rows.time[:, None], 5.0) * same)
@@ -211,33 +251,30 @@ class Leftover:
         return found
 
     def _of(
-        self, kernel: Callable[[int], Array], stage: str, nulls: Array, plain: list[Array]
-    ) -> tuple[float, Array, float]:
-        """Return gain over noise alone, the same of nulls, and the size of the push.
+        self, kernel: Callable[[int], Array], stage: str, data: Sequence[Array], noises: Sequence[Array]
+    ) -> tuple[Array, float]:
+        """Return the largest likelihoods (k,) of data (n, k) of both axes, and the push in the first.
 
-        Of noise alone `plain` is the likelihood, for each axis.
+        Over sizes of the kernel and over covariances (n, n) of the noise.
         """
-        gains, of_nulls = np.zeros(len(_SIZES) + 1), np.zeros((len(_SIZES) + 1, nulls.shape[1]))
-        units = []
+        moved, scales, units = [], [], []
         for axis in (0, 1):
             unit = kernel(axis)
-            moved = unit if stage == "camera" else self.moved(self.moved(unit).T)
-            scale = self._noise**2 / max(float(np.mean(np.diag(moved))), 1e-300)
-            units.append(scale * float(np.mean(np.diag(unit))))
-            data = np.column_stack([self.residual(axis), nulls])
-            for index, size in enumerate(_SIZES, start=1):
-                covariance = size * scale * moved + self._noise**2 * np.eye(self.count)
-                told = _restricted(covariance, self._fixed[axis], data) - plain[axis]
-                gains[index] += told[0]
-                of_nulls[index] += told[1:]
-        best = int(gains.argmax())
-        push = float(np.sqrt(np.mean(units) * _SIZES[best - 1])) if best else 0.0
-        return float(gains[best]), of_nulls.max(axis=0), push
+            one = unit if stage == "camera" else self.moved(self.moved(unit).T)
+            scales.append(self._noise**2 / max(float(np.mean(np.diag(one))), 1e-300))
+            units.append(scales[axis] * float(np.mean(np.diag(unit))))
+            moved.append(scales[axis] * one)
+        tried = list(product(_SIZES, noises))
+        told = np.array(
+            [self._likelihood([size * one + noise for one in moved], data) for size, noise in tried]
+        )
+        size, _ = tried[int(told[:, 0].argmax())]
+        return told.max(axis=0), float(np.sqrt(np.mean(units) * size))
 
 
 def _restricted(covariance: Array, fixed: Array, data: Array) -> Array:
     """Return the log restricted likelihood of (n, k) data, up to a constant, (k,)."""
-    lower = cholesky(covariance, lower=True, check_finite=False, overwrite_a=True)
+    lower = cholesky(covariance, lower=True, check_finite=False)
     both = solve_triangular(lower, np.column_stack([fixed, data]), lower=True, check_finite=False)
     of_fixed, of_data = both[:, : fixed.shape[1]], both[:, fixed.shape[1] :]
     basis, triangle = np.linalg.qr(of_fixed)

@@ -217,20 +217,28 @@ def _searched(search: Search, report: Report) -> _Answer:
     library = Library(search)
     best = search.larger(best, 2)
     left = not (search.is_done(best) or search.is_explained_between(best))
-    if left and (library.is_repeatable or is_most_left(search.case, best, search.base)):
-        learned = _learned(library, best, report)
-        if search.is_done(learned.best):
-            return learned
+    if left and (library.is_repeatable or is_most_left(case, best, search.base)):
+        answer = _by_chance(search, library, best, report) or _learned(library, best, report)
+        if answer.spread is not None or search.is_done(answer.best):
+            return answer
     best = search.pruned(search.larger(best, MOST_EFFECTS))
     if not _is_all(search, best):
-        jittering = _jittering(search, best, report)
-        if jittering is not None:
-            learned = _learned(library, best, report) if library.is_repeatable else jittering
-            return learned if learned.terms and is_explained(case, learned.best, search.base) else jittering
+        by_chance = _by_chance(search, library, best, report)
+        if by_chance is not None:
+            return by_chance
         best = search.with_partners(best)
     if len(best.effects) < MANY and (search.is_done(best) or search.is_explained_between(best)):
         return _Answer(case, best)
     return _learned(library, best, report)
+
+
+def _by_chance(search: Search, library: Library, best: Fitted, report: Report) -> _Answer | None:
+    """Choose delays that differ, or what one term explains and leaves noise where they seem to."""
+    jittering = _jittering(search, best, report)
+    if jittering is None or not library.is_repeatable:
+        return jittering
+    learned = _learned(library, best, report)
+    return learned if search.is_done(learned.best) else jittering
 
 
 def _learned(library: Library, best: Fitted, report: Report) -> _Answer:

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.screen import EARLIER, Screen, Window
+from irt.rig import PARAMETERS
+from irt.rollouts import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -18,10 +20,37 @@ LONGEST, SHORTEST = 24, 10
 FREE = 0.012
 #: Speed a row below which the marble may be at rest, and misses beyond which a prediction is lost [noise].
 SLOW, ASTRAY = 1.0, 50.0
+#: Commands that arrive so many rows before a stretch or after it may, by chance, arrive in it.
+_EARLY = 3.0
 #: Rows to either side through which observed paths are smoothed.
 _SMOOTH = 3
-#: How far apart commands arrive that differ in delay [rows].
-_SPREAD = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Arrivals:
+    """Changes of the commands, c of them.
+
+    Attributes
+    ----------
+    at : (c,) array
+        When they arrive on average [rows of the recording].
+    push : (c, 2) array
+        By how much they change the push on the marble [board edges a row squared].
+    """
+
+    at: Array
+    push: Array
+
+    def between(self, first: float, last: float) -> Arrivals:
+        """Return those that may arrive between two rows."""
+        own = (self.at > first - _EARLY) & (self.at < last + _EARLY)
+        return Arrivals(self.at[own], self.push[own])
+
+    def moved(self, time: Array, late: float) -> Array:
+        """Return how far each, so many rows later than on average, moves a marble in (m,) rows, (m, c, 2)."""
+        since = time[:, None] - self.at
+        moved = 0.5 * (np.maximum(since - late, 0.0) ** 2 - np.maximum(since, 0.0) ** 2)
+        return np.asarray(moved[:, :, None] * self.push)
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +65,8 @@ class Rows:
         How it moves [board edges a row].
     knobs, turn : (n, 2) arrays
         The command that holds [rad], and by how much it differs from the one before.
-    arriving : (n, 2) array
-        Mean square of the changes of the commands that may arrive in a row [rad squared].
+    arrivals : tuple of Arrivals
+        The commands that arrive in each stretch.
     time : (n,) array
         Row of the recording.
     run : (n,) int array
@@ -50,7 +79,7 @@ class Rows:
     velocity: Array
     knobs: Array
     turn: Array
-    arriving: Array
+    arrivals: tuple[Arrivals, ...]
     time: Array
     run: NDArray[np.int64]
     stretch: NDArray[np.int64]
@@ -74,7 +103,7 @@ def stretches(
 
     Of more rows than `most` whole stretches are taken, spread over the recordings.
     """
-    reach, late = case.model(fitted).reach, lateness(case, fitted)
+    reach, late = case.model(fitted).reach, _Lateness.of(case, fitted)
     screen = Screen(case, fitted, longest)
     pieces: list[_Piece] = []
     windows = screen.windows()
@@ -94,14 +123,14 @@ def stretches(
             pieces.append(piece.cut(first, stop))
     if not pieces:
         empty, none = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
-        return Rows(empty, empty, empty, empty, empty, np.zeros(0), none, none), empty, []
+        return Rows(empty, empty, empty, empty, (), np.zeros(0), none, none), empty, []
     lengths = [len(piece.place) for piece in pieces]
     rows = Rows(
         place=np.concatenate([piece.place for piece in pieces]),
         velocity=np.concatenate([piece.velocity for piece in pieces]),
         knobs=np.concatenate([piece.knobs for piece in pieces]),
         turn=np.concatenate([piece.turn for piece in pieces]),
-        arriving=np.concatenate([piece.arriving for piece in pieces]),
+        arrivals=tuple(piece.arrivals for piece in pieces),
         time=np.concatenate([piece.time for piece in pieces]),
         run=np.repeat([piece.run for piece in pieces], lengths),
         stretch=np.repeat(np.arange(len(pieces)), lengths),
@@ -121,27 +150,28 @@ class _Piece:
     velocity: Array
     knobs: Array
     turn: Array
-    arriving: Array
+    arrivals: Arrivals
     time: Array
     residual: Array
     fixed: Array
 
     def cut(self, first: int, stop: int) -> _Piece:
         own = slice(first, stop)
+        time = self.time[own]
         return _Piece(
             self.run,
             self.place[own],
             self.velocity[own],
             self.knobs[own],
             self.turn[own],
-            self.arriving[own],
-            self.time[own],
+            self.arrivals.between(time[0], time[-1]),
+            time,
             self.residual[own],
             self.fixed[:, own],
         )
 
 
-def _predicted(window: Window, late: float) -> _Piece:
+def _predicted(window: Window, late: _Lateness) -> _Piece:
     """Return a window as the hypothesis predicts it: where that is near, the best view."""
     return _Piece(
         run=window.run,
@@ -149,14 +179,14 @@ def _predicted(window: Window, late: float) -> _Piece:
         velocity=np.gradient(window.place, axis=0),
         knobs=window.knobs,
         turn=window.turn,
-        arriving=_arriving(window, late),
+        arrivals=late.arrivals(window),
         time=window.first + np.arange(len(window.place), dtype=np.float64),
         residual=window.residual,
         fixed=window.of_base,
     )
 
 
-def _observed(window: Window, late: float, noise: float) -> _Piece:
+def _observed(window: Window, late: _Lateness, noise: float) -> _Piece:
     """Return a window as it was observed, whatever the base model makes of it.
 
     The motion itself is the residual: gears and rolling friction are among what else could move the marble.
@@ -172,7 +202,7 @@ def _observed(window: Window, late: float, noise: float) -> _Piece:
         velocity=velocity,
         knobs=window.knobs,
         turn=window.turn,
-        arriving=_arriving(window, late),
+        arrivals=late.arrivals(window),
         time=window.first + np.arange(len(path), dtype=np.float64),
         residual=seen,
         # A turn about y pushes along x, a turn about x along y.
@@ -180,17 +210,35 @@ def _observed(window: Window, late: float, noise: float) -> _Piece:
     )
 
 
-def lateness(case: Case, fitted: Fitted) -> float:
-    """Return how late the commands of a hypothesis arrive on average [rows]."""
-    found = fitted.of_effects()
-    seconds = sum(found.get(name, 0.0) for name in ("delay.delay_s", "latency.latency_s"))
-    return seconds / case.row_s(fitted)
+@dataclass(frozen=True, eq=False)
+class _Lateness:
+    """When the commands of a hypothesis arrive, and what they do.
 
+    Attributes
+    ----------
+    rows : float
+        How late they arrive on average.
+    pull : (2,) array
+        Push along x of a turn of the y knob, and along y of one of the x knob [board edges a row squared].
+    """
 
-def _arriving(window: Window, late: float) -> Array:
-    """Return the mean square of the changes of the commands that may arrive in each row, (n, 2)."""
-    weights = np.exp(-0.5 * ((np.arange(EARLIER) - late) / _SPREAD) ** 2)
-    return np.asarray(np.einsum("k,nka->na", weights / weights.sum(), window.turned**2))
+    rows: float
+    pull: Array
+
+    @classmethod
+    def of(cls, case: Case, fitted: Fitted) -> _Lateness:
+        row_s, told = case.row_s(fitted), fitted.of_effects()
+        seconds = sum(told.get(name, 0.0) for name in ("delay.delay_s", "latency.latency_s"))
+        gear_x, gear_y = (fitted.values[PARAMETERS.index(name)] for name in ("gear_x", "gear_y"))
+        # A turn about y pushes along x, a turn about x against y.
+        pull = 5.0 / 7.0 * GRAVITY * row_s**2 / case.edge_m(fitted) * np.array([gear_y, -gear_x])
+        return cls(seconds / row_s, pull)
+
+    def arrivals(self, window: Window) -> Arrivals:
+        """Return the changes of the commands of a window, and of those before it."""
+        changes = np.concatenate([window.turned[0, :0:-1], window.turned[:, 0]])
+        at = np.asarray(window.first + np.arange(len(changes)) - (EARLIER - 1) + self.rows)
+        return Arrivals(at, self.pull * changes[:, ::-1])
 
 
 def _smoothed(seen: Array) -> tuple[Array, Array]:

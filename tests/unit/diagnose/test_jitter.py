@@ -12,6 +12,8 @@ from irt.diagnose.case import Case
 from irt.diagnose.jitter import kicks, matters, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.search import Search
+from irt.diagnose.stretches import stretches
+from irt.rollouts import rollouts
 
 
 def searched(case):
@@ -34,6 +36,31 @@ def test_delays_that_differ_are_sized(plant):
     assert 0.04 < size.value < 0.25
     assert size.low < size.value < size.high
     assert matters(case, mean)
+
+
+@pytest.mark.parametrize("late", [-1, 1, 2])
+def test_a_late_command_moves_the_marble_as_the_engine_says(plant, late):
+    case = plant(runs=1)
+    (run,) = case.rig.recordings
+    values = [0.06, 0.05, 1e-6, 15.0, 1.03]
+    fitted = replace(case.fit(), values=np.array(values), noise=1e-3)
+    rows, _, _ = stretches(case, fitted, 24, weak=False, most=400)
+    time, arrivals = rows.time[rows.stretch == 0], rows.arrivals[0]
+    moved = arrivals.moved(time, late)
+    checked = 0
+    for column, row in enumerate(arrivals.at.round().astype(int)):
+        if row < 3 or row + late >= len(run.knobs):
+            continue
+        # The step of this row alone comes sooner or later.
+        steps = np.diff(run.knobs, axis=0, prepend=0.0)
+        steps[row + late] += steps[row]
+        steps[row] = 0.0
+        both = rollouts([values] * 2, [run.knobs, steps.cumsum(axis=0)], start=run.marble[0])
+        expected = (both[1] - both[0])[time.astype(int)]
+        within = 0.05 * abs(late) * np.abs(arrivals.push[column]).max()
+        np.testing.assert_allclose(moved[:, column], expected, atol=within)
+        checked += 1
+    assert checked > 10
 
 
 @pytest.mark.parametrize(("noises", "believed"), [(1.1, False), (1.4, True)])

@@ -48,7 +48,7 @@ def searched(monkeypatch):
 
         def jittering(search, best, report):
             search.asked.append("jitter")
-            return run._Answer(None, SimpleNamespace(effects=("jitter",))) if jitters else None
+            return run._Answer(None, SimpleNamespace(effects=("jitter",)), "spread") if jitters else None
 
         library = SimpleNamespace(search=search, is_repeatable=repeats, beyond=beyond)
         monkeypatch.setattr(run, "Library", lambda search: library)
@@ -70,12 +70,15 @@ def test_what_has_names_is_not_learned(searched):
     assert "library" not in asked
 
 
-@pytest.mark.parametrize(("repeats", "most_left"), [(True, False), (False, True)])
-def test_what_one_term_explains_or_two_effects_leave_is_learned_before_others_are_asked(
-    searched, repeats, most_left
-):
-    told = searched(enough=3, repeats=repeats, most_left=most_left, jitters=True)
-    assert told == (("unlisted",), [2, "library"])
+def test_what_one_term_explains_is_learned_before_chance_is_believed(searched):
+    assert searched(enough=3, repeats=True, jitters=True) == (("unlisted",), [2, "jitter", "library"])
+
+
+@pytest.mark.parametrize(("jitters", "told"), [(True, "jitter"), (False, "unlisted")])
+def test_where_two_effects_leave_most_chance_and_then_the_library_are_asked(searched, jitters, told):
+    effects, asked = searched(enough=3, repeats=False, most_left=True, jitters=jitters)
+    assert effects == (told,)
+    assert asked == ([2, "jitter"] if jitters else [2, "jitter", "library"])
 
 
 @pytest.mark.parametrize("repeats", [False, True])
@@ -85,11 +88,10 @@ def test_three_effects_are_asked_where_nothing_can_be_learned(searched, repeats)
     assert asked.count("library") == 1 + repeats
 
 
-@pytest.mark.parametrize("repeats", [False, True])
-def test_delays_that_differ_are_told_where_nothing_that_repeats_leaves_noise(searched, repeats):
-    effects, asked = searched(enough=9, repeats=repeats, learns=False, jitters=True)
+def test_delays_that_differ_are_told_where_nothing_that_repeats_leaves_noise(searched):
+    effects, asked = searched(enough=9, repeats=True, learns=False, jitters=True)
     assert effects == ("jitter",)
-    assert asked[-1] == ("library" if repeats else "jitter")
+    assert asked == [2, "jitter", "library"]
 
 
 def test_what_can_be_learned_comes_last(searched):
