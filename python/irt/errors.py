@@ -6,6 +6,9 @@ import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
+#: Of more names that are possible only the first so many are listed: the catalogue's effects all are.
+MOST_LISTED = 40
+
 
 class IrtError(ValueError):
     """A file, a value or a name is not as it must be.
@@ -42,4 +45,6 @@ def unknown_name(kind: str, name: str, possible: Iterable[str]) -> IrtError:
     names = list(possible)
     near = difflib.get_close_matches(name, names, n=1)
     hint = f'; did you mean "{near[0]}"?' if near else ";"
-    return IrtError(f'unknown {kind} "{name}"{hint} possible: {", ".join(names) if names else "none"}')
+    listed = ", ".join(names[:MOST_LISTED]) if names else "none"
+    more = f", and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+    return IrtError(f'unknown {kind} "{name}"{hint} possible: {listed}{more}')

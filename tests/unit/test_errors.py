@@ -36,3 +36,8 @@ def test_unknown_name_suggests_the_nearest() -> None:
 def test_unknown_name_without_a_near_one_lists_what_is_possible() -> None:
     assert str(unknown_name("effect", "zzz", ["delay"])) == 'unknown effect "zzz"; possible: delay'
     assert str(unknown_name("effect", "zzz", [])) == 'unknown effect "zzz"; possible: none'
+
+
+def test_of_very_many_names_the_first_are_listed() -> None:
+    told = str(unknown_name("parameter", "zzz", [f"name_{i}" for i in range(60)]))
+    assert told.endswith("name_39, and 20 more")
