@@ -16,6 +16,7 @@ from irt.diagnose.clock import without_clock
 from irt.diagnose.diagnosis import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
 from irt.diagnose.evidence import Evidence, is_explained, is_lost
 from irt.diagnose.heldout import HeldOut
+from irt.diagnose.jitter import with_clock
 from irt.diagnose.power import power
 from irt.diagnose.resampled import with_scatter
 from irt.diagnose.rivals import reason
@@ -140,11 +141,14 @@ class Found:
     def _jitter(self, mean: NamedEffect) -> NamedEffect:
         """Return delays that differ: their spread beside the mean, which alone is in the model."""
         assert self._spread is not None
+        spread = self._spread
+        if self._case.time_scale is None:
+            spread = with_clock(spread, self._parameters["time_scale"])
         return replace(
             mean,
             name="delay_jitter",
             stage=effect("delay_jitter").stage,
-            parameters={"sd_s": self._spread, "mean_s": mean.parameters["delay_s"]},
+            parameters={"sd_s": spread, "mean_s": mean.parameters["delay_s"]},
             units={"sd_s": "s", "mean_s": "s"},
         )
 

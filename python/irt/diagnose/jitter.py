@@ -18,11 +18,11 @@ MATTERS = 1.2
 STRETCHES = (24, 60)
 
 
-def kicks(case: Case, mean: Fitted, needed: float) -> Leftover | None:
+def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
     """Return what a mean delay leaves over, if the delays differ from command to command; else None.
 
     If they do, the push that is left over comes with each change of the command, in proportion to it, and
-    never twice the same. Other variables explain it less well, and it explains as many nats as are needed.
+    never twice the same. Other variables explain it less well, and it is worth its price [nats].
     What repeats must not be clearly better in longer or shorter stretches: in some a picture that turns with
     the tilt looks like kicks.
     """
@@ -34,7 +34,7 @@ def kicks(case: Case, mean: Fitted, needed: float) -> Leftover | None:
         if any(one.gain > gain + REPEATS for one in sources if one.repeats):
             return None
         others = max((one.gain for one in sources if one.variable != JITTER), default=np.inf)
-        if told is None and gain > max(needed, others + CLEAR):
+        if told is None and gain > max(price, others + CLEAR):
             told = leftover
     return told
 
@@ -49,3 +49,13 @@ def spread(case: Case, mean: Fitted, leftover: Leftover) -> Parameter:
     row_s = case.row_s(mean)
     size, low, high = (row_s * one for one in leftover.size_of_jitter())
     return Parameter(size, low, high)
+
+
+def with_clock(told: Parameter, clock: Parameter) -> Parameter:
+    """Widen the interval of a time that was told in rows by how well is known how long these last.
+
+    A marble that rolls from rest takes gears and a clock that are both off for the right ones.
+    """
+    if told.low is None or told.high is None or clock.low is None or clock.high is None:
+        return Parameter(told.value)
+    return Parameter(told.value, told.low * clock.low / clock.value, told.high * clock.high / clock.value)

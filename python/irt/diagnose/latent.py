@@ -27,11 +27,8 @@ Array = NDArray[np.float64]
 _SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
 #: What a tracker's noise carries on from row to row, tried.
 _CARRIED = (0.0, 0.3, 0.6)
-#: Standard deviations of differing delays tried [rows], and how late commands are in units of these, with
-#: weights: Gauss and Hermite's points of a normal variable.
+#: Standard deviations of differing delays tried [rows].
 _SPREADS = (0.03, 0.1, 0.3, 1.0, 3.0)
-_LATE, _WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
-_WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 #: The 95 % point of a chi-squared variable of one degree of freedom.
 _CHI_SQUARED = 3.84
 #: Simulated nulls.
@@ -193,21 +190,15 @@ class Leftover:
     def _jittered(self, spread: float, share: float) -> Array:
         """Return the covariance (2n, 2n) of all rows of x and then y, if delays differ by so many rows.
 
-        A command that comes late does so for both axes, and pushes the marble along its own change. Noise
-        carries on a share from row to row.
+        Noise carries on a share from row to row.
         """
         noise = self._coloured(share)
-        covariance = block_diag(noise, noise)
-        first = 0
+        covariance, first = block_diag(noise, noise), 0
         for one in self.rows.arrivals:
             own = np.flatnonzero(self.rows.stretch == self.rows.stretch[first])
-            time, both = self.rows.time[own], np.concatenate([own, own + self.count])
-            moved = [
-                np.sqrt(weight) * one.moved(time, late).transpose(2, 0, 1).reshape(len(both), -1)
-                for late, weight in zip(spread * _LATE, _WEIGHTS, strict=True)
-            ]
-            columns = np.concatenate(moved, axis=1)
-            covariance[np.ix_(both, both)] += columns @ columns.T
+            both = np.concatenate([own, own + self.count])
+            moved = one.jittered(self.rows.time[own], spread)
+            covariance[np.ix_(both, both)] += moved @ moved.T / moved.shape[1]
             first += len(own)
         return np.asarray(covariance)
 

@@ -259,16 +259,16 @@ def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
     effect that explains most.
     """
     report("delays that differ from command to command")
-    needed = search.evidence().needed(2)
-    if set(MADE_UP) & set(best.effects) and kicks(search.case, best, needed) is None:
+    price = search.evidence().price(2, 1)
+    if set(MADE_UP) & set(best.effects) and kicks(search.case, best, price) is None:
         return None
     for parent in _mains(search, best):
         mean = search.with_effect(MEAN, parent)
-        shown = kicks(search.case, mean, needed)
+        shown = kicks(search.case, mean, price)
         if shown is None:
             continue
         full = search.beside(mean, [name for name in hypotheses() if name not in {*ALIKE, *mean.effects}])
-        told = shown if full is mean else kicks(search.case, full, needed)
+        told = shown if full is mean else kicks(search.case, full, price)
         if told is None or not matters(search.case, full):
             return None
         return _Answer(search.case, full, spread(search.case, full, told))

@@ -22,6 +22,8 @@ FREE = 0.012
 SLOW, ASTRAY = 1.0, 50.0
 #: Commands that arrive so many rows before a stretch or after it may, by chance, arrive in it.
 _EARLY = 3.0
+#: Draws of delays that differ.
+_DRAWS = 256
 #: Rows to either side through which observed paths are smoothed.
 _SMOOTH = 3
 
@@ -46,11 +48,25 @@ class Arrivals:
         own = (self.at > first - _EARLY) & (self.at < last + _EARLY)
         return Arrivals(self.at[own], self.push[own])
 
-    def moved(self, time: Array, late: float) -> Array:
-        """Return how far each, so many rows later than on average, moves a marble in (m,) rows, (m, c, 2)."""
+    def jittered(self, time: Array, spread: float) -> Array:
+        """Return draws (2m, _DRAWS) of how a marble is moved in m rows where delays differ by so many rows.
+
+        All rows of x, then of y: a command that comes late does so for both axes. One that a later one
+        overtakes does nothing, as if it came with that. On average commands come as they do without.
+        """
+        drawn = self.at[:, None] + spread * _random(len(self.at))
+        late = np.minimum.accumulate(drawn[::-1])[::-1] - self.at[:, None]
+        return self.moved(time, late - late.mean())
+
+    def moved(self, time: Array, late: Array) -> Array:
+        """Return how commands (c, k) rows late move a marble in m rows, (2m, k): first x, then y."""
         since = time[:, None] - self.at
-        moved = 0.5 * (np.maximum(since - late, 0.0) ** 2 - np.maximum(since, 0.0) ** 2)
-        return np.asarray(moved[:, :, None] * self.push)
+        moved = np.maximum(since[:, :, None] - late, 0.0) ** 2 - np.maximum(since, 0.0)[:, :, None] ** 2
+        return np.asarray(0.5 * np.einsum("mck,ca->amk", moved, self.push).reshape(2 * len(time), -1))
+
+
+def _random(count: int) -> Array:
+    return np.random.default_rng(0).standard_normal((count, _DRAWS))
 
 
 @dataclass(frozen=True, eq=False)

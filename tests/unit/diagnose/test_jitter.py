@@ -5,14 +5,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from irt.catalogue import effect
 from irt.diagnose import run
 from irt.diagnose.case import Case
-from irt.diagnose.jitter import kicks, matters, spread
+from irt.diagnose.jitter import kicks, matters, spread, with_clock
 from irt.diagnose.latent import Leftover
 from irt.diagnose.search import Search
-from irt.diagnose.stretches import stretches
+from irt.diagnose.stretches import Arrivals, stretches
+from irt.model import Parameter
 from irt.rollouts import rollouts
 
 
@@ -22,15 +25,15 @@ def searched(case):
     return search
 
 
-def needed(search):
-    return search.evidence().needed(2)
+def price(search):
+    return search.evidence().price(2, 1)
 
 
 def test_delays_that_differ_are_sized(plant):
     case = plant([{"name": "delay_jitter", "sd_s": 0.1}], runs=8, rows=120)
     search = searched(case)
     mean = search.with_effect("delay")
-    told = kicks(case, mean, needed(search))
+    told = kicks(case, mean, price(search))
     assert told is not None
     size = spread(case, mean, told)
     assert 0.04 < size.value < 0.25
@@ -46,7 +49,6 @@ def test_a_late_command_moves_the_marble_as_the_engine_says(plant, late):
     fitted = replace(case.fit(), values=np.array(values), noise=1e-3)
     rows, _, _ = stretches(case, fitted, 24, weak=False, most=400)
     time, arrivals = rows.time[rows.stretch == 0], rows.arrivals[0]
-    moved = arrivals.moved(time, late)
     checked = 0
     for column, row in enumerate(arrivals.at.round().astype(int)):
         if row < 3 or row + late >= len(run.knobs):
@@ -56,9 +58,11 @@ def test_a_late_command_moves_the_marble_as_the_engine_says(plant, late):
         steps[row + late] += steps[row]
         steps[row] = 0.0
         both = rollouts([values] * 2, [run.knobs, steps.cumsum(axis=0)], start=run.marble[0])
+        alone = Arrivals(arrivals.at[[column]], arrivals.push[[column]])
+        moved = alone.moved(time, np.full((1, 1), late))[:, 0].reshape(2, -1).T
         expected = (both[1] - both[0])[time.astype(int)]
         within = 0.05 * abs(late) * np.abs(arrivals.push[column]).max()
-        np.testing.assert_allclose(moved[:, column], expected, atol=within)
+        np.testing.assert_allclose(moved, expected, atol=within)
         checked += 1
     assert checked > 10
 
@@ -80,7 +84,7 @@ def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
     mean = search.with_effect("delay")
     likeliest = Leftover(case, mean, longest=60).sources(0)[0]
     assert (likeliest.variable, likeliest.stage) == ("command", "camera")
-    assert kicks(case, mean, needed(search)) is None
+    assert kicks(case, mean, price(search)) is None
 
 
 @pytest.mark.parametrize(
@@ -97,7 +101,7 @@ def test_delays_that_differ_are_looked_for_beside_what_else_is_missing(plant, mo
     for names in (effects[:1], effects):
         search.keep(search.case.refine(names, neutral(search, names))[0])
     seen = []
-    monkeypatch.setattr(run, "kicks", lambda case, one, needed: seen.append(one.effects))
+    monkeypatch.setattr(run, "kicks", lambda case, one, price: seen.append(one.effects))
     assert run._jittering(search, search.fits[frozenset(effects)], lambda _: None) is None
     assert seen == asked
 
@@ -106,3 +110,32 @@ def neutral(search, names):
     """Return the base model's values, and of effects those without effect, (1, n)."""
     values = [one.neutral for name in names for one in effect(name).parameters]
     return np.array([[*search.base.values, *values]])
+
+
+@given(
+    st.floats(0.01, 0.3), st.floats(0.1, 1.0), st.floats(1.0, 3.0), st.floats(0.2, 1.0), st.floats(1.0, 4.0)
+)
+def test_a_spread_is_known_no_better_than_the_clock(size, low, high, slow, fast):
+    told = with_clock(Parameter(size, low * size, high * size), Parameter(15.0, 15.0 * slow, 15.0 * fast))
+    assert told.value == size
+    assert told.low == pytest.approx(low * slow * size)
+    assert told.high == pytest.approx(high * fast * size)
+
+
+def test_a_spread_has_no_interval_where_the_clock_has_none():
+    told = with_clock(Parameter(0.1, 0.05, 0.2), Parameter(15.0, None, None))
+    assert (told.value, told.low, told.high) == (0.1, None, None)
+
+
+def test_commands_that_differ_in_delay_come_in_their_order_and_on_average_as_they_do():
+    """One that a later one overtakes comes with that: the marble is moved as by what is left of them."""
+    time, at = np.arange(60.0), np.arange(20.0, 35.0)
+    arrivals = Arrivals(at, np.tile([[1.0, -2.0]], (15, 1)))
+    draws = arrivals.jittered(time, 2.0)
+    assert draws.shape[0] == 120
+    np.testing.assert_allclose(draws[60:], -2.0 * draws[:60])
+    assert (draws[:5] == 0.0).all()
+    # Far behind all of them the marble is as far ahead or behind as the commands were early or late.
+    rate = draws[59] - draws[58]
+    assert abs(rate.mean()) < 4.0 * rate.std() / np.sqrt(draws.shape[1])
+    assert arrivals.jittered(time, 0.0) == pytest.approx(0.0)
