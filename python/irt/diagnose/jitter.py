@@ -21,8 +21,8 @@ STRETCHES = (24, 60)
 def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
     """Return what a mean delay leaves over, if the delays differ from command to command; else None.
 
-    If they do, the push that is left over comes with each change of the command, in proportion to it, and
-    never twice the same. Other variables explain it less well, and it is worth its price [nats].
+    If they do, the marble is moved along each change of the command, by as much as it came late, and never
+    twice the same. Other variables explain it less well, and it is worth its price [nats].
     What repeats must not be clearly better in longer or shorter stretches: in some a picture that turns with
     the tilt looks like kicks.
     """

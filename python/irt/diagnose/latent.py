@@ -180,10 +180,10 @@ class Leftover:
         def likelihood(spread: float, share: float) -> float:
             return float(_restricted(self._jittered(spread, share), fixed, data[:, None])[0])
 
-        tried = list(product(np.logspace(-2.5, 1.0, 11), _CARRIED))
-        likeliest, share = tried[int(np.argmax([likelihood(*one) for one in tried]))]
-        spreads = likeliest * np.logspace(-0.35, 0.35, 25)
-        gains = np.array([likelihood(spread, share) for spread in spreads])
+        coarse = np.logspace(-2.5, 1.0, 11)
+        rough = [max(likelihood(one, share) for share in _CARRIED) for one in coarse]
+        spreads = coarse[int(np.argmax(rough))] * np.logspace(-0.7, 0.7, 22)
+        gains = np.array([max(likelihood(one, share) for share in _CARRIED) for one in spreads])
         inside = spreads[gains > gains.max() - 0.5 * _CHI_SQUARED]
         return float(spreads[gains.argmax()]), float(inside.min()), float(inside.max())
 
@@ -209,7 +209,7 @@ class Leftover:
         told = np.array([_restricted(self._jittered(*one), fixed, both) for one in tried])
         spread, _ = tried[int(told[:, 0].argmax())]
         pushes = np.concatenate([one.push for one in self.rows.arrivals])
-        return told.max(axis=0), spread * float(np.sqrt((pushes**2).mean()))
+        return told.max(axis=0), spread * float(np.sqrt((pushes**2).sum() / max(1, pushes.size)))
 
     def _kernels(self) -> list[tuple[str, str, Callable[[int], Array]]]:
         """Return variable, stage, and covariance (n, n) of unit size for each coordinate."""

@@ -205,11 +205,11 @@ def _searched(search: Search, report: Report) -> _Answer:
     """Choose a hypothesis: one effect, several effects, delays that differ, something unlisted.
 
     What leaves noise ends the search: nothing that repeats does so where delays differ, while a lag and a
-    clock that drifts together may look like those. What was learned comes last and has to beat the catalogue:
-    two terms of a library can stand for two effects that have names. Effects that seem to leave noise in most
-    windows, and no more, have to stand up to further ones and to it, too. It may end the search before three
-    effects and chance are asked, where two effects leave most or one term explains the motion: a board that
-    swings after its knobs, and a drag by the direction of motion, were taken for delays that differ.
+    clock that drifts together may look like those. What was learned has to beat the catalogue: two terms of a
+    library can stand for two effects that have names. Effects that seem to leave noise in most windows, and
+    no more, have to stand up to further ones and to it, too. Chance and it are asked before three effects,
+    and may end the search, where two leave most or one term explains the motion: a board that swings after
+    its knobs, and a drag by the direction of motion, were taken for delays that differ.
     """
     case, best = search.case, search.singles()
     if search.is_done(best):
@@ -218,7 +218,9 @@ def _searched(search: Search, report: Report) -> _Answer:
     best = search.larger(best, 2)
     left = not (search.is_done(best) or search.is_explained_between(best))
     if left and (library.is_repeatable or is_most_left(case, best, search.base)):
-        answer = _by_chance(search, library, best, report) or _learned(library, best, report)
+        kept = search.pruned(best)
+        by_chance = None if _is_all(search, kept) else _by_chance(search, library, kept, report)
+        answer = by_chance or _learned(library, kept, report)
         if answer.spread is not None or search.is_done(answer.best):
             return answer
     best = search.pruned(search.larger(best, MOST_EFFECTS))

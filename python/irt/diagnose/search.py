@@ -139,8 +139,8 @@ class Search:
 
     def _with_impacts(self, best: Fitted) -> Fitted:
         """Try a law of impacts beside a hypothesis that leaves nothing between them."""
-        names = [name for name in hypotheses() if acts_on_impacts_alone(name) and name not in best.effects]
-        if not names:
+        names = [name for name in hypotheses() if acts_on_impacts_alone(name)]
+        if set(names) & set(best.effects):
             return best
         self._expand(best, names, len(names))
         size = len(best.effects) + 1

@@ -22,8 +22,8 @@ FREE = 0.012
 SLOW, ASTRAY = 1.0, 50.0
 #: Commands that arrive so many rows before a stretch or after it may, by chance, arrive in it.
 _EARLY = 3.0
-#: Draws of delays that differ.
-_DRAWS = 256
+#: Draws of delays that differ, and steps in which their mean is found.
+_DRAWS, _HALVINGS = 256, 10
 #: Rows to either side through which observed paths are smoothed.
 _SMOOTH = 3
 
@@ -36,27 +36,43 @@ class Arrivals:
     ----------
     at : (c,) array
         When they arrive on average [rows of the recording].
+    late : float
+        How long that is after they were sent [rows].
     push : (c, 2) array
         By how much they change the push on the marble [board edges a row squared].
     """
 
     at: Array
+    late: float
     push: Array
 
     def between(self, first: float, last: float) -> Arrivals:
         """Return those that may arrive between two rows."""
         own = (self.at > first - _EARLY) & (self.at < last + _EARLY)
-        return Arrivals(self.at[own], self.push[own])
+        return Arrivals(self.at[own], self.late, self.push[own])
 
     def jittered(self, time: Array, spread: float) -> Array:
         """Return draws (2m, _DRAWS) of how a marble is moved in m rows where delays differ by so many rows.
 
         All rows of x, then of y: a command that comes late does so for both axes. One that a later one
-        overtakes does nothing, as if it came with that. On average commands come as they do without.
+        overtakes does nothing, as if it came with that, and none comes before it is sent. On average they
+        come as they do without.
         """
-        drawn = self.at[:, None] + spread * _random(len(self.at))
-        late = np.minimum.accumulate(drawn[::-1])[::-1] - self.at[:, None]
-        return self.moved(time, late - late.mean())
+        if not len(self.at):
+            return np.zeros((2 * len(time), _DRAWS))
+        drawn, sent = spread * _random(len(self.at)), self.at[:, None] - self.late
+
+        def late(mean: float) -> Array:
+            arrive = sent + np.maximum(mean + drawn, 0.0)
+            return np.asarray(np.minimum.accumulate(arrive[::-1])[::-1] - sent)
+
+        # The mean before what is overtaken comes sooner, and nothing before it is sent.
+        low, high = 0.0, self.late + 5.0 * spread
+        for _ in range(_HALVINGS):
+            mean = 0.5 * (low + high)
+            low, high = (mean, high) if late(mean).mean() < self.late else (low, mean)
+        found = late(low)
+        return self.moved(time, found - found.mean())
 
     def moved(self, time: Array, late: Array) -> Array:
         """Return how commands (c, k) rows late move a marble in m rows, (2m, k): first x, then y."""
@@ -254,7 +270,7 @@ class _Lateness:
         """Return the changes of the commands of a window, and of those before it."""
         changes = np.concatenate([window.turned[0, :0:-1], window.turned[:, 0]])
         at = np.asarray(window.first + np.arange(len(changes)) - (EARLIER - 1) + self.rows)
-        return Arrivals(at, self.pull * changes[:, ::-1])
+        return Arrivals(at, self.rows, self.pull * changes[:, ::-1])
 
 
 def _smoothed(seen: Array) -> tuple[Array, Array]:

@@ -58,7 +58,7 @@ def test_a_late_command_moves_the_marble_as_the_engine_says(plant, late):
         steps[row + late] += steps[row]
         steps[row] = 0.0
         both = rollouts([values] * 2, [run.knobs, steps.cumsum(axis=0)], start=run.marble[0])
-        alone = Arrivals(arrivals.at[[column]], arrivals.push[[column]])
+        alone = Arrivals(arrivals.at[[column]], 0.0, arrivals.push[[column]])
         moved = alone.moved(time, np.full((1, 1), late))[:, 0].reshape(2, -1).T
         expected = (both[1] - both[0])[time.astype(int)]
         within = 0.05 * abs(late) * np.abs(arrivals.push[column]).max()
@@ -127,15 +127,28 @@ def test_a_spread_has_no_interval_where_the_clock_has_none():
     assert (told.value, told.low, told.high) == (0.1, None, None)
 
 
-def test_commands_that_differ_in_delay_come_in_their_order_and_on_average_as_they_do():
-    """One that a later one overtakes comes with that: the marble is moved as by what is left of them."""
-    time, at = np.arange(60.0), np.arange(20.0, 35.0)
-    arrivals = Arrivals(at, np.tile([[1.0, -2.0]], (15, 1)))
-    draws = arrivals.jittered(time, 2.0)
-    assert draws.shape[0] == 120
-    np.testing.assert_allclose(draws[60:], -2.0 * draws[:60])
-    assert (draws[:5] == 0.0).all()
-    # Far behind all of them the marble is as far ahead or behind as the commands were early or late.
-    rate = draws[59] - draws[58]
-    assert abs(rate.mean()) < 4.0 * rate.std() / np.sqrt(draws.shape[1])
-    assert arrivals.jittered(time, 0.0) == pytest.approx(0.0)
+def test_of_commands_that_differ_in_delay_one_that_is_overtaken_comes_with_the_later_one():
+    """Sent a hundredth of a row apart, the first comes at the sooner time of both."""
+    time, push = np.arange(120.0), np.array([[1.0, -2.0], [3.0, 0.5]])
+    draws = Arrivals(np.array([60.0, 60.01]), 40.0, push).jittered(time, 5.0)
+    # Far behind both the rate is minus what each is late times its push: along x 1 and 3, along y -2 and 0.5.
+    x, y = draws[119] - draws[118], draws[239] - draws[238]
+    first, second = np.linalg.solve([[-1.0, -3.0], [2.0, -0.5]], np.array([x, y]))
+    assert (first <= second + 0.011).all()
+    same = np.isclose(first, second, atol=0.011)
+    assert 0.3 < same.mean() < 0.7
+    assert abs(0.5 * (first + second).mean()) < 1e-6
+
+
+def test_no_command_comes_before_it_is_sent():
+    time, push = np.arange(60.0), np.ones((1, 2))
+    draws = Arrivals(np.array([20.0]), 0.0, push).jittered(time, 3.0)
+    late = -(draws[59] - draws[58])
+    # Half of the delays are none: of a normal variable cut at zero.
+    assert np.isclose(late, late.min()).mean() == pytest.approx(0.5, abs=0.1)
+    assert late.std() == pytest.approx(0.58 * 3.0, rel=0.15)
+
+
+def test_where_no_command_arrives_none_is_late():
+    nothing = Arrivals(np.zeros(0), 0.0, np.zeros((0, 2)))
+    assert not nothing.jittered(np.arange(5.0), 1.0).any()
