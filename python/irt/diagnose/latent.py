@@ -9,7 +9,7 @@ al. 2009). Neither noisy positions nor their differences are ever differentiated
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -141,11 +141,11 @@ class Leftover:
         drawn = self._noise * random.standard_normal((2, self.count, nulls))
         data = [np.column_stack([self.residual(axis), drawn[axis]]) for axis in (0, 1)]
         noises = [self._coloured(share) for share in _CARRIED]
-        plain = np.max([self._likelihood([noise, noise], data) for noise in noises], axis=0)
+        plain = np.max([self._likelihood(noise, data) for noise in noises], axis=0)
         told = [
             (name, stage, *self._of(kernel, stage, data, noises)) for name, stage, kernel in self._kernels()
         ]
-        told.append((JITTER, "command", *self._of_jitter(data)))
+        told.append((JITTER, "command", *self._of_jitter(data, noises)))
         gains = [np.maximum(likelihood - plain, 0.0) for _, _, likelihood, _ in told]
         highest = np.max([gain[1:] for gain in gains], axis=0)
         best: dict[str, Source] = {}
@@ -162,12 +162,9 @@ class Leftover:
         same = self.rows.stretch[:, None] == self.rows.stretch
         return np.asarray(np.where(same, share**apart, 0.0) * (seeming(share) * self._noise) ** 2)
 
-    def _likelihood(self, covariances: Sequence[Array], data: Sequence[Array]) -> Array:
-        """Return the log restricted likelihood of (n, k) data of both axes, (k,)."""
-        x, y = (
-            _restricted(covariance, fixed, one)
-            for covariance, fixed, one in zip(covariances, self._fixed, data, strict=True)
-        )
+    def _likelihood(self, covariance: Array, data: Sequence[Array]) -> Array:
+        """Return the log restricted likelihood of (n, k) data of both axes, each of this covariance, (k,)."""
+        x, y = (_restricted(covariance, fixed, one) for fixed, one in zip(self._fixed, data, strict=True))
         return np.asarray(x + y)
 
     def size_of_jitter(self) -> tuple[float, float, float]:
@@ -177,63 +174,60 @@ class Leftover:
         """
         fixed, data = block_diag(*self._fixed), np.concatenate([self.residual(0), self.residual(1)])
 
-        def likelihood(spread: float, share: float) -> float:
-            return float(_restricted(self._jittered(spread, share), fixed, data[:, None])[0])
+        noises = [self._coloured(share) for share in _CARRIED]
+
+        def likelihood(spread: float) -> float:
+            moved = self._jittered(spread)
+            told = (_restricted(moved + block_diag(one, one), fixed, data[:, None])[0] for one in noises)
+            return float(max(told))
 
         coarse = np.logspace(-2.5, 1.0, 11)
-        rough = [max(likelihood(one, share) for share in _CARRIED) for one in coarse]
-        spreads = coarse[int(np.argmax(rough))] * np.logspace(-0.7, 0.7, 22)
-        gains = np.array([max(likelihood(one, share) for share in _CARRIED) for one in spreads])
+        spreads = coarse[int(np.argmax([likelihood(one) for one in coarse]))] * np.logspace(-0.7, 0.7, 22)
+        gains = np.array([likelihood(one) for one in spreads])
         inside = spreads[gains > gains.max() - 0.5 * _CHI_SQUARED]
         return float(spreads[gains.argmax()]), float(inside.min()), float(inside.max())
 
-    def _jittered(self, spread: float, share: float) -> Array:
-        """Return the covariance (2n, 2n) of all rows of x and then y, if delays differ by so many rows.
-
-        Noise carries on a share from row to row.
-        """
-        noise = self._coloured(share)
-        covariance, first = block_diag(noise, noise), 0
+    def _jittered(self, spread: float) -> Array:
+        """Return the covariance (2n, 2n) of how differing delays move a marble: in all rows of x, then y."""
+        covariance, first = np.zeros((2 * self.count, 2 * self.count)), 0
         for one in self.rows.arrivals:
             own = np.flatnonzero(self.rows.stretch == self.rows.stretch[first])
             both = np.concatenate([own, own + self.count])
             moved = one.jittered(self.rows.time[own], spread)
-            covariance[np.ix_(both, both)] += moved @ moved.T / moved.shape[1]
+            covariance[np.ix_(both, both)] = moved @ moved.T / moved.shape[1]
             first += len(own)
-        return np.asarray(covariance)
+        return covariance
 
-    def _of_jitter(self, data: Sequence[Array]) -> tuple[Array, float]:
+    def _of_jitter(self, data: Sequence[Array], noises: Sequence[Array]) -> tuple[Array, float]:
         """Return what `_of` does of delays that differ from command to command."""
         fixed, both = block_diag(*self._fixed), np.concatenate(data)
-        tried = list(product(_SPREADS, _CARRIED))
-        told = np.array([_restricted(self._jittered(*one), fixed, both) for one in tried])
-        spread, _ = tried[int(told[:, 0].argmax())]
+        told = np.array(
+            [
+                np.max([_restricted(moved + block_diag(one, one), fixed, both) for one in noises], axis=0)
+                for moved in map(self._jittered, _SPREADS)
+            ]
+        )
+        spread = _SPREADS[int(told[:, 0].argmax())]
         pushes = np.concatenate([one.push for one in self.rows.arrivals])
         return told.max(axis=0), spread * float(np.sqrt((pushes**2).sum() / max(1, pushes.size)))
 
-    def _kernels(self) -> list[tuple[str, str, Callable[[int], Array]]]:
-        """Return variable, stage, and covariance (n, n) of unit size for each coordinate."""
+    def _kernels(self) -> list[tuple[str, str, Array]]:
+        """Return variable, stage, and covariance (n, n) of unit size of either coordinate."""
         rows = self.rows
         speed = max(float(np.sqrt((rows.velocity**2).mean())), 1e-9)
         angle = max(float(np.sqrt((rows.knobs**2).mean())), 1e-9)
         turned = max(float(np.sqrt((rows.turn**2).mean())), 1e-9)
         same = rows.run[:, None] == rows.run
-
-        def alike(values: Array, length: float) -> Callable[[int], Array]:
-            kernel = _squared_exponential(values, length)
-            return lambda _: kernel
-
-        found: list[tuple[str, str, Callable[[int], Array]]] = [
+        alike = _squared_exponential
+        found: list[tuple[str, str, Array]] = [
             *(("position", "force", alike(rows.place, length)) for length in (0.03, 0.07, 0.2)),
             *(("velocity", "force", alike(rows.velocity / speed, length)) for length in (0.5, 1.5)),
             *(("command", "command", alike(rows.knobs / angle, length)) for length in (0.5, 1.5)),
             ("command rate", "command", alike(rows.turn / turned, 0.7)),
             *(("time", "force", alike(rows.time[:, None], length)) for length in (4.0, 15.0, 60.0)),
         ]
-        found.append(("each row anew", "force", lambda _: np.eye(self.count)))
-        found.append(
-            ("each run anew", "force", lambda _: _squared_exponential(rows.time[:, None], 5.0) * same)
-        )
+        found.append(("each row anew", "force", np.eye(self.count)))
+        found.append(("each run anew", "force", alike(rows.time[:, None], 5.0) * same))
         found.append(("position", "camera", alike(rows.place, 0.2)))
         found.append(("command", "camera", alike(rows.knobs / angle, 1.0)))
         # A picture that turns or stretches with the tilt.
@@ -242,25 +236,19 @@ class Leftover:
         return found
 
     def _of(
-        self, kernel: Callable[[int], Array], stage: str, data: Sequence[Array], noises: Sequence[Array]
+        self, kernel: Array, stage: str, data: Sequence[Array], noises: Sequence[Array]
     ) -> tuple[Array, float]:
         """Return the largest likelihoods (k,) of data (n, k) of both axes, and the push in the first.
 
         Over sizes of the kernel and over covariances (n, n) of the noise.
         """
-        moved, scales, units = [], [], []
-        for axis in (0, 1):
-            unit = kernel(axis)
-            one = unit if stage == "camera" else self.moved(self.moved(unit).T)
-            scales.append(self._noise**2 / max(float(np.mean(np.diag(one))), 1e-300))
-            units.append(scales[axis] * float(np.mean(np.diag(unit))))
-            moved.append(scales[axis] * one)
+        moved = kernel if stage == "camera" else self.moved(self.moved(kernel).T)
+        scale = self._noise**2 / max(float(np.mean(np.diag(moved))), 1e-300)
         tried = list(product(_SIZES, noises))
-        told = np.array(
-            [self._likelihood([size * one + noise for one in moved], data) for size, noise in tried]
-        )
+        covariances = [size * (scale * moved) + noise for size, noise in tried]
+        told = np.array([self._likelihood(one, data) for one in covariances])
         size, _ = tried[int(told[:, 0].argmax())]
-        return told.max(axis=0), float(np.sqrt(np.mean(units) * size))
+        return told.max(axis=0), float(np.sqrt(scale * float(np.mean(np.diag(kernel))) * size))
 
 
 def _restricted(covariance: Array, fixed: Array, data: Array) -> Array:

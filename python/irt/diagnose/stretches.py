@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 
 #: Rows of a stretch, at most and at least.
 LONGEST, SHORTEST = 24, 10
+#: What a slope pulls [m/s^2].
+PULL = 5.0 / 7.0 * GRAVITY
 #: Distance from the rim at which the marble is free [board edges].
 FREE = 0.012
 #: Speed a row below which the marble may be at rest, and misses beyond which a prediction is lost [noise].
@@ -263,7 +265,7 @@ class _Lateness:
         seconds = sum(told.get(name, 0.0) for name in ("delay.delay_s", "latency.latency_s"))
         gear_x, gear_y = (fitted.values[PARAMETERS.index(name)] for name in ("gear_x", "gear_y"))
         # A turn about y pushes along x, a turn about x against y.
-        pull = 5.0 / 7.0 * GRAVITY * row_s**2 / case.edge_m(fitted) * np.array([gear_y, -gear_x])
+        pull = PULL * row_s**2 / case.edge_m(fitted) * np.array([gear_y, -gear_x])
         return cls(seconds / row_s, pull)
 
     def arrivals(self, window: Window) -> Arrivals:

@@ -26,9 +26,8 @@ from irt.diagnose.profiles import (
     spots,
     waves,
 )
-from irt.diagnose.stretches import LONGEST
+from irt.diagnose.stretches import LONGEST, PULL
 from irt.rig import PARAMETERS
-from irt.rollouts import GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -55,9 +54,8 @@ SEEN = 60
 MOST_ROWS = 1200
 #: Rows of the stretches in which predictions are looked at once something is learned.
 HORIZONS = (LONGEST, 60, 120)
-#: Speed at which the strength of a power law is given [m/s], and what a slope pulls [m/s^2].
+#: Speed at which the strength of a power law is given [m/s].
 AT = 0.1
-PULL = 5.0 / 7.0 * GRAVITY
 
 
 def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
