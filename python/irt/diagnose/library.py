@@ -1,8 +1,8 @@
 """A library of pushes that no effect of the catalogue has, and which of them explain most of what is left.
 
-Profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push or of a drag over the board,
-over the marble's velocity and its direction, over the board's tilt, over time and over the way so far; powers
-of the speed against the motion and across it; a mode in which the board swings after its knobs.
+Profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push, of a drag or of the gears over
+the board, over the marble's velocity and its direction, over the board's tilt, over time and over the way so
+far; powers of the speed against the motion and across it; a mode in which the board swings after its knobs.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ _SIZES = {"drag_strength": "drag", "side_strength": "side", "mode_gain": MODE}
 #: What of a profile multiplies it.
 PUSH = ("push_1_x_m_per_s2", "push_1_y_m_per_s2")
 BRAKE = "brake_1_m_per_s2"
+#: Those of the knobs that push along x and along y: a turn about y does the former.
+GEARS = ("gear_1_y", "gear_1_x")
 
 
 @dataclass(frozen=True)
@@ -65,9 +67,20 @@ class Term:
         return BRAKE in self.values
 
     @property
+    def gears(self) -> bool:
+        """Whether it is a profile of the gears."""
+        return GEARS[0] in self.values
+
+    @property
     def depends_on(self) -> tuple[str, ...]:
         """The variables that the push depends on: a drag is against the velocity, whatever changes it."""
-        return (self.variable, "velocity") if self.brakes else (self.variable,)
+        also = {"brake": ("velocity",), "gear": ("command",)}
+        return tuple(dict.fromkeys((self.variable, *also.get(self._changes, ()))))
+
+    @property
+    def _changes(self) -> str:
+        """What it is a profile or a law of."""
+        return self.law or ("brake" if self.brakes else "gear" if self.gears else "push")
 
     @property
     def shape(self) -> str:
@@ -77,7 +90,7 @@ class Term:
     @property
     def family(self) -> tuple[str, ...]:
         """What tells terms from each other that are not the same with other values."""
-        return (self.variable, self.law or ("brake" if self.brakes else "push"))
+        return (self.variable, self._changes)
 
     def in_slot(self, slot: int) -> Term:
         """Return it in another of the engine's profiles."""

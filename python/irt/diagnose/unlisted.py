@@ -185,10 +185,13 @@ def formula(values: dict[str, float]) -> str:
     """Return the learned push as a formula, in m/s^2."""
     parts, drags, slots = [], [], _profiles(values)
     for slot in slots:
-        push, brake = _push(values, slot), values[f"brake_{slot}_m_per_s2"]
+        push, brake, gears = _push(values, slot), values[f"brake_{slot}_m_per_s2"], _gears(values, slot)
         profile = _profile(values, slot)
         if push != [0.0, 0.0]:
             parts.append(f"({push[0]:.3g}, {push[1]:.3g}) {profile}")
+        if gears != [0.0, 0.0]:
+            # A turn about y pushes along x, a turn about x against y.
+            parts.append(f"5/7 g ({gears[1]:.3g} tilt_y, {-gears[0]:.3g} tilt_x) {profile}")
         if brake:
             drags.append(f"{brake:.3g} {profile}")
     if values["drag_strength"]:
@@ -212,11 +215,12 @@ def formula(values: dict[str, float]) -> str:
 def variables(values: dict[str, float]) -> list[str]:
     """Return on what the learned push depends: position, velocity, heading, tilt, time, way, speed."""
     slots = _profiles(values)
+    gears = [_gears(values, slot) for slot in slots]
     found = [
         "tilt" if variable == "command" else variable
         for variable, names in VECTORS.items()
         if any(values[of_slot(name, slot)] != 0.0 for slot in slots for name in names)
-        or (variable == "command" and values["mode_gain"])
+        or (variable == "command" and (values["mode_gain"] or any(map(any, gears))))
     ]
     drags = [values["drag_strength"], *(values[f"brake_{slot}_m_per_s2"] for slot in slots)]
     return [*found, *(["speed"] if any(drags) or values["side_strength"] else [])]
@@ -247,10 +251,14 @@ def _push(values: dict[str, float], slot: int) -> list[float]:
     return [values[f"push_{slot}_{axis}_m_per_s2"] for axis in "xy"]
 
 
+def _gears(values: dict[str, float], slot: int) -> list[float]:
+    return [values[f"gear_{slot}_{axis}"] for axis in "xy"]
+
+
 def _profiles(values: dict[str, float]) -> list[int]:
-    """Return the slots of the profiles that push or brake."""
+    """Return the slots of the profiles that push, brake or change the gears."""
     return [
         slot
         for slot in range(1, PROFILES + 1)
-        if _push(values, slot) != [0.0, 0.0] or values[f"brake_{slot}_m_per_s2"] != 0.0
+        if any((*_push(values, slot), *_gears(values, slot), values[f"brake_{slot}_m_per_s2"]))
     ]

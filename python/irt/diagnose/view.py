@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.latent import Leftover
-from irt.diagnose.library import BRAKE, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
+from irt.diagnose.library import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
 from irt.diagnose.profiles import (
     LOCAL,
     POLYNOMIALS,
@@ -38,7 +38,10 @@ PERIODS = 3
 #: Powers of the speed that are tried, and those of a drag that changes.
 POWERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 BRAKES = (0.0, 1.0)
-#: Waves of a drag over time: periods in the longest recording, and phases.
+#: Over what drags and gears may change along lines.
+BRAKED = ("position", "heading", "time", "way")
+GEARED = ("position", "time", "way")
+#: Their waves over time: periods in the longest recording, and phases.
 SLOW = np.arange(0.25, 2.1, 0.25)
 PHASES = np.arange(4) * np.pi / 4.0
 #: Rates [rad/s] and dampings of modes.
@@ -149,8 +152,12 @@ class View:
             )
         if term.law is not None:
             return self._power_law(term.law, values[f"{term.law}_power"])[:, None]
-        law = self._power_law("drag", values["drag_power"]) if term.brakes else np.ones(2)
-        return np.asarray(self._profile(term)[:, :, None] * law[..., None, :])
+        pushes = np.ones((1, 2))
+        if term.brakes:
+            pushes = self._power_law("drag", values["drag_power"])
+        elif term.gears:
+            pushes = self._pulls(self._told["command"])
+        return np.asarray(self._profile(term)[:, :, None] * pushes[:, None])
 
     def _freed(self, axis: int) -> Array:
         return self._leftover.freed(axis, self._leftover.residual(axis)[:, None])[:, 0]
@@ -169,10 +176,13 @@ class View:
             yield self._mode()
         if sum(term.law is None for term in terms) < PROFILES:
             yield from self._waves()
-            yield from map(self._pushed, self._local())
+            even = np.ones((len(self._told["time"]), 2))
+            yield from (self._pushed(grid, even, PUSH) for grid in self._local())
+            tilts = self._pulls(self._told["command"])
+            yield from (self._pushed(grid, tilts, GEARS) for grid in self._changing(*GEARED))
             for power in powers[:1] or BRAKES:
                 law = self._power_law("drag", power)
-                yield from (self._braked(grid, law, power) for grid in self._changing())
+                yield from (self._braked(grid, law, power) for grid in self._changing(*BRAKED))
 
     def _waves(self) -> Iterator[Term]:
         """Yield of each kind the wave, with a push in one direction, that explains most."""
@@ -193,10 +203,10 @@ class View:
         yield from spots(self._told["position"])
         yield from (saddles(name, self._told[name]) for name in ("position", "command") if self._varies(name))
 
-    def _changing(self) -> Iterator[Grid]:
-        """Yield how a drag may change over the board, over its direction, time and the way."""
+    def _changing(self, *variables: str) -> Iterator[Grid]:
+        """Yield how a drag or a gear may change over the board, over these variables, and in time."""
         yield from spots(self._told["position"])
-        for variable in ("position", "heading", "time", "way"):
+        for variable in variables:
             if self._varies(variable):
                 yield from lines(variable, self._told[variable], ("step", "bell", "line"))
         rates = 2.0 * np.pi / self._lasts * SLOW
@@ -235,8 +245,13 @@ class View:
         away = self._of_runs(
             [_away(one, np.zeros(2) if at_rest else one[0], rates, dampings, self._row_s) for one in tilts]
         )
+        return self._pulls(away)
+
+    @staticmethod
+    def _pulls(angles: Array) -> Array:
+        """Return the pushes [m/s^2] of angles about x and y in the last axis."""
         # A turn about y pushes along x, a turn about x against y.
-        return PULL * np.stack([away[:, :, 1], -away[:, :, 0]], axis=2)
+        return PULL * np.stack([angles[..., 1], -angles[..., 0]], axis=-1)
 
     def _of_runs(self, values: Sequence[Array]) -> Array:
         """Return in each row what (rows, ...) values of each recording say there, (n, ...)."""
@@ -259,17 +274,20 @@ class View:
             vector, phase = np.tile(vector, (2, 1)), phase + np.array([0.0, 0.5 * np.pi])
         return Grid(term.variable, term.shape, vector, phase, across).of(self._told[term.variable])
 
-    def _pushed(self, grid: Grid) -> Term:
-        """Return of profiles the one that explains most with a push in one direction."""
+    def _pushed(self, grid: Grid, pushes: Array, names: Sequence[str]) -> Term:
+        """Return of profiles the one that explains most where it multiplies (n, 2) pushes.
+
+        The names are those of its strengths along x and along y.
+        """
         profiles = grid.of(self._told[grid.variable])
         strengths, explained = np.zeros((2, len(grid.phases))), np.zeros(len(grid.phases))
         for axis in (0, 1):
-            moved = self._moved(axis, profiles)
+            moved = self._moved(axis, profiles * pushes[:, axis : axis + 1])
             along, length = moved.T @ self._data[axis], (moved**2).sum(axis=0)
             strengths[axis] = along / np.maximum(length, 1e-300)
             explained += strengths[axis] * along / self.total
         best = int(np.argmax(explained))
-        sizes = dict(zip(PUSH, strengths[:, best].tolist(), strict=True))
+        sizes = dict(zip(names, strengths[:, best].tolist(), strict=True))
         return _term(grid, best, sizes, float(explained[best]))
 
     def _braked(self, grid: Grid, law: Array, power: float) -> Term:

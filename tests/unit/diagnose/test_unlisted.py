@@ -119,9 +119,13 @@ def test_drag_is_a_power_of_the_speed(plant):
             },
             ("command", "push"),
         ),
+        (
+            {"shape_1": 5.0, "gear_1_x": -0.2, "gear_1_y": 0.4, "rate_1_per_s": 0.5},
+            ("time", "gear"),
+        ),
         ({"mode_gain": 1.0, "mode_rate_rad_per_s": 6.0, "mode_damping": 0.1}, ("command", "mode")),
     ],
-    ids=["step", "spot", "way", "heading", "saddle", "mode"],
+    ids=["step", "spot", "way", "heading", "saddle", "gear", "mode"],
 )
 def test_what_is_planted_is_learned_first_and_leaves_noise(plant, planted, family):
     case = plant([{"name": UNLISTED, **planted}], runs=6, rows=100)
@@ -176,6 +180,11 @@ def neutral(**changes):
             {"drag_strength": 0.3, "shape_1": 5.0, "brake_1_m_per_s2": 0.1, "heading_1_y": 1.0},
             "-(0.3 + 0.1 (1 sin heading + 0)) (v / 0.1 m/s)^1 along v",
             ["heading", "speed"],
+        ),
+        (
+            {"shape_1": 5.0, "gear_1_x": 0.1, "gear_1_y": -0.2, "rate_1_per_s": 3.0},
+            "5/7 g (-0.2 tilt_y, -0.1 tilt_x) (3 t + 0)",
+            ["tilt", "time"],
         ),
         ({"mode_gain": 1.0}, "5/7 g 1 (u - tilt), u'' = 100 (tilt - u) - 4 u'", ["tilt"]),
     ],

@@ -290,6 +290,22 @@ proptest! {
     }
 
     #[test]
+    fn gears_may_change_with_time(x in -0.01..0.01_f64, y in -0.01..0.01_f64, gears in prop::array::uniform2(-0.5..0.5), rate in 0.1..2.0_f64) {
+        let named = [
+            ("shape_2", 5.0), ("rate_2_per_s", rate), ("gear_2_x", gears[0]), ("gear_2_y", gears[1]),
+        ];
+        for (engine, within) in ENGINES {
+            let plain = Trial::of(vec![[x, y]; 8]);
+            let (path, without) = (unlisted(plain.clone(), &named).run(engine), plain.run(engine));
+            let way = 5.0 / 7.0 * GRAVITY * rate * (7.0 * ROW).powi(3) / 6.0;
+            // A substep early or late is a part of the way; a turn about y pushes along x, one about x against y.
+            let within = 4.0 * within + 0.02 * way * f64::max(x.abs(), y.abs());
+            assert_close(path[7][0] - without[7][0], way * gears[1] * y, within, &format!("{engine:?}"));
+            assert_close(path[7][1] - without[7][1], -way * gears[0] * x, within, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
     fn a_mode_swings_after_a_knob_that_jumps(rate in 3.0..25.0_f64, damping in 0.0..0.9_f64, gain in -1.0..1.0_f64) {
         let (knob, first) = (0.006, 3);
         let commands = (0..16).map(|row| [0.0, if row < first { 0.0 } else { knob }]).collect();
@@ -395,6 +411,10 @@ fn a_window_continues_the_path_of_the_whole_run() {
         ("brake_3_m_per_s2", 0.03),
         ("heading_3_x", 0.7),
         ("way_3_per_m", 2.0),
+        ("shape_4", 2.0),
+        ("gear_4_x", 0.3),
+        ("gear_4_y", -0.4),
+        ("rate_4_per_s", 0.8),
         ("mode_gain", 0.6),
         ("mode_rate_rad_per_s", 9.0),
         ("mode_damping", 0.1),

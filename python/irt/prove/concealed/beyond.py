@@ -179,6 +179,25 @@ class SoftCord(Physics):
 
 
 @dataclass(frozen=True)
+class WarmMotors(Physics):
+    """Motors that tire as they warm up: the knobs turn less and less far, each by a share of its own."""
+
+    name: ClassVar[str] = "warm_motors"
+    x_share: float
+    y_share: float
+    warm_s: float
+
+    @classmethod
+    def draw(cls, random: np.random.Generator, strength: float) -> Self:
+        size, angle = between(0.05, 0.6, strength), random.uniform(0.0, 0.5 * np.pi)
+        return cls(float(size * np.cos(angle)), float(size * np.sin(angle)), float(random.uniform(2.0, 8.0)))
+
+    def turn(self, knobs: Array, step_s: float) -> Array:
+        warm = -np.expm1(-step_s / self.warm_s * np.arange(len(knobs)))[:, None]
+        return np.asarray(knobs * (1.0 - (self.x_share, self.y_share) * warm))
+
+
+@dataclass(frozen=True)
 class SwayingTable(Physics):
     """Whoever turns both knobs leans on the table: their product turns each of them on [rad/rad^2]."""
 
@@ -298,6 +317,7 @@ BEYOND: tuple[type[Physics], ...] = (
     Crease,
     Resonance,
     SoftCord,
+    WarmMotors,
     SwayingTable,
     Dust,
     EddyBrake,

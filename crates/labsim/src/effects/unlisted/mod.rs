@@ -63,6 +63,10 @@ const fn strength(name: &'static str, means: &'static str) -> Parameter {
     parameter(name, "m/s²", (-1.0, 1.0), 10.0, means)
 }
 
+const fn gear(name: &'static str, means: &'static str) -> Parameter {
+    parameter(name, "", (-1.0, 1.0), 10.0, means)
+}
+
 const fn power(name: &'static str, means: &'static str) -> Parameter {
     Parameter {
         name,
@@ -76,7 +80,9 @@ const fn power(name: &'static str, means: &'static str) -> Parameter {
 
 /// How many profiles there are, and the parameters of each.
 const PROFILES: usize = 5;
-const OF_PROFILE: usize = 16;
+const OF_PROFILE: usize = 18;
+/// Those of them by which it counts.
+const SIZES: std::ops::Range<usize> = 1..6;
 
 macro_rules! parameters {
     ($($n:literal $nth:literal),*) => {
@@ -93,6 +99,8 @@ macro_rules! parameters {
                 push(concat!("push_", $n, "_x_m_per_s2"), concat!("acceleration along x where the ", $nth, " profile is 1")),
                 push(concat!("push_", $n, "_y_m_per_s2"), concat!("acceleration along y where the ", $nth, " profile is 1")),
                 strength(concat!("brake_", $n, "_m_per_s2"), concat!("what the ", $nth, " profile adds to the drag where it is 1")),
+                gear(concat!("gear_", $n, "_x"), concat!("share of the board's angle about x that the ", $nth, " profile adds where it is 1")),
+                gear(concat!("gear_", $n, "_y"), concat!("share of the board's angle about y that the ", $nth, " profile adds where it is 1")),
                 wave(concat!("wave_", $n, "_x_per_m"), concat!("phase of the ", $nth, " profile for each metre along x")),
                 wave(concat!("wave_", $n, "_y_per_m"), concat!("phase of the ", $nth, " profile for each metre along y")),
                 swift(concat!("velocity_", $n, "_x_s_per_m"), concat!("phase of the ", $nth, " profile for each m/s along x")),
@@ -141,12 +149,12 @@ pub(super) const ABOUT: About = About {
     name: "unlisted",
     stage: Stage::Field,
     acts: Acts::OnMarble(Memory::Time),
-    equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g gain (mode - angles), \
+    equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \
                s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
     does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five profiles \
-           (a wave, a step, a bell, a ridge, a round spot, a line, a bowl or a saddle) of push and of drag over the board, \
-           the marble's velocity and its direction, the board's tilt, the time and the way ℓ since row 0, a drag and a push \
+           (a wave, a step, a bell, a ridge, a round spot, a line, a bowl or a saddle) of push, of drag and of the gears over the \
+           board, the marble's velocity and its direction, the board's tilt, the time and the way ℓ since row 0, a drag and a push \
            to the side with any power of the speed, and a mode in which the board swings after its knobs. Accelerations are \
            those of the rolling marble as it is seen, not 7/5 of them. Above 1 m/s the powers count as at 1 m/s, lines, bowls \
            and saddles beyond 1000 radians as there; a drag with the power 0 holds a resting marble as friction does.",
@@ -200,7 +208,7 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
         let (drag, side) = (Law::new(rest[0], rest[1]), Law::new(rest[2], rest[3]));
         let profiles: Vec<_> = profiles
             .chunks_exact(OF_PROFILE)
-            .filter(|one| one[1..4].iter().any(|&amplitude| any(amplitude)))
+            .filter(|one| one[SIZES].iter().any(|&amplitude| any(amplitude)))
             .map(|one| Profile::new(one, drag.growth))
             .collect();
         Self {
@@ -241,6 +249,11 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             y = y + impulse * profile.push[1];
             if let Some(brake) = profile.brake {
                 drag = drag + brake * at;
+            }
+            if let (Some(gear), Some(tilt)) = (profile.gear, self.tilt) {
+                let pull = GRAVITY * (at * push.length);
+                x = x + pull * (gear[1] * tilt[1]);
+                y = y - pull * (gear[0] * tilt[0]);
             }
         }
         if let Some(way) = &mut self.way {

@@ -1,4 +1,4 @@
-//! Shapes over what a push or a drag may depend on.
+//! Shapes over what a push, a drag or a gear may depend on.
 
 use pulp::Simd;
 
@@ -28,6 +28,8 @@ pub(super) struct Profile<S: Simd> {
     pub(super) push: Pair<S>,
     /// What it adds to the drag, as `Law::most`, where any lane has some.
     pub(super) brake: Option<Lanes<S>>,
+    /// What it adds to the gears about x and y, as a share, where any lane has some.
+    pub(super) gear: Option<Pair<S>>,
     /// Radians a metre along x and y.
     vector: Pair<S>,
     /// Radians for each m/s along x and y, for the direction of motion, and for each radian about x and y, where
@@ -63,14 +65,15 @@ impl<S: Simd> Profile<S> {
             shape: Shapes::new(values[0].round()),
             push: [values[1], values[2]],
             brake: values[3].ne(zero).any().then(|| values[3] * growth),
-            vector: [values[4], values[5]],
-            swift: used([values[6], values[7]]),
-            heading: used([values[8], values[9]]),
-            tilt: used([values[10], values[11]]),
-            rate: values[12],
-            way: values[13].ne(zero).any().then_some(values[13]),
-            phase: values[14],
-            across: values[15],
+            gear: used([values[4], values[5]]),
+            vector: [values[6], values[7]],
+            swift: used([values[8], values[9]]),
+            heading: used([values[10], values[11]]),
+            tilt: used([values[12], values[13]]),
+            rate: values[14],
+            way: values[15].ne(zero).any().then_some(values[15]),
+            phase: values[16],
+            across: values[17],
         }
     }
 
