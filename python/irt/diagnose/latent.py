@@ -19,9 +19,12 @@ from scipy.linalg import block_diag, cholesky, solve_triangular
 
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.colour import seeming
+from irt.diagnose.screen import EARLIER
 from irt.diagnose.stretches import LONGEST, SHORTEST, integrator, stretches
 
 Array = NDArray[np.float64]
+#: One for x and one for y.
+Pair = tuple[Array, Array]
 
 #: Variances of the push tried, by the displacement that they make over that of the tracker's noise.
 _SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
@@ -35,6 +38,8 @@ _CHI_SQUARED = 3.84
 NULLS = 99
 #: Rows that a Gaussian process is asked about, at most.
 MOST_ROWS = 400
+#: Rows in which a command that follows its steps forgets them.
+_FORGOTTEN = (2.0, 4.0, 8.0)
 #: Name of delays that differ from command to command.
 JITTER = "jitter"
 
@@ -46,7 +51,8 @@ class Source:
     Attributes
     ----------
     variable : str
-        "position", "velocity", "command", "time", or what does not repeat: "jitter", "each row anew".
+        "position", "velocity", "command", "command history", "time", or what does not repeat: "jitter", "each
+        row anew".
     stage : str
         "force", "command" or "camera".
     gain : float
@@ -141,9 +147,9 @@ class Leftover:
         drawn = self._noise * random.standard_normal((2, self.count, nulls))
         data = [np.column_stack([self.residual(axis), drawn[axis]]) for axis in (0, 1)]
         noises = [self._coloured(share) for share in _CARRIED]
-        plain = np.max([self._likelihood(noise, data) for noise in noises], axis=0)
+        plain = np.max([self._likelihood((noise, noise), data) for noise in noises], axis=0)
         told = [
-            (name, stage, *self._of(kernel, stage, data, noises)) for name, stage, kernel in self._kernels()
+            (name, stage, *self._of(kernels, stage, data, noises)) for name, stage, kernels in self._kernels()
         ]
         told.append((JITTER, "command", *self._of_jitter(data, noises)))
         gains = [np.maximum(likelihood - plain, 0.0) for _, _, likelihood, _ in told]
@@ -162,9 +168,9 @@ class Leftover:
         same = self.rows.stretch[:, None] == self.rows.stretch
         return np.asarray(np.where(same, share**apart, 0.0) * (seeming(share) * self._noise) ** 2)
 
-    def _likelihood(self, covariance: Array, data: Sequence[Array]) -> Array:
-        """Return the log restricted likelihood of (n, k) data of both axes, each of this covariance, (k,)."""
-        x, y = (_restricted(covariance, fixed, one) for fixed, one in zip(self._fixed, data, strict=True))
+    def _likelihood(self, covariances: Pair, data: Sequence[Array]) -> Array:
+        """Return the log restricted likelihood of (n, k) data of both axes, of these covariances, (k,)."""
+        x, y = (_restricted(*one) for one in zip(covariances, self._fixed, data, strict=True))
         return np.asarray(x + y)
 
     def size_of_jitter(self) -> tuple[float, float, float]:
@@ -211,19 +217,20 @@ class Leftover:
         pushes = np.concatenate([one.push for one in self.rows.arrivals])
         return told.max(axis=0), spread * float(np.sqrt((pushes**2).sum() / max(1, pushes.size)))
 
-    def _kernels(self) -> list[tuple[str, str, Array]]:
-        """Return variable, stage, and covariance (n, n) of unit size of either coordinate."""
+    def _kernels(self) -> list[tuple[str, str, Pair]]:
+        """Return variable, stage, and covariances (n, n) of unit size of both coordinates."""
         rows = self.rows
         speed = max(float(np.sqrt((rows.velocity**2).mean())), 1e-9)
         angle = max(float(np.sqrt((rows.knobs**2).mean())), 1e-9)
-        turned = max(float(np.sqrt((rows.turn**2).mean())), 1e-9)
+        turn = rows.turned[:, 0]
+        turned = max(float(np.sqrt((turn**2).mean())), 1e-9)
         same = rows.run[:, None] == rows.run
         alike = _squared_exponential
         found: list[tuple[str, str, Array]] = [
             *(("position", "force", alike(rows.place, length)) for length in (0.03, 0.07, 0.2)),
             *(("velocity", "force", alike(rows.velocity / speed, length)) for length in (0.5, 1.5)),
             *(("command", "command", alike(rows.knobs / angle, length)) for length in (0.5, 1.5)),
-            ("command rate", "command", alike(rows.turn / turned, 0.7)),
+            ("command rate", "command", alike(turn / turned, 0.7)),
             *(("time", "force", alike(rows.time[:, None], length)) for length in (4.0, 15.0, 60.0)),
         ]
         found.append(("each row anew", "force", np.eye(self.count)))
@@ -233,22 +240,42 @@ class Leftover:
         # A picture that turns or stretches with the tilt.
         both = np.concatenate([rows.knobs / angle, rows.place / 0.2], axis=1)
         found.append(("command", "camera", alike(both, 1.0)))
-        return found
+        alike_in_both = [(name, stage, (one, one)) for name, stage, one in found]
+        return [*alike_in_both, *(("command history", "command", self._past(late)) for late in _FORGOTTEN)]
+
+    def _past(self, rows: float) -> Pair:
+        """Return the covariances of pushes that depend on a command and on how it came about.
+
+        That is on a command that follows its steps in so many rows, and on how far it has yet to go: what
+        joints, cords and motors make of steps is the same whenever they are.
+        """
+        fading = np.exp(-(np.arange(EARLIER) + 0.5) / rows)
+        left = np.einsum("nka,k->na", self.rows.turned, fading)
+        told = [one / max(float(np.sqrt((one**2).mean())), 1e-9) for one in (self.rows.knobs - left, left)]
+        # A turn about y pushes along x.
+        x, y = (_squared_exponential(np.stack(told, axis=-1)[:, axis], 1.0) for axis in (1, 0))
+        return x, y
 
     def _of(
-        self, kernel: Array, stage: str, data: Sequence[Array], noises: Sequence[Array]
+        self, kernels: Pair, stage: str, data: Sequence[Array], noises: Sequence[Array]
     ) -> tuple[Array, float]:
         """Return the largest likelihoods (k,) of data (n, k) of both axes, and the push in the first.
 
-        Over sizes of the kernel and over covariances (n, n) of the noise.
+        Over sizes of the kernels and over covariances (n, n) of the noise.
         """
-        moved = kernel if stage == "camera" else self.moved(self.moved(kernel).T)
-        scale = self._noise**2 / max(float(np.mean(np.diag(moved))), 1e-300)
-        tried = list(product(_SIZES, noises))
-        covariances = [size * (scale * moved) + noise for size, noise in tried]
+        x, y = kernels
+        moved_x = self._shown(x, stage)
+        moved_y = moved_x if y is x else self._shown(y, stage)
+        scale = 2.0 * self._noise**2 / max(float(np.mean(np.diag(moved_x + moved_y))), 1e-300)
+        tried = list(product(scale * _SIZES, noises))
+        covariances = [(size * moved_x + noise, size * moved_y + noise) for size, noise in tried]
         told = np.array([self._likelihood(one, data) for one in covariances])
         size, _ = tried[int(told[:, 0].argmax())]
-        return told.max(axis=0), float(np.sqrt(scale * float(np.mean(np.diag(kernel))) * size))
+        return told.max(axis=0), float(np.sqrt(size * float(np.mean(np.diag(x)))))
+
+    def _shown(self, kernel: Array, stage: str) -> Array:
+        """Return the covariance of what pushes, or shifts of the picture, of this covariance do."""
+        return kernel if stage == "camera" else self.moved(self.moved(kernel).T)
 
 
 def _restricted(covariance: Array, fixed: Array, data: Array) -> Array:

@@ -111,6 +111,7 @@ _VARIABLES = {
     "position": "the position on the board",
     "velocity": "the velocity of the marble",
     "command": "the command",
+    "command history": "the command and how it came about",
     "command rate": "how fast the command changes",
     "time": "the time since the recording began",
     "heading": "the direction of motion",

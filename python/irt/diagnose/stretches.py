@@ -97,8 +97,10 @@ class Rows:
         Where the marble is [board edges].
     velocity : (n, 2) array
         How it moves [board edges a row].
-    knobs, turn : (n, 2) arrays
-        The command that holds [rad], and by how much it differs from the one before.
+    knobs : (n, 2) array
+        The command that holds [rad].
+    turned : (n, EARLIER, 2) array
+        By how much it differs from the one before, that from the one before it, and so on.
     arrivals : tuple of Arrivals
         The commands that arrive in each stretch.
     time : (n,) array
@@ -112,7 +114,7 @@ class Rows:
     place: Array
     velocity: Array
     knobs: Array
-    turn: Array
+    turned: Array
     arrivals: tuple[Arrivals, ...]
     time: Array
     run: NDArray[np.int64]
@@ -157,13 +159,14 @@ def stretches(
             pieces.append(piece.cut(first, stop))
     if not pieces:
         empty, none = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
-        return Rows(empty, empty, empty, empty, (), np.zeros(0), none, none), empty, []
+        turned = np.zeros((0, EARLIER, 2))
+        return Rows(empty, empty, empty, turned, (), np.zeros(0), none, none), empty, []
     lengths = [len(piece.place) for piece in pieces]
     rows = Rows(
         place=np.concatenate([piece.place for piece in pieces]),
         velocity=np.concatenate([piece.velocity for piece in pieces]),
         knobs=np.concatenate([piece.knobs for piece in pieces]),
-        turn=np.concatenate([piece.turn for piece in pieces]),
+        turned=np.concatenate([piece.turned for piece in pieces]),
         arrivals=tuple(piece.arrivals for piece in pieces),
         time=np.concatenate([piece.time for piece in pieces]),
         run=np.repeat([piece.run for piece in pieces], lengths),
@@ -183,7 +186,7 @@ class _Piece:
     place: Array
     velocity: Array
     knobs: Array
-    turn: Array
+    turned: Array
     arrivals: Arrivals
     time: Array
     residual: Array
@@ -197,7 +200,7 @@ class _Piece:
             self.place[own],
             self.velocity[own],
             self.knobs[own],
-            self.turn[own],
+            self.turned[own],
             self.arrivals.between(time[0], time[-1]),
             time,
             self.residual[own],
@@ -212,7 +215,7 @@ def _predicted(window: Window, late: _Lateness) -> _Piece:
         place=window.place,
         velocity=np.gradient(window.place, axis=0),
         knobs=window.knobs,
-        turn=window.turn,
+        turned=window.turned,
         arrivals=late.arrivals(window),
         time=window.first + np.arange(len(window.place), dtype=np.float64),
         residual=window.residual,
@@ -235,7 +238,7 @@ def _observed(window: Window, late: _Lateness, noise: float) -> _Piece:
         place=path,
         velocity=velocity,
         knobs=window.knobs,
-        turn=window.turn,
+        turned=window.turned,
         arrivals=late.arrivals(window),
         time=window.first + np.arange(len(path), dtype=np.float64),
         residual=seen,

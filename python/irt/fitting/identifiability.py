@@ -8,10 +8,10 @@ the ranges allow.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import linprog
 
 from irt.fitting import sentences
 from irt.fitting.information import Information
@@ -117,7 +117,7 @@ def _reach(information: Information) -> tuple[Array, Array]:
     """How far each parameter gets along the flat directions before any of them leaves its range: (n,) twice.
 
     Along the symmetries of the motion logarithms change in proportion, so the allowed moves form a polytope
-    in logarithms, and the furthest ones are among its corners.
+    in logarithms.
     """
     values, free = information.values, information.free
     sign = np.where(values < 0.0, -1.0, 1.0)
@@ -126,9 +126,8 @@ def _reach(information: Information) -> tuple[Array, Array]:
     room = np.log(np.maximum(ends, SMALLEST * ends[:, 1:]) / size[:, None])
     room = np.stack([np.minimum(room[:, 0], 0.0), np.maximum(room[:, 1], 0.0)], axis=1)
     moves = (information.directions[information.flat] * information.widths * sign / size).T[free]
-    along = moves @ _corners(moves, room[free]).T
     furthest = np.zeros((2, len(values)))
-    furthest[:, free] = along.min(axis=1), along.max(axis=1)
+    furthest[:, free] = _furthest(moves, room[free])
     reached = size * np.exp(furthest)
     # Close to a vanishing parameter logarithms would go on for ever.
     reached = np.where(reached <= 2.0 * SMALLEST * ends[:, 1], 0.0, reached)
@@ -136,16 +135,15 @@ def _reach(information: Information) -> tuple[Array, Array]:
     return np.minimum(low, values), np.maximum(high, values)
 
 
-def _corners(moves: Array, room: Array) -> Array:
-    """Return the corners (m, k) of the polytope room[:, 0] <= moves (f, k) @ w <= room[:, 1], and w = 0."""
-    f, k = moves.shape
-    found: list[Array] = [np.zeros(k)]
-    for rows in combinations(range(f), k):
-        matrix = moves[list(rows)]
-        if np.linalg.cond(matrix) < 1e9:
-            for ends in product((0, 1), repeat=k):
-                corner = np.linalg.solve(matrix, room[list(rows), list(ends)])
-                found.append(corner.astype(np.float64, copy=False))
-    corners = np.array(found)
-    along = corners @ moves.T
-    return corners[np.all((along >= room[:, 0] - 1e-6) & (along <= room[:, 1] + 1e-6), axis=1)]
+def _furthest(moves: Array, room: Array) -> Array:
+    """Return the ends of each of moves (f, k) @ w where all lie within room (f, 2): (2, f)."""
+    limits, ends = np.concatenate([-moves, moves]), np.concatenate([-room[:, 0], room[:, 1]])
+
+    def most(along: Array, end: float) -> float:
+        found = linprog(-along, limits, ends, bounds=(None, None))
+        # What no solver can tell may be anywhere.
+        return float(-found.fun) if found.success else end
+
+    lowest = [-most(-one, -low) for one, (low, _) in zip(moves, room, strict=True)]
+    highest = [most(one, high) for one, (_, high) in zip(moves, room, strict=True)]
+    return np.array([lowest, highest])

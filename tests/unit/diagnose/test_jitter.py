@@ -43,6 +43,14 @@ def test_delays_that_differ_are_sized(plant):
     assert matters(case, mean)
 
 
+def test_a_knob_that_cannot_follow_does_the_same_whenever_it_is_told_to(plant):
+    case = plant([{"name": "slew_limit", "rate_rad_per_s": 0.1}], runs=6, rows=120)
+    search = searched(case)
+    mean = search.with_effect("delay")
+    assert Leftover(case, mean).sources(0, nulls=0)[0].variable == "command history"
+    assert kicks(case, mean, price(search)) is None
+
+
 @pytest.mark.parametrize("late", [-1, 1, 2])
 def test_a_late_command_moves_the_marble_as_the_engine_says(plant, late):
     case = plant(runs=1)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from irt.fitting.identifiability import estimates, intervals
@@ -52,6 +52,36 @@ def test_an_interval_holds_the_linearised_best_fit_too():
     low, high = intervals(moved)
     assert high[0] - VALUES[0] == pytest.approx(0.07 * WIDTHS[0])
     assert VALUES[0] - low[0] == pytest.approx(0.02 * WIDTHS[0])
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 12), st.integers(0, 2**32 - 1))
+def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
+    """An effect has dozens of parameters, and most of its directions may be flat."""
+    random, count = np.random.default_rng(seed), 24
+    values = random.uniform(0.2, 0.8, count)
+    directions = np.linalg.qr(random.standard_normal((count, count)))[0]
+    half_width = np.where(np.arange(count) < flat, np.inf, 0.01)
+    told = Information(
+        tuple(f"p{index}" for index in range(count)),
+        values,
+        np.ones(count),
+        np.tile([0.0, 1.0], (count, 1)),
+        np.tile([-np.inf, np.inf], (count, 1)),
+        np.ones(count, dtype=bool),
+        directions,
+        half_width,
+        np.zeros(count),
+    )
+    low, high = intervals(told)
+    moves = random.standard_normal((20, flat)) @ directions[:flat] / values
+    room = np.where(moves > 0.0, -np.log(values), np.log(values / 1e-4))
+    furthest = (room / np.maximum(np.abs(moves), 1e-12)).min(axis=1)
+    reached = values * np.exp(0.999 * furthest[:, None] * moves)
+    assert (reached >= low - 1e-3).all()
+    assert (reached <= high + 1e-3).all()
+    assert (low >= 0.0).all()
+    assert (high <= 1.0).all()
 
 
 def test_intervals_stop_where_physics_does():
