@@ -6,6 +6,8 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from threadpoolctl import threadpool_limits
+
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding, NamedEffect
@@ -71,12 +73,13 @@ def diagnose(
         if progress is not None:
             progress(min(steps, _STEPS - 1), _STEPS, text)
 
-    case = Case.of(rig, seed=seed, threads=threads)
-    search = Search(case, report)
-    try:
-        found = _found(search, report)
-    except KeyboardInterrupt as stopped:
-        raise Interrupted(search) from stopped
+    # More threads add up in another order, and wait for each other longer than such matrices take.
+    with threadpool_limits(1, user_api="blas"):
+        search = Search(Case.of(rig, seed=seed, threads=threads), report)
+        try:
+            found = _found(search, report)
+        except KeyboardInterrupt as stopped:
+            raise Interrupted(search) from stopped
     if progress is not None:
         progress(_STEPS, _STEPS, "done")
     return replace(found, seconds=time.perf_counter() - began)
