@@ -19,7 +19,7 @@ from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained, is_trusted
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.impacts import shows
-from irt.diagnose.library import PROFILES, VECTORS, Term, in_slots, of_slot
+from irt.diagnose.library import GEARS, PROFILES, PUSH, VECTORS, Term, in_slots, of_slot
 from irt.diagnose.profiles import ROUND, SHAPES
 from irt.diagnose.search import Search
 from irt.diagnose.view import View, likely_terms, motion_seen
@@ -31,6 +31,8 @@ LEAST = 0.1
 MANY = 3
 #: What repeats needs neither chance nor three effects if one term explains so much of the motion.
 REPEATABLE = 0.85
+#: Components of a vector that a formula leaves out are this share of the largest, at most.
+NOTHING = 1e-3
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
 
@@ -182,7 +184,8 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
 
 
 def formula(values: dict[str, float]) -> str:
-    """Return the learned push as a formula, in m/s^2."""
+    """Return the learned push as a formula, in m/s^2, without what its terms have next to none of."""
+    values = _cleared(values)
     parts, drags, slots = [], [], _profiles(values)
     for slot in slots:
         push, brake, gears = _push(values, slot), values[f"brake_{slot}_m_per_s2"], _gears(values, slot)
@@ -191,7 +194,7 @@ def formula(values: dict[str, float]) -> str:
             parts.append(f"({push[0]:.3g}, {push[1]:.3g}) {profile}")
         if gears != [0.0, 0.0]:
             # A turn about y pushes along x, a turn about x against y.
-            parts.append(f"5/7 g ({gears[1]:.3g} tilt_y, {-gears[0]:.3g} tilt_x) {profile}")
+            parts.append(f"5/7 g ({gears[1]:.3g} tilt_y, {0.0 - gears[0]:.3g} tilt_x) {profile}")
         if brake:
             drags.append(f"{brake:.3g} {profile}")
     if values["drag_strength"]:
@@ -210,6 +213,17 @@ def formula(values: dict[str, float]) -> str:
     shapes = {round(values[f"shape_{slot}"]) for slot in slots}
     what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
     return "a = " + " + ".join(parts) + what
+
+
+def _cleared(values: dict[str, float]) -> dict[str, float]:
+    """Return values with zeros for components along one axis that are next to nothing beside the other's."""
+    kept = dict(values)
+    for slot in range(1, PROFILES + 1):
+        for names in (PUSH, GEARS, *VECTORS.values()):
+            own = [of_slot(name, slot) for name in names]
+            largest = max(abs(values[name]) for name in own)
+            kept |= {name: 0.0 for name in own if abs(values[name]) < NOTHING * largest}
+    return kept
 
 
 def variables(values: dict[str, float]) -> list[str]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from irt.catalogue import EffectInfo, EffectParameter, effect, effects
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, NamedEffect
+from irt.diagnose.unlisted import formula
 from irt.model import Effect, Parameter
 from irt.report.page import Page
 from irt.report.plots import mean_absolute
@@ -50,7 +51,12 @@ def add_effects(page: Page, diagnosis: Diagnosis) -> None:
             page.paragraph(
                 "No effect of the catalogue, nor two together, explains what is left over, yet it repeats "
                 "from run to run. A correction was learned from the recordings instead; it is in model.toml "
-                "and simulates like any other effect."
+                "and simulates like any other effect:"
+            )
+            page.equation(formula({name: value.value for name, value in one.parameters.items()}))
+            page.paragraph(
+                "An acceleration of the rolling marble in SI units: places from the board's centre, angles "
+                "in radians, time and way since the recording began."
             )
         if info is not None:
             _explain(page, info)

@@ -49,7 +49,7 @@ def with_interval(parameter: Parameter) -> str:
             return f"{value:.4g}  (not pinned down)"
         return f"{value:.4g}  ({f'at most {high:.4g}' if math.isinf(low) else f'at least {low:.4g}'})"
     digits = max(0, 1 - _magnitude(high - low)) if high > low else 6
-    told, bottom, top = (f"{number:.{digits}f}" for number in (value, low, high))
+    told, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))
     return f"{told}  ({bottom} to {top})"
 
 

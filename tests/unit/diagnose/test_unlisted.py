@@ -182,6 +182,16 @@ def neutral(**changes):
             ["heading", "speed"],
         ),
         (
+            {
+                "push_1_x_m_per_s2": 0.005,
+                "push_1_y_m_per_s2": -1e-6,
+                "wave_1_x_per_m": -0.02,
+                "wave_1_y_per_m": 90.0,
+            },
+            "(0.005, 0) cos(90 y + 0)",
+            ["position"],
+        ),
+        (
             {"shape_1": 5.0, "gear_1_x": 0.1, "gear_1_y": -0.2, "rate_1_per_s": 3.0},
             "5/7 g (-0.2 tilt_y, -0.1 tilt_x) (3 t + 0)",
             ["tilt", "time"],

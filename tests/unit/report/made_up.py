@@ -98,8 +98,12 @@ def make_effects(verdict, before, after):
             NamedEffect(one.name, "actuation", fitted, units(one.name), before, after, ("delay",), reason),
         )
     if verdict == "unlisted":
-        fitted = {"size_m_per_s2": Parameter(0.021, 0.018, 0.024)}
-        return (NamedEffect(UNLISTED, "field", fitted, {"size_m_per_s2": "m/s2"}, before, after),)
+        fitted = {one.name: Parameter(one.neutral) for one in effect(UNLISTED).parameters}
+        fitted |= {
+            "drag_strength": Parameter(0.021, 0.018, 0.024),
+            "drag_power": Parameter(1.5, 1.3, 1.7),
+        }
+        return (NamedEffect(UNLISTED, "field", fitted, units(UNLISTED), before, after),)
     return ()
 
 

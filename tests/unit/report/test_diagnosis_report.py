@@ -131,6 +131,7 @@ def test_unlisted_tells_where_it_was_found_and_how_large_its_correction_is(repor
     assert "where the knobs change direction" in callout
     assert "nowhere in particular" not in callout  # chance does as much
     assert "0.0210  (0.0180 to 0.0240)" in page
+    assert "a = -(0.021) (v / 0.1 m/s)^1.5 along v" in page
     assert "physics that is not in the catalogue" in page
 
 
