@@ -84,7 +84,7 @@ def plot_power(path: PathLike, scores: Sequence[RigScore]) -> None:
         if clear:
             begin, end = clear[0] - 0.5, len(bins) - 0.5
             axes.plot([begin, end], [0.9, 0.9], color=style.INK, lw=0.9, ls=(0, (4, 3)))
-            axes.text(begin - 0.05, 0.9, "floor", fontsize=7.5, ha="right", va="center", color=style.MUTED)
+            axes.text(begin, 0.885, "floor", fontsize=7.5, ha="left", va="top", color=style.MUTED)
         for index, one in enumerate(bins):
             axes.text(index, -0.01, f"{one.rate.of}", fontsize=7, ha="center", va="top", color=style.MUTED)
         axes.set(xlim=(-0.5, max(len(bins) - 0.5, 0.5)), ylim=(-0.08, 1.04))
