@@ -38,7 +38,7 @@ _CHI_SQUARED = 3.84
 NULLS = 99
 #: Rows that a Gaussian process is asked about, at most.
 MOST_ROWS = 400
-#: Rows in which a command that follows its steps forgets them.
+#: Rows in which a command that follows its steps forgets them; after `EARLIER` rows a step is done.
 _FORGOTTEN = (2.0, 4.0, 8.0)
 #: Name of delays that differ from command to command.
 JITTER = "jitter"
@@ -129,7 +129,9 @@ class Leftover:
 
     def explain(self, axis: int, changes: Array) -> None:
         """Count (n, k) changes of a coordinate among what else could move the marble."""
-        self._fixed[axis] = np.linalg.qr(np.column_stack([self._fixed[axis], changes]))[0]
+        # A gear whose knob never turns does nothing along its axis.
+        seen = changes[:, np.linalg.norm(changes, axis=0) > 0.0]
+        self._fixed[axis] = np.linalg.qr(np.column_stack([self._fixed[axis], seen]))[0]
 
     def residual(self, axis: int) -> Array:
         """Return observed minus predicted for a coordinate, (n,) [board edges]."""

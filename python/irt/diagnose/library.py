@@ -80,7 +80,8 @@ class Term:
     @property
     def _changes(self) -> str:
         """What it is a profile or a law of."""
-        return self.law or ("brake" if self.brakes else "gear" if self.gears else "push")
+        changed = {"brake": BRAKE, "gear": GEARS[0]}
+        return self.law or next((what for what, name in changed.items() if name in self.values), "push")
 
     @property
     def shape(self) -> str:

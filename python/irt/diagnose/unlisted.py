@@ -194,7 +194,7 @@ def formula(values: dict[str, float]) -> str:
             parts.append(f"({push[0]:.3g}, {push[1]:.3g}) {profile}")
         if gears != [0.0, 0.0]:
             # A turn about y pushes along x, a turn about x against y.
-            parts.append(f"5/7 g ({gears[1]:.3g} tilt_y, {0.0 - gears[0]:.3g} tilt_x) {profile}")
+            parts.append(f"5/7 g ({gears[1]:.3g} tilt_y, {-gears[0]:z.3g} tilt_x) {profile}")
         if brake:
             drags.append(f"{brake:.3g} {profile}")
     if values["drag_strength"]:

@@ -18,6 +18,8 @@ _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 _MORE = (
     " Much is left that nothing known explains: these names may stand in for what is missing, or be a part."
 )
+#: How the note begins that tells what was learned without a name, as a formula.
+LEARNED = "What was learned, in SI units: "
 #: Recordings, and rows in which the marble moves, below which little could have been shown.
 _FEW, _STILL = 3, 30
 
@@ -135,7 +137,7 @@ def notes(
             f"delay_jitter with sd_s = {spread.value:.2g} to model.toml."
         )
     if UNLISTED in best.effects:
-        yield f"What was learned, in SI units: {formula(best.value_of(UNLISTED))}."
+        yield f"{LEARNED}{formula(best.value_of(UNLISTED))}."
     if len(case.rig.recordings) == 1:
         yield (
             "There is one recording only: nothing could be held out, so the improvement is not proved. "

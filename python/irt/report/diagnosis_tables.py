@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 from irt.catalogue import EffectInfo, EffectParameter, effect, effects
 from irt.diagnose.diagnosis import UNLISTED, Diagnosis, NamedEffect
-from irt.diagnose.unlisted import formula
+from irt.diagnose.words import LEARNED
 from irt.model import Effect, Parameter
 from irt.report.page import Page
 from irt.report.plots import mean_absolute
@@ -53,7 +53,8 @@ def add_effects(page: Page, diagnosis: Diagnosis) -> None:
                 "from run to run. A correction was learned from the recordings instead; it is in model.toml "
                 "and simulates like any other effect:"
             )
-            page.equation(formula({name: value.value for name, value in one.parameters.items()}))
+            for note in filter(_is_formula, diagnosis.notes):
+                page.equation(note.removeprefix(LEARNED).removesuffix("."))
             page.paragraph(
                 "An acceleration of the rolling marble in SI units: places from the board's centre, angles "
                 "in radians, time and way since the recording began."
@@ -249,9 +250,15 @@ def add_next(page: Page, diagnosis: Diagnosis) -> None:
     if diagnosis.suggestion:
         page.heading("What to record next")
         page.paragraph(diagnosis.suggestion)
-    if diagnosis.notes:
+    others = [note for note in diagnosis.notes if not _is_formula(note)]
+    if others:
         page.heading("To know besides")
-        page.bullets(diagnosis.notes)
+        page.bullets(others)
+
+
+def _is_formula(note: str) -> bool:
+    """Whether a note tells what was learned: it stands with the values."""
+    return note.startswith(LEARNED)
 
 
 def add_candidates(page: Page, diagnosis: Diagnosis) -> None:

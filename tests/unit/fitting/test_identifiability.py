@@ -54,34 +54,50 @@ def test_an_interval_holds_the_linearised_best_fit_too():
     assert VALUES[0] - low[0] == pytest.approx(0.02 * WIDTHS[0])
 
 
-@settings(deadline=None, max_examples=25)
-@given(st.integers(1, 12), st.integers(0, 2**32 - 1))
-def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
-    """An effect has dozens of parameters, and most of its directions may be flat."""
-    random, count = np.random.default_rng(seed), 24
+def some_flat(flat, seed, count=24):
+    """Random directions of values within (0, 1), of which the first ones are flat."""
+    random = np.random.default_rng(seed)
     values = random.uniform(0.2, 0.8, count)
-    directions = np.linalg.qr(random.standard_normal((count, count)))[0]
-    half_width = np.where(np.arange(count) < flat, np.inf, 0.01)
-    told = Information(
+    return Information(
         tuple(f"p{index}" for index in range(count)),
         values,
         np.ones(count),
         np.tile([0.0, 1.0], (count, 1)),
         np.tile([-np.inf, np.inf], (count, 1)),
         np.ones(count, dtype=bool),
-        directions,
-        half_width,
+        np.linalg.qr(random.standard_normal((count, count)))[0],
+        np.where(np.arange(count) < flat, np.inf, 0.01),
         np.zeros(count),
     )
+
+
+def furthest(told, moves):
+    """How far (m, n) moves of the logarithms get before a value is 1, or next to nothing."""
+    room = np.where(moves > 0.0, -np.log(told.values), np.log(told.values / 1e-4))
+    return (room / np.maximum(np.abs(moves), 1e-12)).min(axis=1, keepdims=True)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 12), st.integers(0, 2**32 - 1))
+def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
+    """An effect has dozens of parameters, and most of its directions may be flat."""
+    told = some_flat(flat, seed)
     low, high = intervals(told)
-    moves = random.standard_normal((20, flat)) @ directions[:flat] / values
-    room = np.where(moves > 0.0, -np.log(values), np.log(values / 1e-4))
-    furthest = (room / np.maximum(np.abs(moves), 1e-12)).min(axis=1)
-    reached = values * np.exp(0.999 * furthest[:, None] * moves)
+    moves = np.random.default_rng(seed).standard_normal((20, flat)) @ told.directions[:flat] / told.values
+    reached = told.values * np.exp(0.999 * furthest(told, moves) * moves)
     assert (reached >= low - 1e-3).all()
     assert (reached <= high + 1e-3).all()
-    assert (low >= 0.0).all()
-    assert (high <= 1.0).all()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_intervals_of_one_flat_direction_end_where_it_does(seed):
+    told = some_flat(1, seed)
+    moves = np.stack([told.directions[0], -told.directions[0]]) / told.values
+    ends = told.values * np.exp(furthest(told, moves) * moves)
+    known = np.array([told.margin(axis) for axis in np.eye(len(told.values))])
+    low, high = intervals(told)
+    np.testing.assert_allclose(low, np.maximum(ends.min(axis=0) - known, 0.0), atol=1e-3)
+    np.testing.assert_allclose(high, np.minimum(ends.max(axis=0) + known, 1.0), atol=1e-3)
 
 
 def test_intervals_stop_where_physics_does():

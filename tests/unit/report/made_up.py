@@ -17,6 +17,7 @@ from irt.diagnose.diagnosis import (
     RunProof,
     units,
 )
+from irt.diagnose.words import LEARNED
 from irt.model import Effect, Model, Parameter
 from irt.rig import load_rig
 from irt.rollouts import rollouts
@@ -118,6 +119,7 @@ def make_diagnosis(rig, verdict):
         )
         for values, effects in ((BASE, ()), (FINAL, LEFT_OUT["missing"] if verdict == "missing" else ()))
     ]
+    learned = (f"{LEARNED}a = -(0.021) (v / 0.1 m/s)^1.5 along v.",) if verdict == "unlisted" else ()
     parameters = {**models[1].parameters, "time_scale": Parameter(20.0, 3.0, np.inf)}
     return Diagnosis(
         verdict=verdict,
@@ -152,7 +154,7 @@ def make_diagnosis(rig, verdict):
             Power("delay", "delay_s", "s", 0.021, 0.6),
             Power("board_warp", "height_m", "m", None, 0.002),
         ),
-        notes=("gear_x lies a little outside of the range that was searched.",),
+        notes=("gear_x lies a little outside of the range that was searched.", *learned),
         settings={"command": "irt diagnose rig --out out", "pairs": True, "threads": None},
         seed=7,
         seconds=83.2,

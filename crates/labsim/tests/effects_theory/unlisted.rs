@@ -1,4 +1,4 @@
-//! Profiles of push and drag, powers of the speed, and the mode.
+//! Profiles of push, drag and gears, powers of the speed, and the mode.
 
 use labsim::Engine;
 use labsim::board::GRAVITY;

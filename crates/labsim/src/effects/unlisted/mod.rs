@@ -185,7 +185,7 @@ struct Law<S: Simd> {
 }
 
 pub(crate) struct Unlisted<S: Simd> {
-    /// Those that push or brake in any lane: in the others they add nothing to a sum that begins at zero.
+    /// Those that push, brake or turn the gears in any lane: in the others they add nothing to a sum that begins at zero.
     profiles: Vec<Profile<S>>,
     brakes: bool,
     drag: Law<S>,
