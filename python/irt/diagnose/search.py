@@ -195,10 +195,13 @@ class Search:
         return seeds(self.case, parent, names, self.report)
 
     def _swap(self, one: Fitted) -> None:
-        """Try others in the place of each effect of a hypothesis: what came first may only have stood in."""
+        """Try others in the place of each effect of a hypothesis: what came first may only have stood in.
+
+        And each effect anew beside the others: which came first decides in which minimum a fit ends.
+        """
         for name in one.effects:
-            others = [other for other in hypotheses() if other not in one.effects]
-            self._expand(self.without(one, name), others, SWAPS)
+            rest = self.without(one, name)
+            self._expand(rest, [other for other in hypotheses() if other not in rest.effects], SWAPS)
         self._refine(len(one.effects))
 
     def _move_in(self, size: int) -> None:

@@ -52,6 +52,19 @@ def test_a_hypothesis_is_begun_where_a_larger_one_led(begun):
     assert found.thorough(lost, right).loss(found.case.noise) < lost.loss(found.case.noise) - 10.0
 
 
+def test_two_effects_that_one_order_left_in_a_wrong_minimum_are_tried_in_the_other(begun, monkeypatch):
+    """A patch of friction that spun the marble as well was learned without a name for want of this."""
+    monkeypatch.setattr(search, "SWAPS", 1)
+    monkeypatch.setattr(Search, "_refine", lambda self, size: None)
+    found = begun({"name": "lag", "time_constant_s": 0.2}, {"name": "viscous_drag", "rate_per_s": 0.5})
+    begin = np.concatenate([found.base.values, [0.8, 2.5]])
+    stuck = found.case.refine(["lag", "viscous_drag"], begin[None], iterations=1)[0]
+    found.keep(stuck)
+    found._swap(stuck)
+    pair = found.fits[frozenset(stuck.effects)]
+    assert pair.loss(found.case.noise) < stuck.loss(found.case.noise) - 10.0
+
+
 @pytest.mark.parametrize(
     ("effects", "explained", "trusted", "done"),
     [
