@@ -19,6 +19,8 @@ LOCAL = ("step", "bell", "ridge")
 POLYNOMIALS = ("line", "bowl")
 #: Those of two phases, the second one across.
 ROUND = ("spot", "saddle")
+#: Those that are never more than one.
+BOUNDED = ("wave", *LOCAL, "spot")
 #: Directions of lines, and widths as shares of what was seen of a variable.
 DIRECTIONS = 12
 WIDTHS = (0.025, 0.05, 0.1, 0.2)

@@ -16,11 +16,11 @@ import numpy as np
 from irt.catalogue import effect
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.evidence import Evidence, excess, is_explained, is_trusted
+from irt.diagnose.evidence import Evidence, excess, is_explained, is_most_left, is_trusted
 from irt.diagnose.heldout import hold_out, is_supported
 from irt.diagnose.impacts import shows
-from irt.diagnose.library import GEARS, PROFILES, PUSH, VECTORS, Term, in_slots, of_slot
-from irt.diagnose.profiles import ROUND, SHAPES
+from irt.diagnose.library import BRAKE, GEARS, PROFILES, PUSH, VECTORS, Term, in_slots, of_slot
+from irt.diagnose.profiles import BOUNDED, ROUND, SHAPES
 from irt.diagnose.search import Search
 from irt.diagnose.view import View, likely_terms, motion_seen
 from irt.rig import PARAMETERS
@@ -31,8 +31,8 @@ LEAST = 0.1
 MANY = 3
 #: What repeats needs neither chance nor three effects if one term explains so much of the motion.
 REPEATABLE = 0.85
-#: Components of a vector that a formula leaves out are this share of the largest, at most.
-NOTHING = 1e-3
+#: A formula leaves out components of a vector that are this share of the largest, and profiles that are.
+NOTHING, LITTLE = 1e-3, 1e-2
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
 
@@ -73,7 +73,11 @@ def learn(case: Case, base: Fitted, seen: View | None) -> Iterator[Learned]:
     held, learned = case, base
     while likely := likely_terms(held, seen, learned, terms):
         tried = [_added(case, learned, (*terms, one)) for one in likely]
-        held, terms, begun = _best(case, tried)
+        found = _best(case, tried)
+        if not terms and is_most_left(case, found[-1], base):
+            # Where two terms act whole runs hardly tell what one does alone; the motion itself does.
+            found = tried[0]
+        held, terms, begun = found
         # From where the terms before it led, and from the base model: slopes may lead astray.
         points = [[*one.values[: len(PARAMETERS)], *_values(learned, terms)] for one in (learned, base)]
         fitted = held.fit([UNLISTED], points=np.array(points[: len(terms)]), rounds=1)
@@ -216,18 +220,32 @@ def formula(values: dict[str, float]) -> str:
 
 
 def _cleared(values: dict[str, float]) -> dict[str, float]:
-    """Return values with zeros for components along one axis that are next to nothing beside the other's."""
-    kept = dict(values)
-    for slot in range(1, PROFILES + 1):
+    """Return values with zeros for components along one axis that are next to nothing beside the other's.
+
+    And for waves, steps, bells, ridges and spots that are next to nothing beside others: unlike a polynomial
+    each is at most what it is multiplied by.
+    """
+    kept, slots = dict(values), range(1, PROFILES + 1)
+    for slot in slots:
         for names in (PUSH, GEARS, *VECTORS.values()):
-            own = [of_slot(name, slot) for name in names]
-            largest = max(abs(values[name]) for name in own)
-            kept |= {name: 0.0 for name in own if abs(values[name]) < NOTHING * largest}
+            _clear(kept, [[of_slot(name, slot)] for name in names], NOTHING)
+    bounded = [slot for slot in slots if SHAPES[round(values[f"shape_{slot}"])] in BOUNDED]
+    for names in (PUSH, GEARS, (BRAKE,)):
+        _clear(kept, [[of_slot(name, slot) for name in names] for slot in bounded], LITTLE)
     return kept
+
+
+def _clear(values: dict[str, float], groups: Sequence[Sequence[str]], share: float) -> None:
+    """Set to zero what is less than a share of the largest group."""
+    sizes = [max(abs(values[name]) for name in group) for group in groups]
+    for group, size in zip(groups, sizes, strict=True):
+        if size < share * max(sizes):
+            values.update(dict.fromkeys(group, 0.0))
 
 
 def variables(values: dict[str, float]) -> list[str]:
     """Return on what the learned push depends: position, velocity, heading, tilt, time, way, speed."""
+    values = _cleared(values)
     slots = _profiles(values)
     gears = [_gears(values, slot) for slot in slots]
     found = [

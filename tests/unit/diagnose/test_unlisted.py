@@ -9,6 +9,7 @@ from irt.catalogue import effect
 from irt.diagnose import unlisted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.latent import Leftover
+from irt.diagnose.library import Term
 from irt.diagnose.search import Search
 from irt.diagnose.unlisted import Library, formula, learn, variables
 from irt.diagnose.view import likely_terms, motion_seen
@@ -69,6 +70,23 @@ def test_what_is_left_of_a_first_wave_is_learned_next(plant):
     assert [len(terms) for _, terms, _ in (one, two)] == [1, 2]
     assert two[2].noise < 1.3 * case.noise < one[2].noise
     assert variables(two[2].value_of(UNLISTED)) == ["position"]
+
+
+@pytest.mark.parametrize(("most_left", "taken"), [(True, "position"), (False, "heading")])
+def test_of_first_terms_that_leave_most_the_motion_knows_the_right_one(most_left, taken, monkeypatch):
+    """Of a board that is wavy both ways one wave alone made whole runs no better; a wrong drag a little."""
+    fits = {
+        name: SimpleNamespace(noise=1.0, loss=lambda scale, loss=loss: loss, values=np.zeros(5))
+        for name, loss in (("position", 99.0), ("heading", 95.0), ("refitted", 100.0))
+    }
+    found = [Term(name, {}, (), 0.5) for name in ("position", "heading")]
+    monkeypatch.setattr(unlisted, "likely_terms", lambda held, seen, learned, terms: found)
+    monkeypatch.setattr(unlisted, "_added", lambda case, _, terms: (case, terms, fits[terms[-1].variable]))
+    monkeypatch.setattr(unlisted, "_values", lambda learned, terms: [])
+    monkeypatch.setattr(unlisted, "is_most_left", lambda case, one, base: most_left)
+    case = SimpleNamespace(noise=1.0, fit=lambda effects, points, rounds: fits["refitted"])
+    _, terms, _ = next(learn(case, fits["refitted"], None))
+    assert [one.variable for one in terms] == [taken]
 
 
 def test_drag_is_a_power_of_the_speed(plant):
@@ -195,6 +213,21 @@ def neutral(**changes):
             {"shape_1": 5.0, "gear_1_x": 0.1, "gear_1_y": -0.2, "rate_1_per_s": 3.0},
             "5/7 g (-0.2 tilt_y, -0.1 tilt_x) (3 t + 0)",
             ["tilt", "time"],
+        ),
+        (
+            {
+                "push_1_x_m_per_s2": 4e-6,
+                "push_1_y_m_per_s2": -3e-5,
+                "wave_1_x_per_m": 26.0,
+                "rate_1_per_s": 2.0,
+                "push_2_x_m_per_s2": 0.0044,
+                "wave_2_x_per_m": 108.0,
+                "shape_3": 5.0,
+                "push_3_x_m_per_s2": 1e-5,
+                "wave_3_y_per_m": 900.0,
+            },
+            "(0.0044, 0) cos(108 x + 0) + (1e-05, 0) (900 y + 0)",
+            ["position"],
         ),
         ({"mode_gain": 1.0}, "5/7 g 1 (u - tilt), u'' = 100 (tilt - u) - 4 u'", ["tilt"]),
     ],
