@@ -212,12 +212,17 @@ def _searched(search: Search, report: Report) -> _Answer:
     library can stand for two effects that have names. Effects that seem to leave noise in most windows, and
     no more, have to stand up to further ones and to it, too. Chance and it are asked before three effects,
     and may end the search, where two leave most or one term explains the motion: a board that swings after
-    its knobs, and a drag by the direction of motion, were taken for delays that differ.
+    its knobs, and a drag by the direction of motion, were taken for delays that differ. It is asked before
+    two effects where none does much alone and pushes of one family explain the motion.
     """
     case, best = search.case, search.singles()
     if search.is_done(best):
         return _Answer(case, best)
     library = Library(search)
+    if library.is_strange:
+        answer = _learned(library, best, report)
+        if search.is_done(answer.best):
+            return answer
     best = search.larger(best, 2)
     left = not (search.is_done(best) or search.is_explained_between(best))
     if left and (library.is_repeatable or is_most_left(case, best, search.base)):

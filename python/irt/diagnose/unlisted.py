@@ -31,6 +31,8 @@ LEAST = 0.1
 MANY = 3
 #: What repeats needs neither chance nor three effects if one term explains so much of the motion.
 REPEATABLE = 0.85
+#: Where every effect alone leaves more than this share, so many terms of one family come before two effects.
+STRANGE, TERMS = 0.75, 2
 #: A formula leaves out components of a vector that are this share of the largest, and profiles that are.
 NOTHING, LITTLE = 1e-3, 1e-2
 #: Effects that are believed give way only to what leaves so much of what they do.
@@ -122,6 +124,28 @@ class Library:
     def is_repeatable(self) -> bool:
         """Whether one term explains nearly all of the motion beyond noise."""
         return self._motion[1]
+
+    @property
+    def is_strange(self) -> bool:
+        """Whether no effect alone does much, and pushes of one family explain nearly all of the motion.
+
+        One effect of two does much more. The laws of speed are in the catalogue as well.
+        """
+        case, base = self.search.case, self.search.base
+        least = min(excess(case, one) for one in self.search.ranked(1))
+        seen = motion_seen(case, base) if least > STRANGE * excess(case, base) else None
+        if seen is None:
+            return False
+        terms: list[Term] = []
+        left = 1.0
+        for _ in range(TERMS):
+            likely = seen.likely(terms, 1)
+            if not likely or likely[0].law is not None or {one.family for one in terms} - {likely[0].family}:
+                break
+            left *= 1.0 - seen.explains(likely[0])
+            seen.take(likely[0])
+            terms += likely
+        return left < 1.0 - REPEATABLE
 
     def beyond(self, best: Fitted) -> Learned | None:
         """Return what was learned, if it beats a hypothesis of the catalogue."""

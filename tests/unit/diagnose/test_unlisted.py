@@ -89,6 +89,33 @@ def test_of_first_terms_that_leave_most_the_motion_knows_the_right_one(most_left
     assert [one.variable for one in terms] == [taken]
 
 
+@pytest.mark.parametrize(
+    ("left", "families", "strange"),
+    [
+        (0.9, [("position", "push"), ("position", "push")], True),
+        (0.5, [("position", "push"), ("position", "push")], False),
+        (0.9, [("position", "push"), ("heading", "brake")], False),
+        (0.9, [("velocity", "side"), ("velocity", "side")], False),
+        (0.9, [("position", "push")], False),
+    ],
+)
+def test_two_terms_of_one_family_are_strange_where_no_effect_does_much(left, families, strange, monkeypatch):
+    """Each explains seven tenths of what is left, so that two are needed."""
+    size = {"brake": "brake_1_m_per_s2", "side": "side_strength"}
+    terms = [Term(name, {size.get(what, "shape_1"): 0.0}, (), 0.7) for name, what in families]
+    ahead = iter(terms)
+    seen = SimpleNamespace(
+        likely=lambda known, count: [one for one in [next(ahead, None)] if one is not None],
+        explains=lambda term: term.explained,
+        take=lambda term: None,
+    )
+    monkeypatch.setattr(unlisted, "motion_seen", lambda case, base: seen)
+    monkeypatch.setattr(unlisted, "excess", lambda case, one: one)
+    search = SimpleNamespace(case=None, base=1.0, ranked=lambda size: [1.0, left])
+    assert [one.family for one in terms] == families
+    assert Library(search).is_strange is strange
+
+
 def test_drag_is_a_power_of_the_speed(plant):
     case = plant([{"name": "viscous_drag", "rate_per_s": 1.0}], runs=6, rows=120)
     first = likeliest(case)
