@@ -38,7 +38,7 @@ class Scripted:
 def searched(monkeypatch):
     """Search by a script, and return the effects of the answer, and what was asked for."""
 
-    def of(*, enough, repeats, most_left=False, learns=True, jitters=False):
+    def of(*, enough, repeats, most_left=False, learns=True, jitters=False, strange=False):
         search = Scripted(enough)
         learned = (None, ("term",), SimpleNamespace(effects=("unlisted",))) if learns else None
 
@@ -50,7 +50,7 @@ def searched(monkeypatch):
             search.asked.append("jitter")
             return run._Answer(None, SimpleNamespace(effects=("jitter",)), "spread") if jitters else None
 
-        library = SimpleNamespace(search=search, is_repeatable=repeats, beyond=beyond)
+        library = SimpleNamespace(search=search, is_repeatable=repeats, is_strange=strange, beyond=beyond)
         monkeypatch.setattr(run, "Library", lambda search: library)
         monkeypatch.setattr(run, "_jittering", jittering)
         monkeypatch.setattr(run, "is_most_left", lambda case, one, base: most_left)
@@ -72,6 +72,16 @@ def test_what_has_names_is_not_learned(searched):
 
 def test_what_one_term_explains_is_learned_before_chance_is_believed(searched):
     assert searched(enough=3, repeats=True, jitters=True) == (("unlisted",), [2, "jitter", "library"])
+
+
+def test_what_is_strange_is_learned_before_two_effects_are_tried(searched):
+    assert searched(enough=2, repeats=True, strange=True) == (("unlisted",), ["library"])
+
+
+def test_two_effects_are_tried_where_of_what_is_strange_nothing_can_be_learned(searched):
+    effects, asked = searched(enough=2, repeats=True, strange=True, learns=False)
+    assert len(effects) == 2
+    assert asked[:2] == ["library", 2]
 
 
 @pytest.mark.parametrize(("jitters", "told"), [(True, "jitter"), (False, "unlisted")])
