@@ -103,8 +103,7 @@ class Search:
             return self._with_impacts(best)
         counts = PARTNERS if size == 2 else PARTNERS[:1]
         for parent, count in zip(self.ranked(size - 1), counts, strict=False):
-            others = [name for name in hypotheses() if name not in parent.effects]
-            self._expand(parent, others, count)
+            self._expand_by_any(parent, count)
             if self.is_done(self.ranked(size)[0]):
                 break
         self._move_in(size)
@@ -176,6 +175,10 @@ class Search:
         ranked = sorted(seeds, key=lambda name: -seeds[name][0])[:count]
         self._fit(parent, {name: seeds[name] for name in ranked})
 
+    def _expand_by_any(self, parent: Fitted, count: int) -> None:
+        """Fit a parent with one effect more, of all that it does not have."""
+        self._expand(parent, [name for name in hypotheses() if name not in parent.effects], count)
+
     def _fit(
         self, parent: Fitted, seeds: Mapping[str, tuple[float, Array]], *, rivals_alone: bool = True
     ) -> None:
@@ -200,8 +203,7 @@ class Search:
         And each effect anew beside the others: which came first decides in which minimum a fit ends.
         """
         for name in one.effects:
-            rest = self.without(one, name)
-            self._expand(rest, [other for other in hypotheses() if other not in rest.effects], SWAPS)
+            self._expand_by_any(self.without(one, name), SWAPS)
         self._refine(len(one.effects))
 
     def _move_in(self, size: int) -> None:

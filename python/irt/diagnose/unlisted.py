@@ -140,7 +140,7 @@ class Library:
         left = 1.0
         for _ in range(TERMS):
             likely = seen.likely(terms, 1)
-            if not likely or likely[0].law is not None or {one.family for one in terms} - {likely[0].family}:
+            if not likely or likely[0].law is not None or (terms and likely[0].family != terms[0].family):
                 break
             left *= 1.0 - seen.explains(likely[0])
             seen.take(likely[0])
