@@ -48,10 +48,13 @@ def add_effects(page: Page, diagnosis: Diagnosis) -> None:
         title = "physics that is not in the catalogue" if one.name == UNLISTED else plain(one.name)
         page.subheading(f"{title} ({one.stage})")
         if one.name == UNLISTED:
+            together = any(len(other.effects) > 1 for other in diagnosis.candidates)
+            tried = ", nor two together," if together else " alone"
+            why = "" if together else "Two together were not tried: what was learned leaves about noise. "
             page.paragraph(
-                "No effect of the catalogue, nor two together, explains what is left over, yet it repeats "
-                "from run to run. A correction was learned from the recordings instead; it is in model.toml "
-                "and simulates like any other effect:"
+                f"No effect of the catalogue{tried} explains what is left over, yet it repeats from run to "
+                f"run. {why}A correction was learned from the recordings instead; it is in model.toml and "
+                "simulates like any other effect:"
             )
             for note in filter(_is_formula, diagnosis.notes):
                 page.equation(note.removeprefix(LEARNED).removesuffix("."))

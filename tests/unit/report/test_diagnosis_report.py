@@ -137,6 +137,20 @@ def test_unlisted_tells_where_it_was_found_and_how_large_its_correction_is(repor
     assert "physics that is not in the catalogue" in page
 
 
+def test_unlisted_says_that_two_effects_were_tried_only_if_they_were(tmp_path, labyrinth, diagnosis_of):
+    told = diagnosis_of("unlisted")
+    one = [tried for tried in told.candidates if len(tried.effects) <= 1]
+    two = replace(one[0], effects=("lag", "bump"))
+    alone, both = (
+        write_diagnosis_report(tmp_path / name, labyrinth, replace(told, candidates=tuple(tried))).read_text()
+        for name, tried in (("alone", one), ("both", [*one, two]))
+    )
+    assert "No effect of the catalogue alone explains" in alone
+    assert "Two together were not tried" in alone
+    assert "No effect of the catalogue, nor two together, explains" in both
+    assert "not tried" not in both
+
+
 def test_page_is_one_small_file_that_fetches_nothing(page):
     assert len(page.encode()) < 2_000_000
     for tag, attributes in Tags(page).tags:
