@@ -33,7 +33,7 @@ def effects() -> list[
         str,
         str,
         str,
-        list[tuple[str, str, float, float, float, float, float, str]],
+        list[tuple[str, str, float, float, float, float, float, int, str]],
         str,
         str,
         str,

@@ -32,6 +32,9 @@ class EffectParameter:
         The value without effect.
     least, most : float
         The values that physics allows.
+    time_power : int
+        With which power of the time scale it changes where all of the motion runs slower under weaker pushes,
+        along the same path: 1 of a time, -1 of a speed, -2 of a push, or of a tilt of the board.
     doc : str
         What it is, in a few words.
     """
@@ -43,6 +46,7 @@ class EffectParameter:
     neutral: float
     least: float
     most: float
+    time_power: int
     doc: str
 
     @property

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 use crate::arrays;
 use crate::errors;
 
-/// Name, unit, plausible low and high, neutral, allowed low and high, meaning.
+/// Name, unit, plausible low and high, neutral, allowed low and high, power of the time scale, meaning.
 type Parameter = (
     &'static str,
     &'static str,
@@ -17,6 +17,7 @@ type Parameter = (
     f64,
     f64,
     f64,
+    i8,
     &'static str,
 );
 
@@ -53,6 +54,7 @@ pub(crate) fn catalogue() -> Vec<About> {
                     one.neutral,
                     least,
                     most,
+                    one.time_power,
                     one.means,
                 )
             });

@@ -21,19 +21,6 @@ Array = NDArray[np.float64]
 
 #: Powers of the time scale with which the five parameters change along the symmetry.
 _POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
-#: The same of effects' parameters, by their units.
-_BY_UNIT = {"s": 1.0, "1/s": -1.0, "rad/s": -1.0, "m/s": -1.0, "m/s²": -2.0, "m³/s²": -2.0}
-#: And of those that stand for a tilt, or a shift for each radian of it.
-_BY_NAME = {
-    "tilt_bias.bias_x_rad": -2.0,
-    "tilt_bias.bias_y_rad": -2.0,
-    "board_warp.curvature_xx_per_m": -2.0,
-    "board_warp.curvature_xy_per_m": -2.0,
-    "board_warp.curvature_yy_per_m": -2.0,
-    "bump.height_m": -2.0,
-    "eccentric_marble.offset": -2.0,
-    "parallax.height_m_per_rad": 2.0,
-}
 #: Half width along the symmetry, in ranges: nothing is known.
 _UNKNOWN = 10.0
 
@@ -65,11 +52,8 @@ def _power(name: str, fitted: Fitted) -> float:
     """Return the power of the time scale with which a parameter changes along the symmetry."""
     if name in PARAMETERS:
         return _POWERS[name]
-    if name in _BY_NAME:
-        return _BY_NAME[name]
     of_effect, parameter = name.split(".")
     if parameter in {"drag_strength", "side_strength"}:
         power = fitted.value_of(of_effect)[parameter.replace("strength", "power")]
         return power - 2.0
-    unit = next(one.unit for one in effect(of_effect).parameters if one.name == parameter)
-    return _BY_UNIT.get(unit, 0.0)
+    return float(next(one.time_power for one in effect(of_effect).parameters if one.name == parameter))

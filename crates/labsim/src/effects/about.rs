@@ -86,6 +86,9 @@ pub struct Parameter {
     pub neutral: f64,
     /// The values that physics allows.
     pub allowed: (f64, f64),
+    /// With which power of the time scale it changes where all of the motion runs slower under weaker pushes,
+    /// along the same path: 1 of a time, -1 of a speed, -2 of a push, or of a tilt of the board.
+    pub time_power: i8,
     /// What it is, in a few words.
     pub means: &'static str,
 }
@@ -103,6 +106,7 @@ impl Parameter {
             range: (-half_edge_m, half_edge_m),
             neutral: 0.0,
             allowed: (-10.0, 10.0),
+            time_power: 0,
             means,
         }
     }
@@ -115,6 +119,7 @@ impl Parameter {
             range: (usual, usual),
             neutral: usual,
             allowed: (0.0, 1.0),
+            time_power: 0,
             means,
         }
     }

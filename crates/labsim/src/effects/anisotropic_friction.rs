@@ -19,6 +19,7 @@ pub(super) const ABOUT: About = About {
             range: (1.0, 5.0),
             neutral: 1.0,
             allowed: (1.0, 1e4),
+            time_power: 0,
             means: "resistance across the grain over that along it",
         },
         Parameter {
@@ -27,6 +28,7 @@ pub(super) const ABOUT: About = About {
             range: (0.0, std::f64::consts::PI),
             neutral: 0.0,
             allowed: (-100.0, 100.0),
+            time_power: 0,
             means: "angle from x to the grain, towards y",
         },
     ],

@@ -14,6 +14,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         range: (0.001, 0.3),
         neutral: 0.0,
         allowed: (0.0, 10.0),
+        time_power: 0,
         means,
     }
 }

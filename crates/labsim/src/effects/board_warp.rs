@@ -14,6 +14,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         range: (-0.15, 0.15),
         neutral: 0.0,
         allowed: (-100.0, 100.0),
+        time_power: -2,
         means,
     }
 }

@@ -21,6 +21,7 @@ pub(super) const ABOUT: About = About {
             range: (-5e-4, 5e-4),
             neutral: 0.0,
             allowed: (-0.1, 0.1),
+            time_power: -2,
             means: "height at its middle; a dent's is negative",
         },
         Parameter {
@@ -29,6 +30,7 @@ pub(super) const ABOUT: About = About {
             range: (0.005, 0.04),
             neutral: 0.02,
             allowed: (1e-4, 10.0),
+            time_power: 0,
             means: "w, the distance at which 61 % of the height are left",
         },
     ],

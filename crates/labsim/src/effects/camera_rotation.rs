@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (-0.1745, 0.1745),
         neutral: 0.0,
         allowed: (-100.0, 100.0),
+        time_power: 0,
         means: "a, angle of the picture about the board's centre, from x towards y",
     }],
     does: "The axes of the picture are not those of the board: the camera is turned about its line of sight.",

@@ -17,6 +17,7 @@ pub(super) const ABOUT: About = About {
         range: (-0.2, 0.2),
         neutral: 0.0,
         allowed: (-0.99, 10.0),
+        time_power: 0,
         means: "part by which the last row lasts longer than the first, over the mean",
     }],
     does: "Commands are issued by one clock and pictures taken by another, which slows down or speeds up in the course of \

@@ -21,6 +21,7 @@ pub(super) const ABOUT: About = About {
         range: (5e-4, 0.02),
         neutral: 0.0,
         allowed: (0.0, 10.0),
+        time_power: 0,
         means: "smallest turn of the knob",
     }],
     does: "The knob stops only at multiples of a smallest turn: a servo's encoder, a stepper motor or a message with few digits.",

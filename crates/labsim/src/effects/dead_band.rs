@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (0.005, 0.15),
         neutral: 0.0,
         allowed: (0.0, 10.0),
+        time_power: 0,
         means: "b, the angle on either side of zero within which the board stays level",
     }],
     does: "About zero the knob turns without moving the board, beyond that the board follows by so much less: a slack cord \

@@ -17,6 +17,7 @@ pub(super) const ABOUT: About = About {
         range: (0.0, 0.6),
         neutral: 0.0,
         allowed: (0.0, 60.0),
+        time_power: 1,
         means: "time from a command to the knob's answer",
     }],
     does: "The board answers every command the same time late: networks, controllers and drives pass commands on in turn.",

@@ -17,6 +17,7 @@ pub(super) const ABOUT: About = About {
         range: (0.005, 0.2),
         neutral: 0.0,
         allowed: (0.0, 60.0),
+        time_power: 1,
         means: "standard deviation of a command's delay about its mean",
     }],
     does: "Each command takes another time to arrive, as on a network that others use or in a controller without a clock of \

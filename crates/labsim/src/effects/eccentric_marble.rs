@@ -23,6 +23,7 @@ pub(super) const ABOUT: About = About {
             range: (0.0, 0.01),
             neutral: 0.0,
             allowed: (0.0, 0.5),
+            time_power: -2,
             means: "distance of the centre of mass from the marble's middle, over the radius",
         },
         Parameter {
@@ -31,6 +32,7 @@ pub(super) const ABOUT: About = About {
             range: (0.0, std::f64::consts::TAU),
             neutral: 0.0,
             allowed: (-100.0, 100.0),
+            time_power: 0,
             means: "angle of the centre of mass before the top where the way begins: towards +x, or ahead if it follows \
                     the path",
         },
@@ -40,6 +42,7 @@ pub(super) const ABOUT: About = About {
             range: (-FRAC_PI_2, FRAC_PI_2),
             neutral: 0.0,
             allowed: (-FRAC_PI_2, FRAC_PI_2),
+            time_power: 0,
             means: "angle of the centre of mass out of that plane, towards +y, where the way begins; nothing if it follows \
                     the path",
         },

@@ -24,6 +24,7 @@ pub(super) const ABOUT: About = About {
             range: (0.01, 0.08),
             neutral: 0.04,
             allowed: (HALF_RIM_M, 10.0),
+            time_power: 0,
             means: "its radius; the rim is two millimetres wide",
         },
         Parameter {
@@ -32,6 +33,7 @@ pub(super) const ABOUT: About = About {
             range: (0.2, 8.0),
             neutral: 1.0,
             allowed: (0.0, 1e4),
+            time_power: 0,
             means: "resistance there over that elsewhere",
         },
     ],

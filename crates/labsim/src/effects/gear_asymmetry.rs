@@ -14,6 +14,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         range: (-0.3, 0.3),
         neutral: 0.0,
         allowed: (-1.0, 1.0),
+        time_power: 0,
         means,
     }
 }

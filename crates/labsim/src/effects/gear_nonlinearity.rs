@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (-60.0, 60.0),
         neutral: 0.0,
         allowed: (-1e4, 1e4),
+        time_power: 0,
         means: "b, the part by which the gear ratio changes per square of the knob's angle",
     }],
     does: "Large turns of the knob tilt the board more or less than small ones in proportion, the same on both sides: cords \

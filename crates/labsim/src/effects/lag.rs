@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (0.02, 1.0),
         neutral: 0.0,
         allowed: (0.0, 1e3),
+        time_power: 1,
         means: "time T in which the knob comes within 37 % of a step",
     }],
     does: "The knob creeps towards its command, the slower the nearer it is, as a position servo with a soft gain does.",

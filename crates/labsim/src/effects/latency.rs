@@ -17,6 +17,7 @@ pub(super) const ABOUT: About = About {
         range: (0.0, 0.3),
         neutral: 0.0,
         allowed: (0.0, 60.0),
+        time_power: 1,
         means: "age of a picture when its row is written",
     }],
     does: "A row tells where the marble was some time ago: exposure, transfer and search in the picture take that long. Row 0, \

@@ -22,6 +22,7 @@ pub(super) const ABOUT: About = About {
         range: (-0.5, 0.5),
         neutral: 0.0,
         allowed: (-0.6, 10.0),
+        time_power: 0,
         means: "k, part by which the scale grows over an edge; a barrel's is negative",
     }],
     does: "The lens magnifies the margin of its picture more than the middle, or less: pincushion or barrel.",

@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (-0.6, 0.6),
         neutral: 0.0,
         allowed: (-100.0, 100.0),
+        time_power: 2,
         means: "shift of the picture for a radian of tilt: how high the board lies above the axes it turns about",
     }],
     does: "The camera stands still while the board tilts: a board that does not lie in its axes moves sideways in the picture.",

@@ -17,6 +17,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         range: (-0.3, 0.3),
         neutral: 0.0,
         allowed: (-0.9, 0.9),
+        time_power: 0,
         means,
     }
 }

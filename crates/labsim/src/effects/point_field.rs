@@ -14,6 +14,7 @@ const fn place(name: &'static str, means: &'static str) -> Parameter {
         range: (-0.3, 0.3),
         neutral: 0.0,
         allowed: (-10.0, 10.0),
+        time_power: 0,
         means,
     }
 }
@@ -35,6 +36,7 @@ pub(super) const ABOUT: About = About {
             range: (-0.003, 0.003),
             neutral: 0.0,
             allowed: (-1.0, 1.0),
+            time_power: -2,
             means: "k, force over mass times the squared distance, far away; positive pulls",
         },
     ],

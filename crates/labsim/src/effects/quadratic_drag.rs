@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (0.0, 20.0),
         neutral: 0.0,
         allowed: (0.0, 1e4),
+        time_power: 0,
         means: "q, part of the velocity that is lost on each metre of the way",
     }],
     does: "The marble loses a fixed part of its speed on each metre: air that it has to push aside. On a steel marble that \

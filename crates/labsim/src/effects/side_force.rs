@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (-1.0, 1.0),
         neutral: 0.0,
         allowed: (-100.0, 100.0),
+        time_power: -1,
         means: "k, angle in which the velocity turns each second; positive to the left",
     }],
     does: "The marble is turned aside in proportion to its speed, as spin about the vertical does through contact and air; the \

@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (0.02, 2.0),
         neutral: f64::INFINITY,
         allowed: (0.0, f64::INFINITY),
+        time_power: -1,
         means: "the fastest that the knob turns",
     }],
     does: "The knob turns towards its command at a rate that its motor cannot exceed, and stops there.",

@@ -20,6 +20,7 @@ pub(super) const ABOUT: About = About {
             range: (-0.5, 1.5),
             neutral: 0.0,
             allowed: (-1.0, 100.0),
+            time_power: 0,
             means: "what the spring adds to a small turn, as a part of it; negative where it swallows some",
         },
         Parameter {
@@ -28,6 +29,7 @@ pub(super) const ABOUT: About = About {
             range: (0.005, 0.2),
             neutral: 0.05,
             allowed: (1e-6, 10.0),
+            time_power: 0,
             means: "stretch at which the spring gives way",
         },
         Parameter::choice(

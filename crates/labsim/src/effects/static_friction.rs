@@ -21,6 +21,7 @@ pub(super) const ABOUT: About = About {
         range: (1.0, 5.0),
         neutral: 1.0,
         allowed: (1.0, 1e4),
+        time_power: 0,
         means: "tilt at which a marble at rest breaks away, over the tilt that keeps it rolling",
     }],
     does: "A marble that has come to rest, if only to turn back, needs more tilt to start than to roll on: it has settled into \

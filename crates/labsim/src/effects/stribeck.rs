@@ -19,6 +19,7 @@ pub(super) const ABOUT: About = About {
             range: (0.2, 3.0),
             neutral: 0.0,
             allowed: (0.0, 1e3),
+            time_power: 0,
             means: "part by which the resistance is higher near rest than at speed",
         },
         Parameter {
@@ -27,6 +28,7 @@ pub(super) const ABOUT: About = About {
             range: (0.005, 0.05),
             neutral: 0.02,
             allowed: (1e-6, 1e3),
+            time_power: -1,
             means: "v_s, speed at which 37 % of the excess are left",
         },
     ],

@@ -14,6 +14,7 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         range: (-0.01, 0.01),
         neutral: 0.0,
         allowed: (-0.5, 0.5),
+        time_power: -2,
         means,
     }
 }

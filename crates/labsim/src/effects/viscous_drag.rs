@@ -18,6 +18,7 @@ pub(super) const ABOUT: About = About {
         range: (0.0, 2.0),
         neutral: 0.0,
         allowed: (0.0, 1e3),
+        time_power: -1,
         means: "c, part of the velocity that is lost each second",
     }],
     does: "The marble and its spin lose a fixed part of their speed each second, as on felt, rubber or a film of oil.",

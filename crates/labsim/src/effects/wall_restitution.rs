@@ -21,6 +21,7 @@ pub(super) const ABOUT: About = About {
         range: (-0.9, 0.9),
         neutral: 0.0,
         allowed: (-1.0, 1.0),
+        time_power: 0,
         means: "what the rim's restitution is more than the rig's",
     }],
     does: "The rim returns more or less of the normal speed than the rig says: hard wood, felt or rubber.",

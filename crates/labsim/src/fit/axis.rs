@@ -39,6 +39,8 @@ pub(super) struct Axis {
     /// What it may take at most.
     pub(super) lower: f64,
     pub(super) upper: f64,
+    /// With which power of the time scale the parameter changes along the first symmetry, of an effect's.
+    pub(super) time_power: f64,
 }
 
 impl Axis {
@@ -80,6 +82,7 @@ pub(super) fn base_axis(
         high,
         lower: lower.min(upper),
         upper,
+        time_power: 0.0,
     }
 }
 
@@ -99,6 +102,7 @@ pub(super) fn effect_axis(
         ));
     }
     let (least, most) = parameter.allowed;
+    let time_power = f64::from(parameter.time_power);
     if low > 0.0 && parameter.neutral > 0.0 {
         return Ok(Axis {
             slot,
@@ -108,6 +112,7 @@ pub(super) fn effect_axis(
             high,
             lower: (low / REACH).max(least),
             upper: (high * REACH).min(most),
+            time_power,
         });
     }
     let width = high - low;
@@ -121,5 +126,6 @@ pub(super) fn effect_axis(
         high,
         lower: (low - beyond).max(least),
         upper: (high + beyond).min(most),
+        time_power,
     })
 }

@@ -3,7 +3,8 @@
 //! Two families of changes leave a recording of the five parameters as it is, the first without
 //! damping, the second until a wall is met:
 //!
-//! - `gear_x`, `gear_y` and `rolling_friction` times L, `time_scale` divided by √L;
+//! - `gear_x`, `gear_y` and `rolling_friction` times L, `time_scale` divided by √L, and effects' times,
+//!   speeds, pushes and tilts with it ([`crate::effects::Parameter::time_power`]);
 //! - `observation_scale` times r, `gear_x`, `gear_y` and `rolling_friction` divided by r.
 //!
 //! With logarithms of the gears and the two scales, and the friction relative to the gears, both are
@@ -131,7 +132,10 @@ impl Coordinates {
             shifted[friction] *= self.gear(z) / self.gear(&shifted);
         }
         for (other, rate) in self.symmetry(i) {
-            shifted[other] += rate * step;
+            match self.axes[other].shape {
+                Shape::Linear(_) => shifted[other] *= (rate * step).exp(),
+                _ => shifted[other] += rate * step,
+            }
         }
         shifted
     }
@@ -142,18 +146,28 @@ impl Coordinates {
             Some(friction) if self.axes[i].slot <= GEAR_Y => {
                 vec![(friction, -self.gear_shares(z)[i] * z[friction])]
             }
-            _ => self.symmetry(i),
+            _ => {
+                let rate_of = |(other, rate): (usize, f64)| match self.axes[other].shape {
+                    Shape::Linear(_) => (other, rate * z[other]),
+                    _ => (other, rate),
+                };
+                self.symmetry(i).into_iter().map(rate_of).collect()
+            }
         }
     }
 
+    /// Which coordinates move along a symmetry with one of the scales, and with which power of it.
     fn symmetry(&self, i: usize) -> Vec<(usize, f64)> {
-        let rate = match self.axes[i].slot {
-            TIME => -2.0,
-            SCALE => -1.0,
-            _ => return Vec::new(),
+        let (Some(x), Some(y)) = (self.find(GEAR_X), self.find(GEAR_Y)) else {
+            return Vec::new();
         };
-        match (self.find(GEAR_X), self.find(GEAR_Y)) {
-            (Some(x), Some(y)) => vec![(x, rate), (y, rate)],
+        match self.axes[i].slot {
+            TIME => {
+                let of_effects = self.axes.iter().map(|axis| axis.time_power).enumerate();
+                let moved = of_effects.filter(|(_, power)| *power != 0.0);
+                [(x, -2.0), (y, -2.0)].into_iter().chain(moved).collect()
+            }
+            SCALE => vec![(x, -1.0), (y, -1.0)],
             _ => Vec::new(),
         }
     }
@@ -313,7 +327,16 @@ mod tests {
         let coordinates = coordinates();
         let z = coordinates.to_z(&VALUES);
         let moved = coordinates.to_values(&coordinates.along_time(&z, 25.0).unwrap());
-        assert_near(&moved[3..], &[&[25.0], &VALUES[4..]].concat(), 1e-12);
+        let slower = 25.0 / VALUES[TIME];
+        let push = slower.powi(-2);
+        let effects = [
+            VALUES[5] * slower,
+            VALUES[6] * push,
+            VALUES[7] * push,
+            VALUES[8],
+        ];
+        assert_near(&moved[3..5], &[25.0, VALUES[SCALE]], 1e-12);
+        assert_near(&moved[5..], &effects, 1e-12);
         let scaled = coordinates.to_values(&coordinates.shifted(&z, SCALE, 0.01));
         for i in 0..3 {
             let time = |values: &[f64]| values[i] * values[TIME] * values[TIME];

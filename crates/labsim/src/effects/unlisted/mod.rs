@@ -18,6 +18,7 @@ const fn parameter(
     unit: &'static str,
     range: (f64, f64),
     most: f64,
+    time_power: i8,
     means: &'static str,
 ) -> Parameter {
     Parameter {
@@ -26,45 +27,46 @@ const fn parameter(
         range,
         neutral: 0.0,
         allowed: (-most, most),
+        time_power,
         means,
     }
 }
 
 const fn push(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "m/s²", (-1.0, 1.0), 100.0, means)
+    parameter(name, "m/s²", (-1.0, 1.0), 100.0, -2, means)
 }
 
 const fn wave(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "rad/m", (-400.0, 400.0), 1e4, means)
+    parameter(name, "rad/m", (-400.0, 400.0), 1e4, 0, means)
 }
 
 const fn swift(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "rad s/m", (-200.0, 200.0), 1e4, means)
+    parameter(name, "rad s/m", (-200.0, 200.0), 1e4, 1, means)
 }
 
 const fn heading(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "rad", (-10.0, 10.0), 1e4, means)
+    parameter(name, "rad", (-10.0, 10.0), 1e4, 0, means)
 }
 
 const fn tilt(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "", (-2e3, 2e3), 1e5, means)
+    parameter(name, "", (-2e3, 2e3), 1e5, 2, means)
 }
 
 const fn rate(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "rad/s", (-60.0, 60.0), 1e4, means)
+    parameter(name, "rad/s", (-60.0, 60.0), 1e4, -1, means)
 }
 
 const fn phase(name: &'static str, means: &'static str) -> Parameter {
     // Of a narrow profile at the board's end it is many radians.
-    parameter(name, "rad", (-10.0, 10.0), 200.0, means)
+    parameter(name, "rad", (-10.0, 10.0), 200.0, 0, means)
 }
 
 const fn strength(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "m/s²", (-1.0, 1.0), 10.0, means)
+    parameter(name, "m/s²", (-1.0, 1.0), 10.0, -2, means)
 }
 
 const fn gear(name: &'static str, means: &'static str) -> Parameter {
-    parameter(name, "", (-1.0, 1.0), 10.0, means)
+    parameter(name, "", (-1.0, 1.0), 10.0, 0, means)
 }
 
 const fn power(name: &'static str, means: &'static str) -> Parameter {
@@ -74,6 +76,7 @@ const fn power(name: &'static str, means: &'static str) -> Parameter {
         range: (0.0, 4.0),
         neutral: 1.0,
         allowed: (0.0, 4.0),
+        time_power: 0,
         means,
     }
 }
@@ -94,6 +97,7 @@ macro_rules! parameters {
                     range: (0.0, SADDLE),
                     neutral: 0.0,
                     allowed: (0.0, SADDLE),
+                    time_power: 0,
                     means: concat!("of the ", $nth, " profile: 0 wave, 1 step, 2 bell, 3 ridge, 4 spot, 5 line, 6 bowl, 7 saddle"),
                 },
                 push(concat!("push_", $n, "_x_m_per_s2"), concat!("acceleration along x where the ", $nth, " profile is 1")),
@@ -124,13 +128,14 @@ macro_rules! parameters {
             power("drag_power", "p, with which power of the speed the drag grows"),
             strength("side_strength", "side, acceleration to the left at 0.1 m/s"),
             power("side_power", "q, with which power of the speed the push to the side grows"),
-            parameter("mode_gain", "", (-2.0, 2.0), 100.0, "how much of the mode's way from the board's angles adds to them"),
+            parameter("mode_gain", "", (-2.0, 2.0), 100.0, 0, "how much of the mode's way from the board's angles adds to them"),
             Parameter {
                 name: "mode_rate_rad_per_s",
                 unit: "rad/s",
                 range: (2.0, 40.0),
                 neutral: 10.0,
                 allowed: (0.1, 1e3),
+                time_power: -1,
                 means: "how fast the mode swings without its damping",
             },
             Parameter {
@@ -139,6 +144,7 @@ macro_rules! parameters {
                 range: (0.0, 0.99),
                 neutral: 0.2,
                 allowed: (0.0, 0.99),
+                time_power: 0,
                 means: "damping of the mode, of the critical one",
             },
         ]
