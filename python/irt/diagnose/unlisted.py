@@ -33,8 +33,8 @@ MANY = 3
 REPEATABLE = 0.85
 #: Where every effect alone leaves more than this share, so many terms of one family come before two effects.
 STRANGE, TERMS = 0.75, 2
-#: A formula leaves out components of a vector that are this share of the largest, and profiles that are.
-NOTHING, LITTLE = 1e-3, 1e-2
+#: A formula leaves out what is less than this share of the largest: components of vectors, and profiles.
+LITTLE = 1e-2
 #: Effects that are believed give way only to what leaves so much of what they do.
 HALF = 0.5
 
@@ -91,7 +91,26 @@ def learn(case: Case, base: Fitted, seen: View | None) -> Iterator[Learned]:
 
 def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
     """Refine what was learned with one term more, from where that term explains most."""
-    values = _values(learned, terms)
+    return _refined(case, learned, terms, _values(learned, terms))
+
+
+def _without(learned: Learned, index: int) -> Learned:
+    """Refine what was learned without one of its terms."""
+    case, terms, fitted = learned
+    known, values = fitted.value_of(UNLISTED), {one.name: one.neutral for one in effect(UNLISTED).parameters}
+    kept = [
+        (term, now)
+        for place, (term, now) in enumerate(zip(terms, in_slots(terms), strict=True))
+        if place != index
+    ]
+    rest = tuple(term for term, _ in kept)
+    for (_, now), then in zip(kept, in_slots(rest), strict=True):
+        values |= {name: known[before] for name, before in zip(then.values, now.values, strict=True)}
+    return _refined(case, fitted, rest, list(values.values()))
+
+
+def _refined(case: Case, learned: Fitted, terms: tuple[Term, ...], values: list[float]) -> Learned:
+    """Refine terms from these values of the engine's effect; what is of none of them stays as it is."""
     free = {name for term in in_slots(terms) for name in term.free}
     names = [one.name for one in effect(UNLISTED).parameters]
     still = {name: value for name, value in zip(names, values, strict=True) if name not in free}
@@ -178,9 +197,23 @@ class Library:
                 doubted = True
             if is_explained(case, fitted, base):
                 break
-        if kept is not None:
-            search.remember(before, held_before)
+        if kept is None:
+            return None
+        needed = self._needed(kept)
+        if needed is not kept:
+            kept, held_before = needed, hold_out(needed[0], needed[2])
+        search.remember(kept[2], held_before)
         return kept
+
+    def _needed(self, learned: Learned) -> Learned:
+        """Take away what later terms make needless: one that came early may only have stood in for them."""
+        fits = self.search.fits.values()
+        for index in reversed(range(len(learned[1]) - 1)):
+            without = _without(learned, index)
+            evidence = Evidence.of(learned[0], [*fits, learned[2], without[2]])
+            if not evidence.is_better(learned[2], without[2]):
+                learned = without
+        return learned
 
     @functools.cached_property
     def _motion(self) -> tuple[View | None, bool]:
@@ -252,18 +285,18 @@ def _cleared(values: dict[str, float]) -> dict[str, float]:
     kept, slots = dict(values), range(1, PROFILES + 1)
     for slot in slots:
         for names in (PUSH, GEARS, *VECTORS.values()):
-            _clear(kept, [[of_slot(name, slot)] for name in names], NOTHING)
+            _clear(kept, [[of_slot(name, slot)] for name in names])
     bounded = [slot for slot in slots if SHAPES[round(values[f"shape_{slot}"])] in BOUNDED]
     for names in (PUSH, GEARS, (BRAKE,)):
-        _clear(kept, [[of_slot(name, slot) for name in names] for slot in bounded], LITTLE)
+        _clear(kept, [[of_slot(name, slot) for name in names] for slot in bounded])
     return kept
 
 
-def _clear(values: dict[str, float], groups: Sequence[Sequence[str]], share: float) -> None:
-    """Set to zero what is less than a share of the largest group."""
+def _clear(values: dict[str, float], groups: Sequence[Sequence[str]]) -> None:
+    """Set to zero what is next to nothing beside the largest group."""
     sizes = [max(abs(values[name]) for name in group) for group in groups]
     for group, size in zip(groups, sizes, strict=True):
-        if size < share * max(sizes):
+        if size < LITTLE * max(sizes):
             values.update(dict.fromkeys(group, 0.0))
 
 
