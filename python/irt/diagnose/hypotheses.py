@@ -13,6 +13,8 @@ from irt.rollouts import rollouts
 
 Array = NDArray[np.float64]
 
+#: Effects that are one thing by two names: no recording of a rig that stays the same tells them apart.
+ALIKE = frozenset({"delay", "latency"})
 #: Parameters that say where on the board something is.
 PLACE = {"x_m", "y_m"}
 #: Change of a path that is rounding [board edges].

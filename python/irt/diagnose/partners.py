@@ -30,18 +30,25 @@ Report = Callable[[str], None]
 
 
 def seeds(case: Case, parent: Fitted, names: Iterable[str], report: Report) -> dict[str, tuple[float, Array]]:
-    """Return for each effect the largest share that a draw explains, and points to begin a fit at."""
-    found: dict[str, tuple[float, Array]] = {}
+    """Return for each effect the largest share that a draw explains, and points to begin a fit at.
+
+    In the order in which to try them: the best one in windows of each length, then as short windows have
+    them. In longer ones the marble has gone astray, and what explains most there may be anything.
+    """
     longest = max(len(segment.knobs) for segment in case.segments)
     lengths = sorted({min(longest, rows or longest) for rows in HORIZONS})
     screens = [Screen(case, parent, rows) for rows in lengths]
+    points: dict[str, Array] = {}
+    shares: dict[str, list[float]] = {}
     for name in names:
         report(" + ".join([*parent.effects, name]))
         draws = [screen.draws(name) for screen in screens]
         values = np.concatenate([_best(name, one.values) for one in draws])
-        points = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
-        found[name] = max(float(one.explained[0]) for one in draws), points
-    return found
+        points[name] = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
+        shares[name] = [float(one.explained[0]) for one in draws]
+    ranked = [sorted(shares, key=lambda name: -shares[name][i]) for i in range(len(lengths))]
+    order = dict.fromkeys([*(names[0] for names in ranked if names), *ranked[0]])
+    return {name: (max(shares[name]), points[name]) for name in order}
 
 
 def moved_in(case: Case, one: Fitted, name: str, other: str) -> tuple[tuple[str, ...], Array]:

@@ -36,7 +36,7 @@ def rivals(search: Search, best: Fitted, asked: Sequence[str]) -> dict[str, list
                 same.add(search.fits[frozenset(names)].effects)
         for one in _instead(search, best, name):
             if search.evidence().gain(best, one) < NEAR:
-                search.keep(search.case.fit(one.effects, points=one.values[None], rounds=2))
+                search.fit(one.effects, one.values[None], rounds=2)
         tied = _instead(search, best, name)
         found[name] = [
             one for one in tied if one.effects in same or search.evidence().margin(best, one) < TIE

@@ -15,7 +15,7 @@ from irt.diagnose.evidence import is_explained, is_most_left
 from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
-from irt.diagnose.hypotheses import hypotheses, size_of
+from irt.diagnose.hypotheses import ALIKE, hypotheses, size_of
 from irt.diagnose.jitter import kicks, matters, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.library import Term
@@ -31,8 +31,6 @@ from irt.rig import Rig, load_rig
 
 #: Effects that make up for what delays that differ come late by in the mean.
 MADE_UP = ("delay", "latency", "lag")
-#: Those of them that are one thing by two names.
-ALIKE = ("delay", "latency")
 #: The effect that stands for the mean of delays that differ.
 MEAN = "delay"
 #: What leaves far more than noise, and more than this share of the error on recordings held out, only stands
@@ -236,7 +234,7 @@ def _searched(search: Search, report: Report) -> _Answer:
         by_chance = _by_chance(search, library, best, report)
         if by_chance is not None:
             return by_chance
-        best = search.with_partners(best)
+        best = search.pruned(search.with_partners(best))
     if len(best.effects) < MANY and (search.is_done(best) or search.is_explained_between(best)):
         return _Answer(case, best)
     return _learned(library, best, report)

@@ -8,7 +8,7 @@ and laid beside the residuals. So thousands of draws cost less than one fit.
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,8 @@ _CLIP = 4.0
 _STRAIGHT = 0.02
 #: Smallest size drawn, as a share of the largest.
 _LEAST = 1e-3
+#: Without stamps a row may last so many times as long as a hypothesis has it, or so many times less.
+_SLOWER = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +187,7 @@ class Screen:
         The size of an effect, where one parameter is that, is the one that suits each draw best, unless a
         little more of it is another effect: a knob that moves in steps shows it only if the step is exact.
         """
-        parameters, size, rough = effect(name).parameters, size_of(name), is_rough(name)
+        parameters, size, rough = self._plausible(name), size_of(name), is_rough(name)
         if count is None:
             count = OF_ROUGH if rough else DRAWS[min(len(parameters), len(DRAWS)) - 1]
         drawn = drawn_values(parameters, size, count, self._case.seed)
@@ -207,9 +209,14 @@ class Screen:
         order = np.argsort(-gain, kind="stable")
         return Draws(drawn[order], gain[order] / max(self.squares, 1e-300))
 
+    def _plausible(self, name: str) -> tuple[EffectParameter, ...]:
+        """Return an effect's parameters, their ranges as wide as the hypothesis' time scale may be wrong."""
+        parameters = effect(name).parameters
+        return parameters if self._case.time_scale is not None else tuple(map(_of_any_clock, parameters))
+
     def _straight(self, name: str) -> Array:
         """Return the values that explain most if changes add up and are straight lines, (1, p)."""
-        parameters = effect(name).parameters
+        parameters = self._plausible(name)
         neutral = np.array([one.neutral for one in parameters])
         if not np.isfinite(neutral).all():
             return np.zeros((0, len(parameters)))
@@ -297,7 +304,9 @@ def drawn_values(parameters: tuple[EffectParameter, ...], size: int | None, coun
     columns = [
         np.where(places[:, index] < 0.5, one.most, one.least)
         if one.is_choice
-        else spread(one, places[:, index])
+        else (_by_factors if one.time_power and index != size and one.low > 0.0 else spread)(
+            one, places[:, index]
+        )
         for index, one in enumerate(parameters)
     ]
     return np.stack(columns, axis=1)
@@ -311,6 +320,18 @@ def _filling(dimensions: int, count: int, seed: int) -> Array:
     return np.asarray(qmc.Sobol(dimensions, seed=seed).random(count))
 
 
+def _of_any_clock(one: EffectParameter) -> EffectParameter:
+    """Return a parameter with the values that are plausible if the time scale is wrong."""
+    factor = _SLOWER ** abs(one.time_power)
+    low, high = (min(end * factor, end / factor) for end in (one.low, -one.high))
+    return replace(one, low=max(low, one.least), high=min(-high, one.most))
+
+
+def _by_factors(one: EffectParameter, places: Array) -> Array:
+    """Return values of which each factor is as frequent, (k,)."""
+    return np.asarray(one.low * (one.high / one.low) ** places)
+
+
 def _uniform(one: EffectParameter, places: Array) -> Array:
     return np.asarray(one.low + (one.high - one.low) * places)
 
@@ -318,7 +339,7 @@ def _uniform(one: EffectParameter, places: Array) -> Array:
 def _by_magnitude(one: EffectParameter, places: Array) -> Array:
     """Return values of all magnitudes, from a thousandth of the range on, to either side of neutral."""
     if not one.low <= one.neutral <= one.high:
-        return np.asarray(one.low * (one.high / one.low) ** places)
+        return _by_factors(one, places)
     below, above = one.neutral - one.low, one.high - one.neutral
     side = places * (below + above) - below
     reach = np.where(side < 0.0, below, above)

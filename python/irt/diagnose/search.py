@@ -14,7 +14,7 @@ from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.evidence import Evidence, excess, is_explained, is_trusted
 from irt.diagnose.heldout import HeldOut, hold_out, is_supported
-from irt.diagnose.hypotheses import acts_on_impacts_alone, has_place, hypotheses
+from irt.diagnose.hypotheses import ALIKE, acts_on_impacts_alone, has_place, hypotheses
 from irt.diagnose.impacts import (
     between_impacts,
     is_explained_between,
@@ -26,7 +26,9 @@ from irt.rig import PARAMETERS
 Array = NDArray[np.float64]
 
 #: Effects fitted alone before all are, and as partners of the best of those and of the second.
-SINGLES, PARTNERS = 10, (6, 4)
+SINGLES, PARTNERS = 8, (6, 4)
+#: Of the best effects alone so many are fitted in twos.
+PAIRED = 4
 #: Effects tried in the place of each one of the best hypothesis.
 SWAPS = 4
 #: Hypotheses of each size that are refined.
@@ -57,6 +59,7 @@ class Search:
     report: Report
     fits: dict[frozenset[str], Fitted] = field(default_factory=dict)
     _held_out: dict[tuple[str, ...], HeldOut] = field(default_factory=dict)
+    _fitted: dict[tuple[tuple[str, ...], bytes, int], Fitted] = field(default_factory=dict)
 
     @property
     def base(self) -> Fitted:
@@ -77,7 +80,7 @@ class Search:
         self.report("the five parameters")
         self.keep(self.case.fit(starts=8))
         seeds = self.seeds(self.base, hypotheses())
-        ranked = sorted(seeds, key=lambda name: -seeds[name][0])
+        ranked = list(seeds)
         best = self.base
         for names in (ranked[:SINGLES], ranked[SINGLES:]):
             self._fit(self.base, {name: seeds[name] for name in names})
@@ -101,14 +104,18 @@ class Search:
             return best
         if self.is_explained_between(best):
             return self._with_impacts(best)
+        if size == 2:
+            self._pair_up()
         counts = PARTNERS if size == 2 else PARTNERS[:1]
-        for parent, count in zip(self.ranked(size - 1), counts, strict=False):
-            self._expand_by_any(parent, count)
-            if self.is_done(self.ranked(size)[0]):
+        for parent, count in zip(self._different(size - 1), counts, strict=False):
+            if self.ranked(size) and self.is_done(self.ranked(size)[0]):
                 break
+            self._expand_by_any(parent, count)
         self._move_in(size)
         self._refine(size)
-        self._swap(self.ranked(size)[0])
+        grown = self.ranked(size)[0]
+        if self._takes_enough(grown, self.ranked(size - 1)[0]):
+            self._swap(grown)
         return self._grown(best, size)
 
     def pruned(self, best: Fitted) -> Fitted:
@@ -155,12 +162,19 @@ class Search:
             if found is None:
                 break
             points = np.array([found.values, found.begun_at(best)])
-            whole = self.case.fit(found.effects, points=points, rounds=0)
-            self.keep(whole)
+            whole = self.fit(found.effects, points, rounds=0)
             if whole.loss(self.case.noise) > best.loss(self.case.noise):
                 break
             best = self.fits[frozenset(whole.effects)]
         return best
+
+    def fit(self, effects: Sequence[str], points: Array, *, rounds: int) -> Fitted:
+        """Fit a hypothesis from points, unless that was done, and remember it if it is the best one."""
+        key = (tuple(effects), points.tobytes(), rounds)
+        if key not in self._fitted:
+            self._fitted[key] = self.case.fit(effects, points=points, rounds=rounds)
+            self.keep(self._fitted[key])
+        return self._fitted[key]
 
     def keep(self, one: Fitted) -> None:
         """Remember a fit, if it is the best one of its effects."""
@@ -172,8 +186,29 @@ class Search:
     def _expand(self, parent: Fitted, names: Sequence[str], count: int) -> None:
         """Fit a parent with one effect more: of those that would explain most of what it leaves over."""
         seeds = self.seeds(parent, names) if names else {}
-        ranked = sorted(seeds, key=lambda name: -seeds[name][0])[:count]
-        self._fit(parent, {name: seeds[name] for name in ranked})
+        self._fit(parent, {name: seeds[name] for name in [*seeds][:count]})
+
+    def _different(self, size: int) -> list[Fitted]:
+        """Return the hypotheses of a size, the best first, of those that are one by two names the better."""
+        found: dict[frozenset[str], Fitted] = {}
+        for one in self.ranked(size):
+            names = frozenset(one.effects)
+            found.setdefault(names - ALIKE | ({min(ALIKE)} if names & ALIKE else set()), one)
+        return list(found.values())
+
+    def _pair_up(self) -> None:
+        """Fit the best effects alone in twos, from where each led.
+
+        A draw of one, laid beside what the other leaves, hardly tells them: alone each also did what it could
+        of the other's part.
+        """
+        count = len(PARAMETERS)
+        for one, other in itertools.combinations(self._different(1)[:PAIRED], 2):
+            names = (*one.effects, *other.effects)
+            self.report(" + ".join(names))
+            effects = [*one.values[count:], *other.values[count:]]
+            points = [[*begun.values[:count], *effects] for begun in (one, other)]
+            self.fit(names, np.array(points), rounds=0)
 
     def _expand_by_any(self, parent: Fitted, count: int) -> None:
         """Fit a parent with one effect more, of all that it does not have."""
@@ -187,9 +222,8 @@ class Search:
         for name in seeds:
             self.report(" + ".join([*parent.effects, name]))
             if enough is not None and seeds[name][0] < enough:
-                break
-            fitted = self.case.fit((*parent.effects, name), points=seeds[name][1], rounds=0)
-            self.keep(fitted)
+                continue
+            fitted = self.fit((*parent.effects, name), seeds[name][1], rounds=0)
             if rivals_alone and is_explained(self.case, fitted, self.base):
                 enough = RIVAL * seeds[name][0]
 
@@ -218,13 +252,13 @@ class Search:
             for name, other in itertools.product(filter(has_place, best.effects), placed):
                 names, points = moved_in(self.case, best, name, other)
                 self.report(" + ".join(names))
-                self.keep(self.case.fit(names, points=points, rounds=0))
+                self.fit(names, points, rounds=0)
 
     def _refine(self, size: int) -> None:
         """Refine the best hypotheses of a size."""
         for one in self.ranked(size)[:REFINED]:
             self.report(" + ".join(one.effects))
-            self.keep(self.case.fit(one.effects, points=one.values[None], rounds=2))
+            self.fit(one.effects, one.values[None], rounds=2)
 
     def _grown(self, best: Fitted, size: int) -> Fitted:
         """Return the best hypothesis of a size if it is worth its effects, else the one before."""
@@ -239,14 +273,18 @@ class Search:
         """Whether a larger hypothesis is better by enough, and on recordings held out."""
         if not self.evidence().is_better(one, over):
             return False
-        if over.effects and excess(self.case, one) > (1.0 - WORTH) * excess(self.case, over):
+        if over.effects and not self._takes_enough(one, over):
             return False
         return self.is_supported(one, over)
+
+    def _takes_enough(self, one: Fitted, over: Fitted) -> bool:
+        """Whether a larger hypothesis takes away enough of what one leaves."""
+        return excess(self.case, one) <= (1.0 - WORTH) * excess(self.case, over)
 
     def thorough(self, parent: Fitted, child: Fitted) -> Fitted:
         """Fit a hypothesis once more, from where it led and from where a larger one did, and look around."""
         points = np.array([parent.values, parent.begun_at(child)])
-        self.keep(self.case.fit(parent.effects, points=points, rounds=2))
+        self.fit(parent.effects, points, rounds=2)
         return self.fits[frozenset(parent.effects)]
 
     def without(self, one: Fitted, name: str) -> Fitted:
