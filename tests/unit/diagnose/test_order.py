@@ -11,8 +11,9 @@ from irt.diagnose.search import MOST_EFFECTS
 class Scripted:
     """A search in which only hypotheses of some numbers of effects leave noise."""
 
-    def __init__(self, enough):
+    def __init__(self, enough, partners):
         self.case, self.base, self.enough, self.asked = None, None, enough, []
+        self.partners = partners
 
     def singles(self):
         return SimpleNamespace(effects=("delay",))
@@ -22,10 +23,11 @@ class Scripted:
         return best if self.is_done(best) else SimpleNamespace(effects=("delay",) * size)
 
     def pruned(self, best):
-        return best
+        """Take away what is needless."""
+        return SimpleNamespace(effects=tuple(one for one in best.effects if one != "needless"))
 
     def with_partners(self, best):
-        return best
+        return SimpleNamespace(effects=(*best.effects[:1], *self.partners)) if self.partners else best
 
     def is_explained_between(self, best):
         return False
@@ -38,8 +40,8 @@ class Scripted:
 def searched(monkeypatch):
     """Search by a script, and return the effects of the answer, and what was asked for."""
 
-    def of(*, enough, repeats, most_left=False, learns=True, jitters=False, strange=False):
-        search = Scripted(enough)
+    def of(*, enough, repeats, most_left=False, learns=True, jitters=False, strange=False, partners=()):
+        search = Scripted(enough, partners)
         learned = (None, ("term",), SimpleNamespace(effects=("unlisted",))) if learns else None
 
         def beyond(best):
@@ -102,6 +104,14 @@ def test_delays_that_differ_are_told_where_nothing_that_repeats_leaves_noise(sea
     effects, asked = searched(enough=9, repeats=True, learns=False, jitters=True)
     assert effects == ("jitter",)
     assert asked == [2, "jitter", "library"]
+
+
+def test_what_a_partner_between_impacts_makes_needless_is_not_named(searched):
+    """A delay and what stood in for a dead band stayed with it, and three were named for two."""
+    effects, _ = searched(enough=2, repeats=False, learns=False, partners=("needless", "dead_band"))
+    assert effects == ("delay", "delay")
+    effects, _ = searched(enough=9, repeats=False, learns=False, partners=("needless", "dead_band"))
+    assert effects == ("delay", "dead_band")
 
 
 def test_what_can_be_learned_comes_last(searched):

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
+from irt.catalogue import effect
+from irt.diagnose import partners
 from irt.diagnose.impacts import between_impacts
 from irt.diagnose.partners import likeliest_partner, moved_in, seeds
+from irt.diagnose.screen import Draws
 
 BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0004, "bias_y_rad": -0.0003}
 LAG = {"name": "lag", "time_constant_s": 0.4}
@@ -35,6 +38,27 @@ def test_seeds_begin_where_the_hypothesis_led(plant):
     explained, points = seeds(case, base, ["tilt_bias"], said)["tilt_bias"]
     assert 0.3 < explained <= 1.0
     assert points[:, :5] == pytest.approx(base.values[None].repeat(len(points), axis=0))
+
+
+def test_short_windows_say_what_is_tried_first(plant, monkeypatch):
+    """In whole runs the marble has gone astray: what seems to explain most there may be anything."""
+    shares = {24: [0.3, 0.2, 0.1, 0.4], 60: [0.1, 0.6, 0.3, 0.2], 80: [0.1, 0.2, 0.9, 0.3]}
+    names = ["lag", "delay", "tilt_bias", "viscous_drag"]
+
+    class Told:
+        def __init__(self, case, parent, rows):
+            self.rows = rows
+
+        def draws(self, name):
+            values = np.full((1, len(effect(name).parameters)), 0.1)
+            return Draws(values, np.array([shares[self.rows][names.index(name)]]))
+
+    monkeypatch.setattr(partners, "Screen", Told)
+    case = plant(rows=80)
+    found = seeds(case, case.fit(starts=2, rounds=1), names, said)
+    # The best of each length, and then as short windows have them.
+    assert list(found) == ["viscous_drag", "delay", "tilt_bias", "lag"]
+    assert [share for share, _ in found.values()] == [0.4, 0.6, 0.9, 0.3]
 
 
 def test_what_pushes_at_a_place_is_looked_for_where_something_else_was_found(plant):

@@ -1,5 +1,7 @@
 """What effects would change, beside what the base model leaves over."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -75,3 +77,16 @@ def test_the_same_draws_for_the_same_seed(plant):
     first, second = (Screen(case, base).draws("lag") for _ in range(2))
     np.testing.assert_array_equal(first.values, second.values)
     np.testing.assert_array_equal(first.explained, second.explained)
+
+
+@pytest.mark.parametrize(("stamped", "reach"), [(None, 3.0), (15.0, 1.0)])
+def test_without_stamps_times_and_speeds_are_drawn_as_far_as_the_clock_may_be_wrong(plant, stamped, reach):
+    case = plant()
+    fitted = case.fit(starts=2, rounds=1)
+    screen = Screen(replace(case, time_scale=stamped), fitted)
+    speed = effect("stribeck").parameters[1]
+    drawn = screen.draws("stribeck").values[:, 1]
+    assert speed.low / reach < drawn.min() < 1.3 * speed.low / reach
+    assert 0.7 * speed.high * reach < drawn.max() < speed.high * reach
+    place = effect("bump").parameters[0]
+    assert np.abs(screen.draws("bump").values[:, 0]).max() <= place.high

@@ -82,3 +82,33 @@ def test_effects_are_not_enough_by_what_most_windows_look_like(
     monkeypatch.setattr(search, "is_trusted", lambda case, one, base: trusted)
     found = Search(None, lambda text: None, {frozenset(): None})
     assert found.is_done(SimpleNamespace(effects=effects)) is done
+
+
+def test_two_effects_that_do_most_alone_are_fitted_together(begun, monkeypatch):
+    """Beside a delay a dead band was not among those that draws seemed to tell, and a stranger was named."""
+    found = begun({"name": "delay", "delay_s": 0.15}, {"name": "dead_band", "half_width_rad": 0.02})
+    for name in ("delay", "latency", "dead_band"):
+        found.with_effect(name)
+    monkeypatch.setattr(Search, "seeds", lambda self, parent, names: pytest.fail("nothing is drawn"))
+    found._pair_up()
+    pair = found.ranked(2)[0]
+    assert "dead_band" in pair.effects
+    assert pair.noise < 1.3 * found.case.noise
+
+
+def test_what_is_one_by_two_names_is_paired_once(begun):
+    found = begun({"name": "latency", "latency_s": 0.15})
+    for name in ("delay", "latency", "lag"):
+        found.with_effect(name)
+    different = [one.effects for one in found._different(1)]
+    assert len(different) == 2
+    assert different[0] == found.ranked(1)[0].effects
+    assert ("lag",) in different
+
+
+def test_the_same_fit_is_not_made_twice(begun, monkeypatch):
+    found = begun({"name": "lag", "time_constant_s": 0.2})
+    point = np.append(found.base.values, 0.1)[None]
+    first = found.fit(["lag"], point, rounds=0)
+    monkeypatch.setattr(type(found.case), "fit", lambda *_, **__: pytest.fail("it was made"))
+    assert found.fit(["lag"], point, rounds=0) is first

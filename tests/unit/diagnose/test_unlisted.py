@@ -9,9 +9,9 @@ from irt.catalogue import effect
 from irt.diagnose import unlisted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.latent import Leftover
-from irt.diagnose.library import Term
+from irt.diagnose.library import Term, of_slot
 from irt.diagnose.search import Search
-from irt.diagnose.unlisted import Library, formula, learn, variables
+from irt.diagnose.unlisted import Library, _refined, formula, learn, variables
 from irt.diagnose.view import likely_terms, motion_seen
 
 
@@ -70,6 +70,24 @@ def test_what_is_left_of_a_first_wave_is_learned_next(plant):
     assert [len(terms) for _, terms, _ in (one, two)] == [1, 2]
     assert two[2].noise < 1.3 * case.noise < one[2].noise
     assert variables(two[2].value_of(UNLISTED)) == ["position"]
+
+
+def test_a_term_that_later_ones_make_needless_is_taken_away(plant):
+    """A washboard both ways was begun with a wave askew, which stayed at a hundredth of the others."""
+    planted, tiny = wave(), {"push_1_y_m_per_s2": 1e-4, "wave_1_y_per_m": 60.0}
+    case = plant([planted], runs=6)
+    search = Search(case, lambda text: None)
+    search.keep(case.fit())
+    pushes = [tiny, {name: value for name, value in planted.items() if name != "name"}]
+    askew, right = (Term("position", values, tuple(values), 0.0) for values in pushes)
+    values = neutral() | tiny | {of_slot(name, 2): value for name, value in right.values.items()}
+    both = _refined(case, search.base, (askew, right), list(values.values()))
+    kept = Library(search)._needed(both)
+    assert kept[1] == (right,)
+    told = kept[2].value_of(UNLISTED)
+    assert told["wave_1_x_per_m"] == pytest.approx(planted["wave_1_x_per_m"], rel=0.05)
+    assert told["push_2_x_m_per_s2"] == 0.0
+    assert kept[2].noise < 1.1 * both[2].noise
 
 
 @pytest.mark.parametrize(("most_left", "taken"), [(True, "position"), (False, "heading")])
