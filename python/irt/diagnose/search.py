@@ -37,6 +37,8 @@ REFINED = 3
 RIVAL = 0.3
 #: A single effect that explains less is compared with all others [nats].
 CLEAR = 100.0
+#: Share of what chance leaves that an effect with a place takes away by more than chance.
+MORE_THAN_CHANCE = 0.5
 #: Effects that are named together, at most.
 MOST_EFFECTS = 3
 
@@ -127,11 +129,16 @@ class Search:
         return best
 
     def beside(self, parent: Fitted, names: Sequence[str]) -> Fitted:
-        """Return a hypothesis that has to stay with the one effect more that is worth it, or as it is."""
+        """Return a hypothesis that has to stay with the one effect more that is worth it, or as it is.
+
+        Of what delays leave that differ by chance, something with a place takes a third, wherever it is.
+        """
         self._expand(parent, names, PARTNERS[0])
-        found = [self.fits.get(frozenset({*parent.effects, name}), parent) for name in names]
-        best = min(found, key=lambda one: (one.loss(self.case.noise), one.effects))
-        return best if self._is_worth(best, parent) else parent
+        least = (1.0 - MORE_THAN_CHANCE) * excess(self.case, parent)
+        tried = {name: self.fits.get(frozenset({*parent.effects, name}), parent) for name in names}
+        found = [one for name, one in tried.items() if not has_place(name) or excess(self.case, one) < least]
+        best = min([parent, *found], key=lambda one: (one.loss(self.case.noise), one.effects))
+        return best if best is not parent and self._is_worth(best, parent) else parent
 
     def is_done(self, one: Fitted) -> bool:
         """Whether nothing is left to explain; of effects by more than what most windows look like."""
