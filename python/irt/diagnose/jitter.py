@@ -18,13 +18,16 @@ MATTERS = 1.2
 STRETCHES = (24, 60)
 
 
-def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
+def kicks(case: Case, mean: Fitted, price: float, *, is_rounded: bool = False) -> Leftover | None:
     """Return what a mean delay leaves over, if the delays differ from command to command; else None.
 
     If they do, the marble is moved along each change of the command, by as much as it came late, and never
     twice the same. Other variables explain it less well, and it is worth its price [nats].
     What repeats must not be clearly better in longer or shorter stretches: in some a picture that turns with
     the tilt looks like kicks.
+
+    Beside what rounds commands, as a lag does, kicks look like a push in each row, too: there only what
+    repeats has to explain less.
     """
     told: Leftover | None = None
     for longest in STRETCHES:
@@ -33,7 +36,8 @@ def kicks(case: Case, mean: Fitted, price: float) -> Leftover | None:
         gain = max((one.gain for one in sources if one.variable == JITTER), default=0.0)
         if any(one.gain > gain + REPEATS for one in sources if one.repeats):
             return None
-        others = max((one.gain for one in sources if one.variable != JITTER), default=np.inf)
+        rivals = [one.gain for one in sources if one.variable != JITTER and (one.repeats or not is_rounded)]
+        others = max(rivals, default=np.inf)
         if told is None and gain > max(price, others + CLEAR):
             told = leftover
     return told

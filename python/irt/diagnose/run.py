@@ -268,7 +268,8 @@ def _jittering(search: Search, best: Fitted, report: Report) -> _Answer | None:
     """
     report("delays that differ from command to command")
     price = search.evidence().price(2, 1)
-    if set(MADE_UP) & set(best.effects) and kicks(search.case, best, price) is None:
+    made_up = set(MADE_UP) & set(best.effects)
+    if made_up and kicks(search.case, best, price, is_rounded=not made_up & ALIKE) is None:
         return None
     for parent in _mains(search, best):
         mean = search.with_effect(MEAN, parent)

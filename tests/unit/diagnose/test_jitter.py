@@ -30,17 +30,33 @@ def price(search):
 
 
 def test_delays_that_differ_are_sized(plant):
-    case = plant([{"name": "delay_jitter", "sd_s": 0.1}], runs=8, rows=120)
+    case = plant([{"name": "delay_jitter", "sd_s": 0.12}], runs=8, rows=120)
     search = searched(case)
     mean = search.with_effect("delay")
     told = kicks(case, mean, price(search))
     assert told is not None
     size = spread(case, mean, told)
     # In rows: from rest, gears and a clock that are both off move the marble as the right ones do.
-    truth = 0.1 / (15.0 / 240.0) * case.row_s(mean)
+    truth = 0.12 / (15.0 / 240.0) * case.row_s(mean)
     assert 0.5 * truth < size.value < 2.0 * truth
     assert size.low < truth < size.high
     assert matters(case, mean)
+
+
+@pytest.mark.parametrize(
+    ("planted", "chance"),
+    [
+        ({"name": "delay_jitter", "sd_s": 0.12}, True),
+        ({"name": "slew_limit", "rate_rad_per_s": 0.1}, False),
+        ({"name": "clock_drift", "drift": 0.2}, False),
+    ],
+    ids=lambda one: one["name"] if isinstance(one, dict) else "",
+)
+def test_beside_a_lag_delays_that_differ_have_to_beat_what_repeats(plant, planted, chance):
+    """A lag rounds kicks, so that a push in each row explains them as well as they do themselves."""
+    search = searched(plant([planted], runs=8, rows=120))
+    told = kicks(search.case, search.with_effect("lag"), price(search), is_rounded=True)
+    assert (told is not None) is chance
 
 
 def test_a_knob_that_cannot_follow_does_the_same_whenever_it_is_told_to(plant):
@@ -111,7 +127,7 @@ def test_delays_that_differ_are_looked_for_beside_what_else_is_missing(plant, mo
     for names in (effects[:1], effects):
         search.keep(search.case.refine(names, neutral(search, names))[0])
     seen = []
-    monkeypatch.setattr(run, "kicks", lambda case, one, price: seen.append(one.effects))
+    monkeypatch.setattr(run, "kicks", lambda case, one, price, **_: seen.append(one.effects))
     assert run._jittering(search, search.fits[frozenset(effects)], lambda _: None) is None
     assert seen == asked
 
