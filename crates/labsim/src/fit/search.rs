@@ -103,7 +103,7 @@ impl<'a> Search<'a> {
         let mut candidates = self.descend(&coordinates, starts)?;
         let mut best = candidates.remove(0);
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
-        // Two effects or three are more often refined than the base model, and by more parameters.
+        // With effects a fit is one of many, and each member takes more slopes.
         let members = settings.starts / (1 + usize::from(!self.problem.effects.is_empty()));
         for round in 1..=settings.rounds {
             let before = best.clone();
