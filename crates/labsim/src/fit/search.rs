@@ -100,7 +100,8 @@ impl<'a> Search<'a> {
             None => self.screen(settings)?,
         };
         self.total.set(self.total(&coordinates, settings.rounds));
-        let mut candidates = self.descend(&coordinates, starts)?;
+        let keeps = !points.is_empty() && settings.rounds > 0;
+        let mut candidates = self.descend(&coordinates, starts, keeps)?;
         let mut best = candidates.remove(0);
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
         // With effects a fit is one of many, and each member takes more slopes.
@@ -139,18 +140,29 @@ impl<'a> Search<'a> {
     }
 
     /// Refines start points in longer and longer windows, and the better half in whole stretches.
-    fn descend(&self, coordinates: &Coordinates, starts: Vec<Vec<f64>>) -> Result<Vec<End>> {
+    ///
+    /// There the start points as they were count as well if it `keeps` them: short windows may lead away from
+    /// where a fit has led before.
+    fn descend(
+        &self,
+        coordinates: &Coordinates,
+        starts: Vec<Vec<f64>>,
+        keeps: bool,
+    ) -> Result<Vec<End>> {
         let mut shorter: Option<Windows> = None;
         let count = starts.len();
+        let begin = |point: Point| End {
+            path: vec![point.z.clone()],
+            point,
+            residual: Vec::new(),
+        };
         let mut ends: Vec<End> = starts
-            .into_iter()
-            .map(|z| End {
-                path: vec![z.clone()],
-                point: Point {
-                    z,
+            .iter()
+            .map(|z| {
+                begin(Point {
+                    z: z.clone(),
                     states: Vec::new(),
-                },
-                residual: Vec::new(),
+                })
             })
             .collect();
         let longer = |windows: &Windows, shorter: &Option<Windows>, states: &[State]| match shorter
@@ -188,6 +200,12 @@ impl<'a> Search<'a> {
             for end in &mut ends {
                 end.point.states = longer(&self.whole, &shorter, &end.point.states);
             }
+            if keeps {
+                let begun = self
+                    .problem
+                    .begun(coordinates, &self.whole, starts, self.cancel)?;
+                ends.extend(begun.into_iter().map(begin));
+            }
         }
         let points: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();
         let shooting = self.shooting(coordinates, &self.whole, 1.0);
@@ -196,8 +214,10 @@ impl<'a> Search<'a> {
             end.residual = residual;
         }
         let mut candidates = self.ranked(coordinates, ends);
-        candidates.truncate(count);
-        let rest = candidates.split_off(count.div_ceil(2));
+        let extra = usize::from(keeps);
+        candidates.truncate(count + extra);
+        let better = (count.div_ceil(2) + extra).min(candidates.len());
+        let rest = candidates.split_off(better);
         let mut candidates = self.refined(coordinates, candidates, WHOLE_ITERATIONS)?;
         candidates.extend(rest);
         Ok(self.ranked(coordinates, candidates))
