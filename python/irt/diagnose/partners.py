@@ -47,7 +47,7 @@ def seeds(case: Case, parent: Fitted, names: Iterable[str], report: Report) -> d
         points[name] = np.concatenate([np.tile(parent.values, (len(values), 1)), values], axis=1)
         shares[name] = [float(one.explained[0]) for one in draws]
     ranked = [sorted(shares, key=lambda name: -shares[name][i]) for i in range(len(lengths))]
-    order = dict.fromkeys([*(names[0] for names in ranked if names), *ranked[0]])
+    order = dict.fromkeys([*(found[0] for found in ranked if found), *ranked[0]])
     return {name: (max(shares[name]), points[name]) for name in order}
 
 

@@ -8,6 +8,7 @@ and laid beside the residuals. So thousands of draws cost less than one fit.
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -302,11 +303,7 @@ def drawn_values(parameters: tuple[EffectParameter, ...], size: int | None, coun
     places = _filling(len(parameters), count, seed)
     spread = _uniform if size is not None and len(parameters) > 1 else _by_magnitude
     columns = [
-        np.where(places[:, index] < 0.5, one.most, one.least)
-        if one.is_choice
-        else (_by_factors if one.time_power and index != size and one.low > 0.0 else spread)(
-            one, places[:, index]
-        )
+        _drawn(one, places[:, index], _by_factors if index != size and _is_timed(one) else spread)
         for index, one in enumerate(parameters)
     ]
     return np.stack(columns, axis=1)
@@ -318,6 +315,15 @@ def _filling(dimensions: int, count: int, seed: int) -> Array:
     from scipy.stats import qmc  # noqa: PLC0415
 
     return np.asarray(qmc.Sobol(dimensions, seed=seed).random(count))
+
+
+def _drawn(one: EffectParameter, places: Array, spread: Callable[[EffectParameter, Array], Array]) -> Array:
+    return np.where(places < 0.5, one.most, one.least) if one.is_choice else spread(one, places)
+
+
+def _is_timed(one: EffectParameter) -> bool:
+    """Whether it is a time, a speed or such, of one sign: what the clock is wrong by multiplies it."""
+    return one.time_power != 0 and one.low > 0.0
 
 
 def _of_any_clock(one: EffectParameter) -> EffectParameter:

@@ -138,7 +138,7 @@ class Search:
         tried = {name: self.fits.get(frozenset({*parent.effects, name}), parent) for name in names}
         found = [one for name, one in tried.items() if not has_place(name) or excess(self.case, one) < least]
         best = min([parent, *found], key=lambda one: (one.loss(self.case.noise), one.effects))
-        return best if best is not parent and self._is_worth(best, parent) else parent
+        return best if self._is_worth(best, parent) else parent
 
     def is_done(self, one: Fitted) -> bool:
         """Whether nothing is left to explain; of effects by more than what most windows look like."""

@@ -97,7 +97,7 @@ def _added(case: Case, learned: Fitted, terms: tuple[Term, ...]) -> Learned:
 def _without(learned: Learned, index: int) -> Learned:
     """Refine what was learned without one of its terms."""
     case, terms, fitted = learned
-    known, values = fitted.value_of(UNLISTED), {one.name: one.neutral for one in effect(UNLISTED).parameters}
+    known, values = fitted.value_of(UNLISTED), _neutral()
     kept = [
         (term, now)
         for place, (term, now) in enumerate(zip(terms, in_slots(terms), strict=True))
@@ -112,19 +112,22 @@ def _without(learned: Learned, index: int) -> Learned:
 def _refined(case: Case, learned: Fitted, terms: tuple[Term, ...], values: list[float]) -> Learned:
     """Refine terms from these values of the engine's effect; what is of none of them stays as it is."""
     free = {name for term in in_slots(terms) for name in term.free}
-    names = [one.name for one in effect(UNLISTED).parameters]
-    still = {name: value for name, value in zip(names, values, strict=True) if name not in free}
+    still = {name: value for name, value in zip(_neutral(), values, strict=True) if name not in free}
     held = case.holding(UNLISTED, still)
     return held, terms, held.refine([UNLISTED], np.array([[*learned.values[: len(PARAMETERS)], *values]]))[0]
 
 
 def _values(learned: Fitted, terms: Sequence[Term]) -> list[float]:
     """Return the values of the engine's effect: what was learned, and the last term as it explains most."""
-    neutral = {one.name: one.neutral for one in effect(UNLISTED).parameters}
     known, (*before, last) = learned.value_of(UNLISTED), in_slots(terms)
     shared = {name for term in before for name in term.free}
     added = {name: value for name, value in last.values.items() if name not in shared}
-    return list((neutral | known | added).values())
+    return list((_neutral() | known | added).values())
+
+
+def _neutral() -> dict[str, float]:
+    """Return the values without effect of all parameters of the engine's effect."""
+    return {one.name: one.neutral for one in effect(UNLISTED).parameters}
 
 
 def _best(case: Case, tried: Sequence[Learned]) -> Learned:
