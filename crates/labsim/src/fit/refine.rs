@@ -5,7 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use super::Problem;
 use super::coordinates::Coordinates;
-use super::descent::{Pace, minimise};
+use super::descent::{End, Pace, loss, minimise};
+use super::robust;
 use super::shooting::{Point, Shooting};
 use super::slopes::Look;
 use super::windows::Windows;
@@ -16,6 +17,8 @@ const VARIANTS: usize = 4;
 /// First rows by which start states are found before whole stretches refine them, and steps for each.
 const HEADS: [usize; 2] = [12, 36];
 const HEAD_ITERATIONS: usize = 4;
+/// Steps of start states alone over whole stretches, for descents that begin with those.
+const HELD_ITERATIONS: usize = 6;
 
 /// Where values have led.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,20 +58,42 @@ impl Problem<'_> {
             self.check_values(values)?;
             begun.push(coordinates.to_z(values));
         }
-        let starts = self.begun(&coordinates, &whole, begun, cancel)?;
-        let pace = Pace {
-            iterations,
-            look: Look::Both,
-            variants: VARIANTS,
-            held,
+        let mut starts = self.begun(&coordinates, &whole, begun, cancel)?;
+        let minimised = |starts: &[Point], iterations, held| {
+            let pace = Pace {
+                iterations,
+                look: Look::Both,
+                variants: VARIANTS,
+                held,
+            };
+            minimise(&shooting, starts, self.tracker_noise(), pace, &|_| ())
         };
-        let ends = minimise(&shooting, &starts, self.tracker_noise(), pace, &|_| ())?;
+        if !held {
+            // Start states that are off lead parameters astray, and fitted ones may hold them where they are:
+            // the better of two descents is taken.
+            let settled = minimised(&starts, HELD_ITERATIONS, true)?;
+            starts.extend(settled.into_iter().map(|end| end.point));
+        }
+        let mut ends = minimised(&starts, iterations, held)?;
+        for (i, other) in ends.split_off(values.len()).into_iter().enumerate() {
+            if self.is_better(&shooting, &other, &ends[i]) {
+                ends[i] = other;
+            }
+        }
         let refined = ends.into_iter().map(|end| Refined {
             values: coordinates.to_values(&end.point.z),
             states: self.of_stretches(&whole, |i| end.point.states[i]),
             residuals: self.residuals(&whole, &end.residual),
         });
         Ok(refined.collect())
+    }
+
+    /// Whether one end of a descent lies deeper than another.
+    fn is_better(&self, shooting: &Shooting<'_>, one: &End, other: &End) -> bool {
+        let scale = |end: &End| robust::scale(&end.residual, &shooting.windows.known);
+        let scale = scale(one).min(scale(other)).max(self.tracker_noise());
+        let loss = |end: &End| loss(shooting, &end.point.z, &end.residual, scale);
+        loss(one) < loss(other)
     }
 
     /// Points with the start states that the first rows tell, then some more: a guess that is a little off

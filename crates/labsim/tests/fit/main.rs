@@ -3,3 +3,4 @@
 mod contract;
 mod planted;
 mod recovery;
+mod refining;
