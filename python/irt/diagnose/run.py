@@ -129,19 +129,21 @@ def _found(search: Search, report: Report) -> Diagnosis:
     tied = {} if UNLISTED in best.effects else rivals(search, best, answer.rivalled)
     report("the proof")
     told = Found(search, possible, tied, answer.spread).diagnosis(where)
-    if answer.is_of_catalogue and not _is_all(search, best):
+    leaves = answer.is_of_catalogue and not _is_all(search, best)
+    if leaves:
         # Beside what was not found, a size that may as well be none says nothing.
         kept = best
         for name in [one.name for one in told.effects if may_be_absent(one)]:
             kept = search.without(kept, name)
         if kept is not best:
             told, best = _told(search, kept, where), kept
-    if told.verdict != "unlisted" or not best.effects or _is_believed(told, answer.is_of_catalogue):
+    if not best.effects or not is_doubtful(told, leaves=leaves, is_of_catalogue=answer.is_of_catalogue):
         return told
     if answer.known is not None and answer.known.effects:
         # What was learned does not predict; what it stood in for may.
         known = _told(search, answer.known, where)
-        if _is_believed(known, is_of_catalogue=True) and not any(map(may_be_absent, known.effects)):
+        doubtful = is_doubtful(known, leaves=True, is_of_catalogue=True)
+        if not doubtful and not any(map(may_be_absent, known.effects)):
             return known
     return _told(search, search.base, where)
 
@@ -168,14 +170,18 @@ def may_be_absent(one: NamedEffect) -> bool:
     )
 
 
-def _is_believed(told: Diagnosis, is_of_catalogue: bool) -> bool:
-    """Whether recordings held out are predicted so much better that a part of the physics must be right.
+def is_doubtful(told: Diagnosis, *, leaves: bool, is_of_catalogue: bool) -> bool:
+    """Whether an answer that leaves more than noise is not confirmed by the recordings held out.
 
-    Where nothing can be held out, what was learned without a name claims less than a name would.
+    Names that leave something, and what was learned, must predict recordings held out so much better that a
+    part of the physics must be right: a likelihood may gain in few rows, and the error not at all. Where
+    nothing can be held out, what was learned without a name claims less than a name would.
     """
+    if told.verdict != "unlisted" and not (leaves and told.is_held_out):
+        return False
     if not told.is_held_out:
-        return not is_of_catalogue
-    return told.final_heldout_mae < BELIEVED * told.base_heldout_mae
+        return is_of_catalogue
+    return told.final_heldout_mae >= BELIEVED * told.base_heldout_mae
 
 
 @dataclass(frozen=True, eq=False)

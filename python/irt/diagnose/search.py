@@ -104,7 +104,10 @@ class Search:
         # Two effects may show together where neither does alone; a third one needs two.
         if size > max(2, len(best.effects) + 1) or self.is_done(best):
             return best
-        if self.is_explained_between(best):
+        between = self.is_explained_between(best)
+        # Few rows between impacts may take one effect's values for two: what leaves much of whole runs has to
+        # stand up to a second one. A third has to show between impacts.
+        if between and (size > 2 or not best.effects or is_trusted(self.case, best, self.base)):
             return self._with_impacts(best)
         if size == 2:
             self._pair_up()
@@ -118,7 +121,8 @@ class Search:
         grown = self.ranked(size)[0]
         if self._takes_enough(grown, self.ranked(size - 1)[0]):
             self._swap(grown)
-        return self._grown(best, size)
+        grown = self._grown(best, size)
+        return self._with_impacts(grown) if between and grown.effects == best.effects else grown
 
     def pruned(self, best: Fitted) -> Fitted:
         """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""

@@ -166,7 +166,7 @@ def _add_time(page: Page, track: Track, summary: Summary, timed: Timed | None) -
         "pictures": f"every {1000 * gaps.interval:.2f} ms, give or take {1000 * gaps.jitter:.2f} ms",
         "missing": f"{counted(gaps.dropped, 'picture')}; the longest interval: {1000 * gaps.longest:.1f} ms",
         "shown twice": f"{counted(gaps.repeated, 'picture')}, left empty",
-        "window enough": percent(float(track.in_window.mean())),
+        "searched": f"{percent(float(track.in_window.mean()))} of pictures near where it was expected",
     }
     if timed is not None:
         facts["rows"] = f"{len(timed.recording.knobs):,}, from {timed.recording.seen.sum():,} positions"

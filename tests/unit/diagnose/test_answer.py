@@ -1,10 +1,12 @@
 """The contract of diagnosis.json."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from irt import catalogue
 from irt.diagnose.diagnosis import UNLISTED, NamedEffect
-from irt.diagnose.run import may_be_absent
+from irt.diagnose.run import is_doubtful, may_be_absent
 from irt.diagnose.words import suggestion, summary
 from irt.model import Parameter
 
@@ -88,3 +90,25 @@ def test_nothing_missing_claims_no_more_than_was_shown():
 )
 def test_what_to_record_next_depends_on_the_answer(tmp_path, effects, words):
     assert words in suggestion(effects, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "final", "leaves", "doubtful"),
+    [
+        ("missing", 0.02, True, False),
+        ("missing", 0.039, True, True),
+        ("missing", 0.041, True, True),
+        ("missing", 0.039, False, False),
+        ("unlisted", 0.039, True, True),
+        ("unlisted", 0.02, True, False),
+    ],
+)
+def test_a_name_that_leaves_something_must_predict_what_was_held_out(verdict, final, leaves, doubtful):
+    told = SimpleNamespace(verdict=verdict, is_held_out=True, base_heldout_mae=0.04, final_heldout_mae=final)
+    assert is_doubtful(told, leaves=leaves, is_of_catalogue=True) is doubtful
+
+
+def test_where_nothing_is_held_out_a_name_needs_more_than_what_has_none():
+    told = SimpleNamespace(verdict="unlisted", is_held_out=False)
+    assert is_doubtful(told, leaves=True, is_of_catalogue=True)
+    assert not is_doubtful(told, leaves=True, is_of_catalogue=False)
