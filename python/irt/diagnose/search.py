@@ -118,9 +118,9 @@ class Search:
             self._expand_by_any(parent, count)
         self._move_in(size)
         self._refine(size)
-        grown = self.ranked(size)[0]
-        if self._takes_enough(grown, self.ranked(size - 1)[0]):
-            self._swap(grown)
+        if self._takes_enough(self.ranked(size)[0], self.ranked(size - 1)[0]):
+            self._replace(self.ranked(size)[0])
+            self._swap(self.ranked(size)[0])
         grown = self._grown(best, size)
         return self._with_impacts(grown) if between and grown.effects == best.effects else grown
 
@@ -250,6 +250,21 @@ class Search:
         for name in one.effects:
             self._expand_by_any(self.without(one, name), SWAPS)
         self._refine(len(one.effects))
+
+    def _replace(self, one: Fitted) -> None:
+        """Try what does most alone, from where it led, in the place of each effect of a hypothesis.
+
+        Without what stands in for it the others may be lost, and a draw beside them hardly tells anything.
+        """
+        count = len(PARAMETERS)
+        for name, single in itertools.product(one.effects, self._different(1)[:PAIRED]):
+            if single.effects[0] in one.effects:
+                continue
+            rest = [other for other in one.effects if other != name]
+            self.report(" + ".join([*single.effects, *rest]))
+            kept = [value for other in rest for value in one.value_of(other).values()]
+            points = [[*begun.values[:count], *single.values[count:], *kept] for begun in (single, one)]
+            self.fit((*single.effects, *rest), np.array(points), rounds=0)
 
     def _move_in(self, size: int) -> None:
         """Try, where the best hypothesis of a size has an effect with a place, the others that have one.

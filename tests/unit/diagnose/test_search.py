@@ -122,3 +122,16 @@ def test_what_leaves_much_of_whole_runs_is_tried_with_a_second_effect(begun, mon
     monkeypatch.setattr(Search, "is_explained_between", lambda self, one: True)
     found = begun({"name": "lag", "time_constant_s": 0.2}, {"name": "viscous_drag", "rate_per_s": 0.5})
     assert set(found.larger(found.with_effect("lag"), 2).effects) == named
+
+
+def test_what_does_most_alone_is_tried_in_the_place_of_what_stands_in_for_it(begun, monkeypatch):
+    """A tilt beside a force across the motion was learned without a name: a far point stood in for the tilt."""
+    found = begun(
+        {"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002},
+        {"name": "viscous_drag", "rate_per_s": 0.5},
+    )
+    found.with_effect("tilt_bias")
+    stand_in = found.with_effect("viscous_drag", found.with_effect("bump"))
+    monkeypatch.setattr(Search, "seeds", lambda self, parent, names: pytest.fail("nothing is drawn"))
+    found._replace(stand_in)
+    assert found.fits[frozenset({"tilt_bias", "viscous_drag"})].noise < 1.3 * found.case.noise
