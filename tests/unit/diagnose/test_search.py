@@ -125,7 +125,7 @@ def test_what_leaves_much_of_whole_runs_is_tried_with_a_second_effect(begun, mon
 
 
 def test_what_does_most_alone_is_tried_in_the_place_of_what_stands_in_for_it(begun, monkeypatch):
-    """A tilt beside a force across the motion was learned without a name: a far point stood in for the tilt."""
+    """A tilt beside a side force was learned without a name: a far point stood in for the tilt."""
     found = begun(
         {"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002},
         {"name": "viscous_drag", "rate_per_s": 0.5},
