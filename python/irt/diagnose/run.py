@@ -126,17 +126,17 @@ def _found(search: Search, report: Report) -> Diagnosis:
             *stages(search.case, search.base, sources),
         )
     report("rivals")
-    tied = {} if UNLISTED in best.effects else rivals(search, best, answer.rivalled)
+    tied = {} if UNLISTED in best.effects else rivals(search, best, _rivalled(best, answer.spread))
     report("the proof")
     told = Found(search, possible, tied, answer.spread).diagnosis(where)
     leaves = answer.is_of_catalogue and not _is_all(search, best)
-    if leaves:
-        # Beside what was not found, a size that may as well be none says nothing.
+    if leaves or answer.spread is not None:
+        # Beside what was not found, or differs by chance, a size that may as well be none says nothing.
         kept = best
-        for name in [one.name for one in told.effects if may_be_absent(one)]:
+        for name in [one.name for one in told.effects if one.name in best.effects and may_be_absent(one)]:
             kept = search.without(kept, name)
         if kept is not best:
-            told, best = _told(search, kept, where), kept
+            told, best = _told(search, kept, where, answer.spread), kept
     if not best.effects or not is_doubtful(told, leaves=leaves, is_of_catalogue=answer.is_of_catalogue):
         return told
     if answer.known is not None and answer.known.effects:
@@ -148,10 +148,20 @@ def _found(search: Search, report: Report) -> Diagnosis:
     return _told(search, search.base, where)
 
 
-def _told(search: Search, one: Fitted, where: Sequence[Finding]) -> Diagnosis:
-    """Say what a hypothesis of the catalogue comes to, as the answer."""
-    tied = rivals(search, one, one.effects)
-    return Found(search, [(search.case, one)], tied, None).diagnosis(where)
+def _told(
+    search: Search, one: Fitted, where: Sequence[Finding], of_chance: Parameter | None = None
+) -> Diagnosis:
+    """Say what a hypothesis of the catalogue comes to, as the answer; `of_chance` if its delays differ."""
+    if of_chance is not None:
+        shown = kicks(search.case, one, search.evidence().price(2, 1))
+        of_chance = of_chance if shown is None else spread(search.case, one, shown)
+    tied = rivals(search, one, _rivalled(one, of_chance))
+    return Found(search, [(search.case, one)], tied, of_chance).diagnosis(where)
+
+
+def _rivalled(one: Fitted, of_chance: Parameter | None) -> list[str]:
+    """Return the effects in whose place another may do as well: no other is like delays that differ."""
+    return [name for name in one.effects if of_chance is None or name != MEAN]
 
 
 def _is_all(search: Search, best: Fitted) -> bool:
@@ -201,11 +211,6 @@ class _Answer:
     @property
     def is_of_catalogue(self) -> bool:
         return self.spread is None and UNLISTED not in self.best.effects
-
-    @property
-    def rivalled(self) -> list[str]:
-        """Effects in whose place another may do as well: no other is like delays that differ."""
-        return [name for name in self.best.effects if self.spread is None or name != MEAN]
 
 
 def _searched(search: Search, report: Report) -> _Answer:
