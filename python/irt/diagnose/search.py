@@ -215,11 +215,8 @@ class Search:
         """
         count = len(PARAMETERS)
         for one, other in itertools.combinations(self._different(1)[:PAIRED], 2):
-            names = (*one.effects, *other.effects)
-            self.report(" + ".join(names))
-            effects = [*one.values[count:], *other.values[count:]]
-            points = [[*begun.values[:count], *effects] for begun in (one, other)]
-            self.fit(names, np.array(points), rounds=0)
+            values = [*one.values[count:], *other.values[count:]]
+            self._fit_from_both((*one.effects, *other.effects), values, (one, other))
 
     def _expand_by_any(self, parent: Fitted, count: int) -> None:
         """Fit a parent with one effect more, of all that it does not have."""
@@ -261,10 +258,16 @@ class Search:
             if single.effects[0] in one.effects:
                 continue
             rest = [other for other in one.effects if other != name]
-            self.report(" + ".join([*single.effects, *rest]))
             kept = [value for other in rest for value in one.value_of(other).values()]
-            points = [[*begun.values[:count], *single.values[count:], *kept] for begun in (single, one)]
-            self.fit((*single.effects, *rest), np.array(points), rounds=0)
+            self._fit_from_both((*single.effects, *rest), [*single.values[count:], *kept], (single, one))
+
+    def _fit_from_both(
+        self, names: tuple[str, ...], values: Sequence[float], begun: tuple[Fitted, Fitted]
+    ) -> None:
+        """Fit effects from these values of theirs, with the five parameters of each of two hypotheses."""
+        self.report(" + ".join(names))
+        points = [[*one.values[: len(PARAMETERS)], *values] for one in begun]
+        self.fit(names, np.array(points), rounds=0)
 
     def _move_in(self, size: int) -> None:
         """Try, where the best hypothesis of a size has an effect with a place, the others that have one.
