@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,8 @@ from irt.files import PathLike, read_text, write_atomic
 from irt.way import rolled
 
 Array = NDArray[np.float64]
+#: What a command does from its row to the next: it holds, or runs evenly to the next command.
+Hold = Literal["zero", "first"]
 #: Names the place of a value in a message, from its row (from 0) and its column.
 Where = Callable[[int, str], str]
 
@@ -63,6 +66,9 @@ class Recording:
         Measured angles of the board about x and y [rad], by the right-hand rule; NaN where not measured.
     columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
         The columns that the commands stand in.
+    hold : {"zero", "first"}
+        What a command does from its row to the next: a zero-order hold, as files have it; or a first-order
+        hold, as where a measured tilt is played in the place of the commands.
 
     Raises
     ------
@@ -77,6 +83,7 @@ class Recording:
     stamps: Array | None = None
     tilt: Array | None = None
     columns: tuple[str, str] = KNOBS
+    hold: Hold = "zero"
 
     def __post_init__(self) -> None:
         def where(row: int, column: str) -> str:

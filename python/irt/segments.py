@@ -135,7 +135,8 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
     recordings = list(dict.fromkeys(one.run for one in batch))
     paths = tuple(recording.rolled_path for recording in recordings)
     path = np.array([recordings.index(one.run) for one in batch])
-    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, paths, path)
+    hold = batch[0].run.hold
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, paths, path, hold)
 
 
 def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
