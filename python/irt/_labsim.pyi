@@ -33,11 +33,15 @@ def effects() -> list[
         str,
         str,
         str,
-        list[tuple[str, str, float, float, float, float, float, int, str]],
+        list[
+            tuple[str, str, float, float, float, float, float, int, str, bool, tuple[float, float]]
+        ],
         str,
         str,
         str,
         list[str],
+        bool,
+        bool,
         bool,
         bool,
     ]

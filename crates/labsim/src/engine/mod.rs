@@ -152,7 +152,7 @@ impl Setup<'_> {
     /// Whether nothing but the marbles changes within a row.
     pub(crate) fn is_plain(&self) -> bool {
         !self.any(|acts| match acts {
-            Acts::OnTilt | Acts::OnRims | Acts::OnPicture => false,
+            Acts::OnTilt | Acts::OnRims | Acts::OnPicture | Acts::OnGauge => false,
             Acts::OnKnob { moves } => moves,
             Acts::OnArrival | Acts::OnClock | Acts::OnMarble(_) | Acts::OnExposure => true,
         })
