@@ -199,6 +199,15 @@ class TomlTable:
             raise self.error(key, f"expected text in quotes, found {_shown(content)}")
         return content
 
+    def flag(self, key: str) -> bool:
+        """Return what stands under ``key``, which must be there: true or false."""
+        if key not in self.content:
+            raise IrtError(f"{self.where}: {key} is missing")
+        content = self.content[key]
+        if not isinstance(content, bool):
+            raise self.error(key, f"expected true or false, found {_shown(content)}")
+        return content
+
     def _number(self, key: str, value: object, *, infinite: bool = False) -> float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.error(key, f"expected a number, found {_shown(value)}")

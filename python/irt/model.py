@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -18,12 +19,15 @@ from irt.rig import (
     PARAMETERS,
     RANGES,
     Board,
+    Commands,
     Marble,
     Rig,
     Start,
+    TiltSensor,
     check_range,
     check_value,
     read_dimensions,
+    read_signals,
     read_start,
 )
 
@@ -31,7 +35,17 @@ from irt.rig import (
 FORMAT = 1
 TimeStep = Literal["rounded", "continuous"]
 
-_SECTIONS = ("format", "board", "marble", "recordings", "simulation", "parameters", "effects")
+_SECTIONS = (
+    "format",
+    "board",
+    "marble",
+    "recordings",
+    "commands",
+    "tilt",
+    "simulation",
+    "parameters",
+    "effects",
+)
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -101,6 +115,10 @@ class Model:
     time_step : {"rounded", "continuous"}
         Whether a timestep is ``round(time_scale)`` physics updates of 1/240 s, as in the paper, or as many
         that are a little longer or shorter, so that together they last ``time_scale / 240`` s.
+    commands : Commands
+        What the commands are.
+    tilt : TiltSensor
+        What is known of the measured tilt.
 
     Raises
     ------
@@ -115,6 +133,8 @@ class Model:
     parameters: dict[str, Parameter]
     effects: tuple[Effect, ...] = ()
     time_step: TimeStep = "rounded"
+    commands: Commands = field(default_factory=Commands)
+    tilt: TiltSensor = field(default_factory=TiltSensor)
 
     def __post_init__(self) -> None:
         for name in (*self.parameters, *self.ranges):
@@ -178,6 +198,8 @@ class Model:
             parameters={name: Parameter(value, *ends.get(name, ())) for name, value in by_name.items()},
             effects=tuple(effects),
             time_step=time_step,
+            commands=rig.commands,
+            tilt=rig.tilt,
         )
 
     @property
@@ -217,6 +239,7 @@ def load_model(path: PathLike) -> Model:
     time_step = simulation.word("time_step") if "time_step" in simulation else "rounded"
     parameters, ranges = _read_parameters(table.section("parameters"))
     effects = tuple(_read_effect(entry) for entry in table.sections("effects"))
+    commands, tilt = read_signals(table)
     with located(f"{path}"):
         return Model(
             board=board,
@@ -226,6 +249,8 @@ def load_model(path: PathLike) -> Model:
             parameters=parameters,
             effects=effects,
             time_step=time_step,  # type: ignore[arg-type]  # the model checks it
+            commands=commands,
+            tilt=tilt,
         )
 
 
@@ -293,6 +318,15 @@ def _lines(model: Model) -> Iterator[str]:
         for entry in fields(part):
             yield f"{entry.name} = {float(getattr(part, entry.name))!r}"
     yield f'\n[recordings]\nstart = "{model.start}"'
+    # Sections that say what every rig of the paper's kind has are left out.
+    if model.commands != Commands():
+        yield f"\n[commands]\nunit = {json.dumps(model.commands.unit)}"
+        yield f"matrix = {str(model.commands.matrix).lower()}"
+    if model.tilt != TiltSensor():
+        yield "\n[tilt]"
+        if model.tilt.noise_rad is not None:
+            yield f"noise_rad = {model.tilt.noise_rad!r}"
+        yield f"offset = {{ range = [{float(model.tilt.offset[0])!r}, {float(model.tilt.offset[1])!r}] }}"
     yield f'\n[simulation]\ntime_step = "{model.time_step}"'
     yield "\n[parameters]"
     for name, parameter in model.parameters.items():

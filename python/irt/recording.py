@@ -1,4 +1,4 @@
-"""One recording: what was commanded and where the marble was seen, one CSV row a timestep."""
+"""One recording: commands, where the marble was seen and how the board tilted, one CSV row a timestep."""
 
 from __future__ import annotations
 
@@ -24,12 +24,17 @@ Where = Callable[[int, str], str]
 STEP = "step"
 STAMP = "t_s"
 KNOBS = ("knob_x_rad", "knob_y_rad")
+#: Commands that are no angles (motor currents, servo units): the rig's ``[commands] unit`` names the unit.
+CMD = ("cmd_x", "cmd_y")
 MARBLE = ("marble_x", "marble_y")
+TILT = ("tilt_x_rad", "tilt_y_rad")
 
 #: Half of all positions beyond this many board edges: no marble on a board, but another unit.
 _MOST_EDGES = 2.0
 #: No slip of a tracker and no knob goes this far (board edges, rad); squares of larger numbers may overflow.
 _LARGEST = 1e6
+#: No board of a labyrinth tilts this far (rad): half a radian is 29 degrees.
+_STEEPEST_RAD = 0.5
 #: Longest time that one command may hold (s): 5000 physics updates, as many as the engine allows.
 _LONGEST_STEP_S = 5000 / 240
 
@@ -48,12 +53,16 @@ class Recording:
     path : Path
         The file.
     knobs : (n, 2) array
-        Commanded knob angles [rad].
+        Commands: knob angles [rad], or numbers in the rig's own unit (`columns`).
     marble : (n, 2) array
         Observed positions [board edges], NaN rows where the tracker lost the marble; never in row 0, where
-        every prediction starts.
+        every prediction starts. All rows are NaN in a run without a marble, which then has a tilt.
     stamps : (n,) array or None
         Time of each row [s], rising.
+    tilt : (n, 2) array or None
+        Measured angles of the board about x and y [rad], by the right-hand rule; NaN where not measured.
+    columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
+        The columns that the commands stand in.
 
     Raises
     ------
@@ -66,23 +75,28 @@ class Recording:
     knobs: Array
     marble: Array
     stamps: Array | None = None
+    tilt: Array | None = None
+    columns: tuple[str, str] = KNOBS
 
     def __post_init__(self) -> None:
         def where(row: int, column: str) -> str:
             return f"{self.name}, row {row}, column {column}"
 
-        object.__setattr__(self, "knobs", _owned(self.name, "knobs", self.knobs))
-        object.__setattr__(self, "marble", _owned(self.name, "marble", self.marble))
-        if self.stamps is not None:
-            object.__setattr__(self, "stamps", _owned(self.name, "stamps", self.stamps))
-        rows = len(np.atleast_1d(self.knobs))
-        shapes = {"knobs": (rows, 2), "marble": (rows, 2), "stamps": (rows,)}
+        rows = len(np.atleast_1d(_owned(self.name, "knobs", self.knobs)))
+        shapes = {"knobs": (rows, 2), "marble": (rows, 2), "stamps": (rows,), "tilt": (rows, 2)}
         for field, shape in shapes.items():
-            array = getattr(self, field)
-            if array is not None and array.shape != shape:
+            if getattr(self, field) is None:
+                continue
+            array = _owned(self.name, field, getattr(self, field))
+            object.__setattr__(self, field, array)
+            if array.shape != shape:
                 raise IrtError(f"{self.name}: {field} must have shape {shape}, not {array.shape}")
-        _check_commands(self.name, self.knobs, self.stamps, where)
-        _check_marble(self.name, self.marble, where)
+        if self.columns not in (KNOBS, CMD):
+            raise IrtError(f"{self.name}: columns must be {KNOBS} or {CMD}, not {self.columns}")
+        _check_commands(self.name, self.knobs, self.stamps, where, self.columns)
+        if self.tilt is not None:
+            _check_tilt(self.name, self.tilt, where)
+        _check_marble(self.name, self.marble, where, alone=self.has_tilt)
 
     @property
     def durations(self) -> Array | None:
@@ -93,6 +107,16 @@ class Recording:
     def seen(self) -> NDArray[np.bool_]:
         """Rows in which the tracker saw the marble, (n,)."""
         return ~np.isnan(self.marble[:, 0])
+
+    @property
+    def has_marble(self) -> bool:
+        """Whether the tracker saw the marble in any row."""
+        return bool(self.seen.any())
+
+    @property
+    def has_tilt(self) -> bool:
+        """Whether the board's tilt was measured in any row, about either axis."""
+        return self.tilt is not None and bool(np.isfinite(self.tilt).any())
 
     @property
     def rolled_path(self) -> Array:
@@ -110,12 +134,13 @@ class Recording:
 
     def to_csv(self) -> str:
         """Return the recording as CSV text that reads back bit for bit."""
-        stamped = () if self.stamps is None else (STAMP,)
-        lines = [",".join((STEP, *stamped, *KNOBS, *MARBLE))]
-        columns = [*self.knobs.T, *self.marble.T]
+        table = dict(zip((*self.columns, *MARBLE), (*self.knobs.T, *self.marble.T), strict=True))
         if self.stamps is not None:
-            columns.insert(0, self.stamps)
-        for row, values in enumerate(np.stack(columns, axis=1).tolist()):
+            table = {STAMP: self.stamps, **table}
+        if self.tilt is not None:
+            table.update(zip(TILT, self.tilt.T, strict=True))
+        lines = [",".join((STEP, *table))]
+        for row, values in enumerate(np.stack(list(table.values()), axis=1).tolist()):
             # repr gives the shortest text that reads back as the same number.
             lines.append(
                 ",".join([str(row), *("" if math.isnan(value) else repr(value) for value in values)])
@@ -130,16 +155,19 @@ class Commands:
     Attributes
     ----------
     knobs : (n, 2) array
-        Commanded knob angles [rad].
+        Commands, as those of a `Recording`.
     start : (2,) array or None
         Marble position at row 0 [board edges].
     stamps : (n,) array or None
         Time of each row [s], rising.
+    columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
+        The columns that the commands stand in.
     """
 
     knobs: Array
     start: Array | None
     stamps: Array | None
+    columns: tuple[str, str] = KNOBS
 
     @property
     def durations(self) -> Array | None:
@@ -164,8 +192,9 @@ def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     Parameters
     ----------
     path : path
-        A CSV with the columns ``step``, ``knob_x_rad``, ``knob_y_rad``, ``marble_x``, ``marble_y``, and
-        ``t_s`` if the rows carry stamps.
+        A CSV with the columns ``step``, ``knob_x_rad``, ``knob_y_rad`` (or ``cmd_x``, ``cmd_y``),
+        ``marble_x``, ``marble_y``; with ``t_s`` if the rows carry stamps, ``tilt_x_rad`` and ``tilt_y_rad``
+        if the board's tilt was measured (then the marble's columns may be absent).
     begun : (k, 2) array, optional
         Positions of the first rows [board edges] in the place of the file's, where a tracker may have lost
         the marble.
@@ -175,13 +204,17 @@ def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     IrtError
         If the file is no recording; the message names line and column.
     """
-    table = _Table.read(path, (STEP, *KNOBS, *MARBLE))
-    knobs, stamps = _read_commands(table)
-    marble = _read_positions(table)
+    table = _Table.read(path, _columns_of_recording)
+    knobs, stamps, columns = _read_commands(table)
+    tilt = _read_pair(table, TILT) if TILT[0] in table.columns else None
+    if tilt is not None:
+        _check_tilt(f"{path}", tilt, table.where)
+    marble = _read_pair(table, MARBLE) if MARBLE[0] in table.columns else np.full_like(knobs, np.nan)
     if begun is not None:
         marble[: len(begun)] = begun
-    _check_marble(f"{path}", marble, table.where)
-    return Recording(Path(path).stem, Path(path), knobs, marble, stamps)
+    is_measured = tilt is not None and bool(np.isfinite(tilt).any())
+    _check_marble(f"{path}", marble, table.where, alone=is_measured)
+    return Recording(Path(path).stem, Path(path), knobs, marble, stamps, tilt, columns)
 
 
 def load_commands(path: PathLike) -> Commands:
@@ -192,20 +225,26 @@ def load_commands(path: PathLike) -> Commands:
     IrtError
         If the file holds no commands; the message names line and column.
     """
-    table = _Table.read(path, (STEP, *KNOBS))
-    knobs, stamps = _read_commands(table)
+    table = _Table.read(path, lambda header: (STEP, *_columns_of_commands(header)))
+    knobs, stamps, columns = _read_commands(table)
     there = [column for column in MARBLE if column in table.columns]
     if len(there) == 1:
         raise IrtError(f"{path}: a start needs both {' and '.join(MARBLE)}; the header has only {there[0]}")
     start = None
-    if there and not np.isnan(marble := _read_positions(table)).all():
+    if there and not np.isnan(marble := _read_pair(table, MARBLE)).all():
         _check_marble(f"{path}", marble, table.where)
         start = marble[0]
-    return Commands(knobs, start, stamps)
+    return Commands(knobs, start, stamps, columns)
 
 
 def save_recording(
-    path: PathLike, knobs: ArrayLike, marble: ArrayLike, stamps: ArrayLike | None = None
+    path: PathLike,
+    knobs: ArrayLike,
+    marble: ArrayLike,
+    stamps: ArrayLike | None = None,
+    *,
+    tilt: ArrayLike | None = None,
+    columns: tuple[str, str] = KNOBS,
 ) -> None:
     """Write a recording as CSV, so that `load_recording` returns the same numbers bit for bit.
 
@@ -214,11 +253,15 @@ def save_recording(
     path : path
         The file to write; an old one is replaced only by the whole new one.
     knobs : (n, 2) array
-        Commanded knob angles [rad].
+        Commands: knob angles [rad], or numbers in the rig's own unit.
     marble : (n, 2) array
         Observed positions [board edges]; a NaN row is written as empty cells.
     stamps : (n,) array, optional
         Time of each row [s].
+    tilt : (n, 2) array, optional
+        Measured angles of the board [rad]; NaN is written as an empty cell.
+    columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
+        The columns for the commands.
 
     Raises
     ------
@@ -227,11 +270,9 @@ def save_recording(
     """
     path = Path(path)
     name = path.stem
-    owned_stamps = None if stamps is None else _owned(name, "stamps", stamps)
-    recording = Recording(
-        name, path, _owned(name, "knobs", knobs), _owned(name, "marble", marble), owned_stamps
-    )
-    write_atomic(path, recording.to_csv())
+    arrays = {"knobs": knobs, "marble": marble, "stamps": stamps, "tilt": tilt}
+    owned = {field: _owned(name, field, values) for field, values in arrays.items() if values is not None}
+    write_atomic(path, Recording(name, path, columns=columns, **owned).to_csv())
 
 
 @dataclass(frozen=True)
@@ -243,7 +284,8 @@ class _Table:
     lines: list[int]
 
     @classmethod
-    def read(cls, path: PathLike, required: Sequence[str]) -> _Table:
+    def read(cls, path: PathLike, required: Callable[[Sequence[str]], Sequence[str]]) -> _Table:
+        """Read a file; `required` returns which columns must be there, given those that are."""
         reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
         rows: list[list[str]] = []
         lines: list[int] = []
@@ -258,7 +300,7 @@ class _Table:
         if not rows:
             raise IrtError(f"{path}: the file is empty")
         header = rows.pop(0)
-        _check_header(f"{path}, line {lines[0]}", header, required)
+        _check_header(f"{path}, line {lines[0]}", header, required(header))
         for cells, line in zip(rows, lines[1:], strict=True):
             if len(cells) != len(header):
                 raise IrtError(f"{path}, line {line}: {len(cells)} cells, but the header has {len(header)}")
@@ -291,24 +333,41 @@ def _number(text: str) -> float:
 def _check_header(where: str, header: list[str], required: Sequence[str]) -> None:
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
         raise IrtError(f"{where}: cells must be separated by commas")
+    if set(CMD) & set(header) and set(KNOBS) & set(header):
+        raise IrtError(
+            f"{where}: commands stand in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
+        )
     for name in required:
         if name not in header:
             raise IrtError(f"{where}: column {name} is missing; the header has {', '.join(header)}")
-    for name in (STEP, STAMP, *KNOBS, *MARBLE):
+    for name in (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT):
         if header.count(name) > 1:
             raise IrtError(f"{where}: column {name} stands there {header.count(name)} times; keep one")
 
 
-def _read_commands(table: _Table) -> tuple[Array, Array | None]:
+def _columns_of_commands(header: Sequence[str]) -> tuple[str, str]:
+    return CMD if set(CMD) & set(header) else KNOBS
+
+
+def _columns_of_recording(header: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns that a recording needs: the marble's may be absent where the tilt was measured."""
+    tilt = TILT if set(TILT) & set(header) else ()
+    marble = MARBLE if set(MARBLE) & set(header) or not tilt else ()
+    return (STEP, *_columns_of_commands(header), *marble, *tilt)
+
+
+def _read_commands(table: _Table) -> tuple[Array, Array | None, tuple[str, str]]:
+    """Return commands, stamps, and the columns that the commands stand in."""
+    columns = _columns_of_commands(list(table.columns))
     _check_steps(table)
-    knobs = np.stack([table.numbers(column) for column in KNOBS], axis=1)
+    knobs = _read_pair(table, columns, empty="")
     stamps = table.numbers(STAMP) if STAMP in table.columns else None
-    _check_commands(f"{table.path}", knobs, stamps, table.where)
-    return knobs, stamps
+    _check_commands(f"{table.path}", knobs, stamps, table.where, columns)
+    return knobs, stamps, columns
 
 
-def _read_positions(table: _Table) -> Array:
-    return np.stack([table.numbers(column, empty="nan") for column in MARBLE], axis=1)
+def _read_pair(table: _Table, columns: tuple[str, str], empty: str = "nan") -> Array:
+    return np.stack([table.numbers(column, empty=empty) for column in columns], axis=1)
 
 
 def _check_steps(table: _Table) -> None:
@@ -325,15 +384,16 @@ def _check_steps(table: _Table) -> None:
     raise IrtError(f"{where}; steps count 0, 1, 2, ...{hint if steps[wrong] > wrong else ''}")
 
 
-def _check_commands(name: str, knobs: Array, stamps: Array | None, where: Where) -> None:
+def _check_commands(
+    name: str, knobs: Array, stamps: Array | None, where: Where, columns: tuple[str, str]
+) -> None:
     if len(knobs) < 2:
         raise IrtError(f"{name}: one row only; at least two are needed, a start and what came of it")
-    for axis, column in enumerate(KNOBS):
+    expected = "a knob angle in radians" if columns == KNOBS else "a command"
+    for axis, column in enumerate(columns):
         if (row := _first(~(np.abs(knobs[:, axis]) <= _LARGEST))) is not None:
             place, found = where(row, column), knobs[row, axis]
-            raise IrtError(
-                f"{place}: expected a knob angle in radians, found {found}; no command may be lost"
-            )
+            raise IrtError(f"{place}: expected {expected}, found {found}; no command may be lost")
     if stamps is None:
         return
     if (row := _first(~np.isfinite(stamps))) is not None:
@@ -349,7 +409,25 @@ def _check_commands(name: str, knobs: Array, stamps: Array | None, where: Where)
         )
 
 
-def _check_marble(name: str, marble: Array, where: Where) -> None:
+def _check_tilt(name: str, tilt: Array, where: Where) -> None:
+    for axis, column in enumerate(TILT):
+        values = np.abs(tilt[:, axis])
+        if (row := _first(np.isinf(values))) is not None:
+            raise IrtError(
+                f"{where(row, column)}: {tilt[row, axis]} is no angle; leave the cell empty where the tilt "
+                "was not measured"
+            )
+        measured = values[np.isfinite(values)]
+        if len(measured) and np.median(measured) > _STEEPEST_RAD:
+            raise IrtError(
+                f"{where(int(np.argmax(values > _STEEPEST_RAD)), column)}: most tilts exceed "
+                f"{_STEEPEST_RAD:g} rad (29 degrees), which no board does; tilts are in radians: "
+                "divide degrees by 57.2958"
+            )
+
+
+def _check_marble(name: str, marble: Array, where: Where, *, alone: bool = False) -> None:
+    """Raise unless positions are possible; a run in which the tilt `alone` was measured needs none."""
     for axis, column in enumerate(MARBLE):
         values = np.abs(marble[:, axis])
         if (row := _first(values > _LARGEST)) is not None:
@@ -362,6 +440,8 @@ def _check_marble(name: str, marble: Array, where: Where) -> None:
         column, other = MARBLE if lost[row, 0] else MARBLE[::-1]
         raise IrtError(f"{where(row, column)}: empty, but {other} is not; leave both empty or fill both")
     seen = ~lost[:, 0]
+    if alone and not seen.any():
+        return
     if not seen.any():
         raise IrtError(f"{name}: the marble is lost in every row; there is nothing to compare with")
     if lost[0, 0]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
@@ -13,7 +13,7 @@ import numpy as np
 
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml
-from irt.recording import Recording, load_recording
+from irt.recording import CMD, Recording, load_recording
 
 #: The tuned parameters, in the order in which arrays hold them (paper, section 5.2).
 PARAMETERS = ("gear_x", "gear_y", "rolling_friction", "time_scale", "observation_scale")
@@ -35,6 +35,9 @@ _BOUNDS = {
     "time_scale": (0.0, 5000.0),
     "observation_scale": (0.01, 100.0),
 }
+
+#: Where the zero of a measured tilt is looked for [rad]: real rigs were 20 to 50 mrad off.
+_TILT_OFFSET_RAD = (-0.06, 0.06)
 
 #: Least that a length [m] or a mass [kg] can be: below, divisions by it overflow.
 _TINY = 1e-9
@@ -106,6 +109,52 @@ class Marble:
         _check("damping_per_s", self.damping_per_s, 0.0, 1000.0, " per second")
 
 
+@dataclass(frozen=True)
+class Commands:
+    """What the commands of a rig are.
+
+    Attributes
+    ----------
+    unit : str
+        "rad" for knob angles; else a name for the reader, such as "mA": gears are in rad per unit.
+    matrix : bool
+        Whether each command may tilt the board about both axes.
+    """
+
+    unit: str = "rad"
+    matrix: bool = False
+
+
+@dataclass(frozen=True)
+class TiltSensor:
+    """What is known of the measured tilt.
+
+    Attributes
+    ----------
+    noise_rad : float or None
+        Standard deviation of a measured tilt [rad]; None where it is estimated from the recordings.
+    offset : (float, float)
+        Range of its reading when the board is level [rad].
+
+    Raises
+    ------
+    IrtError
+        If the noise is not positive, or the range is upside down.
+    """
+
+    noise_rad: float | None = None
+    offset: tuple[float, float] = _TILT_OFFSET_RAD
+
+    def __post_init__(self) -> None:
+        if self.noise_rad is not None:
+            _check("noise_rad", self.noise_rad, _TINY, 1.0, " rad")
+        low, high = self.offset
+        if low >= high:
+            raise IrtError(f"offset: the range [{low}, {high}] is upside down; expected [low, high]")
+        for end in self.offset:
+            _check("offset", end, -1.0, 1.0, " rad")
+
+
 @dataclass(frozen=True, eq=False)
 class Rig:
     """A folder of recordings of one rig.
@@ -122,6 +171,10 @@ class Rig:
         Lowest and highest value to search, for each of `PARAMETERS`.
     recordings : tuple of Recording
         By name, ``run-2`` before ``run-10``; at least one.
+    commands : Commands
+        What the commands are.
+    tilt : TiltSensor
+        What is known of the measured tilt, where recordings have one.
     """
 
     path: Path
@@ -130,15 +183,21 @@ class Rig:
     start: Start
     ranges: dict[str, tuple[float, float]]
     recordings: tuple[Recording, ...]
+    commands: Commands = field(default_factory=Commands)
+    tilt: TiltSensor = field(default_factory=TiltSensor)
+
+    @property
+    def has_tilt(self) -> bool:
+        """Whether the board's tilt was measured in any recording."""
+        return any(recording.has_tilt for recording in self.recordings)
 
     @cached_property
     def digest(self) -> str:
         """Hash (SHA-256) of all that is read from the folder, names of recordings included."""
-        sha = hashlib.sha256(
-            repr((self.board, self.marble, self.start, sorted(self.ranges.items()))).encode()
-        )
+        known = (self.board, self.marble, self.start, sorted(self.ranges.items()), self.commands, self.tilt)
+        sha = hashlib.sha256(repr(known).encode())
         for one in self.recordings:
-            for array in (one.knobs, one.marble, one.stamps):
+            for array in (one.knobs, one.marble, one.stamps, one.tilt):
                 told = np.zeros(0) if array is None else array
                 sha.update(f"{one.name} {told.shape}".encode() + told.astype("<f8").tobytes())
         return sha.hexdigest()
@@ -158,20 +217,58 @@ def load_rig(folder: PathLike) -> Rig:
         raise IrtError(f"{folder}: {problem}; give a folder with recordings (*.csv)")
     settings = folder / "rig.toml"
     table = read_toml(settings) if settings.exists() else TomlTable(f"{settings}", {})
-    table.only("section", ("board", "marble", "recordings", "parameters"))
+    table.only("section", ("board", "marble", "recordings", "commands", "tilt", "parameters"))
     board, marble = read_dimensions(table)
+    commands, tilt = read_signals(table)
     # Hidden files are no recordings: half-written ones and what some systems leave beside a copy.
     paths = [path for path in folder.glob("*.csv") if not path.name.startswith(".") and not path.is_dir()]
     if not paths:
         raise IrtError(f"{folder}: the rig holds no recording; put at least one *.csv into this folder")
+    recordings = tuple(load_recording(path) for path in sorted(paths, key=_natural))
+    _check_columns(recordings, settings, commands)
     return Rig(
         path=folder,
         board=board,
         marble=marble,
         start=read_start(table),
         ranges=_read_ranges(table.section("parameters")),
-        recordings=tuple(load_recording(path) for path in sorted(paths, key=_natural)),
+        recordings=recordings,
+        commands=commands,
+        tilt=tilt,
     )
+
+
+def _check_columns(recordings: tuple[Recording, ...], settings: Path, commands: Commands) -> None:
+    """Raise unless all recordings have the same kind of commands, and the rig names the unit of its own."""
+    first = recordings[0]
+    for one in recordings:
+        if one.columns != first.columns:
+            raise IrtError(
+                f"{one.path}: its commands are {', '.join(one.columns)}, those of {first.path.name} "
+                f"{', '.join(first.columns)}; all recordings of a rig need the same"
+            )
+    if first.columns == CMD and commands.unit == "rad":
+        raise IrtError(
+            f"{settings}: recordings have {', '.join(CMD)}, commands in the rig's own unit; name it: "
+            '[commands] unit = "mA", say; or call the columns knob_x_rad, knob_y_rad if they are radians'
+        )
+
+
+def read_signals(table: TomlTable) -> tuple[Commands, TiltSensor]:
+    """Return what the sections ``[commands]`` and ``[tilt]`` say, the defaults where they say nothing."""
+    section = table.section("commands")
+    section.only("key", ("unit", "matrix"))
+    unit = section.word("unit") if "unit" in section else "rad"
+    matrix = section.flag("matrix") if "matrix" in section else False
+    section = table.section("tilt")
+    section.only("key", ("noise_rad", "offset"))
+    offset = _TILT_OFFSET_RAD
+    if "offset" in section:
+        inner = section.inline("offset", "{ range = [low, high] }")
+        inner.only("key", ("range",))
+        offset = inner.pair("range")
+    with located(section.where):
+        return Commands(unit, matrix), TiltSensor(section.numbers("noise_rad").get("noise_rad"), offset)
 
 
 def read_dimensions(table: TomlTable) -> tuple[Board, Marble]:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from irt.catalogue import effect, effects
 from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter, load_model, save_model
-from irt.rig import PARAMETERS, RANGES, Board, Marble, load_rig
+from irt.rig import PARAMETERS, RANGES, Board, Commands, Marble, TiltSensor, load_rig
 
 VALUES = (0.05, 0.06, 0.0005, 25.0, 1.0)
 GOOD = """
@@ -42,6 +42,13 @@ def write(tmp_path: Path, text: str) -> Path:
     path = tmp_path / "model.toml"
     path.write_text(text)
     return path
+
+
+@pytest.mark.parametrize("tilt", [TiltSensor(0.0017, (-0.1, 0.02)), TiltSensor(None, (-0.02, 0.02))])
+def test_sections_of_signals_come_back(tmp_path: Path, tilt: TiltSensor) -> None:
+    signals = model(commands=Commands('m"A', True), tilt=tilt)
+    save_model(tmp_path / "model.toml", signals)
+    assert load_model(tmp_path / "model.toml") == signals
 
 
 def test_reads_what_a_person_wrote(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from irt.errors import IrtError
-from irt.recording import Recording, load_commands, load_recording, save_recording
+from irt.recording import CMD, Recording, load_commands, load_recording, save_recording
 
 GOOD = [
     "step,t_s,knob_x_rad,knob_y_rad,marble_x,marble_y",
@@ -264,15 +264,70 @@ def recordings(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray, np.ndarray | No
     return knobs, marble, None if steps is None else np.cumsum(steps)
 
 
-@given(recordings())
-def test_round_trip_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, arrays) -> None:
+@given(recordings(), st.none() | hnp.arrays(np.float64, 1000, elements=st.floats(-0.4, 0.4)), st.booleans())
+def test_round_trip_bit_for_bit(tmp_path_factory: pytest.TempPathFactory, arrays, tilt, are_angles) -> None:
     path = tmp_path_factory.getbasetemp() / "round-trip.csv"
-    save_recording(path, *arrays)
+    rows = len(arrays[0])
+    tilt = None if tilt is None else tilt[: 2 * rows].reshape(rows, 2)
+    save_recording(path, *arrays, tilt=tilt, **({} if are_angles else {"columns": CMD}))
     read = load_recording(path)
-    for before, after in zip(arrays, (read.knobs, read.marble, read.stamps), strict=True):
+    written = (*arrays, tilt)
+    for before, after in zip(written, (read.knobs, read.marble, read.stamps, read.tilt), strict=True):
         assert (before is None) == (after is None)
         if before is not None:
             assert before.tobytes() == after.tobytes()
+
+
+TILTED = [
+    "step,cmd_x,cmd_y,tilt_x_rad,tilt_y_rad",
+    "0,100,-20,0.01,-0.02",
+    "1,50,-20,,-0.02",
+    "2,0,-20,nan,-0.02",
+]
+
+
+class TestTilt:
+    def test_a_run_of_tilt_alone(self, tmp_path: Path) -> None:
+        recording = load_recording(write(tmp_path, "\n".join(TILTED)))
+        assert recording.columns == CMD
+        np.testing.assert_array_equal(recording.knobs[0], [100.0, -20.0])
+        np.testing.assert_array_equal(recording.tilt, [[0.01, -0.02], [np.nan, -0.02], [np.nan, -0.02]])
+        assert recording.has_tilt
+        assert not recording.has_marble
+        assert np.isnan(recording.marble).all()
+
+    def test_without_a_tilt_there_is_none(self, tmp_path: Path) -> None:
+        recording = load_recording(write(tmp_path, "\n".join(GOOD)))
+        assert recording.tilt is None
+        assert not recording.has_tilt
+
+    @pytest.mark.parametrize(
+        ("old", "new", "message"),
+        [
+            ("tilt_y_rad", "beta", "line 1: column tilt_y_rad is missing"),
+            (
+                "step",
+                "step,knob_y_rad",
+                "line 1: commands stand in both knob_x_rad, knob_y_rad and cmd_x, cmd_y",
+            ),
+            ("-0.02", "-2.0", r"line 2, column tilt_y_rad: most tilts exceed 0\.5 rad .* divide degrees"),
+            ("0.01", "inf", "line 2, column tilt_x_rad: inf is no angle; leave the cell empty"),
+            ("0.01", "flat", 'line 2, column tilt_x_rad: expected a number, found "flat"'),
+            ("50", "", "line 3, column cmd_x: expected a number, found an empty cell"),
+            ("50", "nan", "line 3, column cmd_x: expected a command, found nan"),
+        ],
+    )
+    def test_bad_columns_are_named(self, tmp_path: Path, old: str, new: str, message: str) -> None:
+        path = write(tmp_path, "\n".join(TILTED).replace(old, new))
+        with pytest.raises(IrtError, match=message):
+            load_recording(path)
+
+    def test_a_tilt_that_was_never_measured_is_no_reason_for_a_run_without_marble(
+        self, tmp_path: Path
+    ) -> None:
+        text = "step,cmd_x,cmd_y,marble_x,marble_y,tilt_x_rad,tilt_y_rad\n0,1,2,,,,\n1,1,2,,,,\n"
+        with pytest.raises(IrtError, match="the marble is lost in every row"):
+            load_recording(write(tmp_path, text))
 
 
 CELLS = st.sampled_from(["", "0", "1", "2", "-1", "0.5", "nan", "inf", "x", '"', "1e999", "9" * 5000, "\x00"])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.rig import PARAMETERS, RANGES, Board, Marble, check_value, load_rig
+from irt.recording import CMD, save_recording
+from irt.rig import PARAMETERS, RANGES, Board, Commands, Marble, TiltSensor, check_value, load_rig
 
 RUN = (np.zeros((3, 2)), np.zeros((3, 2)))
 
@@ -175,3 +176,50 @@ def test_reads_every_shared_rig(shared: Path) -> None:
     assert rig.start == "moving"
     assert rig.ranges["time_scale"] == (24.0, 72.0)
     assert all(recording.stamps is not None for recording in rig.recordings)
+
+
+class TestSignals:
+    def test_sections_for_commands_and_tilt(self, write_rig) -> None:
+        toml = """
+        [commands]
+        unit = "mA"
+        matrix = true
+        [tilt]
+        noise_rad = 0.001
+        offset = { range = [-0.1, 0.05] }
+        """
+        rig = load_rig(write_rig({"run": RUN}, toml))
+        assert rig.commands == Commands("mA", True)
+        assert rig.tilt == TiltSensor(0.001, (-0.1, 0.05))
+        assert not rig.has_tilt
+        assert rig.digest != load_rig(write_rig({"run": RUN}, folder="other")).digest
+
+    @pytest.mark.parametrize(
+        ("toml", "message"),
+        [
+            ("[commands]\nunit = 1", r"rig\.toml, \[commands\], unit: expected text in quotes"),
+            ("[commands]\nmatrix = 1", r"rig\.toml, \[commands\], matrix: expected true or false, found 1"),
+            ("[commands]\nunits = 'A'", r"\[commands\]: unknown key"),
+            ("[tilt]\nnoise_rad = 0", r"\[tilt\]: noise_rad: expected a number from"),
+            ("[tilt]\noffset = [-1, 1]", r"\[tilt\], offset: expected { range = \[low, high\] }"),
+            (
+                "[tilt]\noffset = { range = [1, -1] }",
+                r"\[tilt\]: offset: the range \[1.0, -1.0\] is upside down",
+            ),
+        ],
+    )
+    def test_bad_sections_are_named(self, write_rig, toml: str, message: str) -> None:
+        folder = write_rig({"run": RUN}, toml)
+        with pytest.raises(IrtError, match=message):
+            load_rig(folder)
+
+    def test_commands_in_an_unnamed_unit(self, tmp_path: Path) -> None:
+        save_recording(tmp_path / "run.csv", *RUN, columns=CMD)
+        with pytest.raises(IrtError, match=r"cmd_x, cmd_y, commands in the rig's own unit; name it"):
+            load_rig(tmp_path)
+
+    def test_all_recordings_have_the_same_kind_of_commands(self, tmp_path: Path) -> None:
+        save_recording(tmp_path / "run-1.csv", *RUN)
+        save_recording(tmp_path / "run-2.csv", *RUN, columns=CMD)
+        with pytest.raises(IrtError, match=r"run-2\.csv: its commands are cmd_x, cmd_y, those of run-1"):
+            load_rig(tmp_path)

@@ -60,7 +60,7 @@ pub(crate) enum Acts {
     OnPicture,
     /// When the picture was taken.
     OnExposure,
-    /// What is measured of the board's angles.
+    /// What the tilt sensor reports.
     OnGauge,
 }
 

@@ -38,6 +38,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct DeadBand<S: Simd> {
     half_width: Pair<S>,
 }

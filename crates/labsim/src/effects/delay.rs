@@ -38,6 +38,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct Delay<S: Simd> {
     delay: Pair<S>,
 }

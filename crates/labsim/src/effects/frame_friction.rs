@@ -50,6 +50,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct FrameFriction<S: Simd> {
     /// How far from the board's centre a marble's centre can get (m).
     reach_x: Lanes<S>,

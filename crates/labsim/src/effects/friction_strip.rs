@@ -66,6 +66,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct FrictionStrip<S: Simd> {
     sin: Lanes<S>,
     cos: Lanes<S>,

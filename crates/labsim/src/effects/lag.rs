@@ -37,6 +37,7 @@ pub(super) const ABOUT: About = About {
 /// Part of a time constant below which an exponential is all rounding.
 const SHORT: f64 = 1e-9;
 
+#[derive(Clone)]
 pub(crate) struct Lag<S: Simd> {
     time: Pair<S>,
     knob: Option<Pair<S>>,
@@ -46,6 +47,7 @@ pub(crate) struct Lag<S: Simd> {
 }
 
 /// What a substep leaves of the way to the command: at its end, and on average.
+#[derive(Clone)]
 struct Step<S: Simd> {
     at_end: Lanes<S>,
     on_average: Lanes<S>,

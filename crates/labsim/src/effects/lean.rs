@@ -47,6 +47,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct Lean<S: Simd> {
     lean: Pair<S>,
 }

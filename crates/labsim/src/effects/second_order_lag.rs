@@ -54,6 +54,7 @@ const NEAR: f64 = 1.0;
 /// Terms of these series: the next is below 1e-16 there.
 const TERMS: u32 = 9;
 
+#[derive(Clone)]
 pub(crate) struct SecondOrderLag<S: Simd> {
     time: Pair<S>,
     damping: Lanes<S>,
@@ -65,6 +66,7 @@ pub(crate) struct SecondOrderLag<S: Simd> {
 }
 
 /// What a substep makes of the way from the command and of the rate times T: each of the way and of the rate.
+#[derive(Clone)]
 struct Step<S: Simd> {
     way: Pair<S>,
     rate: Pair<S>,

@@ -38,6 +38,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct SlewLimit<S: Simd> {
     axes: [Axis<S>; 2],
     knob: Option<Pair<S>>,
@@ -45,6 +46,7 @@ pub(crate) struct SlewLimit<S: Simd> {
 }
 
 /// One of the knob's angles.
+#[derive(Clone)]
 struct Axis<S: Simd> {
     rate: Lanes<S>,
     /// The most that the knob turns in a substep (rad), and one over it.

@@ -79,6 +79,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct SlopeMap<S: Simd> {
     /// π over the edges (1/m).
     wave_x: f64,

@@ -58,6 +58,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct SpringHysteresis<S: Simd> {
     strength: Lanes<S>,
     width: Lanes<S>,

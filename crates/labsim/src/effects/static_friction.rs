@@ -53,6 +53,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct StaticFriction<S: Simd> {
     ratio: Lanes<S>,
     rest_time: Lanes<S>,

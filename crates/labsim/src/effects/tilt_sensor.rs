@@ -56,6 +56,7 @@ pub(super) const ABOUT: About = About {
     references: &["Ljung: System Identification, 2nd ed., sect. 14.1 (offsets)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct TiltSensor<S: Simd> {
     zero: Pair<S>,
     gain: Pair<S>,

@@ -35,6 +35,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct ViscousDrag<S: Simd> {
     rate: Lanes<S>,
 }

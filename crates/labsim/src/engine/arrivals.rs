@@ -10,8 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Job;
 use super::agenda::{Moment, Timeline};
+use super::{Hold, Job};
 use crate::effects::Any;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -26,20 +26,30 @@ pub(super) enum Arrivals<S: Simd> {
 
 impl<S: Simd> Arrivals<S> {
     /// Commands that are `issued` when the rows of that timeline begin and come late by `late`, to the
-    /// rows of another; `before` came long ago.
+    /// rows of another; `before` came long ago. One that goes evenly to the next one is issued in steps, one a
+    /// substep.
     pub(super) fn new<'a, 'b: 'a>(
         simd: S,
+        hold: Hold,
         late: &[Any<S>],
-        timelines: [&Timeline; 2],
+        [issued, rows]: [&Timeline; 2],
         before: Pair<S>,
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
-        let [x, y] = lateness(simd, late, timelines[0].rows(), &job);
+        let [x, y] = lateness(simd, late, issued.rows(), &job);
+        let steps;
+        let issued = match hold {
+            Hold::Zero => Issued::rows(issued),
+            Hold::First => {
+                steps = issued.of_substeps();
+                Issued::substeps(issued, &steps)
+            }
+        };
         if x == y {
-            return Self::Together(Course::new(&x, timelines, [0, 1], before, &job));
+            return Self::Together(Course::new(hold, &x, &issued, rows, [0, 1], before, &job));
         }
         let of_axis = |late: &[[f64; 8]], axis: usize| {
-            Course::new(late, timelines, [axis], [before[axis]], &job)
+            Course::new(hold, late, &issued, rows, [axis], [before[axis]], &job)
         };
         Self::Apart([of_axis(&x, 0), of_axis(&y, 1)])
     }
@@ -52,6 +62,15 @@ impl<S: Simd> Arrivals<S> {
                 x.issue(row, [command[0]]);
                 y.issue(row, [command[1]]);
             }
+        }
+    }
+
+    /// The last command that came (rad).
+    #[inline(always)]
+    pub(super) fn last(&self) -> Pair<S> {
+        match self {
+            Self::Together(both) => both.command,
+            Self::Apart([x, y]) => [x.command[0], y.command[0]],
         }
     }
 
@@ -86,6 +105,14 @@ pub(super) struct Course<S: Simd, const AXES: usize> {
     was_mixed: bool,
 }
 
+/// Commands as they are issued, in order.
+struct Issued<'a> {
+    /// When.
+    times: &'a Timeline,
+    /// The row that each belongs to, and which of the row's substeps.
+    places: Vec<(usize, u32)>,
+}
+
 /// The first command of each lane that comes in a row; or the second, and so on.
 #[derive(Clone)]
 struct Wave<const AXES: usize> {
@@ -97,14 +124,16 @@ struct Wave<const AXES: usize> {
 
 impl<S: Simd, const AXES: usize> Course<S, AXES> {
     fn new<'a, 'b: 'a>(
+        hold: Hold,
         late: &[[f64; 8]],
-        [issued, rows]: [&Timeline; 2],
+        issued: &Issued<'_>,
+        rows: &Timeline,
         axes: [usize; AXES],
         before: [Lanes<S>; AXES],
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
         let moments: Vec<Vec<Moment>> = (0..S::F64_LANES)
-            .map(|lane| moments([issued, rows], lane, late))
+            .map(|lane| issued.moments(rows, lane, late))
             .collect();
         let of_one_row = |a: &Moment, b: &Moment| a.row == b.row;
         let mut begins = vec![0; rows.rows() + 1];
@@ -120,7 +149,7 @@ impl<S: Simd, const AXES: usize> Course<S, AXES> {
             command: [[0.0; 8]; AXES],
         };
         let mut waves = vec![none; begins[rows.rows()]];
-        let mut comes = vec![None; issued.rows()];
+        let mut comes = vec![None; issued.places.len()];
         for (lane, all) in moments.iter().enumerate() {
             for row in all.chunk_by(of_one_row) {
                 let begin = begins[row[0].row];
@@ -129,7 +158,15 @@ impl<S: Simd, const AXES: usize> Course<S, AXES> {
                     if lane == 0 {
                         comes[moment.what] = Some(begin + number);
                     }
-                    let command = job(lane).commands[moment.what];
+                    let (row, substep) = issued.places[moment.what];
+                    let command = match hold {
+                        Hold::Zero => job(lane).commands[row],
+                        Hold::First => {
+                            let part = (f64::from(substep) + 0.5) * rows.share(row);
+                            let [from, to] = [row, row + 1].map(|row| job(lane).command(row));
+                            [0, 1].map(|axis| from[axis] + part * (to[axis] - from[axis]))
+                        }
+                    };
                     wave.at[lane] = moment.at;
                     for (came, axis) in wave.command.iter_mut().zip(axes) {
                         came[lane] = command[axis];
@@ -213,23 +250,44 @@ fn lateness<'a, 'b: 'a, S: Simd>(
     [x, y]
 }
 
-/// When the commands of a lane's rollout come; one that a later command has overtaken does not.
-fn moments([issued, rows]: [&Timeline; 2], lane: usize, late: &[[f64; 8]]) -> Vec<Moment> {
-    let mut soonest = f64::INFINITY;
-    let mut moments: Vec<Moment> = Vec::with_capacity(late.len());
-    for (what, late) in late.iter().enumerate().rev() {
-        let time = issued.begins(what, lane) + late[lane];
-        if time < soonest {
-            soonest = time;
-            let (row, at) = if time == rows.begins(what, lane) {
-                (what, 0.0)
-            } else {
-                let near = moments.last().map_or(what, |later| later.row);
-                rows.locate(lane, time, 0, near)
-            };
-            moments.push(Moment { row, at, what });
+impl<'a> Issued<'a> {
+    /// One command a row.
+    fn rows(times: &'a Timeline) -> Self {
+        Self {
+            times,
+            places: (0..times.rows()).map(|row| (row, 0)).collect(),
         }
     }
-    moments.reverse();
-    moments
+
+    /// One command a substep, each of which is a row of `times`.
+    fn substeps(rows: &Timeline, times: &'a Timeline) -> Self {
+        let of_row = |row: usize| (0..rows.substeps(row) as u32).map(move |substep| (row, substep));
+        Self {
+            times,
+            places: (0..rows.rows()).flat_map(of_row).collect(),
+        }
+    }
+
+    /// When the commands of a lane's rollout come, those of a row all so late; one that a later command has
+    /// overtaken does not.
+    fn moments(&self, rows: &Timeline, lane: usize, late: &[[f64; 8]]) -> Vec<Moment> {
+        let mut soonest = f64::INFINITY;
+        let mut moments: Vec<Moment> = Vec::with_capacity(self.places.len());
+        for (what, &(own, substep)) in self.places.iter().enumerate().rev() {
+            let time = self.times.begins(what, lane) + late[own][lane];
+            if time < soonest {
+                soonest = time;
+                let in_time = rows.begins(own, lane) + f64::from(substep) * rows.lengths(own)[lane];
+                let (row, at) = if time == in_time {
+                    (own, f64::from(substep))
+                } else {
+                    let near = moments.last().map_or(own, |later| later.row);
+                    rows.locate(lane, time, 0, near)
+                };
+                moments.push(Moment { row, at, what });
+            }
+        }
+        moments.reverse();
+        moments
+    }
 }
