@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import irt
+from irt.catalogue import effect, hypothetical
 from irt.diagnose.case import Case
 from irt.diagnose.hypotheses import size_of
 from irt.files import write_atomic

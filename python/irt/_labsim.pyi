@@ -33,9 +33,7 @@ def effects() -> list[
         str,
         str,
         str,
-        list[
-            tuple[str, str, float, float, float, float, float, int, str, bool, tuple[float, float]]
-        ],
+        list[tuple[str, str, float, float, float, float, float, int, str, bool, tuple[float, float]]],
         str,
         str,
         str,

@@ -320,7 +320,8 @@ class Problem:
         """Return (k, n) values as the engine has them, (k, m)."""
         full = np.tile(self.neutral, (len(values), 1))
         full[:, self.slots] = values
-        return full.tolist()
+        rows: list[list[float]] = full.tolist()
+        return rows
 
     def _by_choice(self, values: Array) -> list[tuple[dict[str, Any], list[int]]]:
         """Return the problem with each answer to open choices that (k, n) values give, and which give it."""
@@ -369,7 +370,9 @@ def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping
         if name not in names:
             raise unknown_name(f"parameter of {chosen.name}", name, names)
     choices = {one.name: chosen.parameters.get(one.name, one.neutral) for one in parameters if one.is_choice}
-    refining = {one.name: one.neutral for one in parameters if one.optional and one.name not in chosen.parameters}
+    refining = {
+        one.name: one.neutral for one in parameters if one.optional and one.name not in chosen.parameters
+    }
     fixed = {**choices, **refining, **held}
     return np.array(
         [
