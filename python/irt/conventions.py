@@ -30,6 +30,8 @@ _BRIDGED = 2
 _HUBER = 1.345
 #: Rounds of reweighted least squares. Weights change little after the third.
 _ROUNDS = 4
+#: Regression rows of one output, about: more cost time and say little more.
+_MOST_ROWS = 3000
 #: From a median of absolute values to a standard deviation of normal ones.
 _OF_MEDIAN = 1.4826
 #: Blocks of a run are this many window widths long: residuals of different blocks are nearly independent.
@@ -320,17 +322,22 @@ class _Design:
         Freed of the further columns, and weighted.
     block : (m,) int array
         Number of the block of each row.
+    best : int
+        The delay with which both inputs together explain most.
     """
 
     delays: Array
     inputs: Array
     target: Array
     block: NDArray[np.int64]
+    best: int
 
     @classmethod
     def of(
         cls, rows: Sequence[_Rows], delays: Sequence[float], *, block: int, stride: int = 1
     ) -> _Design | None:
+        """Return the regression of rows, every `stride`-th of them; None where too few are known."""
+        stride = max(stride, sum(len(one.target) for one in rows) // _MOST_ROWS)
         inputs, target, further, blocks = [], [], [], []
         for one in rows:
             taken = np.arange(0, len(one.target), stride)
@@ -345,18 +352,21 @@ class _Design:
         u, y, z, b = u[:, known], y[known], z[known], b[known]
         if len(y) < 2 * (2 + z.shape[1]) or not np.ptp(y) > 0.0:
             return None
-        z = z[:, np.ptp(z, axis=0) + np.abs(z).max(axis=0) > 0.0]
-        root = np.sqrt(_weights(u, y, z))
-        basis = np.linalg.svd(root[:, None] * z, full_matrices=False)
-        basis_of_further = basis[0][:, basis[1] > 1e-9 * max(basis[1].max(initial=0.0), 1e-300)]
-        weighted = u * root[:, None]
-        freed = weighted - basis_of_further @ (basis_of_further.T @ weighted)
-        # What the further columns explain wholly is no input: an axis that never moves.
-        moving = np.linalg.norm(freed, axis=1) > 1e-6 * np.linalg.norm(weighted, axis=1)
-        freed = np.where(moving[:, None, :], freed, 0.0)
-        aim = root * y
-        aim = aim - basis_of_further @ (basis_of_further.T @ aim)
-        return cls(np.asarray(delays, dtype=float), freed, aim, np.unique(b, return_inverse=True)[1])
+        found = _freed(u, y, z, np.ones(len(y)))
+        for _ in range(_ROUNDS):
+            scale = _OF_MEDIAN * float(np.median(np.abs(found.left)))
+            if scale == 0.0:
+                break
+            # Residuals of weighted rows are weighted, too: those of the rows themselves count.
+            left = found.left / np.sqrt(found.weights)
+            found = _freed(u, y, z, 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale)))
+        return cls(
+            np.asarray(delays, dtype=float),
+            found.inputs,
+            found.target,
+            np.unique(b, return_inverse=True)[1],
+            found.best,
+        )
 
     @property
     def blocks(self) -> int:
@@ -373,8 +383,7 @@ class _Design:
 
     def both(self) -> tuple[Array, Array, float, float]:
         """Return gains and errors (2,), the delay, and the share explained, of both inputs together."""
-        best = int(np.argmin([self._left(index) for index in range(len(self.delays))]))
-        u = self.inputs[best]
+        u = self.inputs[self.best]
         gain = np.linalg.lstsq(u, self.target)[0]
         left = self.target - u @ gain
         scores = np.zeros((self.blocks, 2))
@@ -387,14 +396,9 @@ class _Design:
         return (
             np.where(moves, gain, np.nan),
             np.where(moves, error, np.nan),
-            float(self.delays[best]),
+            float(self.delays[self.best]),
             share,
         )
-
-    def _left(self, index: int) -> float:
-        gain = np.linalg.lstsq(self.inputs[index], self.target)[0]
-        left = self.target - self.inputs[index] @ gain
-        return float(left @ left)
 
     def by_block(self, left: Array) -> Array:
         """Return the sum of squares of each block as a share of all squares, (blocks,)."""
@@ -402,23 +406,35 @@ class _Design:
         return np.asarray(sums / float(self.target @ self.target))
 
 
-def _weights(u: Array, y: Array, z: Array) -> Array:
-    """Return Huber's weights, (m,), of the best delay of both inputs."""
-    weights = np.ones(len(y))
-    for _ in range(_ROUNDS):
-        root = np.sqrt(weights)[:, None]
-        losses, residuals = [], []
-        for inputs in u:
-            columns = np.hstack([inputs, z])
-            left = y - columns @ np.linalg.lstsq(root * columns, root[:, 0] * y)[0]
-            losses.append(float(weights @ left**2))
-            residuals.append(left)
-        left = residuals[int(np.argmin(losses))]
-        scale = _OF_MEDIAN * float(np.median(np.abs(left)))
-        if scale == 0.0:
-            break
-        weights = 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale))
-    return weights
+@dataclass(frozen=True, eq=False)
+class _Freed:
+    """Inputs (d, m, 2) and target (m,) without what further columns explain, all weighted."""
+
+    inputs: Array
+    target: Array
+    weights: Array
+    best: int
+    left: Array
+
+
+def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
+    """Return the regression with the further columns z taken out, and the best delay of both inputs."""
+    root = np.sqrt(weights)
+    left_vectors, lengths, _ = np.linalg.svd(root[:, None] * z, full_matrices=False)
+    basis = left_vectors[:, lengths > 1e-9 * max(float(lengths.max(initial=0.0)), 1e-300)]
+    inputs = u * root[:, None]
+    whole = np.linalg.norm(inputs, axis=1)
+    inputs = inputs - basis @ (basis.T @ inputs)
+    # What the further columns explain wholly is no input: an axis that never moves.
+    moves = np.linalg.norm(inputs, axis=1) > 1e-6 * whole
+    inputs = np.where(moves[:, None, :], inputs, 0.0)
+    target = root * y
+    target = target - basis @ (basis.T @ target)
+    products = inputs.swapaxes(1, 2) @ inputs
+    along = inputs.swapaxes(1, 2) @ target
+    gains = np.einsum("dij,dj->di", np.linalg.pinv(products, rcond=1e-9, hermitian=True), along)
+    best = int(np.argmax(np.einsum("di,di->d", gains, along)))
+    return _Freed(inputs, target, weights, best, np.asarray(target - inputs[best] @ gains[best]))
 
 
 def _delayed(values: Array, delay: float) -> Array:
