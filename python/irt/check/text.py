@@ -1,0 +1,139 @@
+"""A check as a page in the terminal."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Sequence
+
+from irt.check.result import Check, Detectable, Identified, ResponseFacts, RunFacts, SignalFacts
+
+_WIDTH = 100
+#: Runs shown one by one; more are summed up in a last line.
+_MOST_RUNS = 12
+
+
+def page(found: Check) -> str:
+    """Return a check as lines of at most 100 characters."""
+    return "\n".join(_lines(found))
+
+
+def _lines(found: Check) -> Iterator[str]:
+    yield from _runs(found.runs)
+    if found.signals:
+        yield ""
+        yield from _signals(found.signals)
+    if found.responses:
+        yield ""
+        yield "responses     gain (95 %), by axis                                  delay         explained"
+        for response in found.responses:
+            yield from _response(response)
+    if found.identified is not None:
+        yield ""
+        yield from _identified(found.identified, len(found.runs))
+    for severity, title in (("error", "errors"), ("warning", "warnings"), ("note", "notes")):
+        chosen = [one for one in found.findings if one.severity == severity]
+        if chosen:
+            yield f"\n{title}"
+            for one in chosen:
+                yield from _bullet(f"{one}.")
+    yield "\nto record next"
+    yield from _bullet(found.next_recording)
+
+
+def _runs(runs: Sequence[RunFacts]) -> Iterator[str]:
+    width = max(3, *(len(run.name) for run in runs))
+    yield (
+        f"{'run':<{width}}   rows       s     Hz  jitter   lost  (gap)  held   rest    rim  clipped  commands x, y"
+    )
+    for run in runs[:_MOST_RUNS]:
+        seconds = "-" if run.seconds is None else f"{run.seconds:.1f}"
+        rate = "-" if run.rate_hz is None else f"{run.rate_hz:.1f}"
+        jitter = "-" if run.jitter_s is None else f"{1000 * run.jitter_s:.1f} ms"
+        (x0, x1), (y0, y1) = run.command_range
+        yield (
+            f"{run.name:<{width}} {run.rows:6} {seconds:>7} {rate:>6} {jitter:>7} {_share(run.lost):>6} "
+            f"{run.longest_gap:6} {_share(run.held):>5} {_share(run.at_rest):>6} {_share(run.at_rim):>6} "
+            f"{_share(max(run.clipped)):>8}  {x0:.3g}..{x1:.3g}, {y0:.3g}..{y1:.3g}"
+        )
+    if len(runs) > _MOST_RUNS:
+        rest = runs[_MOST_RUNS:]
+        yield f"and {len(rest)} more runs of {sum(run.rows for run in rest)} rows"
+
+
+def _share(share: float) -> str:
+    percent = 100.0 * share
+    return "0 %" if percent == 0.0 else "<1 %" if percent < 1.0 else f"{percent:.0f} %"
+
+
+def _signals(signals: Sequence[SignalFacts]) -> Iterator[str]:
+    yield "signal        noise             resolution"
+    for one in signals:
+        scale, unit = (100.0, "% of an edge") if one.unit == "edge" else (1000.0, "mrad")
+        noise = "never moves" if one.noise is None else f"{scale * one.noise:.3g} {unit}"
+        step = "-" if one.resolution is None else f"{scale * one.resolution:.2g} {unit}"
+        yield f"{one.column:<12}  {noise:<16}  {step}"
+
+
+def _response(one: ResponseFacts) -> Iterator[str]:
+    gains = []
+    for row, output in enumerate(one.outputs):
+        # The strongest input of each output is what a reader compares.
+        known = [(abs(gain), column) for column, gain in enumerate(one.gain[row]) if gain is not None]
+        if not known:
+            continue
+        column = max(known)[1]
+        gain, error = one.gain[row][column], one.error[row][column] or 0.0
+        gains.append(f"{one.inputs[column]} -> {output} {gain:.3g} +- {1.96 * error:.2g}")
+    delays = ", ".join("-" if delay is None else f"{delay:.2g}" for delay in one.delay)
+    wrong = f", {100 * one.best_explained:.0f} % after: {one.best}" if one.contradicts else ""
+    for index, gain in enumerate(gains):
+        tail = (
+            f"  {delays} {one.delay_unit:<6} {100 * max(one.explained, 0.0):4.0f} %{wrong}"
+            if index == 0
+            else ""
+        )
+        yield f"  {gain} {one.unit}".ljust(68) + tail
+
+
+def _identified(found: Identified, runs: int) -> Iterator[str]:
+    yield "what these recordings could identify, if noise were all that a fit leaves (95 % intervals)"
+    known = [
+        f"{name} {found.values[name]:.3g} +- {half:.2g}"
+        if half
+        else f"{name} {found.values[name]:.3g} (stamps)"
+        for name, half in found.intervals.items()
+        if half is not None
+    ]
+    yield from _bullet(", ".join(known) or "none of the five parameters")
+    for sentence in found.unidentifiable:
+        yield from _bullet(sentence)
+    shown = [one for one in found.effects if one.runs <= 1.0 and one.smallest is not None]
+    hidden = [one for one in found.effects if not (one.runs <= 1.0 and one.smallest is not None)]
+    if shown:
+        yield from _bullet(
+            "effects show from these sizes on: " + ", ".join(f"{_of(one)} {_size(one)}" for one in shown)
+        )
+    if hidden:
+        yield from _bullet(
+            f"effects of usual size do not show (with how many runs like these they would, {runs} so far): "
+            + ", ".join(f"{_of(one)} {_runs_needed(one, runs)}" for one in hidden)
+        )
+
+
+def _of(one: Detectable) -> str:
+    return f"{one.effect}.{one.parameter}"
+
+
+def _size(one: Detectable) -> str:
+    unit = f" {one.unit}" if one.unit else ""
+    return f"{one.smallest:.2g}{unit}"
+
+
+def _runs_needed(one: Detectable, runs: int) -> str:
+    needed = runs * one.runs
+    return f"({math.ceil(needed)})" if needed < 1000 else "(never)"
+
+
+def _bullet(text: str) -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent="- ", subsequent_indent="  ", break_on_hyphens=False)
