@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
-    from irt.check import Check, check
     from irt.catalogue import EffectInfo, EffectParameter, effects
+    from irt.check import Check, check
     from irt.diagnose import Diagnosis, diagnose
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording

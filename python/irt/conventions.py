@@ -176,7 +176,7 @@ def resampled(times: Array | None, *signals: Array | None, held: Sequence[bool])
 
 
 def fit_acceleration(
-    runs: Sequence[Signals], delays: Sequence[float], *, inputs: Literal["held", "sampled"] = "held"
+    runs: Sequence[Signals], delays: Sequence[float] | Array, *, inputs: Literal["held", "sampled"] = "held"
 ) -> Response | None:
     """Fit accelerations of the outputs to the inputs; declared: x by +input y, y by -input x.
 
@@ -206,7 +206,7 @@ def fit_acceleration(
     return max(enough, key=_adjusted)
 
 
-def fit_level(runs: Sequence[Signals], delays: Sequence[float]) -> Response | None:
+def fit_level(runs: Sequence[Signals], delays: Sequence[float] | Array) -> Response | None:
     """Fit the outputs themselves to the inputs, with a zero for each run; declared: x by +input x.
 
     Parameters and result as of `fit_acceleration`; inputs hold.
@@ -239,7 +239,9 @@ class _Rows:
     run: int
 
 
-def _of_width(runs: Sequence[Signals], delays: Sequence[float], half: int, held: bool) -> Response | None:
+def _of_width(
+    runs: Sequence[Signals], delays: Sequence[float] | Array, half: int, held: bool
+) -> Response | None:
     window = _window(half)
     designs = []
     for axis in (0, 1):
@@ -334,7 +336,7 @@ class _Design:
 
     @classmethod
     def of(
-        cls, rows: Sequence[_Rows], delays: Sequence[float], *, block: int, stride: int = 1
+        cls, rows: Sequence[_Rows], delays: Sequence[float] | Array, *, block: int, stride: int = 1
     ) -> _Design | None:
         """Return the regression of rows, every `stride`-th of them; None where too few are known."""
         stride = max(stride, sum(len(one.target) for one in rows) // _MOST_ROWS)

@@ -21,7 +21,7 @@ _FEW_PERIODS = 4.0
 _MOST_TIMES = 20.0
 
 
-def next_recording(
+def next_recording(  # noqa: PLR0911  # a list of rules, of which the first that holds counts
     rig: Rig, runs: Sequence[RunFacts], findings: Sequence[Finding], identified: Identified | None
 ) -> str:
     """Return what to record next, in a sentence: what would add most to these recordings.
@@ -56,7 +56,7 @@ def next_recording(
     if shares["lost"] > MOSTLY_LOST:
         return f"Improve the tracker: the marble is lost in {100 * shares['lost']:.0f} % of the rows."
     if all(_is_slow_sinusoid(one.knobs[:, axis]) for one in rig.recordings for axis in (0, 1)):
-        return "Add steps and faster changes: both commands follow one slow sinusoid, which hides delays and lags."
+        return "Add steps and faster changes: both commands follow one slow sinusoid, which hides delays."
     if identified is not None and (more := _more_runs(rig, identified)):
         return more
     return "Nothing is missing for a fit. Record two more runs with other commands, to hold out."

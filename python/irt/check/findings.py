@@ -15,6 +15,8 @@ from irt.rig import Rig
 SHORT_ROWS = 8
 #: Shares of rows from which on a fact is worth a finding.
 MOSTLY_LOST, SOME_HELD, OFTEN_CLIPPED, MOSTLY_REST, MOSTLY_RIM = 0.5, 0.005, 0.1, 0.6, 0.6
+#: Steps of a marble that was rolling before row 0, at least [board edges].
+_ROLLING = 0.004
 #: Jitter of the stamps, as a share of a row, from which on it is worth a note.
 UNEVEN = 0.2
 
@@ -121,14 +123,8 @@ def _moving_start(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
             continue
         steps = np.linalg.norm(np.diff(head, axis=0), axis=1)
         # From rest the second and third step are three and five times the first; noise adds its own.
-        later = float(
-            np.median(
-                np.linalg.norm(np.diff(recording.marble, axis=0), axis=1)[
-                    np.isfinite(recording.marble).all(axis=1)[1:]
-                ]
-            )
-        )
-        if steps.min() > max(0.004, 0.8 * later) and np.ptp(steps) < 0.5 * steps.max():
+        later = float(np.nanmedian(np.linalg.norm(np.diff(recording.marble, axis=0), axis=1)))
+        if steps.min() > max(_ROLLING, 0.8 * later) and np.ptp(steps) < 0.5 * steps.max():
             rolling.append(recording.name)
     if len(rolling) > len(runs) / 2:
         yield Finding(

@@ -8,7 +8,7 @@ same. It is compared with the noise of the tracker; residuals of physics that is
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,14 +44,21 @@ _MOST_WINDOWS = 48
 #: Share of a window's rows that must have seen the marble.
 _SEEN = 0.5
 #: Sizes tried of each effect, over three decades, and draws of its other parameters.
-_SIZES, _OTHERS = 7, 2
+_SIZES, _OTHERS = 7, 4
 _DECADES = 3.0
 #: Changes of start states for derivatives [board edges, board edges a row], and of parameters [their share].
 _STEP, _PART = 1e-4, 1e-3
 #: A simulation in the screening takes updates this many times longer than the engine's own.
 _COARSENESS = 4.0
 
-_TIME = PARAMETERS.index("time_scale")
+#: A marble this close to the rim touches it [board edges].
+_AT_RIM = 0.002
+#: A parameter with this share of a direction of which nothing is known is not identified.
+_FREE = 0.1
+#: A change of this many standard errors is rounding.
+_NOTHING = 1e-3
+
+_TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
 
 
 def identify(
@@ -77,14 +84,14 @@ def identify(
     if not windows or all(noise.get(name) is None for name in MARBLE):
         return None
     values = _quick_fit(rig, stretches, time_scale, answers.get("marble"), threads)
-    linear = _Linear.of(rig, windows, values, noise, time_scale, threads)
+    linear = _Linear.of(rig, windows, values, noise, stamped=time_scale is not None, threads=threads)
     information = _information(rig, linear, values, time_scale)
     low, high = information.ranges.T
     widths = [information.margin(axis) for axis in np.eye(len(PARAMETERS))]
     held = np.linalg.norm(information.directions[information.flat], axis=0)
     intervals = {
         name: None
-        if not information.free[index] or held[index] > 0.2
+        if not information.free[index] or held[index] > _FREE
         else float(widths[index] * information.widths[index])
         for index, name in enumerate(PARAMETERS)
     }
@@ -139,28 +146,70 @@ def _quick_fit(
 
 
 @dataclass(frozen=True, eq=False)
-class _Linear:
-    """Predictions in w windows of n rows, and what start states and the five parameters change in them.
+class _Projection:
+    """Takes away from changes of w windows of n rows what start states and parameters could do as well.
 
     Attributes
     ----------
-    weights : (w, n, 2) array
-        One over the noise, times the root of how many windows each stands for; 0 where nothing was seen.
+    weights : (w, 2 n) array
+        One over the noise, times the root of how many windows each stands for; 0 in rows that do not count.
     of_states : (w, 4, 2 n) array
         Orthonormal weighted changes by the start state, zeros for none.
     of_base : (b, w * 2 n) array
         Orthonormal weighted changes by the five parameters.
     base : (5, w * 2 n) array
-        Weighted changes by a parameter's whole range, freed of start states.
+        Weighted changes by the whole range of a parameter, freed of start states.
     """
 
-    simulate: Any
-    plain: Array
-    states: Array
     weights: Array
     of_states: Array
     of_base: Array
     base: Array
+
+    @classmethod
+    def of(cls, weights: Array, by_states: Array, by_base: Array) -> _Projection:
+        """Return the projection, from (w, 4, 2 n) changes by start states and (5, w, 2 n) by parameters."""
+        of_states = _orthonormal(by_states * weights[:, None, :])
+        none = cls(weights, of_states, np.zeros((0, weights.size)), by_base)
+        base = none.freed(by_base)
+        directions, sizes, _ = np.linalg.svd(base.T, full_matrices=False)
+        keep = sizes > 1e-6 * max(float(sizes.max(initial=0.0)), 1e-300)
+        return cls(weights, of_states, directions[:, keep].T, base)
+
+    def freed(self, changes: Array) -> Array:
+        """Return (k, w, 2 n) changes weighted and freed, (k, w * 2 n)."""
+        weighted = changes * self.weights
+        inside = np.einsum("wan,kwn->kwa", self.of_states, weighted)
+        weighted = (weighted - np.einsum("kwa,wan->kwn", inside, self.of_states)).reshape(len(changes), -1)
+        return np.asarray(weighted - (weighted @ self.of_base.T) @ self.of_base)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Predictions in windows, and by how many standard errors changes of them show.
+
+    Attributes
+    ----------
+    simulate : callable
+        From start states (k * w, 4) to predictions (k * w, n, 2), coarsely.
+    states : (w, 4) array
+        Start states.
+    plain : (w, 2 n) array
+        What is predicted without effects.
+    between : _Projection
+        Of the rows before a window's first impact: after one, small changes grow large and are not linear.
+    whole : _Projection
+        Of all rows, for what acts in impacts alone.
+    of_scale : float
+        Standard errors by which the whole range of the observation scale shows in places at the rim.
+    """
+
+    simulate: Callable[..., Array]
+    states: Array
+    plain: Array
+    between: _Projection
+    whole: _Projection
+    of_scale: float
 
     @classmethod
     def of(
@@ -169,11 +218,14 @@ class _Linear:
         windows: Sequence[Segment],
         values: Array,
         noise: Mapping[str, float | None],
-        time_scale: float | None,
+        *,
+        stamped: bool,
         threads: int | None,
     ) -> _Linear:
+        """Return the windows of a rig around five values, linearised."""
         taken = np.unique(np.linspace(0, len(windows) - 1, min(len(windows), _MOST_WINDOWS)).astype(int))
         chosen = [windows[index] for index in taken]
+        count = len(chosen)
         model = Model.from_rig(rig, values, time_step="continuous")
         inputs = inputs_of(chosen, whole=True)
         observed = np.array([one.observed for one in chosen])
@@ -181,72 +233,59 @@ class _Linear:
         at_rest = (inputs.first == 0) & (rig.start == "rest")
         states = estimate_start_states(model, inputs, observed, states)
         states[at_rest, 2:] = 0.0
-        substeps = max(1, round(values[_TIME] / _COARSENESS))
 
-        def predict(states: Array, **changes: Any) -> Array:
-            """Return predictions from (k * w, 4) states, (k * w, 2 n)."""
-            found = simulate(
-                model,
-                inputs.tiled(len(states) // len(chosen)),
-                states,
-                substeps=substeps if inputs.durations is None else None,
-                threads=threads,
-                **changes,
+        def predict(states: Array, coarseness: float = 1.0, **changes: Any) -> Array:
+            substeps = None if stamped else max(1, round(values[_TIME] / coarseness))
+            many = inputs.tiled(len(states) // count)
+            return simulate(model, many, states, substeps=substeps, threads=threads, **changes)
+
+        def change(moved: Array, **changes: Any) -> Array:
+            return np.asarray(
+                (predict(moved, **changes).reshape(-1, *plain.shape) - plain).reshape(-1, count, size)
             )
-            return found.reshape(len(states), -1)
 
-        scale = np.array([noise.get(name) or np.inf for name in MARBLE])
-        weights = np.where(np.isfinite(observed), np.sqrt(len(windows) / len(chosen)) / scale, 0.0)
-        weights = weights.reshape(len(chosen), -1)
         plain = predict(states)
+        size = plain[0].size
         step_s = values[_TIME] * SUBSTEP_S
         moves = np.array([_STEP, _STEP, _STEP / step_s, _STEP / step_s])
         signs = np.where(states > 0.0, -1.0, 1.0)
-        moved = np.concatenate([states + signs * moves * axis for axis in np.eye(4)])
-        of_states = predict(moved).reshape(4, len(chosen), -1) - plain
-        of_states = (of_states * weights).swapaxes(0, 1)
-        of_states[at_rest, 2:] = 0.0
-        found = cls(
-            predict, plain, states, weights, _orthonormal(of_states), np.zeros((0, plain.size)), plain
+        by_states = change(np.concatenate([states + signs * moves * axis for axis in np.eye(4)])).swapaxes(
+            0, 1
         )
-        base = []
+        by_states[at_rest, 2:] = 0.0
+        by_base = np.zeros((len(PARAMETERS), count, size))
         for index, name in enumerate(PARAMETERS):
+            if index == _TIME and stamped:
+                continue
             low, high = rig.ranges[name]
             step = _PART * max(abs(values[index]), _PART * (high - low))
-            other = values.copy()
-            other[index] += step
-            changed = np.zeros(plain.size)
-            if index != _TIME or time_scale is None:
-                changed = found.freed((predict(states, values=other) - plain)[None])[0] * (high - low) / step
-            base.append(changed)
-        lengths = np.linalg.norm(base, axis=1)
-        largest = max(float(lengths.max()), 1e-300)
-        directions, sizes, _ = np.linalg.svd(np.array(base).T, full_matrices=False)
+            moved = values + step * (np.arange(len(values)) == index)
+            by_base[index] = change(states, values=moved)[0] * (high - low) / step
+        scale = np.array([noise.get(name) or np.inf for name in MARBLE])
+        share = len(windows) / count
+        weights = np.where(np.isfinite(observed), math.sqrt(share) / scale, 0.0)
+        touches = np.abs(plain) > model.reach - _AT_RIM
+        free = ~np.logical_or.accumulate(touches.any(axis=2), axis=1)
+        at_rim = (touches.any(axis=1) * model.reach / scale * np.ptp(rig.ranges["observation_scale"])) ** 2
         return cls(
-            predict,
-            plain,
-            states,
-            weights,
-            found.of_states,
-            directions[:, sizes > 1e-6 * largest].T,
-            np.array(base),
+            simulate=predict,
+            states=states,
+            plain=predict(states, _COARSENESS).reshape(count, size),
+            between=_Projection.of((weights * free[:, :, None]).reshape(count, size), by_states, by_base),
+            whole=_Projection.of(weights.reshape(count, size), by_states, by_base),
+            of_scale=math.sqrt(share * float(at_rim.sum())),
         )
-
-    def freed(self, changes: Array) -> Array:
-        """Return (k, w, 2 n) changes weighted, without what start states and the five parameters can do."""
-        windows = len(self.states)
-        weighted = changes.reshape(len(changes), windows, -1) * self.weights
-        inside = np.einsum("wan,kwn->kwa", self.of_states, weighted)
-        weighted = (weighted - np.einsum("kwa,wan->kwn", inside, self.of_states)).reshape(len(changes), -1)
-        return np.asarray(weighted - (weighted @ self.of_base.T) @ self.of_base)
 
     def strengths(self, name: str, draws: Array, keys: Sequence[str]) -> Array:
         """Return by how many standard errors (k, p) values of an effect show, (k,)."""
         count = len(self.states)
         added = {"name": name, **{key: np.repeat(draws[:, i], count) for i, key in enumerate(keys)}}
-        predicted = self.simulate(np.tile(self.states, (len(draws), 1)), added=added)
+        predicted = self.simulate(np.tile(self.states, (len(draws), 1)), _COARSENESS, added=added)
         changes = predicted.reshape(len(draws), count, -1) - self.plain
-        return np.asarray(np.linalg.norm(self.freed(changes), axis=1))
+        found = np.linalg.norm(self.between.freed(changes), axis=1)
+        if found.max() < _NOTHING:
+            found = np.linalg.norm(self.whole.freed(changes), axis=1)
+        return np.asarray(found)
 
 
 def _information(rig: Rig, linear: _Linear, values: Array, time_scale: float | None) -> Information:
@@ -254,7 +293,9 @@ def _information(rig: Rig, linear: _Linear, values: Array, time_scale: float | N
     free = np.ones(len(PARAMETERS), dtype=bool)
     free[_TIME] = time_scale is None
     ranges = np.array([rig.ranges[name] for name in PARAMETERS])
-    singular, directions = _principal(linear.base[free])
+    # One more observation: where the rim is seen says how large the picture is.
+    of_rim = linear.of_scale * (np.arange(len(PARAMETERS)) == _SCALE)
+    singular, directions = _principal(np.column_stack([linear.between.base, of_rim])[free])
     own = np.zeros((len(singular), len(PARAMETERS)))
     own[:, free] = directions
     with np.errstate(divide="ignore"):
@@ -273,7 +314,7 @@ def _information(rig: Rig, linear: _Linear, values: Array, time_scale: float | N
 
 
 def _principal(changes: Array) -> tuple[Array, Array]:
-    """Return by how many standard errors each principal direction of parameters shows, and these directions."""
+    """Return by how many standard errors each principal direction of parameters shows, and the directions."""
     lengths, directions = np.linalg.eigh(changes @ changes.T)
     return np.sqrt(np.maximum(lengths, 0.0)), directions.T
 
@@ -294,7 +335,7 @@ def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
     strengths = linear.strengths(info.name, draws, [one.name for one in parameters])
     for index, (_, sizes), found in zip(indices, ladders, np.split(strengths, len(indices)), strict=True):
         one = parameters[index]
-        typical = np.sqrt((found.reshape(_SIZES, -1) ** 2).mean(axis=1))
+        typical = np.median(found.reshape(_SIZES, -1), axis=1)
         usual = 0.5 * float(sizes[-1])
         at_usual = float(np.exp(np.interp(np.log(usual), np.log(sizes), np.log(np.maximum(typical, 1e-9)))))
         runs = (SHOWS / at_usual) ** 2 if at_usual > 1e-6 else math.inf

@@ -177,8 +177,9 @@ def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
         advice = correction(found, guilty, names)
     return Finding(
         "warning",
-        f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: declared axes and signs explain "
-        f"{100 * max(facts.explained, 0.0):.0f} % of the motion, others {100 * facts.best_explained:.0f} %",
+        f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: declared axes and signs "
+        f"explain {100 * max(facts.explained, 0.0):.0f} % of the motion, others "
+        f"{100 * facts.best_explained:.0f} %",
         "axes",
         advice,
     )

@@ -11,7 +11,7 @@ from irt.check.advice import next_recording
 from irt.check.findings import run_findings
 from irt.check.identify import identify
 from irt.check.responses import response_findings, responses
-from irt.check.result import Check, Finding, RunFacts, SignalFacts
+from irt.check.result import Check, Finding, RunFacts
 from irt.check.runs import rim_masks, run_facts
 from irt.check.signals import clean, signal_facts
 from irt.check.units import unit_findings

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.check.result import RunFacts, SignalFacts
-from irt.cleaning import garbage_rows, held_rows, mask_spans, tilt_jumps
+from irt.check.signals import held_mask
+from irt.cleaning import garbage_rows, mask_spans, tilt_jumps
 from irt.recording import MARBLE, TILT, Recording
 from irt.rig import PARAMETERS, Rig
 from irt.segments import row_seconds
@@ -95,7 +96,7 @@ def _facts(
     rows = len(recording.knobs)
     timing = _timing(recording)
     seen = np.isfinite(marble[:, 0])
-    held = held_rows(recording.marble) if recording.has_marble else np.zeros(rows, dtype=bool)
+    held = held_mask(recording.marble) if recording.has_marble else np.zeros(rows, dtype=bool)
     gaps = mask_spans(~seen) if recording.has_marble else []
     step = row_seconds(recording, sum(rig.ranges[PARAMETERS[3]]) / 2.0)
     rests = at_rest(marble, noise, step)

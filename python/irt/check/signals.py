@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.check.result import SignalFacts
-from irt.cleaning import held_rows, tilt_jumps
+from irt.cleaning import held_rows, mask_spans, repeats_are_certain, tilt_jumps
 from irt.recording import MARBLE, TILT, Recording
 from irt.rig import Rig
 
@@ -29,11 +29,29 @@ _ROUNDING = 1e-9
 _MOST_VALUES = 4000
 
 
+def held_mask(marble: Array) -> NDArray[np.bool_]:
+    """Return which rows hold the last place of a lost marble, (n,), but for turning points.
+
+    At a few rows a second a marble that turns back between two rows is seen in one place twice, if places
+    are coarse: the steps before and after then point in opposite directions. After a held place the marble
+    is farther on in its old direction.
+    """
+    held = held_rows(marble)
+    if not held.any() or repeats_are_certain(marble):
+        return held
+    for first, last in mask_spans(held):
+        if last - first == 1 and first >= 2 and last < len(marble):
+            before = marble[first - 1] - marble[first - 2]
+            after = marble[last] - marble[first]
+            held[first] = not float(before @ after) <= 0.0
+    return held
+
+
 def clean(recording: Recording) -> tuple[Array, Array | None]:
     """Return marble and tilt, (n, 2) each, NaN in rows that are no measurement."""
     marble = recording.marble.copy()
     if recording.has_marble:
-        marble[held_rows(marble)] = np.nan
+        marble[held_mask(marble)] = np.nan
     if recording.tilt is None:
         return marble, None
     tilt = recording.tilt.copy()

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 from irt.check.result import Check, Detectable, Identified, ResponseFacts, RunFacts, SignalFacts
 
+#: Characters of a line.
 _WIDTH = 100
+#: Nobody records so many runs.
+_NEVER_RUNS = 1000
+#: Characters of each column of the table of runs.
+_COLUMNS = (6, 6, 5, 7, 5, 4, 5, 5, 5, 7)
 #: Runs shown one by one; more are summed up in a last line.
 _MOST_RUNS = 12
 
@@ -25,7 +30,7 @@ def _lines(found: Check) -> Iterator[str]:
         yield from _signals(found.signals)
     if found.responses:
         yield ""
-        yield "responses     gain (95 %), by axis                                  delay         explained"
+        yield f"{'response':<26}{'gain (95 %)':>14}".ljust(66) + "  delay, by axis  explained"
         for response in found.responses:
             yield from _response(response)
     if found.identified is not None:
@@ -43,22 +48,30 @@ def _lines(found: Check) -> Iterator[str]:
 
 def _runs(runs: Sequence[RunFacts]) -> Iterator[str]:
     width = max(3, *(len(run.name) for run in runs))
-    yield (
-        f"{'run':<{width}}   rows       s     Hz  jitter   lost  (gap)  held   rest    rim  clipped  commands x, y"
-    )
+    header = ("rows", "s", "Hz", "jitter", "lost", "gap", "held", "rest", "rim", "clipped")
+    yield f"{'run':<{width}} {_columns(header)}  commands x, y"
     for run in runs[:_MOST_RUNS]:
-        seconds = "-" if run.seconds is None else f"{run.seconds:.1f}"
-        rate = "-" if run.rate_hz is None else f"{run.rate_hz:.1f}"
-        jitter = "-" if run.jitter_s is None else f"{1000 * run.jitter_s:.1f} ms"
         (x0, x1), (y0, y1) = run.command_range
-        yield (
-            f"{run.name:<{width}} {run.rows:6} {seconds:>7} {rate:>6} {jitter:>7} {_share(run.lost):>6} "
-            f"{run.longest_gap:6} {_share(run.held):>5} {_share(run.at_rest):>6} {_share(run.at_rim):>6} "
-            f"{_share(max(run.clipped)):>8}  {x0:.3g}..{x1:.3g}, {y0:.3g}..{y1:.3g}"
+        cells = (
+            f"{run.rows}",
+            "-" if run.seconds is None else f"{run.seconds:.1f}",
+            "-" if run.rate_hz is None else f"{run.rate_hz:.1f}",
+            "-" if run.jitter_s is None else f"{1000 * run.jitter_s:.1f} ms",
+            _share(run.lost),
+            f"{run.longest_gap}",
+            _share(run.held),
+            _share(run.at_rest),
+            _share(run.at_rim),
+            _share(max(run.clipped)),
         )
+        yield f"{run.name:<{width}} {_columns(cells)}  {x0:.2g}..{x1:.2g}, {y0:.2g}..{y1:.2g}"
     if len(runs) > _MOST_RUNS:
         rest = runs[_MOST_RUNS:]
         yield f"and {len(rest)} more runs of {sum(run.rows for run in rest)} rows"
+
+
+def _columns(cells: Sequence[str]) -> str:
+    return " ".join(f"{cell:>{width}}" for cell, width in zip(cells, _COLUMNS, strict=True))
 
 
 def _share(share: float) -> str:
@@ -83,17 +96,18 @@ def _response(one: ResponseFacts) -> Iterator[str]:
         if not known:
             continue
         column = max(known)[1]
-        gain, error = one.gain[row][column], one.error[row][column] or 0.0
-        gains.append(f"{one.inputs[column]} -> {output} {gain:.3g} +- {1.96 * error:.2g}")
+        gain, error = one.gain[row][column] or 0.0, one.error[row][column] or 0.0
+        pair = f"{one.inputs[column]} -> {output}"
+        gains.append(f"{pair:<24} {gain:8.3g} +- {1.96 * error:.2g}")
     delays = ", ".join("-" if delay is None else f"{delay:.2g}" for delay in one.delay)
     wrong = f", {100 * one.best_explained:.0f} % after: {one.best}" if one.contradicts else ""
-    for index, gain in enumerate(gains):
+    for index, line in enumerate(gains):
         tail = (
             f"  {delays} {one.delay_unit:<6} {100 * max(one.explained, 0.0):4.0f} %{wrong}"
             if index == 0
             else ""
         )
-        yield f"  {gain} {one.unit}".ljust(68) + tail
+        yield f"  {line} {one.unit}".ljust(66) + tail
 
 
 def _identified(found: Identified, runs: int) -> Iterator[str]:
@@ -111,28 +125,35 @@ def _identified(found: Identified, runs: int) -> Iterator[str]:
     shown = [one for one in found.effects if one.runs <= 1.0 and one.smallest is not None]
     hidden = [one for one in found.effects if not (one.runs <= 1.0 and one.smallest is not None)]
     if shown:
-        yield from _bullet(
-            "effects show from these sizes on: " + ", ".join(f"{_of(one)} {_size(one)}" for one in shown)
-        )
+        yield from _bullet(f"effects show from these sizes on: {_grouped(shown, _size)}")
     if hidden:
+        needed = _grouped(hidden, lambda one: _runs_needed(one, runs))
         yield from _bullet(
-            f"effects of usual size do not show (with how many runs like these they would, {runs} so far): "
-            + ", ".join(f"{_of(one)} {_runs_needed(one, runs)}" for one in hidden)
+            f"effects of half their largest usual size do not show; with so many runs like these "
+            f"({runs} so far) they would: {needed}"
         )
 
 
-def _of(one: Detectable) -> str:
-    return f"{one.effect}.{one.parameter}"
+def _grouped(effects: Sequence[Detectable], word: Callable[[Detectable], str]) -> str:
+    """Return the effects, the words on several parameters of one together."""
+    found: dict[str, list[str]] = {}
+    for one in effects:
+        found.setdefault(one.effect, []).append(word(one))
+    units = {one.effect: one.unit for one in effects}
+    parts = []
+    for name, words in found.items():
+        unit = f" {units[name]}" if units[name] and word is _size else ""
+        parts.append(f"{name.replace('_', ' ')} {' / '.join(words)}{unit}")
+    return ", ".join(parts)
 
 
 def _size(one: Detectable) -> str:
-    unit = f" {one.unit}" if one.unit else ""
-    return f"{one.smallest:.2g}{unit}"
+    return f"{one.smallest:.1g}"
 
 
 def _runs_needed(one: Detectable, runs: int) -> str:
     needed = runs * one.runs
-    return f"({math.ceil(needed)})" if needed < 1000 else "(never)"
+    return f"{math.ceil(needed)}" if needed < _NEVER_RUNS else "never"
 
 
 def _bullet(text: str) -> list[str]:

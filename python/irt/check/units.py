@@ -95,8 +95,8 @@ def _positions(rig: Rig, marbles: Sequence[Array], noise: float) -> list[Finding
         place = float(np.where(high > -low, high, low)[beyond][0])
         if (low > -_BEYOND - 3.0 * noise).all():
             advice = (
-                f"the origin looks like a corner: subtract 0.5 from marble_x, {edges[1] / edges[0] / 2.0:.3g} "
-                "from marble_y"
+                f"the origin looks like a corner: subtract 0.5 from marble_x, "
+                f"{edges[1] / edges[0] / 2.0:.3g} from marble_y"
             )
         elif beyond[1] and not beyond[0] and (high[1] - low[1]) < 2.0 * furthest[0]:
             advice = "are marble_x and marble_y swapped, or edge_x_m and edge_y_m?"
@@ -161,8 +161,8 @@ def _stamps(rig: Rig) -> list[Finding]:
             findings.append(
                 Finding(
                     "warning",
-                    f"rows are {median:.4g} s apart, which is a time_scale of {scale:.3g}, outside the range of "
-                    f"{low:g} to {high:g}",
+                    f"rows are {median:.4g} s apart, which is a time_scale of {scale:.3g}, outside the range "
+                    f"of {low:g} to {high:g}",
                     STAMP,
                     "check the unit of the stamps, or the range in rig.toml",
                 )
