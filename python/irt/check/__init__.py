@@ -3,6 +3,7 @@
 from irt.check.identify import SHOWS
 from irt.check.result import Check, Detectable, Finding, Identified, ResponseFacts, RunFacts, SignalFacts
 from irt.check.run import check
+from irt.check.text import page
 
 __all__ = [
     "SHOWS",
@@ -14,4 +15,5 @@ __all__ = [
     "RunFacts",
     "SignalFacts",
     "check",
+    "page",
 ]

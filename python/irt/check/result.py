@@ -252,8 +252,3 @@ class Check:
             if one["runs"] == float("inf"):
                 one["runs"] = None
         return found
-
-    def __str__(self) -> str:
-        from irt.check.text import page  # noqa: PLC0415  # a page is needed in the terminal alone
-
-        return page(self)

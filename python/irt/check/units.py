@@ -21,6 +21,8 @@ _MOST_KNOB = np.pi / 2.0
 _SMALL_GEAR = 0.03
 #: Positions this far beyond the rim, besides noise, are no slip of the tracker [board edges].
 _BEYOND = 0.02
+#: A lens shows the rim farther out by this much [board edges], seen on a practice rig.
+_LENS = 0.12
 #: Extents within this share of the rim's own in metres are metres.
 _AS_METRES = 0.06
 #: Rows of a camera are 1 ms to 1 s apart [s].
@@ -89,11 +91,14 @@ def _positions(rig: Rig, marbles: Sequence[Array], noise: float) -> list[Finding
     reach = reach_m / rig.board.edge_x_m
     low, high = np.quantile(together, [0.002, 0.998], axis=0)
     furthest = reach * rig.ranges["observation_scale"][1] + _BEYOND + 3.0 * noise
-    beyond = (high > furthest) | (low < -furthest)
+    in_corner = bool((low > -_BEYOND - 3.0 * noise).all())
+    # A lens may show the rim farther out; a corner as origin shows by the other sign, too.
+    limit = furthest if in_corner else furthest + _LENS
+    beyond = (high > limit) | (low < -limit)
     if beyond.any():
         wrong = [name for name, is_beyond in zip(MARBLE, beyond, strict=True) if is_beyond]
         place = float(np.where(high > -low, high, low)[beyond][0])
-        if (low > -_BEYOND - 3.0 * noise).all():
+        if in_corner:
             advice = (
                 f"the origin looks like a corner: subtract 0.5 from marble_x, "
                 f"{edges[1] / edges[0] / 2.0:.3g} from marble_y"
