@@ -24,6 +24,8 @@ _STILL = 6.0
 _REST_S, _REST_ROWS = 0.4, 5
 #: A marble within this of the rim touches it [board edges]: 1 mm on the paper's board, plus noise.
 _AT_RIM = 0.004
+#: A marble that starts in the centre is seen within this of it a row later [board edges].
+_START_STEP = 0.02
 #: Commands at an extreme for so many rows in succession are clipped; a turning point lasts a row or two.
 _CLIPPED_ROWS = 3
 #: Commands of fewer levels than this are steps by design, which stay at their extremes.
@@ -114,7 +116,7 @@ def _facts(
         longest_gap=max((end - first for first, end in gaps), default=0),
         held=float(held.mean()),
         tilt_jumps=jumps,
-        garbage=garbage_rows(recording.marble, recording.tilt) if recording.has_marble else 0,
+        garbage=_garbage(recording),
         at_rest=float((rests & seen).sum() / count),
         at_rim=float((touches.any(axis=1) & seen).sum() / count),
         command_range=(
@@ -125,6 +127,17 @@ def _facts(
         idle=_idle(recording, marble),
         repeats=repeats,
     )
+
+
+def _garbage(recording: Recording) -> int:
+    """Return how many rows at the start were logged before the tracker worked.
+
+    A simulated marble may start exactly in the centre; it then goes on from there.
+    """
+    rows = garbage_rows(recording.marble, recording.tilt) if recording.has_marble else 0
+    if rows == 0 or (recording.tilt is not None and (recording.tilt[:rows] == 0.0).all()):
+        return rows
+    return rows if float(np.linalg.norm(recording.marble[rows])) > _START_STEP else 0
 
 
 def _timing(recording: Recording) -> Mapping[str, float]:
