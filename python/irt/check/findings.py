@@ -8,13 +8,15 @@ import numpy as np
 
 from irt.check.result import Finding, RunFacts
 from irt.check.runs import row_step
-from irt.recording import MARBLE
+from irt.recording import MARBLE, STAMP
 from irt.rig import Rig
 
 #: Rows of a run below which it says little beside its own start state.
 SHORT_ROWS = 8
 #: Shares of rows from which on a fact is worth a finding.
 MOSTLY_LOST, SOME_HELD, OFTEN_CLIPPED, MOSTLY_REST, MOSTLY_RIM = 0.5, 0.005, 0.1, 0.6, 0.6
+#: Rates of runs of one rig differ by less than this share.
+_SAME_RATE = 0.1
 #: Steps of a marble that was rolling before row 0, at least [board edges].
 _ROLLING = 0.004
 #: Jitter of the stamps, as a share of a row, from which on it is worth a note.
@@ -90,6 +92,7 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
             yield Finding(severity, what, names(wrong), advice)  # type: ignore[arg-type]
     yield from _idle(runs)
     yield from _moving_start(rig, runs)
+    yield from _rates(runs)
 
 
 def names(of_runs: Sequence[str]) -> str:
@@ -133,3 +136,26 @@ def _moving_start(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
             names(rolling),
             'put start = "moving" under [recordings] in rig.toml',
         )
+
+
+def _rates(runs: Sequence[RunFacts]) -> Iterator[Finding]:
+    """Yield an error where some runs have stamps and others not, a warning where rates differ."""
+    rates = {run.name: run.rate_hz for run in runs if run.rate_hz is not None}
+    bare = [run.name for run in runs if run.rate_hz is None]
+    if rates and bare:
+        yield Finding(
+            "error",
+            "no stamps, which other runs have",
+            names(bare),
+            f"add {STAMP}, or remove it from all runs",
+        )
+    elif rates:
+        usual = float(np.median(list(rates.values())))
+        other = [name for name, rate in rates.items() if abs(rate / usual - 1.0) > _SAME_RATE]
+        if other:
+            yield Finding(
+                "warning",
+                f"{rates[other[0]]:.3g} rows a second, in most runs {usual:.3g}",
+                names(other),
+                "fit runs of one rate together: delays in rows mean different times",
+            )

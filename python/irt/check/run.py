@@ -11,7 +11,7 @@ from irt.check.advice import next_recording
 from irt.check.findings import run_findings
 from irt.check.identify import identify
 from irt.check.responses import response_findings, responses
-from irt.check.result import Check, Finding, RunFacts
+from irt.check.result import Check, Finding
 from irt.check.runs import rim_masks, run_facts
 from irt.check.signals import clean, signal_facts
 from irt.check.units import unit_findings
@@ -59,11 +59,11 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
     answers, identified = {}, None
     if not any(one.severity == "error" for one in findings):
         answers = responses(rig, cleaned, rim_masks(rig, marbles, of_marble))
-        findings += response_findings(rig, answers)
-        findings += unit_findings(rig, marbles, of_marble, answers)
-    # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
-    if all(one.severity == "note" or one.where in _names(runs) for one in findings):
-        identified = identify(rig, noise, answers, threads=threads)
+        wrong = [*response_findings(rig, answers), *unit_findings(rig, marbles, of_marble, answers)]
+        findings += wrong
+        # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
+        if not wrong:
+            identified = identify(rig, noise, answers, threads=threads)
     return Check(
         rig=f"{rig.path}",
         runs=runs,
@@ -73,10 +73,6 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
         findings=tuple(sorted(findings, key=lambda one: _ORDER.index(one.severity))),
         next_recording=next_recording(rig, runs, findings, identified),
     )
-
-
-def _names(runs: Sequence[RunFacts]) -> set[str]:
-    return {one.name for one in runs}
 
 
 def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding]:

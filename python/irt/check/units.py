@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from irt.check.responses import EXPECTED, Answer
 from irt.check.result import Finding
+from irt.check.runs import row_step
 from irt.recording import KNOBS, MARBLE, STAMP
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S
@@ -27,8 +28,6 @@ _LENS = 0.12
 _AS_METRES = 0.06
 #: Rows of a camera are 1 ms to 1 s apart [s].
 _SHORTEST_S, _LONGEST_S = 0.001, 1.0
-#: Rates of runs of one rig differ by less than this share.
-_SAME_RATE = 0.1
 
 
 def unit_findings(
@@ -132,22 +131,9 @@ def _positions(rig: Rig, marbles: Sequence[Array], noise: float) -> list[Finding
 
 
 def _stamps(rig: Rig) -> list[Finding]:
-    medians = {
-        one.name: float(np.median(one.durations)) for one in rig.recordings if one.durations is not None
-    }
-    if not medians:
+    median = row_step(rig)
+    if median is None:
         return []
-    if len(medians) < len(rig.recordings):
-        bare = next(one for one in rig.recordings if one.durations is None)
-        return [
-            Finding(
-                "error",
-                "has no stamps, other runs have",
-                bare.name,
-                f"add {STAMP} to it, or remove it from all",
-            )
-        ]
-    median = float(np.median(list(medians.values())))
     findings = []
     if not _SHORTEST_S <= median <= _LONGEST_S:
         unit = "milliseconds" if median > _LONGEST_S else "another unit"
@@ -172,14 +158,4 @@ def _stamps(rig: Rig) -> list[Finding]:
                     "check the unit of the stamps, or the range in rig.toml",
                 )
             )
-    other = [name for name, one in medians.items() if abs(one / median - 1.0) > _SAME_RATE]
-    if other:
-        findings.append(
-            Finding(
-                "warning",
-                f"rows are {medians[other[0]]:.4g} s apart, in most runs {median:.4g} s",
-                ", ".join(other[:4]),
-                "fit runs of one rate together: delays in rows mean different times",
-            )
-        )
     return findings

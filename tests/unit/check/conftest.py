@@ -21,12 +21,18 @@ def make_rig() -> MakeRig:
     """Simulate a rig whose tracker has white noise."""
 
     def make(
-        runs: int = 4, rows: int = 120, *, stamped: bool = True, noise: float = NOISE, seed: int = 0, **fields
+        runs: int = 4,
+        rows: int = 120,
+        *,
+        stamped: bool = True,
+        noise: float = NOISE,
+        amplitude: float = 0.08,
+        **fields,
     ) -> Rig:
-        random = np.random.default_rng(seed)
+        random = np.random.default_rng(0)
         recordings = []
         for number in range(runs):
-            knobs = drive(rows, seed + number)
+            knobs = drive(rows, number, amplitude)
             marble = rollouts(TRUTH, knobs, time_step="continuous")[0]
             marble = marble + noise * random.standard_normal(marble.shape)
             stamps = STEP_S * np.arange(rows) if stamped else None
