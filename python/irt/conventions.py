@@ -28,10 +28,10 @@ HALF_WIDTHS = (3, 6, 12, 24)
 _BRIDGED = 2
 #: Residuals count less beyond this many robust standard deviations (Huber's constant for 95 % efficiency).
 _HUBER = 1.345
-#: Rounds of reweighted least squares. Weights change little after the third.
-_ROUNDS = 4
+#: Rounds of reweighted least squares. Weights change little after that.
+_ROUNDS = 3
 #: Regression rows of one output, about: more cost time and say little more.
-_MOST_ROWS = 3000
+_MOST_ROWS = 1500
 #: From a median of absolute values to a standard deviation of normal ones.
 _OF_MEDIAN = 1.4826
 #: Blocks of a run are this many window widths long: residuals of different blocks are nearly independent.
@@ -343,7 +343,7 @@ class _Design:
         inputs, target, further, blocks = [], [], [], []
         for one in rows:
             taken = np.arange(0, len(one.target), stride)
-            inputs.append(np.stack([_delayed(one.inputs, delay)[taken] for delay in delays]))
+            inputs.append(np.stack([_delayed(one.inputs, taken, delay) for delay in delays]))
             target.append(one.target[taken])
             further.append(one.further[taken])
             # Runs are no longer than a million rows.
@@ -439,9 +439,9 @@ def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
     return _Freed(inputs, target, weights, best, np.asarray(target - inputs[best] @ gains[best]))
 
 
-def _delayed(values: Array, delay: float) -> Array:
-    """Return (n, 2) values so many steps later, in between by straight lines; NaN where there is none."""
-    rows = np.arange(len(values)) - delay
+def _delayed(values: Array, wanted: NDArray[np.int64], delay: float) -> Array:
+    """Return rows of (n, 2) values so many steps later, in between by straight lines; NaN where none is."""
+    rows = wanted - delay
     low = np.floor(rows).astype(int)
     part = (rows - low)[:, None]
     last = len(values) - 1

@@ -19,7 +19,7 @@ from irt.catalogue import EffectInfo, EffectParameter, effects
 from irt.check.responses import EXPECTED, Answer
 from irt.check.result import Detectable, Identified
 from irt.check.runs import row_step
-from irt.fitting.effect_size import size_of
+from irt.fitting.effect_size import size_of, strong_values, try_path
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem
 from irt.fitting.sentences import unidentifiable
@@ -39,8 +39,10 @@ SHOWS = 5.0 + 1.645
 _INTERVAL = 1.96
 #: Length of a window [s], and its least rows: over longer ones a path is no longer close to linear.
 _WINDOW_S, _WINDOW_ROWS = 2.5, 24
-#: Windows simulated at most, spread over all runs. More of them cost time; the rest counts by their number.
-_MOST_WINDOWS = 48
+#: Windows simulated, spread over all runs, and rows simulated for them with those of their histories. More
+#: of them cost time; the windows that are left out count by their number.
+_LEAST_WINDOWS, _MOST_WINDOWS = 12, 48
+_MOST_ROWS = 5000
 #: Share of a window's rows that must have seen the marble.
 _SEEN = 0.5
 #: Sizes tried of each effect, over three decades, and draws of its other parameters.
@@ -223,7 +225,9 @@ class _Linear:
         threads: int | None,
     ) -> _Linear:
         """Return the windows of a rig around five values, linearised."""
-        taken = np.unique(np.linspace(0, len(windows) - 1, min(len(windows), _MOST_WINDOWS)).astype(int))
+        played = float(np.mean([one.first_row + len(one.knobs) for one in windows]))
+        count = int(np.clip(_MOST_ROWS / played, _LEAST_WINDOWS, _MOST_WINDOWS))
+        taken = np.unique(np.linspace(0, len(windows) - 1, min(len(windows), count)).astype(int))
         chosen = [windows[index] for index in taken]
         count = len(chosen)
         model = Model.from_rig(rig, values, time_step="continuous")
@@ -320,8 +324,15 @@ def _principal(changes: Array) -> tuple[Array, Array]:
 
 
 def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
-    """Yield from which size on an effect shows, for its size or for each of its parameters alone."""
+    """Yield from which size on an effect shows, for its size or for each of its parameters alone.
+
+    Effects that draw random numbers are left out.
+    """
     parameters = info.parameters
+    paths = try_path([{"name": info.name, **strong_values(info.name)}], seeds=[1, 2])
+    if not np.array_equal(*paths):
+        # Nobody knows the draws of a real rig: a path with one of them shows nothing.
+        return
     size = size_of(info.name)
     indices = [
         index

@@ -192,7 +192,7 @@ class Identified:
     unidentifiable : tuple of str
         Sentences on parameters and combinations that cannot be identified.
     effects : tuple of Detectable
-        One for each effect and size of the catalogue.
+        One for each effect and size of the catalogue, but for effects that draw random numbers.
     """
 
     intervals: dict[str, float | None]

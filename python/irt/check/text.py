@@ -30,7 +30,7 @@ def _lines(found: Check) -> Iterator[str]:
         yield from _signals(found.signals)
     if found.responses:
         yield ""
-        yield f"{'response':<26}{'gain (95 %)':>14}".ljust(66) + "  delay, by axis  explained"
+        yield f"{'response':<26}{'gain (95 %)':>14}".ljust(62) + f"  {'delay, by axis':<16}  explained"
         for response in found.responses:
             yield from _response(response)
     if found.identified is not None:
@@ -107,7 +107,7 @@ def _response(one: ResponseFacts) -> Iterator[str]:
             if index == 0
             else ""
         )
-        yield f"  {line} {one.unit}".ljust(66) + tail
+        yield (f"  {line} {one.unit}".ljust(62) + tail).rstrip()
 
 
 def _identified(found: Identified, runs: int) -> Iterator[str]:
