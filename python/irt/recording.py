@@ -277,9 +277,14 @@ def save_recording(
     """
     path = Path(path)
     name = path.stem
-    arrays = {"knobs": knobs, "marble": marble, "stamps": stamps, "tilt": tilt}
-    owned = {field: _owned(name, field, values) for field, values in arrays.items() if values is not None}
-    write_atomic(path, Recording(name, path, columns=columns, **owned).to_csv())
+    arrays = {"stamps": stamps, "tilt": tilt}
+    owned = {
+        field: None if values is None else _owned(name, field, values) for field, values in arrays.items()
+    }
+    recording = Recording(
+        name, path, _owned(name, "knobs", knobs), _owned(name, "marble", marble), columns=columns, **owned
+    )
+    write_atomic(path, recording.to_csv())
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import whole
+from irt.cli.inputs import checked, whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -93,6 +93,7 @@ def run(args: argparse.Namespace) -> None:
 
     options = _options(args)
     rig = load_rig(args.rig)
+    warnings = checked(rig, args.threads)
     folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
     training = _announce_training(rig, args) if args.network is None else None
     try:
@@ -104,7 +105,9 @@ def run(args: argparse.Namespace) -> None:
         raise
     before, after = (evaluate(model, rig.recordings) for model in (untuned(rig), result.model))
     save_model(folder / "model.toml", result.model)
-    numbers = json.dumps(_numbers(args, result, before, after), indent=2, allow_nan=False)
+    numbers = json.dumps(
+        {**_numbers(args, result, before, after), "warnings": warnings}, indent=2, allow_nan=False
+    )
     write_atomic(folder / "fit.json", f"{numbers}\n")
     page = write_tuning_report(
         folder,
@@ -112,6 +115,7 @@ def run(args: argparse.Namespace) -> None:
         [result],
         title=f"{args.rig.resolve().name}, tuned",
         settings={"command": _command(args), "seed": f"{args.seed}", "time": f"{result.seconds:.1f} s"},
+        warnings=warnings,
     )
     for line in _table(result, before, after):
         print(line)
@@ -188,7 +192,8 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator
         unit = " updates of 1/240 s a timestep" if name == "time_scale" else ""
         yield f"{name:<18}  {with_interval(parameter)}{unit}"
     yield "\nmean error in % of the board's long edge, untuned -> tuned"
-    yield f"free run            {_change(before.free_run, after.free_run)}"
+    if before.free_run is not None and after.free_run is not None:
+        yield f"free run            {_change(before.free_run, after.free_run)}"
     if before.windowed is not None and after.windowed is not None:
         yield f"windows of {after.window_s:g} s      {_change(before.windowed, after.windowed)}"
     for title, sentences in (
