@@ -102,7 +102,7 @@ class Recording:
             raise IrtError(f"{self.name}: columns must be {KNOBS} or {CMD}, not {self.columns}")
         _check_commands(self.name, self.knobs, self.stamps, where, self.columns)
         if self.tilt is not None:
-            _check_tilt(self.name, self.tilt, where)
+            _check_tilt(self.tilt, where)
         _check_marble(self.name, self.marble, where, alone=self.has_tilt)
 
     @property
@@ -215,7 +215,8 @@ def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     knobs, stamps, columns = _read_commands(table)
     tilt = _read_pair(table, TILT) if TILT[0] in table.columns else None
     if tilt is not None:
-        _check_tilt(f"{path}", tilt, table.where)
+        _check_tilt(tilt, table.where)
+        _check_steepness(tilt, table.where)
     marble = _read_pair(table, MARBLE) if MARBLE[0] in table.columns else np.full_like(knobs, np.nan)
     if begun is not None:
         marble[: len(begun)] = begun
@@ -277,13 +278,10 @@ def save_recording(
     """
     path = Path(path)
     name = path.stem
-    arrays = {"stamps": stamps, "tilt": tilt}
-    owned = {
-        field: None if values is None else _owned(name, field, values) for field, values in arrays.items()
-    }
-    recording = Recording(
-        name, path, _owned(name, "knobs", knobs), _owned(name, "marble", marble), columns=columns, **owned
-    )
+    owned_knobs, owned_marble = _owned(name, "knobs", knobs), _owned(name, "marble", marble)
+    owned_stamps = None if stamps is None else _owned(name, "stamps", stamps)
+    owned_tilt = None if tilt is None else _owned(name, "tilt", tilt)
+    recording = Recording(name, path, owned_knobs, owned_marble, owned_stamps, owned_tilt, columns)
     write_atomic(path, recording.to_csv())
 
 
@@ -421,7 +419,7 @@ def _check_commands(
         )
 
 
-def _check_tilt(name: str, tilt: Array, where: Where) -> None:
+def _check_tilt(tilt: Array, where: Where) -> None:
     for axis, column in enumerate(TILT):
         values = np.abs(tilt[:, axis])
         if (row := _first(np.isinf(values))) is not None:
@@ -429,6 +427,12 @@ def _check_tilt(name: str, tilt: Array, where: Where) -> None:
                 f"{where(row, column)}: {tilt[row, axis]} is no angle; leave the cell empty where the tilt "
                 "was not measured"
             )
+
+
+def _check_steepness(tilt: Array, where: Where) -> None:
+    """Raise where a measured tilt is none of a labyrinth's in most rows."""
+    for axis, column in enumerate(TILT):
+        values = np.abs(tilt[:, axis])
         measured = values[np.isfinite(values)]
         if len(measured) and np.median(measured) > _STEEPEST_RAD:
             raise IrtError(

@@ -85,7 +85,7 @@ def _table(evaluation: Evaluation) -> Iterator[str]:
         return
     if evaluation.free_run is not None:
         yield ""
-    yield "mean error of the tilt that the commands predict, and of the marble where the measured tilt is played"
+    yield "mean error of the tilt that the commands predict, and of the marble under the measured tilt"
     played = f"windows of {evaluation.window_s:g} s, played"
     yield f"{'run':{width}}   about x    about y   {played}"
     for name, run in runs:

@@ -18,8 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         type=Path,
         required=True,
-        help="columns step, knob_x_rad, knob_y_rad (or cmd_x, cmd_y); t_s, if the rows have stamps; marble_x and "
-        "marble_y, whose first row is the start (default: the centre), at rest. A recording will do",
+        help="columns step, knob_x_rad, knob_y_rad (or cmd_x, cmd_y); t_s, if the rows have stamps; marble_x "
+        "and marble_y, whose first row is the start (default: the centre), at rest. A recording will do",
     )
     parser.add_argument(
         "--out", metavar="CSV", type=Path, help="the recording to write (default: standard output)"

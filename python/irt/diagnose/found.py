@@ -270,7 +270,8 @@ def _proof(search: Search, case: Case, one: Fitted) -> dict[int, tuple[Array, fl
         if case.rig.start == "moving" and evaluation.windowed is not None:
             told[index] = evaluation.windowed_prediction, evaluation.windowed.mae
         else:
-            told[index] = evaluation.free_prediction, evaluation.mae
+            assert evaluation.free_run is not None, evaluation.recording
+            told[index] = evaluation.free_prediction, evaluation.free_run.mae
     return told
 
 
