@@ -32,6 +32,7 @@ LAYERS = (
     "rig",
     "recording",
     "way",
+    "cleaning",
     "bag",
     "files",
     "catalogue",
