@@ -1,0 +1,424 @@
+"""Logs of other labs to a rig: read, cleaned, their conventions found, written in ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from irt.cleaning import noise_of
+from irt.errors import IrtError
+from irt.files import PathLike, make_folder, read_toml, write_atomic
+from irt.importing.axes import Axes, command_axes, gain_ratio, is_matrix, tilt_axes
+from irt.importing.conventions import DECIDED, Map, Run, commands_to_marble, commands_to_tilt, tilt_to_marble
+from irt.importing.labs import Lab
+from irt.importing.log import Log
+from irt.importing.mapping import parse_mapping
+from irt.importing.sources import (
+    Kind,
+    Progress,
+    Reading,
+    check_tilt_unit,
+    degrees_error,
+    lab_of,
+    read_log,
+)
+from irt.importing.splitting import Cleaned, Counts, Stretch, clean
+from irt.recording import KNOBS, Recording
+from irt.rig import Board, Marble, read_dimensions
+from irt.rollouts import SUBSTEP_S
+
+Array = NDArray[np.float64]
+
+#: Gains in degrees instead of radians are 57.3 times too small; within this factor of that it is convincing.
+_DEGREES, _CONVINCING = 180.0 / np.pi, 2.0
+#: A tilt clock differs from the marble's if by more than this [s] and so many standard errors.
+_OFFSET_S, _OFFSET_ERRORS = 0.004, 4.0
+#: Positions outside the board by this much [board edges] are no tracker's scatter.
+_OUTSIDE = 0.05
+#: Half-widths of the range of a gear about the gain that was found, as a factor.
+_GEAR_FACTOR = 5.0
+#: Rows may be slower or faster than stamps say by this factor.
+_TIME_FACTOR = 1.25
+#: Real boards roll with up to this friction.
+_FRICTION = [0.0, 0.02]
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """What was found in logs, and what was made of them.
+
+    Attributes
+    ----------
+    lab : Lab
+        Of the first source.
+    logs : tuple of Log
+        As read and cleaned.
+    counts : Counts
+        What was cleaned away.
+    tilt_map, command_map : Map or None
+        Acceleration of the marble by tilt; tilt by command, or without tilt the acceleration by command.
+    tilt, commands : Axes
+        Where our axes are among the logged columns.
+    by_marble : bool
+        Whether `command_map` is of the marble's acceleration.
+    swapped : bool
+        Whether the marble's axes were exchanged.
+    matrix : bool
+        Whether each command moves both axes.
+    tilt_offset : float or None
+        Seconds by which stamps of the tilt were moved, where they had a clock of their own.
+    command_shift : float
+        Seconds by which commands were moved, since they came later than what they did.
+    noise : (2,) array
+        Noise of the measured tilt about x and y [rad]; NaN without any.
+    edge_x_m : float
+        The board's long edge [m].
+    period : float
+        Median time from row to row [s].
+    recordings : tuple of Recording
+        In our convention.
+    settings : str or None
+        The text of rig.toml, None where the folder has one.
+    written : bool
+        Whether files were written.
+    """
+
+    lab: Lab
+    logs: tuple[Log, ...]
+    counts: Counts
+    tilt_map: Map | None
+    command_map: Map | None
+    tilt: Axes
+    commands: Axes
+    by_marble: bool
+    swapped: bool
+    matrix: bool
+    tilt_offset: float | None
+    command_shift: float
+    noise: Array
+    edge_x_m: float
+    period: float
+    recordings: tuple[Recording, ...]
+    settings: str | None
+    written: bool
+
+
+def import_logs(
+    sources: Sequence[PathLike],
+    folder: PathLike,
+    kind: Kind,
+    *,
+    mapping: Sequence[str] = (),
+    topics: Sequence[str] = (),
+    episode: str | None = None,
+    home_after: float | None = None,
+    dry_run: bool = False,
+    progress: Progress | None = None,
+) -> Summary:
+    """Read logs of one rig, find their conventions from all of them together, and write recordings.
+
+    Parameters
+    ----------
+    sources : sequence of path
+        Logs of one rig.
+    folder : path
+        The rig's folder. Its recordings are kept, and its rig.toml, whose board then counts.
+    kind : {"cyberrunner", "tag", "csv"}
+        Whose logs they are.
+    mapping : sequence of str
+        ``TARGET=EXPRESSION``, in the place of the format's own.
+    topics : sequence of str
+        Topics to take where a bag has several.
+    episode : str, optional
+        A column that changes where a new run begins.
+    home_after : float, optional
+        The driver goes home (command 0) after so many seconds without a command.
+    dry_run : bool
+        Whether nothing is written.
+    progress : callable, optional
+        Called with done, total and a text.
+
+    Raises
+    ------
+    IrtError
+        If a log cannot be read or nothing in it can be used; nothing is written then.
+    """
+    expressions = parse_mapping(mapping)
+    lab = lab_of(Path(sources[0]), kind)
+    target = Path(folder)
+    board, marble = _dimensions(target, lab)
+    reading = Reading(expressions, tuple(topics), episode, board.edge_x_m)
+    cleaned = []
+    for source in sources:
+        log = read_log(Path(source), kind, reading, progress)
+        check_tilt_unit(log)
+        cleaned.append(clean(log, home_after))
+    if not any(one.runs for one in cleaned):
+        raise IrtError(
+            f"{sources[0]}: no run of at least 30 rows and 1 s is left after gaps; nothing can be learned from it"
+        )
+    swapped = _is_swapped(cleaned, board)
+    if swapped:
+        cleaned = [_swap(one) for one in cleaned]
+    _check_places(cleaned, board)
+    report = progress or (lambda done, total, text: None)
+    found = _conventions(cleaned, board, marble, report)
+    tilt_map, command_map, by_marble, offset, shift = found
+    _check_degrees(cleaned[0].log, tilt_map)
+    tilt = tilt_axes(tilt_map)
+    commands = command_axes(command_map, tilt, by_marble=by_marble)
+    matrix = is_matrix(commands, command_map)
+    recordings = _recordings(cleaned, target, tilt, commands, offset or 0.0, shift)
+    noise = _noise(recordings)
+    period = float(np.median(np.concatenate([np.diff(one.stamps) for one in recordings if one.stamps is not None])))
+    columns = cleaned[0].log.columns
+    settings = None
+    if not (target / "rig.toml").exists():
+        unit = "rad" if columns == KNOBS else lab.unit
+        gears = [_gear_range(commands, axis) for axis in (0, 1)]
+        settings = _settings(board, marble, unit, matrix, gears, noise, period, stamped=cleaned[0].log.stamped)
+    if not dry_run:
+        make_folder(target)
+        if settings is not None:
+            write_atomic(target / "rig.toml", settings)
+        for one in recordings:
+            write_atomic(one.path, one.to_csv())
+    counts = Counts()
+    for each in cleaned:
+        counts.add(each.counts)
+    return Summary(
+        lab=lab,
+        logs=tuple(one.log for one in cleaned),
+        counts=counts,
+        tilt_map=tilt_map,
+        command_map=command_map,
+        tilt=tilt,
+        commands=commands,
+        by_marble=by_marble,
+        swapped=swapped,
+        matrix=matrix,
+        tilt_offset=offset,
+        command_shift=shift,
+        noise=noise,
+        edge_x_m=board.edge_x_m,
+        period=period,
+        recordings=tuple(recordings),
+        settings=settings,
+        written=not dry_run,
+    )
+
+
+def _dimensions(folder: Path, lab: Lab) -> tuple[Board, Marble]:
+    """Return sizes by the folder's rig.toml, else the lab's."""
+    path = folder / "rig.toml"
+    return read_dimensions(read_toml(path)) if path.exists() else (lab.board, lab.marble)
+
+
+def _is_swapped(cleaned: Sequence[Cleaned], board: Board) -> bool:
+    """Return whether the marble went farther along y than the board's short edge allows, and not along x."""
+    places = np.concatenate([one.log.marble for one in cleaned])
+    places = places[np.isfinite(places).all(axis=1)]
+    if len(places) < 100:
+        return False
+    reach = np.ptp(np.quantile(places, [0.002, 0.998], axis=0), axis=0)
+    short = board.edge_y_m / board.edge_x_m
+    return bool(short < reach[1] <= 1.0 + _OUTSIDE and reach[0] <= short)
+
+
+def _swap(cleaned: Cleaned) -> Cleaned:
+    log = cleaned.log
+    swapped = replace(log, marble=log.marble[:, ::-1], marble_names=log.marble_names[::-1])
+    runs = [replace(run, log=swapped) for run in cleaned.runs]
+    return Cleaned(swapped, runs, cleaned.counts)
+
+
+def _check_places(cleaned: Sequence[Cleaned], board: Board) -> None:
+    for one in cleaned:
+        places = one.log.marble[np.isfinite(one.log.marble).all(axis=1)]
+        if not len(places):
+            continue
+        half = np.array([0.5, 0.5 * board.edge_y_m / board.edge_x_m]) + _OUTSIDE
+        outside = float((np.abs(places) > half).any(axis=1).mean())
+        if outside > 0.1:
+            low, high = np.quantile(places, [0.01, 0.99], axis=0)
+            raise IrtError(
+                f"{one.log.path}: {outside:.0%} of the places lie outside the board of {board.edge_x_m} x "
+                f"{board.edge_y_m} m: {one.log.marble_names[0]} runs from {low[0]:.3g} to {high[0]:.3g}, "
+                f"{one.log.marble_names[1]} from {low[1]:.3g} to {high[1]:.3g}; places are in long edges from the "
+                "board's centre: divide by the edge, take 0.5 off where the origin is a corner, or give the "
+                "board's sizes in the rig's rig.toml"
+            )
+
+
+def _runs(cleaned: Sequence[Cleaned], edge: float) -> list[Run]:
+    return [
+        Run(
+            log.stamps[run.rows],
+            log.marble[run.rows] * edge,
+            None if log.tilt is None else log.tilt[run.rows],
+            (log.stamps if log.tilt_stamps is None else log.tilt_stamps)[run.rows],
+            run.commands,
+        )
+        for one in cleaned
+        for run in one.runs
+        for log in (run.log,)
+    ]
+
+
+def _conventions(
+    cleaned: Sequence[Cleaned], board: Board, marble: Marble, report: Callable[[int, int, str], None]
+) -> tuple[Map | None, Map | None, bool, float | None, float]:
+    """Return the maps of tilt and commands, whether the latter is the marble's, and both moves of clocks."""
+    runs = _runs(cleaned, board.edge_x_m)
+    edges = (board.edge_x_m - 2.0 * marble.radius_m, board.edge_y_m - 2.0 * marble.radius_m)
+    own_clock = cleaned[0].log.tilt_stamps is not None
+    report(0, 3, "fitting tilt to marble")
+    tilt_map = tilt_to_marble(runs, edges, search=own_clock)
+    offset = None
+    if own_clock:
+        offset = 0.0
+        if tilt_map is not None and (np.abs(tilt_map.z) >= DECIDED).any():
+            offset = float(tilt_map.delay[0])
+        runs = [replace(run, tilt_stamps=run.tilt_stamps + offset) for run in runs]
+    report(1, 3, "fitting commands to tilt")
+    command_map = commands_to_tilt(runs)
+    by_marble = False
+    if command_map is None or not (np.abs(command_map.z) >= DECIDED).any():
+        report(2, 3, "fitting commands to marble")
+        other = commands_to_marble(runs, edges)
+        if other is not None and (command_map is None or (np.abs(other.z) >= DECIDED).any()):
+            command_map, by_marble = other, True
+    shift = 0.0
+    if command_map is not None:
+        sure = (np.abs(command_map.z) >= DECIDED).any(axis=1) & np.isfinite(command_map.delay)
+        if sure.any():
+            least = float(command_map.delay[sure].min())
+            error = float(np.nanmax(command_map.delay_error[sure]))
+            # No board moves before its command: the clocks differ by at least this.
+            if least < -max(_OFFSET_S, _OFFSET_ERRORS * error):
+                shift = least
+    report(3, 3, "fitted")
+    return tilt_map, command_map, by_marble, offset, shift
+
+
+def _check_degrees(log: Log, found: Map | None) -> None:
+    axes = tilt_axes(found)
+    ratio = gain_ratio(axes)
+    if 1.0 / _CONVINCING < ratio * _DEGREES < _CONVINCING:
+        raise degrees_error(log, f"the marble accelerates by {ratio:.3g} of 5/7 g for each unit of tilt")
+
+
+def _recordings(
+    cleaned: Sequence[Cleaned], folder: Path, tilt: Axes, commands: Axes, offset: float, shift: float
+) -> list[Recording]:
+    taken = {path.stem for path in folder.glob("*.csv")} if folder.is_dir() else set()
+    recordings = []
+    for one in cleaned:
+        for number, run in enumerate(one.runs, start=1):
+            name = one.log.name if len(one.runs) == 1 else f"{one.log.name}-{number}"
+            unique, count = name, 2
+            while unique in taken:
+                unique, count = f"{name}-{count}", count + 1
+            taken.add(unique)
+            recordings.append(_recording(run, folder / f"{unique}.csv", tilt, commands, offset, shift))
+    return recordings
+
+
+def _recording(
+    run: Stretch, path: Path, tilt: Axes, commands: Axes, offset: float, shift: float
+) -> Recording:
+    log = run.log
+    stamps = log.stamps[run.rows]
+    ends = np.append(stamps[1:], stamps[-1] + log.period)
+    if run.commands.stamps.size:
+        sent = run.commands.shifted(shift) if shift else run.commands
+        means = sent.mean(stamps, ends)
+        # Before the first command, if it was moved: as it was then.
+        means = np.where(np.isfinite(means), means, sent.values[0])
+    else:
+        means = np.zeros((len(stamps), 2))
+    measured = None
+    if log.tilt is not None:
+        measured = log.tilt[run.rows]
+        if log.tilt_stamps is not None:
+            at = log.tilt_stamps + offset
+            columns = [np.interp(stamps, at, column, left=np.nan, right=np.nan) for column in log.tilt.T]
+            measured = np.column_stack(columns)
+        measured = tilt.apply(measured)
+        if not np.isfinite(measured).any():
+            measured = None
+    return Recording(
+        path.stem,
+        path,
+        commands.apply(means),
+        log.marble[run.rows],
+        stamps - stamps[0],
+        measured,
+        log.columns,
+    )
+
+
+def _noise(recordings: Sequence[Recording]) -> Array:
+    tilts = [one.tilt for one in recordings if one.tilt is not None]
+    if not tilts:
+        return np.full(2, np.nan)
+    noises = np.array([[noise_of(tilt[:, axis]) for axis in (0, 1)] for tilt in tilts])
+    known = np.isfinite(noises).any(axis=0)
+    return np.array([np.nanmedian(noises[:, axis]) if known[axis] else np.nan for axis in (0, 1)])
+
+
+def _gear_range(commands: Axes, axis: int) -> list[float] | None:
+    """Return a range that holds the gear whatever friction and lag did to the gain; None where unknown."""
+    gain, error = float(commands.gains[axis]), float(commands.errors[axis])
+    if not np.isfinite(gain) or gain == 0.0:
+        return None
+    if commands.sure[axis] == "undecided":
+        most = _GEAR_FACTOR * (abs(gain) + 2.0 * (error if np.isfinite(error) else 0.0))
+        return [_short(-most), _short(most)]
+    return sorted([_short(gain / _GEAR_FACTOR), _short(gain * _GEAR_FACTOR)])
+
+
+def _settings(
+    board: Board,
+    marble: Marble,
+    unit: str,
+    matrix: bool,
+    gears: Sequence[list[float] | None],
+    noise: Array,
+    period: float,
+    *,
+    stamped: bool,
+) -> str:
+    parameters = {
+        f"gear_{name}": {"range": gear} for name, gear in zip("xy", gears, strict=True) if gear is not None
+    }
+    scale = period / SUBSTEP_S
+    # Rows at a nominal rate say little of the time between them.
+    factor = _TIME_FACTOR if stamped else 2.0
+    parameters["rolling_friction"] = {"range": _FRICTION}
+    parameters["time_scale"] = {"range": [_short(scale / factor), _short(scale * factor)]}
+    commands: dict[str, object] = {"unit": unit}
+    if matrix:
+        commands["matrix"] = True
+    content: dict[str, object] = {
+        "board": {"edge_x_m": board.edge_x_m, "edge_y_m": board.edge_y_m},
+        "marble": {"radius_m": marble.radius_m, "mass_kg": marble.mass_kg},
+        "recordings": {"start": "moving"},
+        "commands": commands,
+    }
+    if np.isfinite(noise).any():
+        content["tilt"] = {"noise_rad": _short(float(np.nanmax(noise)))}
+    lines = [tomli_w.dumps(content), "[parameters]"]
+    lines += [f"{name} = {{ range = {table['range']} }}" for name, table in parameters.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
