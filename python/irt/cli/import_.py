@@ -40,14 +40,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SOURCE",
         type=Path,
         nargs="+",
-        help="a bag (MCAP, sqlite3, or its folder), a recorder's folder, a CSV or a replay (NPZ); several are of "
-        "one rig",
+        help="a bag (MCAP, sqlite3, or its folder), a recorder's folder, a CSV or a replay (NPZ); several "
+        "are of one rig",
     )
     parser.add_argument(
         "--from",
         dest="kind",
         choices=("rig", "cyberrunner", "tag", "csv"),
-        help="whose log it is: our own rig's, CyberRunner's, TAG's, or any CSV with --map (default: by its content)",
+        help="whose log it is: our own rig's, CyberRunner's, TAG's, or any CSV with --map (default: by its "
+        "content)",
     )
     parser.add_argument(
         "--out",
@@ -70,7 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     logs.add_argument("--episode", metavar="COLUMN", help="a column that changes where a new run begins")
     logs.add_argument(
-        "--topic", metavar="NAME", action="append", default=[], help="the topic, where a bag has several of a kind"
+        "--topic",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="the topic, where a bag has several of a kind",
     )
     logs.add_argument(
         "--home-after",

@@ -8,7 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.importing.conventions import DECIDED, ROLLING_GAIN, SURE, Map
+from irt.importing.conventions import DECIDED, ROLLING_GAIN, SURE
+from irt.importing.weak_form import Map
 
 Array = NDArray[np.float64]
 Sureness = Literal["surely", "probably", "undecided"]

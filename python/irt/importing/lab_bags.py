@@ -64,13 +64,13 @@ def read_bag(
             if topic not in kinds:
                 raise IrtError(f"{path}: no topic {topic}; the bag has {_listed(reader.connections)}")
         notes: list[str] = []
-        state = _chosen(path, reader.connections, STATES, topics, "state", notes)
+        state = _chosen(path, reader.connections, STATES, topics, notes)
         if state is None:
             raise IrtError(
                 f"{path}: no topic with states ({' or '.join(STATES)}); the bag has "
                 f"{_listed(reader.connections)}"
             )
-        command = _chosen(path, reader.connections, COMMANDS, topics, "command", notes)
+        command = _chosen(path, reader.connections, COMMANDS, topics, notes)
         wanted = [one for one in (state, command) if one is not None]
         decoders = {one.topic: _Decoder(path, one) for one in wanted}
         rows: dict[str, list[tuple[float, float, dict[str, float]]]] = {one.topic: [] for one in wanted}
@@ -161,8 +161,8 @@ class _Decoder:
             return types
         if definitions(self.kind, header=False) is None:
             raise IrtError(
-                f"{self.path}: messages of {self.topic} are {self.kind}, whose definition is not in the bag and "
-                "not known here; record as MCAP, or convert the topic to a CSV and import with --from csv"
+                f"{self.path}: messages of {self.topic} are {self.kind}, whose definition is neither in the "
+                "bag nor known here; record as MCAP, or convert the topic to a CSV and import with --from csv"
             )
         for header in (False, True):
             types = get_typestore(Stores.ROS2_HUMBLE)
@@ -171,7 +171,7 @@ class _Decoder:
             try:
                 types.deserialize_cdr(data, self.kind)
             # Bytes that do not fit raise whatever the wrong field makes of them.
-            except Exception:  # noqa: S112
+            except Exception:
                 continue
             return types
         raise IrtError(
@@ -194,14 +194,10 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, float]:
 
 
 def _chosen(
-    path: Path,
-    connections: Sequence[Any],
-    kinds: Sequence[str],
-    topics: Sequence[str],
-    what: str,
-    notes: list[str],
+    path: Path, connections: Sequence[Any], kinds: Sequence[str], topics: Sequence[str], notes: list[str]
 ) -> Any | None:
     """Return the connection of the states or commands: by name if asked, else the one of the first kind."""
+    what = "state" if kinds is STATES else "command"
     named = [one for one in connections if one.topic in topics]
     of_kind = [one for one in named if short_name(one.msgtype) in kinds]
     # A topic of an unknown kind that was asked for can only be the states.

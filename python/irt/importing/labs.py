@@ -1,4 +1,4 @@
-"""What is known of each lab before its log is read: sizes, names and the convention that its code declares."""
+"""What is known of each lab before its log is read: sizes, names and the declared convention."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Log:
                 )
         if len(self.commands) != len(self.command_stamps):
             raise IrtError(
-                f"{self.path}: {len(self.commands)} commands, but {len(self.command_stamps)} stamps of commands"
+                f"{self.path}: {len(self.commands)} commands, but {len(self.command_stamps)} stamps of them"
             )
 
     @property
@@ -160,7 +160,7 @@ class Held:
         durations = np.diff(self.stamps)[:, None]
         integral = np.concatenate([np.zeros((1, 2)), np.cumsum(self.values[:-1] * durations, axis=0)])
 
-        def up_to(times: Array, row: Array) -> Array:
+        def up_to(times: Array, row: NDArray[np.intp]) -> Array:
             row = np.clip(row, 0, None)
             total: Array = integral[row] + self.values[row] * (times - self.stamps[row])[:, None]
             return total

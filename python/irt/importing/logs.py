@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import tomli_w
 from numpy.typing import NDArray
 
 from irt.cleaning import noise_of
 from irt.errors import IrtError
 from irt.files import PathLike, make_folder, read_toml, write_atomic
 from irt.importing.axes import Axes, command_axes, gain_ratio, is_matrix, tilt_axes
-from irt.importing.conventions import DECIDED, Map, Run, commands_to_marble, commands_to_tilt, tilt_to_marble
+from irt.importing.conventions import DECIDED, commands_to_marble, commands_to_tilt, tilt_to_marble
 from irt.importing.labs import Lab
 from irt.importing.log import Log
 from irt.importing.mapping import parse_mapping
+from irt.importing.settings import rig_toml
 from irt.importing.sources import (
     Kind,
     Progress,
@@ -28,9 +28,9 @@ from irt.importing.sources import (
     read_log,
 )
 from irt.importing.splitting import Cleaned, Counts, Stretch, clean
+from irt.importing.weak_form import Map, Run
 from irt.recording import KNOBS, Recording
-from irt.rig import Board, Marble, read_dimensions
-from irt.rollouts import SUBSTEP_S
+from irt.rig import Board, Commands, Marble, read_dimensions
 
 Array = NDArray[np.float64]
 
@@ -40,12 +40,6 @@ _DEGREES, _CONVINCING = 180.0 / np.pi, 2.0
 _OFFSET_S, _OFFSET_ERRORS = 0.004, 4.0
 #: Positions outside the board by this much [board edges] are no tracker's scatter.
 _OUTSIDE = 0.05
-#: Half-widths of the range of a gear about the gain that was found, as a factor.
-_GEAR_FACTOR = 5.0
-#: Rows may be slower or faster than stamps say by this factor.
-_TIME_FACTOR = 1.25
-#: Real boards roll with up to this friction.
-_FRICTION = [0.0, 0.02]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +154,7 @@ def import_logs(
         cleaned.append(clean(log, home_after))
     if not any(one.runs for one in cleaned):
         raise IrtError(
-            f"{sources[0]}: no run of at least 30 rows and 1 s is left after gaps; nothing can be learned from it"
+            f"{sources[0]}: no run of at least 30 rows and 1 s is left between gaps; nothing to learn from"
         )
     swapped = _is_swapped(cleaned, board)
     if swapped:
@@ -173,15 +167,17 @@ def import_logs(
     tilt = tilt_axes(tilt_map)
     commands = command_axes(command_map, tilt, by_marble=by_marble)
     matrix = is_matrix(commands, command_map)
-    recordings = _recordings(cleaned, target, tilt, commands, offset or 0.0, shift)
+    placed = _Placed(tilt, commands, offset or 0.0, shift)
+    recordings = _recordings(cleaned, target, placed)
     noise = _noise(recordings)
-    period = float(np.median(np.concatenate([np.diff(one.stamps) for one in recordings if one.stamps is not None])))
-    columns = cleaned[0].log.columns
+    period = float(
+        np.median(np.concatenate([np.diff(one.stamps) for one in recordings if one.stamps is not None]))
+    )
     settings = None
     if not (target / "rig.toml").exists():
-        unit = "rad" if columns == KNOBS else lab.unit
-        gears = [_gear_range(commands, axis) for axis in (0, 1)]
-        settings = _settings(board, marble, unit, matrix, gears, noise, period, stamped=cleaned[0].log.stamped)
+        first = cleaned[0].log
+        unit = Commands("rad" if first.columns == KNOBS else lab.unit, matrix)
+        settings = rig_toml(board, marble, unit, commands, noise, period=period, stamped=first.stamped)
     if not dry_run:
         make_folder(target)
         if settings is not None:
@@ -249,9 +245,9 @@ def _check_places(cleaned: Sequence[Cleaned], board: Board) -> None:
             raise IrtError(
                 f"{one.log.path}: {outside:.0%} of the places lie outside the board of {board.edge_x_m} x "
                 f"{board.edge_y_m} m: {one.log.marble_names[0]} runs from {low[0]:.3g} to {high[0]:.3g}, "
-                f"{one.log.marble_names[1]} from {low[1]:.3g} to {high[1]:.3g}; places are in long edges from the "
-                "board's centre: divide by the edge, take 0.5 off where the origin is a corner, or give the "
-                "board's sizes in the rig's rig.toml"
+                f"{one.log.marble_names[1]} from {low[1]:.3g} to {high[1]:.3g}; places are in long edges "
+                "from the board's centre: divide by the edge, take 0.5 off where the origin is a corner, "
+                "or give the board's sizes in the rig's rig.toml"
             )
 
 
@@ -313,9 +309,17 @@ def _check_degrees(log: Log, found: Map | None) -> None:
         raise degrees_error(log, f"the marble accelerates by {ratio:.3g} of 5/7 g for each unit of tilt")
 
 
-def _recordings(
-    cleaned: Sequence[Cleaned], folder: Path, tilt: Axes, commands: Axes, offset: float, shift: float
-) -> list[Recording]:
+@dataclass(frozen=True)
+class _Placed:
+    """Where axes and clocks were found: what turns a log into a recording."""
+
+    tilt: Axes
+    commands: Axes
+    tilt_offset: float
+    command_shift: float
+
+
+def _recordings(cleaned: Sequence[Cleaned], folder: Path, placed: _Placed) -> list[Recording]:
     taken = {path.stem for path in folder.glob("*.csv")} if folder.is_dir() else set()
     recordings = []
     for one in cleaned:
@@ -325,18 +329,16 @@ def _recordings(
             while unique in taken:
                 unique, count = f"{name}-{count}", count + 1
             taken.add(unique)
-            recordings.append(_recording(run, folder / f"{unique}.csv", tilt, commands, offset, shift))
+            recordings.append(_recording(run, folder / f"{unique}.csv", placed))
     return recordings
 
 
-def _recording(
-    run: Stretch, path: Path, tilt: Axes, commands: Axes, offset: float, shift: float
-) -> Recording:
+def _recording(run: Stretch, path: Path, placed: _Placed) -> Recording:
     log = run.log
     stamps = log.stamps[run.rows]
     ends = np.append(stamps[1:], stamps[-1] + log.period)
     if run.commands.stamps.size:
-        sent = run.commands.shifted(shift) if shift else run.commands
+        sent = run.commands.shifted(placed.command_shift) if placed.command_shift else run.commands
         means = sent.mean(stamps, ends)
         # Before the first command, if it was moved: as it was then.
         means = np.where(np.isfinite(means), means, sent.values[0])
@@ -346,16 +348,16 @@ def _recording(
     if log.tilt is not None:
         measured = log.tilt[run.rows]
         if log.tilt_stamps is not None:
-            at = log.tilt_stamps + offset
+            at = log.tilt_stamps + placed.tilt_offset
             columns = [np.interp(stamps, at, column, left=np.nan, right=np.nan) for column in log.tilt.T]
             measured = np.column_stack(columns)
-        measured = tilt.apply(measured)
+        measured = placed.tilt.apply(measured)
         if not np.isfinite(measured).any():
             measured = None
     return Recording(
         path.stem,
         path,
-        commands.apply(means),
+        placed.commands.apply(means),
         log.marble[run.rows],
         stamps - stamps[0],
         measured,
@@ -370,55 +372,3 @@ def _noise(recordings: Sequence[Recording]) -> Array:
     noises = np.array([[noise_of(tilt[:, axis]) for axis in (0, 1)] for tilt in tilts])
     known = np.isfinite(noises).any(axis=0)
     return np.array([np.nanmedian(noises[:, axis]) if known[axis] else np.nan for axis in (0, 1)])
-
-
-def _gear_range(commands: Axes, axis: int) -> list[float] | None:
-    """Return a range that holds the gear whatever friction and lag did to the gain; None where unknown."""
-    gain, error = float(commands.gains[axis]), float(commands.errors[axis])
-    if not np.isfinite(gain) or gain == 0.0:
-        return None
-    if commands.sure[axis] == "undecided":
-        most = _GEAR_FACTOR * (abs(gain) + 2.0 * (error if np.isfinite(error) else 0.0))
-        return [_short(-most), _short(most)]
-    return sorted([_short(gain / _GEAR_FACTOR), _short(gain * _GEAR_FACTOR)])
-
-
-def _settings(
-    board: Board,
-    marble: Marble,
-    unit: str,
-    matrix: bool,
-    gears: Sequence[list[float] | None],
-    noise: Array,
-    period: float,
-    *,
-    stamped: bool,
-) -> str:
-    parameters = {
-        f"gear_{name}": {"range": gear} for name, gear in zip("xy", gears, strict=True) if gear is not None
-    }
-    scale = period / SUBSTEP_S
-    # Rows at a nominal rate say little of the time between them.
-    factor = _TIME_FACTOR if stamped else 2.0
-    parameters["rolling_friction"] = {"range": _FRICTION}
-    parameters["time_scale"] = {"range": [_short(scale / factor), _short(scale * factor)]}
-    commands: dict[str, object] = {"unit": unit}
-    if matrix:
-        commands["matrix"] = True
-    content: dict[str, object] = {
-        "board": {"edge_x_m": board.edge_x_m, "edge_y_m": board.edge_y_m},
-        "marble": {"radius_m": marble.radius_m, "mass_kg": marble.mass_kg},
-        "recordings": {"start": "moving"},
-        "commands": commands,
-    }
-    if np.isfinite(noise).any():
-        content["tilt"] = {"noise_rad": _short(float(np.nanmax(noise)))}
-    lines = [tomli_w.dumps(content), "[parameters]"]
-    lines += [f"{name} = {{ range = {table['range']} }}" for name, table in parameters.items()]
-    return "\n".join(lines) + "\n"
-
-
-def _short(value: float) -> float:
-    return float(f"{value:.3g}")
-
-

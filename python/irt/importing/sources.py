@@ -25,7 +25,6 @@ Progress = Callable[[int, int, str], None]
 Kind = Literal["rig", "cyberrunner", "tag", "csv"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
-_MCAP = b"\x89MCAP"
 #: Rows further apart than this [s] are not logged by a camera: the stamps have another unit.
 _LONGEST_STEP_S = 2.0
 #: Between episodes whose clocks start anew [s]: any gap that splits a run.
@@ -78,28 +77,9 @@ def detect(path: Path, *, mapped: bool = False) -> Kind:
         raise IrtError(f"{path}: cannot be read: No such file or directory")
     if path.suffix == ".npz":
         return "cyberrunner"
-    if path.suffix == ".db3":
-        return _of_topics(path, ask)
     if path.suffix == ".csv":
-        if mapped:
-            return "csv"
-        columns = set(tables.read_columns(path))
-        if columns >= tables.WITHOUT_ROS:
-            return "cyberrunner"
-        if {"x_b_m", "y_b_m", "monotonic_ns"} <= columns:
-            return "tag"
-        if set(MARBLE) <= columns:
-            return "csv"
-        raise IrtError(f"{path}: columns of no known lab ({', '.join(sorted(columns))}); {ask}")
-    with path.open("rb") as stream:
-        begin = stream.read(len(_MCAP))
-    if begin != _MCAP:
-        # The reader of our own bags says what is wrong with it.
-        return "rig"
-    try:
-        return _of_topics(path, ask)
-    except IrtError:
-        return "rig"
+        return "csv" if mapped else _of_columns(path, ask)
+    return _of_topics(path, ask) if path.suffix == ".db3" else _of_file(path, ask)
 
 
 def lab_of(path: Path, kind: Kind) -> Lab:
@@ -167,6 +147,22 @@ def degrees_error(log: Log, why: str) -> IrtError:
     return IrtError(f"{log.path}: {why}: it seems to be in degrees; convert it with {words}")
 
 
+def _of_columns(path: Path, ask: str) -> Kind:
+    columns = set(tables.read_columns(path))
+    if columns >= tables.WITHOUT_ROS:
+        return "cyberrunner"
+    if set(MARBLE) <= columns:
+        return "csv"
+    raise IrtError(f"{path}: columns of no known lab ({', '.join(sorted(columns))}); {ask}")
+
+
+def _of_file(path: Path, ask: str) -> Kind:
+    from irt.bag import is_own  # noqa: PLC0415
+
+    # The reader of our own bags says what is wrong with a file that is no bag.
+    return "rig" if is_own(path) else _of_topics(path, ask)
+
+
 def _of_topics(path: Path, ask: str) -> Kind:
     topics = lab_bags.topics_of(path)
     names = {short_name(kind) for kind in topics.values()}
@@ -192,10 +188,7 @@ def _log(
     stamped: bool = True,
 ) -> Log:
     """Apply the mapping to the columns of states and of commands, which may be one table."""
-    mapping = lab.expressions(reading.mapping)
-    if not lab.mapping:
-        # Columns that bear our names are what they say.
-        mapping = {name: Expression.parse(name) for name in TARGETS if name in states} | mapping
+    mapping = _full_mapping(path, lab, reading.mapping, states)
     one_table = commands is states
     rows, command_rows = len(next(iter(states.values()))), len(next(iter(commands.values())))
 
@@ -206,31 +199,17 @@ def _log(
         known = {**table, "edge_x_m": np.full(count, reading.edge_x_m), "nan": np.full(count, np.nan)}
         return mapping[target].evaluate(known, count, f"{path}")
 
-    if not any(target in mapping for target in (*MARBLE, *TILT)):
-        raise IrtError(
-            f"{path}: nothing says where the marble is; map its columns, such as --map marble_x=xb/0.276 "
-            f"(columns: {', '.join(states)})"
-        )
-    if lab.mapping and STAMP not in lab.mapping:
-        mapping.setdefault(STAMP, Expression.parse("t_s"))
-    stamps = value(STAMP)
-    if stamps is None:
-        raise IrtError(
-            f"{path}: nothing says when rows were seen; map their time in seconds, such as "
-            f"--map t_s=stamp_ms/1000 or --map t_s=frame/30 (columns: {', '.join(states)})"
-        )
+    stamps = mapping[STAMP].evaluate(states, rows, f"{path}")
     marble = _pair(path, MARBLE, value, rows)
     tilt = _columns_of(TILT, value, rows)
     names = _command_names(path, mapping)
-    spoken = _columns_of(names, lambda target: value(target, of_commands=True), command_rows)
-    sent = np.zeros((command_rows, 2)) if spoken is None else spoken
+    sent = np.zeros((command_rows, 2))
     for axis, name in enumerate(names):
-        if name not in mapping:
-            sent[:, axis] = 0.0
-    if (seen := value(SEEN)) is not None:
+        if (spoken := value(name, of_commands=True)) is not None:
+            sent[:, axis] = spoken
+    seen = value(SEEN)
+    if seen is not None:
         marble = np.where((np.nan_to_num(seen) != 0.0)[:, None], marble, np.nan)
-    elif "ball_visible" in states:
-        marble = np.where((states["ball_visible"] != 0.0)[:, None], marble, np.nan)
     if reading.episode is not None:
         if reading.episode not in states:
             raise IrtError(
@@ -267,6 +246,35 @@ def _log(
         stamped=stamped,
         notes=tuple(notes),
     )
+
+
+def _full_mapping(
+    path: Path, lab: Lab, own: Mapping[str, Expression], states: Columns
+) -> dict[str, Expression]:
+    """Return the format's mapping with the user's in its place; raise where time or place is missing."""
+    mapping = lab.expressions(own)
+    if lab.mapping:
+        # Knob angles of the user's replace the format's commands.
+        for pair, other in ((KNOBS, CMD), (CMD, KNOBS)):
+            if any(name in own for name in pair):
+                mapping = {name: one for name, one in mapping.items() if name not in other or name in own}
+        if "ball_visible" in states:
+            mapping.setdefault(SEEN, Expression.parse("ball_visible"))
+        mapping.setdefault(STAMP, Expression.parse("t_s"))
+    else:
+        # Columns that bear our names are what they say.
+        mapping = {name: Expression.parse(name) for name in TARGETS if name in states} | mapping
+    if not any(target in mapping for target in (*MARBLE, *TILT)):
+        raise IrtError(
+            f"{path}: nothing says where the marble is; map its columns, such as --map marble_x=xb/0.276 "
+            f"(columns: {', '.join(states)})"
+        )
+    if STAMP not in mapping:
+        raise IrtError(
+            f"{path}: nothing says when rows were seen; map their time in seconds, such as "
+            f"--map t_s=stamp_ms/1000 or --map t_s=frame/30 (columns: {', '.join(states)})"
+        )
+    return mapping
 
 
 def _pair(path: Path, targets: tuple[str, str], value: Callable[[str], Array | None], rows: int) -> Array:
@@ -324,7 +332,7 @@ def _rising(path: Path, stamps: Array, episodes: Array) -> tuple[Array, Array, A
             key=lambda one: abs(np.log(typical / one[0] * 40.0)),
         )
         raise IrtError(
-            f"{path}: rows are {typical:.3g} s apart: stamps seem to be in {name}; divide them by {unit:.0e}, "
+            f"{path}: rows are {typical:.3g} s apart: stamps seem to be in {name}; divide by {unit:.0e}, "
             f"such as --map t_s=stamp/{unit:.0e}"
         )
     offsets, runs = np.zeros(len(stamps)), np.asarray(episodes, dtype=np.float64).copy()

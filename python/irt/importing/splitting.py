@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,22 +98,13 @@ def clean(log: Log, home_after: float | None = None) -> Cleaned:
         jumps = tilt_jumps(tilt, stamps)
         counts.jumps = int(jumps.any(axis=1).sum())
         tilt[jumps] = np.nan
-    cleaned = Log(
-        name=log.name,
-        path=log.path,
+    cleaned = replace(
+        log,
         stamps=stamps,
         marble=marble,
         tilt=tilt,
         tilt_stamps=None if log.tilt_stamps is None else log.tilt_stamps[rows],
-        command_stamps=log.command_stamps,
-        commands=log.commands,
         episodes=episodes,
-        columns=log.columns,
-        marble_names=log.marble_names,
-        tilt_names=log.tilt_names,
-        command_names=log.command_names,
-        stamped=log.stamped,
-        notes=log.notes,
     )
     return Cleaned(cleaned, _split(cleaned, commands, counts), counts)
 
@@ -123,13 +115,15 @@ def _check_overlap(log: Log, commands: Held) -> None:
     begin, end = commands.stamps[0], commands.stamps[-1]
     if begin > log.stamps[-1] or end < log.stamps[0] - 60.0:
         raise IrtError(
-            f"{log.path}: commands and states do not overlap in time: commands from {begin:.3f} to {end:.3f} s, "
-            f"states from {log.stamps[0]:.3f} to {log.stamps[-1]:.3f} s; are they of one run and one clock?"
+            f"{log.path}: commands and states do not overlap in time: commands from {begin:.3f} to "
+            f"{end:.3f} s, states from {log.stamps[0]:.3f} to {log.stamps[-1]:.3f} s; are they of one run "
+            "and one clock?"
         )
 
 
 def _split(log: Log, commands: Held, counts: Counts) -> list[Stretch]:
-    stamps, seen = log.stamps, np.isfinite(log.marble).all(axis=1)
+    stamps = log.stamps
+    seen = np.asarray(np.isfinite(log.marble).all(axis=1))
     usable = np.ones(len(stamps), dtype=bool)
     if commands.stamps.size:
         early = stamps < commands.stamps[0]
@@ -167,8 +161,8 @@ def _split(log: Log, commands: Held, counts: Counts) -> list[Stretch]:
 
 
 def _pieces(usable: Mask, begins: Mask) -> list[tuple[int, int]]:
-    pieces = []
+    pieces: list[tuple[int, int]] = []
     for first, end in mask_spans(usable):
         edges = [first, *(first + 1 + np.flatnonzero(begins[first + 1 : end])).tolist(), end]
-        pieces += list(zip(edges[:-1], edges[1:], strict=True))
+        pieces += pairwise(edges)
     return pieces

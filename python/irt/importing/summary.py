@@ -46,7 +46,9 @@ def _marble(summary: Summary) -> list[str]:
     if names == ("-", "-"):
         return ["  no marble: runs of tilt alone"]
     if summary.swapped:
-        return [f'  marble: "{names[0]}" is our x and "{names[1]}" our y: exchanged, by the board\'s edges; surely']
+        return [
+            f'  marble: "{names[0]}" is our x and "{names[1]}" our y: exchanged, by the board\'s size; surely'
+        ]
     return []
 
 
@@ -64,11 +66,13 @@ def _tilt(summary: Summary) -> list[str]:
     lines.append(f"  a rolling ball's gain is 5/7 g = {ROLLING_GAIN:.2f}; found {ratio:.0%} of it")
     if gain_is_odd(ratio):
         lines.append(
-            "    much unlike a rolling ball: are places in long edges of the board, tilts in radians, stamps in s?"
+            "    unlike a rolling ball: are places in long edges of the board, tilts in radians, stamps in s?"
         )
     if (summary.tilt.mixed > 0.1).any():
         angle = np.rad2deg(np.arctan(float(np.mean(summary.tilt.mixed))))
-        lines.append(f"    each tilt moves both axes: the camera is turned by about {angle:.0f} degrees; kept")
+        lines.append(
+            f"    each tilt moves both axes: the camera is turned by about {angle:.0f} degrees; kept"
+        )
     if not log.stamped and np.isfinite(ratio):
         lines.append(
             f"    without stamps: rows {summary.period / np.sqrt(ratio):.4f} s apart would make it 5/7 g"
@@ -94,8 +98,8 @@ def _mirror(summary: Summary) -> list[str]:
     if flips > 0.0:
         return []
     return [
-        "    mirrored against the declared axes: whether the tilt or the marble is cannot be seen from motion; "
-        "the marble's axes are kept as the frame"
+        "    mirrored against the declared axes; whether tilt or marble is cannot be seen from motion: the "
+        "marble's axes are kept as the frame"
     ]
 
 
@@ -130,18 +134,20 @@ def _clocks(summary: Summary) -> list[str]:
     lines = []
     found = summary.tilt_map
     if summary.tilt_offset is not None and found is not None:
+        error = float(np.nanmin(found.delay_error))
         lines.append(
-            f"  clock of the tilt: {summary.tilt_offset:+.4f} +- {np.nanmin(found.delay_error):.4f} s added, by the "
-            "marble's acceleration"
+            f"  clock of the tilt: {summary.tilt_offset:+.4f} +- {error:.4f} s added, by the marble's "
+            "acceleration"
         )
     elif found is not None and summary.tilt.decided:
         weights = 1.0 / np.where(np.isfinite(found.delay_error), found.delay_error, np.inf) ** 2
         late = float(np.sum(weights * np.nan_to_num(found.delay)) / max(weights.sum(), 1e-12))
         error = float(1.0 / np.sqrt(max(weights.sum(), 1e-12)))
         if abs(late) > 4.0 * error and abs(late) > 0.004:
+            when = "early" if late > 0.0 else "late"
             lines.append(
-                f"  the tilt is {'early' if late > 0 else 'late'} by {1e3 * abs(late):.0f} +- {1e3 * error:.0f} ms "
-                "against the marble (filters of the estimator); not corrected"
+                f"  the tilt is {when} by {1e3 * abs(late):.0f} +- {1e3 * error:.0f} ms against the marble "
+                "(filters of the estimator); not corrected"
             )
     found = summary.command_map
     if found is None or not summary.commands.decided:
@@ -149,15 +155,18 @@ def _clocks(summary: Summary) -> list[str]:
     decided = (np.abs(found.z) >= DECIDED).any(axis=1) & np.isfinite(found.delay)
     if not decided.any():
         return lines
-    delay, error = found.delay[decided], found.delay_error[decided]
-    text = " and ".join(f"{one:+.4f} +- {err:.4f} s" for one, err in zip(delay, error, strict=True))
+    delay = found.delay[decided]
+    pairs = zip(delay, found.delay_error[decided], strict=True)
+    text = " and ".join(f"{one:+.4f} +- {one_error:.4f} s" for one, one_error in pairs)
     lags = " and ".join(f"{one:.3f} s" for one in found.lag[decided])
     lines.append(f"  command to {'marble' if summary.by_marble else 'tilt'}: dead time {text}, lag {lags}")
-    lines.append("    (dead time = the actuator's delay + any offset between the clocks of commands and states)")
+    lines.append(
+        "    (dead time = the actuator's delay + any offset between the clocks of commands and states)"
+    )
     if summary.command_shift:
         lines.append(
-            f"    commands came after what they did: clocks differ by at least {-summary.command_shift:.4f} s; "
-            "commands moved by so much, to a dead time of 0"
+            f"    commands come after their effect: clocks differ by at least {-summary.command_shift:.4f} "
+            "s; moved by so much, to a dead time of 0"
         )
     elif float(delay.max()) > _LONG_S:
         lines.append("    long for a servo: the clocks of commands and states may differ; not corrected")
@@ -177,7 +186,7 @@ def _cleaned(summary: Summary) -> list[str]:
     lines = [f"cleaned: of {counts.rows} rows {', '.join(shown)}" if shown else "cleaned: nothing to clean"]
     if counts.uncertain:
         lines.append(
-            f"  {counts.uncertain} rows repeat a place exactly, as a marble at rest does in places without noise: "
+            f"  {counts.uncertain} rows repeat a place exactly, as a marble at rest does without noise: "
             "kept; uncertain"
         )
     splits = [

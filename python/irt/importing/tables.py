@@ -74,9 +74,9 @@ def read_columns(path: Path) -> Columns:
         twice = next(name for name in header if header.count(name) > 1)
         raise IrtError(f'{path}, line 1: column "{twice}" stands there twice; rename one')
     columns = {}
-    for name, cells in zip(header, zip(*rows, strict=True), strict=True):
-        values = _numbers(cells)
-        if np.isfinite(values).any() or not any(cells):
+    for name, column in zip(header, zip(*rows, strict=True), strict=True):
+        values = _numbers(column)
+        if np.isfinite(values).any() or not any(column):
             columns[name] = values
     return columns
 
@@ -198,7 +198,7 @@ def _common_clock(folder: Path, tables: list[Columns], notes: list[str]) -> str:
                 overlapping.append(name)
     if not overlapping:
         raise IrtError(
-            f"{folder}: states and commands do not overlap in time by either clock (monotonic_ns, ros_time_ns)"
+            f"{folder}: commands and states do not overlap in time, by monotonic_ns nor by ros_time_ns"
         )
     if overlapping[0] == "ros_time_ns":
         notes.append("stamped by the ROS clock: monotonic clocks of the two files do not overlap")
@@ -208,7 +208,7 @@ def _common_clock(folder: Path, tables: list[Columns], notes: list[str]) -> str:
         notes.append("stamped by the monotonic clock, which both files share")
         if abs(ahead) > max(_SAME_CLOCK_S, 5.0 * error):
             notes.append(
-                f"the ROS clock of the commands is {ahead:+.4f} +- {error:.4f} s ahead of the states': not used"
+                f"the ROS clock of the commands is {ahead:+.4f} +- {error:.4f} s ahead of the states', unused"
             )
     return overlapping[0]
 
