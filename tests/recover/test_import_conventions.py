@@ -1,6 +1,6 @@
 """Plant a convention in a lab's log, import it, and find axes, signs, units and clocks as they were planted.
 
-``IRT_DRAWS=100 python -m pytest tests/recover/test_import_conventions.py`` runs a hundred draws of each format.
+``IRT_DRAWS=100 python -m pytest tests/recover/test_import_conventions.py`` draws a hundred of each format.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def test_a_cyberrunner_bag(tmp_path: Path, seed: int, storage: str) -> None:
     assert np.abs(dead_times(summary) - (truth.delay - convention.offset)).max() < CLOCK_S
     # Commands that come after their effect are moved to a dead time of zero.
     late = truth.delay - convention.offset
-    assert summary.command_shift == pytest.approx(late if late < -CLOCK_S else 0.0, abs=CLOCK_S)
+    assert summary.command_shift == pytest.approx(min(late, 0.0), abs=CLOCK_S)
     check_recordings(summary, truth, convention, 0.276)
 
 

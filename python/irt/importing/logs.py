@@ -22,24 +22,19 @@ from irt.importing.sources import (
     Kind,
     Progress,
     Reading,
-    check_tilt_unit,
-    degrees_error,
     lab_of,
     read_log,
 )
 from irt.importing.splitting import Cleaned, Counts, Stretch, clean
+from irt.importing.units import check_places, check_tilt_gain, check_tilt_size, marble_is_swapped
 from irt.importing.weak_form import Map, Run
 from irt.recording import KNOBS, Recording
 from irt.rig import Board, Commands, Marble, read_dimensions
 
 Array = NDArray[np.float64]
 
-#: Gains in degrees instead of radians are 57.3 times too small; within this factor of that it is convincing.
-_DEGREES, _CONVINCING = 180.0 / np.pi, 2.0
 #: A tilt clock differs from the marble's if by more than this [s] and so many standard errors.
 _OFFSET_S, _OFFSET_ERRORS = 0.004, 4.0
-#: Positions outside the board by this much [board edges] are no tracker's scatter.
-_OUTSIDE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,24 +142,22 @@ def import_logs(
     target = Path(folder)
     board, marble = _dimensions(target, lab)
     reading = Reading(expressions, tuple(topics), episode, board.edge_x_m)
-    cleaned = []
-    for source in sources:
-        log = read_log(Path(source), kind, reading, progress)
-        check_tilt_unit(log)
-        cleaned.append(clean(log, home_after))
+    logs = [read_log(Path(source), kind, reading, progress) for source in sources]
+    if swapped := marble_is_swapped(logs, board):
+        logs = [replace(log, marble=log.marble[:, ::-1], marble_names=log.marble_names[::-1]) for log in logs]
+    for log in logs:
+        check_tilt_size(log)
+        check_places(log, board)
+    cleaned = [clean(log, home_after) for log in logs]
     if not any(one.runs for one in cleaned):
         raise IrtError(
             f"{sources[0]}: no run of at least 30 rows and 1 s is left between gaps; nothing to learn from"
         )
-    swapped = _is_swapped(cleaned, board)
-    if swapped:
-        cleaned = [_swap(one) for one in cleaned]
-    _check_places(cleaned, board)
     report = progress or (lambda done, total, text: None)
     found = _conventions(cleaned, board, marble, report)
     tilt_map, command_map, by_marble, offset, shift = found
-    _check_degrees(cleaned[0].log, tilt_map)
     tilt = tilt_axes(tilt_map)
+    check_tilt_gain(cleaned[0].log, gain_ratio(tilt))
     commands = command_axes(command_map, tilt, by_marble=by_marble)
     matrix = is_matrix(commands, command_map)
     placed = _Placed(tilt, commands, offset or 0.0, shift)
@@ -213,42 +206,6 @@ def _dimensions(folder: Path, lab: Lab) -> tuple[Board, Marble]:
     """Return sizes by the folder's rig.toml, else the lab's."""
     path = folder / "rig.toml"
     return read_dimensions(read_toml(path)) if path.exists() else (lab.board, lab.marble)
-
-
-def _is_swapped(cleaned: Sequence[Cleaned], board: Board) -> bool:
-    """Return whether the marble went farther along y than the board's short edge allows, and not along x."""
-    places = np.concatenate([one.log.marble for one in cleaned])
-    places = places[np.isfinite(places).all(axis=1)]
-    if len(places) < 100:
-        return False
-    reach = np.ptp(np.quantile(places, [0.002, 0.998], axis=0), axis=0)
-    short = board.edge_y_m / board.edge_x_m
-    return bool(short < reach[1] <= 1.0 + _OUTSIDE and reach[0] <= short)
-
-
-def _swap(cleaned: Cleaned) -> Cleaned:
-    log = cleaned.log
-    swapped = replace(log, marble=log.marble[:, ::-1], marble_names=log.marble_names[::-1])
-    runs = [replace(run, log=swapped) for run in cleaned.runs]
-    return Cleaned(swapped, runs, cleaned.counts)
-
-
-def _check_places(cleaned: Sequence[Cleaned], board: Board) -> None:
-    for one in cleaned:
-        places = one.log.marble[np.isfinite(one.log.marble).all(axis=1)]
-        if not len(places):
-            continue
-        half = np.array([0.5, 0.5 * board.edge_y_m / board.edge_x_m]) + _OUTSIDE
-        outside = float((np.abs(places) > half).any(axis=1).mean())
-        if outside > 0.1:
-            low, high = np.quantile(places, [0.01, 0.99], axis=0)
-            raise IrtError(
-                f"{one.log.path}: {outside:.0%} of the places lie outside the board of {board.edge_x_m} x "
-                f"{board.edge_y_m} m: {one.log.marble_names[0]} runs from {low[0]:.3g} to {high[0]:.3g}, "
-                f"{one.log.marble_names[1]} from {low[1]:.3g} to {high[1]:.3g}; places are in long edges "
-                "from the board's centre: divide by the edge, take 0.5 off where the origin is a corner, "
-                "or give the board's sizes in the rig's rig.toml"
-            )
 
 
 def _runs(cleaned: Sequence[Cleaned], edge: float) -> list[Run]:
@@ -300,13 +257,6 @@ def _conventions(
                 shift = least
     report(3, 3, "fitted")
     return tilt_map, command_map, by_marble, offset, shift
-
-
-def _check_degrees(log: Log, found: Map | None) -> None:
-    axes = tilt_axes(found)
-    ratio = gain_ratio(axes)
-    if 1.0 / _CONVINCING < ratio * _DEGREES < _CONVINCING:
-        raise degrees_error(log, f"the marble accelerates by {ratio:.3g} of 5/7 g for each unit of tilt")
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,11 @@ def sandwich(jacobian: Array, weights: Array, left: Array, blocks: Array, share:
     _, which = np.unique(blocks, return_inverse=True)
     sums = np.zeros((which.max() + 1, jacobian.shape[1]))
     np.add.at(sums, which, scores)
-    normal = jacobian.T @ (weights[:, None] * jacobian)
-    normal = normal - np.diag(np.sum(weights[:, None] * share, axis=0) * np.ones(jacobian.shape[1]))
+    # The slope of Tukey's score, by which estimates follow errors, is less than its weight.
+    root = np.sqrt(weights)
+    slopes = root * (5.0 * root - 4.0)
+    noise = np.sum(slopes[:, None] * share, axis=0) * np.ones(jacobian.shape[1])
+    normal = jacobian.T @ (slopes[:, None] * jacobian) - np.diag(noise)
     inverse = np.linalg.pinv(normal)
     # The usual small-sample factor: few blocks fit themselves.
     groups = len(sums)

@@ -31,8 +31,6 @@ _LONGEST_STEP_S = 2.0
 _APART_S = 10.0
 #: A stamp that goes back by more than this [s] begins a new run; by less, its row came late.
 _NEW_CLOCK_S = 0.5
-#: No board tilts so far [rad].
-_STEEPEST = 0.4
 
 
 @dataclass(frozen=True)
@@ -123,28 +121,6 @@ def read_log(path: Path, kind: Kind, reading: Reading, progress: Progress | None
         return _log(path, lab, reading, states, states, episodes=episodes, notes=notes)
     states, commands, notes = lab_bags.read_bag(path, reading.topics, progress)
     return _log(path, lab, reading, states, commands, notes=notes)
-
-
-def check_tilt_unit(log: Log) -> None:
-    """Raise `IrtError` if the tilt is in degrees: no board tilts by half a radian."""
-    if log.tilt is None:
-        return
-    known = np.abs(log.tilt - np.nanmedian(log.tilt, axis=0)) if np.isfinite(log.tilt).any() else log.tilt
-    reach = float(np.nanquantile(known, 0.95)) if np.isfinite(known).any() else 0.0
-    if reach > _STEEPEST:
-        raise degrees_error(
-            log, f"the tilt reaches {reach:.3g}, which would be {np.rad2deg(reach):.0f} degrees"
-        )
-
-
-def degrees_error(log: Log, why: str) -> IrtError:
-    """Return the error for a tilt in degrees, with the mapping that converts it."""
-    words = " ".join(
-        f'--map "{target}=rad({text})"'
-        for target, text in zip(TILT, log.tilt_names, strict=True)
-        if text != "-"
-    )
-    return IrtError(f"{log.path}: {why}: it seems to be in degrees; convert it with {words}")
 
 
 def _of_columns(path: Path, ask: str) -> Kind:

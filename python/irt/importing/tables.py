@@ -21,6 +21,8 @@ Columns = dict[str, Array]
 WITHOUT_ROS = frozenset({"t", "episode", "step", "xb", "yb", "alpha", "beta", "a0", "a1"})
 #: Beginnings of pickles (protocols 2 to 5), of PyTorch's old files too.
 _PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
+#: Cells of a value that was lost.
+_EMPTY = {"", "nan"}
 _PICKLE_NAMES = {".pkl", ".pickle", ".pk", ".p", ".pt", ".pth", ".joblib"}
 #: A picture is at most so old when its state is logged [s].
 _OLDEST_S = 1.0
@@ -76,7 +78,7 @@ def read_columns(path: Path) -> Columns:
     columns = {}
     for name, column in zip(header, zip(*rows, strict=True), strict=True):
         values = _numbers(column)
-        if np.isfinite(values).any() or not any(column):
+        if np.isfinite(values).any() or all(cell.strip().lower() in _EMPTY for cell in column):
             columns[name] = values
     return columns
 
