@@ -51,6 +51,7 @@ HEAVY = {
     "pybullet",
     "pysindy",
     "ray",
+    "rosbags",
     "sbi",
     "scipy",
     "torch",

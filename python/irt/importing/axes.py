@@ -151,7 +151,9 @@ def _axes(
             sure.append("undecided")
             continue
         mixed[axis] = other / own
-        sure.append("surely" if score >= SURE and mixed[axis] < _EITHER else "probably")
+        # Of two tilts that both move an axis, neither is surely the one; commands may well be mixed.
+        clear = not turn or mixed[axis] < _EITHER
+        sure.append("surely" if score >= SURE and clear else "probably")
         if turn:
             turned[axis] = float(np.sign(main[axis]) * signs[axis])
     if not turn:

@@ -239,7 +239,9 @@ def _columns(rows: list[tuple[float, float, dict[str, float]]], topic: str, note
                 "which holds the time that the quickest message took"
             )
     else:
-        notes.append(f"{topic} has no header: moments of receipt, which hold the time of its transport")
+        note = "no headers: dated by their receipt, which holds the time of transport"
+        if note not in notes:
+            notes.append(note)
     order = np.argsort(stamps, kind="stable")
     return {"t_s": stamps[order], **{name: values[order] for name, values in columns.items()}}
 

@@ -144,11 +144,7 @@ class Held:
         if lag not in self._states:
             if len(self._states) >= _LAGS_KEPT:
                 self._states.clear()
-            state = self.values.copy()
-            decays = np.exp(-np.diff(self.stamps) / lag)
-            for row, decay in enumerate(decays.tolist()):
-                state[row + 1] = self.values[row] + (state[row] - self.values[row]) * decay
-            self._states[lag] = state
+            self._states[lag] = _filtered(self.values, np.exp(-np.diff(self.stamps) / lag))
         return self._states[lag]
 
     def mean(self, begins: Array, ends: Array) -> Array:
@@ -171,3 +167,31 @@ class Held:
         means[whole] = self.values[np.clip(first[whole], 0, None)]
         means[first < 0] = np.nan
         return means
+
+
+def _filtered(values: Array, decays: Array) -> Array:
+    """Return ``s[i + 1] = v[i] + d[i] (s[i] - v[i])`` from ``s[0] = v[0]`` on, (m, 2).
+
+    In blocks side by side: an hour of commands has a hundred thousand.
+    """
+    steps = len(decays)
+    if steps == 0:
+        return values.copy()
+    size = int(np.ceil(np.sqrt(steps)))
+    count = -(-steps // size)
+    padded = np.ones(count * size)
+    padded[:steps] = decays
+    pushes = np.zeros((count * size, 2))
+    pushes[:steps] = (1.0 - decays[:, None]) * values[:-1]
+    blocks, pushes_by_block = padded.reshape(count, size), pushes.reshape(count, size, 2)
+    # Within each block from a state of zero, and what is left in it of the state that the block begins with.
+    own, kept = np.empty((count, size, 2)), np.cumprod(blocks, axis=1)
+    state = np.zeros((count, 2))
+    for step in range(size):
+        state = blocks[:, step, None] * state + pushes_by_block[:, step]
+        own[:, step] = state
+    begin = values[0]
+    for block in range(count):
+        own[block] += kept[block, :, None] * begin
+        begin = own[block, -1]
+    return np.concatenate([values[:1], own.reshape(-1, 2)[:steps]])
