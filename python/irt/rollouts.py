@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from irt.rig import Board, Marble
 Array = npt.NDArray[np.float64]
 Engine = Literal["rolling", "rapier"]
 TimeStep = Literal["rounded", "continuous"]
+Hold = Literal["zero", "first"]
 
 SUBSTEP_S: float = _labsim.SUBSTEP_S
 #: Acceleration of free fall in the simulation [m/s^2].
@@ -35,6 +36,7 @@ class HasBoardAndMarble(Protocol):
         """The marble."""
 
 
+@overload
 def rollouts(
     parameters: npt.ArrayLike,
     commands: npt.ArrayLike,
@@ -55,7 +57,56 @@ def rollouts(
     durations: npt.ArrayLike | None = None,
     time_step: TimeStep = "rounded",
     substeps: npt.ArrayLike | None = None,
-) -> Array:
+    hold: Hold = "zero",
+    tilt: Literal[False] = False,
+) -> Array: ...
+@overload
+def rollouts(
+    parameters: npt.ArrayLike,
+    commands: npt.ArrayLike,
+    *,
+    rig: HasBoardAndMarble | None = None,
+    effects: Sequence[Mapping[str, Any]] | None = None,
+    engine: Engine = "rolling",
+    start: npt.ArrayLike | None = None,
+    seed: npt.ArrayLike = 0,
+    threads: int | None = None,
+    rows: int | None = None,
+    first: npt.ArrayLike = 0,
+    issued: npt.ArrayLike | None = None,
+    knobs_before: npt.ArrayLike | None = None,
+    start_velocity: npt.ArrayLike | None = None,
+    rolled: npt.ArrayLike = 0.0,
+    turned: npt.ArrayLike | None = None,
+    durations: npt.ArrayLike | None = None,
+    time_step: TimeStep = "rounded",
+    substeps: npt.ArrayLike | None = None,
+    hold: Hold = "zero",
+    tilt: Literal[True],
+) -> tuple[Array, Array]: ...
+def rollouts(
+    parameters: npt.ArrayLike,
+    commands: npt.ArrayLike,
+    *,
+    rig: HasBoardAndMarble | None = None,
+    effects: Sequence[Mapping[str, Any]] | None = None,
+    engine: Engine = "rolling",
+    start: npt.ArrayLike | None = None,
+    seed: npt.ArrayLike = 0,
+    threads: int | None = None,
+    rows: int | None = None,
+    first: npt.ArrayLike = 0,
+    issued: npt.ArrayLike | None = None,
+    knobs_before: npt.ArrayLike | None = None,
+    start_velocity: npt.ArrayLike | None = None,
+    rolled: npt.ArrayLike = 0.0,
+    turned: npt.ArrayLike | None = None,
+    durations: npt.ArrayLike | None = None,
+    time_step: TimeStep = "rounded",
+    substeps: npt.ArrayLike | None = None,
+    hold: Hold = "zero",
+    tilt: bool = False,
+) -> Array | tuple[Array, Array]:
     """Simulate a batch of rollouts.
 
     Arrays without the axis ``n`` are shared by all rollouts. The result has the same bits for any
@@ -67,7 +118,8 @@ def rollouts(
         ``gear_x``, ``gear_y``, ``rolling_friction``, ``time_scale``, ``observation_scale``, in their
         own units (paper, section 5.2).
     commands : (steps, 2) or (n, steps, 2)
-        Knob angles [rad]; command i holds from row i to row i + 1.
+        Knob angles [rad]; command i counts from row i to row i + 1. Commands in any other unit are fine with
+        gears of its inverse [rad a unit].
     rig : optional
         Anything with a ``board`` and a ``marble`` (a rig, a model); default the paper's labyrinth.
     effects : sequence of mappings, optional
@@ -105,11 +157,18 @@ def rollouts(
         parameter.
     substeps : (n,), optional
         Fixes the updates a row of "continuous" rollouts: finite differences need the same on both sides.
+    hold : {"zero", "first"}
+        What a command does from its row to the next: "zero" holds it; "first" goes evenly to the next
+        command, and holds the last one. Play a measured tilt with "first" and gears of 1.
+    tilt : bool
+        Return the board's tilt as well. The positions have the same bits either way.
 
     Returns
     -------
-    (n, rows, 2)
-        Observed positions [board edges]; row 0 is the start.
+    (n, rows, 2), or two of them with ``tilt``
+        Observed positions [board edges]; row 0 is the start. Then the board's angles about x and y [rad] as a
+        tilt sensor reports them at each row, just before the command of that row counts. A late picture
+        does not delay the tilt.
 
     Raises
     ------
@@ -118,6 +177,8 @@ def rollouts(
     """
     if time_step not in ("rounded", "continuous"):
         raise IrtError(f"time_step: expected 'rounded' or 'continuous', got {time_step!r}")
+    if hold not in ("zero", "first"):
+        raise IrtError(f"hold: expected 'zero' or 'first', got {hold!r}")
     values = _array("parameters", parameters, "(n, 5)", 2)
     count = len(values)
     knobs = _per_rollout("commands", commands, "(steps, 2) or (n, steps, 2)", 3, count)
@@ -131,7 +192,7 @@ def rollouts(
     lasting = None
     if durations is not None:
         lasting = _per_rollout("durations", durations, "(steps,) or (n, steps)", 2, count, steps=steps)
-    return _labsim.rollouts(
+    observed, tilts = _labsim.rollouts(
         values,
         knobs,
         _pairs("start", start, count),
@@ -150,8 +211,11 @@ def rollouts(
         continuous=time_step == "continuous",
         substeps=None if substeps is None else _counts(substeps, count),
         durations=lasting,
+        hold=hold,
+        tilt=tilt,
         threads=threads,
     )
+    return observed if tilts is None else (observed, tilts)
 
 
 def turned(path: Array, radius: float) -> Array:

@@ -248,3 +248,26 @@ def test_ctrl_c_stops_a_long_batch():
     child.send_signal(signal.SIGINT)
     _, errors = child.communicate(timeout=20)
     assert "KeyboardInterrupt" in errors
+
+
+def test_tilt_comes_beside_the_same_positions():
+    commands = paper_drive(30)
+    options = {"effects": [{"name": "latency", "latency_s": 0.1}], "knobs_before": [0.02, -0.01]}
+    alone = rollouts(np.repeat(PAPER, 2, axis=0), commands, **options)
+    positions, tilts = rollouts(np.repeat(PAPER, 2, axis=0), commands, tilt=True, **options)
+    assert (positions == alone).all()
+    before = np.concatenate([[[0.02, -0.01]], commands[:-1]])
+    assert tilts == pytest.approx(np.array([before * PAPER[0, :2]] * 2), abs=1e-15)
+
+
+def test_first_order_hold_arrives_at_each_command_with_its_row():
+    commands = paper_drive(30)
+    held, _ = rollouts(PAPER, commands, tilt=True)
+    ramped, tilts = rollouts(PAPER, commands, tilt=True, hold="first")
+    assert tilts[0, 1:] == pytest.approx(commands[1:] * PAPER[0, :2], abs=1e-15)
+    assert not np.array_equal(held, ramped)
+
+
+def test_unknown_hold_is_refused():
+    with pytest.raises(IrtError, match="hold: expected 'zero' or 'first', got 'second'"):
+        rollouts(PAPER, paper_drive(5), hold="second")

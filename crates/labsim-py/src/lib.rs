@@ -7,7 +7,7 @@ mod fit;
 mod interrupt;
 
 use labsim::board::{Board, Marble, Rig};
-use labsim::{Batch, Engine, Parameters, PerRollout, TimeBase};
+use labsim::{Batch, Engine, Hold, Parameters, PerRollout, TimeBase};
 use numpy::ndarray::Array3;
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
@@ -45,7 +45,7 @@ mod _labsim {
 #[pyfunction]
 #[pyo3(signature = (
     parameters, commands, start, start_velocity, rolled, turned, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
-    engine, continuous, substeps, durations, threads
+    engine, continuous, substeps, durations, hold, tilt, threads
 ))]
 #[expect(
     clippy::too_many_arguments,
@@ -75,9 +75,12 @@ fn rollouts<'py>(
     continuous: bool,
     substeps: Option<PyReadonlyArray1<'py, u32>>,
     durations: Option<PyReadonlyArray2<'py, f64>>,
+    hold: &str,
+    tilt: bool,
     threads: Option<usize>,
-) -> PyResult<Bound<'py, PyArray3<f64>>> {
+) -> PyResult<Results<'py>> {
     let engine: Engine = engine.parse().map_err(errors::to_python)?;
+    let hold: Hold = hold.parse().map_err(errors::to_python)?;
     let rig = rig(board, marble);
     let parameters: Vec<Parameters> = arrays::rows::<5>(&parameters)?
         .into_iter()
@@ -104,6 +107,7 @@ fn rollouts<'py>(
         effects: &effects.chosen(count),
         rows,
         commands: PerRollout::Of(&arrays::beginnings(&commands, &issued)),
+        hold,
         knobs_before: arrays::shared_or_each(&knobs_before, 1, count),
         first: arrays::shared_or_each(&first, 1, count),
         start: arrays::shared_or_each(&start, 1, count),
@@ -117,11 +121,24 @@ fn rollouts<'py>(
         },
         seeds: arrays::shared_or_each(&seeds, 1, count),
     };
-    let observations = interrupt::interruptible(py, |cancel| batch.run(engine, threads, cancel))?;
-    let flat = observations.into_flattened();
-    let array = Array3::from_shape_vec((count, rows, 2), flat).expect("the engine fills every row");
-    Ok(array.into_pyarray(py))
+    let observed = interrupt::interruptible(py, |cancel| {
+        if tilt {
+            let observed = batch.run_with_tilt(engine, threads, cancel)?;
+            return Ok((observed.marble, Some(observed.tilt)));
+        }
+        Ok((batch.run(engine, threads, cancel)?, None))
+    })?;
+    let array = |rows_of_all: Vec<[f64; 2]>| {
+        Array3::from_shape_vec((count, rows, 2), rows_of_all.into_flattened())
+            .expect("the engine fills every row")
+            .into_pyarray(py)
+    };
+    let (marble, tilt) = observed;
+    Ok((array(marble), tilt.map(array)))
 }
+
+/// Positions, and tilts where they are asked for, `(n, rows, 2)` each.
+type Results<'py> = (Bound<'py, PyArray3<f64>>, Option<Bound<'py, PyArray3<f64>>>);
 
 /// The rotation (rad) of a marble from the first place of its path to each; see `labsim::turned`.
 #[pyfunction]

@@ -12,7 +12,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::board::Rig;
 use crate::effects::{Chosen, in_order};
-use crate::engine::{Clock, Engine, Job, Setup, Step, rapier, rolling};
+use crate::engine::{Clock, Engine, Hold, Job, Setup, Sink, Step, rapier, rolling};
 use crate::error::{Error, Result};
 use crate::parameters::Parameters;
 
@@ -76,6 +76,16 @@ pub enum TimeBase<'a> {
     Durations(PerRollout<'a, f64>),
 }
 
+/// What is observed of rollouts: `rows` pairs each, one rollout behind the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Observed {
+    /// Positions (board edges).
+    pub marble: Vec<[f64; 2]>,
+    /// The board's angles (rad) about x and y as the tilt sensor reports them at each row, just before the
+    /// row's command counts.
+    pub tilt: Vec<[f64; 2]>,
+}
+
 /// Rollouts that share a rig and a set of effects.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
@@ -87,10 +97,12 @@ pub struct Batch<'a> {
     pub effects: &'a [Chosen<'a>],
     /// Rows observed of each rollout, the start included.
     pub rows: usize,
-    /// Knob angles (rad), a pair a row; command i holds from row i to row i + 1. All sequences have
-    /// the same length, unless they lie apart.
+    /// Commands, a pair a row; command i counts from row i to row i + 1. Knob angles (rad), or in any other
+    /// unit with gears of its inverse (rad a unit). All sequences have the same length, unless they lie apart.
     pub commands: PerRollout<'a, [f64; 2]>,
-    /// Knob angles before row 0 (rad), one pair.
+    /// What a command does until the next one.
+    pub hold: Hold,
+    /// Commands before row 0, one pair.
     pub knobs_before: PerRollout<'a, [f64; 2]>,
     /// The row of the commands in which the marble is let go and first observed, one number. Until
     /// then the knobs alone move.
@@ -119,6 +131,7 @@ impl<'a> Batch<'a> {
             effects: &[],
             rows: commands.len(),
             commands: PerRollout::Shared(commands),
+            hold: Hold::Zero,
             knobs_before: PerRollout::Shared(&[[0.0; 2]]),
             first: PerRollout::Shared(&[0]),
             start: PerRollout::Shared(&[[0.0; 2]]),
@@ -144,10 +157,38 @@ impl<'a> Batch<'a> {
         threads: Option<usize>,
         cancel: &AtomicBool,
     ) -> Result<Vec<[f64; 2]>> {
+        Ok(self.simulate(engine, threads, cancel, false)?.marble)
+    }
+
+    /// Simulates every rollout as [`Batch::run`] does, to the same bits, and returns the board's tilt beside
+    /// the observations.
+    ///
+    /// # Errors
+    /// As [`Batch::run`].
+    pub fn run_with_tilt(
+        &self,
+        engine: Engine,
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+    ) -> Result<Observed> {
+        self.simulate(engine, threads, cancel, true)
+    }
+
+    fn simulate(
+        &self,
+        engine: Engine,
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+        with_tilt: bool,
+    ) -> Result<Observed> {
         self.check()?;
-        let mut observations = vec![[0.0; 2]; self.parameters.len() * self.rows];
-        if observations.is_empty() {
-            return Ok(observations);
+        let count = self.parameters.len() * self.rows;
+        let mut observed = Observed {
+            marble: vec![[0.0; 2]; count],
+            tilt: vec![[0.0; 2]; if with_tilt { count } else { 0 }],
+        };
+        if count == 0 {
+            return Ok(observed);
         }
         let workers = threads.unwrap_or_else(rayon::current_num_threads);
         let effects = in_order(self.effects);
@@ -155,12 +196,15 @@ impl<'a> Batch<'a> {
             rig: self.rig,
             effects: &effects,
             rows: self.rows,
+            hold: self.hold,
             cancel,
         };
         let mut work = || {
             let block = BLOCK * self.rows;
-            for (number, observations) in observations.chunks_mut(block).enumerate() {
-                let block = (number * BLOCK, observations);
+            let mut tilts = observed.tilt.chunks_mut(block);
+            for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
+                let tilt = tilts.next().unwrap_or_default();
+                let block = (number * BLOCK, Sink { marble, tilt });
                 let groups = self.groups(&setup, engine, workers, block);
                 groups.into_par_iter().for_each(|(jobs, mut out)| {
                     if !cancel.load(Ordering::Relaxed) {
@@ -179,7 +223,7 @@ impl<'a> Batch<'a> {
         if cancel.load(Ordering::Relaxed) {
             return Err(Error::Cancelled);
         }
-        Ok(observations)
+        Ok(observed)
     }
 
     fn check(&self) -> Result<()> {
@@ -315,12 +359,17 @@ impl<'a> Batch<'a> {
         setup: &Setup<'_>,
         engine: Engine,
         workers: usize,
-        (begin, observations): (usize, &'b mut [[f64; 2]]),
+        (begin, observed): (usize, Sink<'b>),
     ) -> Vec<Group<'b>> {
-        let mut places: Vec<_> = observations
+        let mut tilts = observed.tilt.chunks_exact_mut(self.rows);
+        let mut places: Vec<_> = observed
+            .marble
             .chunks_exact_mut(self.rows)
             .enumerate()
-            .map(|(i, out)| Some((self.job(begin + i), out)))
+            .map(|(i, marble)| {
+                let tilt = tilts.next().unwrap_or_default();
+                Some((self.job(begin + i), Sink { marble, tilt }))
+            })
             .collect();
         let jobs: Vec<&Job<'_>> = places.iter().flatten().map(|(job, _)| job).collect();
         let order = company::order(&jobs, &self.rig.board, self.rows);
@@ -366,7 +415,7 @@ impl<'a> Batch<'a> {
 /// How many rollouts are under way at once, so that memory does not grow with a batch.
 const BLOCK: usize = 1 << 16;
 
-type Group<'a> = (Vec<Job<'a>>, Vec<&'a mut [[f64; 2]]>);
+type Group<'a> = (Vec<Job<'a>>, Vec<Sink<'a>>);
 
 /// The largest angle of each knob (rad); infinite where one is not a finite number.
 fn largest(commands: &[[f64; 2]]) -> [f64; 2] {

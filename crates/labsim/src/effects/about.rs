@@ -60,6 +60,8 @@ pub(crate) enum Acts {
     OnPicture,
     /// When the picture was taken.
     OnExposure,
+    /// What the tilt sensor reports.
+    OnGauge,
 }
 
 /// What an effect on the marble depends on besides where the marble is and how it moves.

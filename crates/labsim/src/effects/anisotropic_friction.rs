@@ -42,6 +42,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct AnisotropicFriction<S: Simd> {
     /// ratio² - 1
     excess: Lanes<S>,

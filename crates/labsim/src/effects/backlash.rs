@@ -45,6 +45,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct Backlash<S: Simd> {
     half_width: Pair<S>,
     knob: Option<Pair<S>>,

@@ -40,6 +40,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct BoardWarp<S: Simd> {
     /// g times each curvature (1/s²).
     xx: Lanes<S>,

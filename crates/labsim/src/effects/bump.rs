@@ -40,6 +40,7 @@ pub(super) const ABOUT: About = About {
     references: &["Goldstein: Classical Mechanics, 3rd ed., sect. 1.4 (constraint to a surface)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct Bump<S: Simd> {
     x: Lanes<S>,
     y: Lanes<S>,

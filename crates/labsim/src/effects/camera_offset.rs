@@ -35,6 +35,7 @@ pub(super) const ABOUT: About = About {
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 6.1 (principal point offset)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct CameraOffset<S: Simd> {
     offset: Pair<S>,
 }

@@ -28,6 +28,7 @@ pub(super) const ABOUT: About = About {
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 2.4 (isometries)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct CameraRotation<S: Simd> {
     cos: Lanes<S>,
     sin: Lanes<S>,

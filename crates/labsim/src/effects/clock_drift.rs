@@ -33,6 +33,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct ClockDrift<S: Simd> {
     drift: Lanes<S>,
 }

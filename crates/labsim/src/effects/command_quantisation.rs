@@ -30,6 +30,7 @@ pub(super) const ABOUT: About = About {
     references: &["Widrow, Kollár: Quantization Noise, Cambridge University Press, 2008"],
 };
 
+#[derive(Clone)]
 pub(crate) struct CommandQuantisation<S: Simd> {
     step: Lanes<S>,
 }

@@ -41,6 +41,7 @@ pub(super) const ABOUT: About = About {
     references: &["Skogestad, Postlethwaite: Multivariable Feedback Control, 2nd ed., Wiley, 2005, ch. 3"],
 };
 
+#[derive(Clone)]
 pub(crate) struct CrossCoupling<S: Simd> {
     x_from_y: Lanes<S>,
     y_from_x: Lanes<S>,

@@ -31,6 +31,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct DeadBand<S: Simd> {
     half_width: Lanes<S>,
 }

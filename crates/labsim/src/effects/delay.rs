@@ -30,6 +30,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct Delay<S: Simd> {
     delay: Lanes<S>,
 }

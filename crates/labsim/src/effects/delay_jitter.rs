@@ -28,6 +28,7 @@ pub(super) const ABOUT: About = About {
     references: &["Nilsson: Real-Time Control Systems with Delays, PhD thesis, Lund Institute of Technology, 1998"],
 };
 
+#[derive(Clone)]
 pub(crate) struct DelayJitter<S: Simd> {
     sd: Lanes<S>,
 }

@@ -66,6 +66,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct EccentricMarble<S: Simd> {
     /// g × offset
     weight: Lanes<S>,

@@ -47,6 +47,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct FrictionPatch<S: Simd> {
     x: Lanes<S>,
     y: Lanes<S>,

@@ -42,6 +42,7 @@ pub(super) const ABOUT: About = About {
     references: &["Ljung: System Identification, 2nd ed., sect. 5.2 (models with nonlinearities)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct GearAsymmetry<S: Simd> {
     asymmetry: Pair<S>,
 }

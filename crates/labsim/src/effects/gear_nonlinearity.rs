@@ -28,6 +28,7 @@ pub(super) const ABOUT: About = About {
     references: &["Ljung: System Identification, 2nd ed., sect. 5.2 (models with nonlinearities)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct GearNonlinearity<S: Simd> {
     cubic: Lanes<S>,
 }

@@ -30,6 +30,7 @@ pub(super) const ABOUT: About = About {
 /// Part of a time constant below which an exponential is all rounding.
 const SHORT: f64 = 1e-9;
 
+#[derive(Clone)]
 pub(crate) struct Lag<S: Simd> {
     time: Lanes<S>,
     knob: Option<Pair<S>>,
@@ -37,6 +38,7 @@ pub(crate) struct Lag<S: Simd> {
 }
 
 /// What a substep of this length leaves of the way to the command: at its end, and on average.
+#[derive(Clone)]
 struct Step<S: Simd> {
     length: Lanes<S>,
     at_end: Lanes<S>,

@@ -28,6 +28,7 @@ pub(super) const ABOUT: About = About {
     references: &["Corke, Good: Dynamic effects in visual closed-loop systems, IEEE Trans. Robotics and Automation 12(5), 1996"],
 };
 
+#[derive(Clone)]
 pub(crate) struct Latency<S: Simd> {
     latency: Lanes<S>,
 }

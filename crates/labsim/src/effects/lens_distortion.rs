@@ -35,6 +35,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct LensDistortion<S: Simd> {
     k: Lanes<S>,
 }

@@ -39,7 +39,7 @@ pub struct Chosen<'a> {
 /// What an effect does to the marbles of a register, each with its own values of the parameters.
 ///
 /// An effect acts in one place, which its `ABOUT` names, and implements the method of that place.
-pub(crate) trait Effect<S: Simd>: Sized {
+pub(crate) trait Effect<S: Simd>: Clone {
     /// `values` are in the order of [`About::parameters`].
     fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self;
 
@@ -56,8 +56,9 @@ pub(crate) trait Effect<S: Simd>: Sized {
         part.like(1.0)
     }
 
-    /// [`Acts::OnKnob`]: the knob's angles (rad) on average over the next `length` seconds; zero
-    /// seconds ask where it settles, if the angles have long been what they are.
+    /// [`Acts::OnKnob`]: the knob's angles (rad) on average over the next `length` seconds; the first call,
+    /// of zero seconds, asks where it settles if the angles have long been what they are. A copy that is asked
+    /// for a vanishing length ([`crate::engine::PEEK_S`]) says where the knob is now.
     #[inline(always)]
     fn turn(&mut self, _knob: &mut Pair<S>, _length: Lanes<S>) {}
 
@@ -90,6 +91,10 @@ pub(crate) trait Effect<S: Simd>: Sized {
     fn age(&self) -> Option<Lanes<S>> {
         None
     }
+
+    /// [`Acts::OnGauge`]: the board's angles (rad) as the tilt sensor reports them.
+    #[inline(always)]
+    fn gauge(&self, _tilt: &mut Pair<S>) {}
 }
 
 macro_rules! catalogue {
@@ -106,6 +111,7 @@ macro_rules! any {
         $(mod $module;)*
 
         /// Any effect that the engine knows.
+        #[derive(Clone)]
         pub(crate) enum Any<S: Simd> {
             $($Type($module::$Type<S>)),*
         }
@@ -162,6 +168,11 @@ macro_rules! any {
 
             pub(crate) fn age(&self) -> Option<Lanes<S>> {
                 match self { $(Self::$Type(effect) => effect.age()),* }
+            }
+
+            #[inline(always)]
+            pub(crate) fn gauge(&self, tilt: &mut Pair<S>) {
+                match self { $(Self::$Type(effect) => effect.gauge(tilt)),* }
             }
         }
     };

@@ -27,6 +27,7 @@ pub(super) const ABOUT: About = About {
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 6.1"],
 };
 
+#[derive(Clone)]
 pub(crate) struct Parallax<S: Simd> {
     /// Board edges per rad.
     height: Lanes<S>,

@@ -44,6 +44,7 @@ pub(super) const ABOUT: About = About {
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 2.4 (projective transformations)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct Perspective<S: Simd> {
     slope: Pair<S>,
 }

@@ -51,6 +51,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct PointField<S: Simd> {
     x: Lanes<S>,
     y: Lanes<S>,

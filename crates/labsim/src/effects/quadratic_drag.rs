@@ -28,6 +28,7 @@ pub(super) const ABOUT: About = About {
     references: &["Clift, Grace, Weber: Bubbles, Drops, and Particles, Academic Press, 1978, ch. 5"],
 };
 
+#[derive(Clone)]
 pub(crate) struct QuadraticDrag<S: Simd> {
     coefficient: Lanes<S>,
 }

@@ -32,6 +32,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct SideForce<S: Simd> {
     rate: Lanes<S>,
 }

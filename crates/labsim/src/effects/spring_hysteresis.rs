@@ -52,6 +52,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct SpringHysteresis<S: Simd> {
     strength: Lanes<S>,
     width: Lanes<S>,

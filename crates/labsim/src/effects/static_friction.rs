@@ -36,6 +36,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct StaticFriction<S: Simd> {
     ratio: Lanes<S>,
 }

@@ -44,6 +44,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct Stribeck<S: Simd> {
     strength: Lanes<S>,
     /// 1/speed

@@ -34,6 +34,7 @@ pub(super) const ABOUT: About = About {
     references: &["Ljung: System Identification, 2nd ed., sect. 14.1 (offsets)"],
 };
 
+#[derive(Clone)]
 pub(crate) struct TiltBias<S: Simd> {
     bias: Pair<S>,
 }

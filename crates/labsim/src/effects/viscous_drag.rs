@@ -31,6 +31,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct ViscousDrag<S: Simd> {
     rate: Lanes<S>,
 }

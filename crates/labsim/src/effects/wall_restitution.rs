@@ -34,6 +34,7 @@ pub(super) const ABOUT: About = About {
     ],
 };
 
+#[derive(Clone)]
 pub(crate) struct WallRestitution<S: Simd> {
     increase: Lanes<S>,
 }

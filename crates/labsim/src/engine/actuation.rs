@@ -11,7 +11,7 @@ use pulp::Simd;
 
 use super::agenda::Timeline;
 use super::arrivals::Arrivals;
-use super::{Job, Setup};
+use super::{Hold, Job, PEEK_S, Setup};
 use crate::board::GRAVITY;
 use crate::effects::{Acts, Any};
 use crate::lanes::Lanes;
@@ -25,12 +25,17 @@ pub(super) struct Actuation<S: Simd> {
     damping_per_s: f64,
     clock: Vec<Any<S>>,
     knobs: Vec<Any<S>>,
+    /// Room for a copy of those.
+    peeked: Vec<Any<S>>,
     tilts: Vec<Any<S>>,
+    gauges: Vec<Any<S>>,
     /// Commands that do not come as rows begin, and when rows do.
     arrivals: Option<(Arrivals<S>, Timeline)>,
-    /// Whether knobs move while their commands hold still.
+    /// Whether knobs move within rows.
     moves: bool,
-    /// The commands as they have arrived (rad).
+    /// How the commands of this row go to the next ones.
+    ramp: Option<Ramp<S>>,
+    /// The commands as they have arrived (rad), on average over the last substep.
     command: Pair<S>,
     /// Where the knobs were in the last substep (rad).
     turned: Pair<S>,
@@ -41,6 +46,14 @@ pub(super) struct Actuation<S: Simd> {
     pub(super) tilt: Pair<S>,
     /// What gravity, friction and damping do in a substep.
     pub(super) push: Push<S>,
+}
+
+/// Commands that go evenly from one row's to the next one's.
+struct Ramp<S: Simd> {
+    /// At the row's beginning and end (rad).
+    ends: [Pair<S>; 2],
+    /// One over the substeps of the row.
+    share: f64,
 }
 
 impl<S: Simd> Actuation<S> {
@@ -67,9 +80,13 @@ impl<S: Simd> Actuation<S> {
             damping_per_s: setup.rig.marble.damping_per_s,
             clock: effects(|acts| acts == Acts::OnClock),
             knobs: effects(|acts| matches!(acts, Acts::OnKnob { .. })),
+            peeked: Vec::new(),
             tilts: effects(|acts| acts == Acts::OnTilt),
+            gauges: effects(|acts| acts == Acts::OnGauge),
             arrivals: None,
-            moves: setup.any(|acts| acts == Acts::OnKnob { moves: true }),
+            moves: setup.any(|acts| acts == Acts::OnKnob { moves: true })
+                || setup.hold == Hold::First,
+            ramp: None,
             command: before,
             turned: before,
             length: zero,
@@ -82,8 +99,12 @@ impl<S: Simd> Actuation<S> {
         if !late.is_empty() || !actuation.clock.is_empty() {
             let rows = actuation.timeline(setup, &job);
             let issued = timeline(setup, &job, |row| clock_length(simd, row, &job));
-            let arrivals = Arrivals::new(simd, &late, [&issued, &rows], before, &job);
+            let times = [&issued, &rows];
+            let arrivals = Arrivals::new(simd, setup.hold, &late, times, before, &job);
             actuation.arrivals = Some((arrivals, rows));
+        } else if setup.hold == Hold::First {
+            let ends = [before; 2];
+            actuation.ramp = Some(Ramp { ends, share: 1.0 });
         }
         let knob = actuation.answer(before);
         actuation.tilt(knob);
@@ -143,8 +164,14 @@ impl<S: Simd> Actuation<S> {
         let one = self.length.like(1.0);
         self.damping = one.over(one + self.damping_per_s * self.length);
         if self.arrivals.is_none() {
-            let command = |axis: usize| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]);
-            self.command = [command(0), command(1)];
+            let command = |row: usize| {
+                [0, 1].map(|axis| Lanes::from_fn(simd, |lane| job(lane).command(row)[axis]))
+            };
+            self.command = command(row);
+            if let Some(ramp) = &mut self.ramp {
+                ramp.ends = [self.command, command(row + 1)];
+                ramp.share = 1.0 / f64::from(job(0).clock.step(row).substeps);
+            }
         }
         if !self.moves() {
             let knob = self.answer(self.command);
@@ -161,6 +188,11 @@ impl<S: Simd> Actuation<S> {
         };
         if let Some(command) = arrived {
             self.command = command;
+        }
+        if let Some(Ramp { ends, share }) = &self.ramp {
+            let part = (f64::from(substep) + 0.5) * share;
+            self.command =
+                [0, 1].map(|axis| ends[0][axis] + part * (ends[1][axis] - ends[0][axis]));
         }
         if self.moves || arrived.is_some() || substep == 0 {
             let turned = self.turned;
@@ -182,17 +214,47 @@ impl<S: Simd> Actuation<S> {
         knob
     }
 
+    /// The board's angles (rad) as the tilt sensor reports them before the next substep begins.
+    #[inline(always)]
+    pub(super) fn gauged(&mut self) -> Pair<S> {
+        let mut tilt = self.tilt;
+        if self.moves() {
+            let mut knob = match (&self.arrivals, &self.ramp) {
+                (Some((arrivals, _)), _) => arrivals.last(),
+                (None, Some(ramp)) => ramp.ends[1],
+                (None, None) => self.command,
+            };
+            let length = self.length.like(PEEK_S);
+            // Of copies, since an effect remembers every angle that it is asked for.
+            self.peeked.clone_from(&self.knobs);
+            for effect in &mut self.peeked {
+                effect.turn(&mut knob, length);
+            }
+            tilt = self.tilted(knob);
+        }
+        for effect in &self.gauges {
+            effect.gauge(&mut tilt);
+        }
+        tilt
+    }
+
     /// Tilts the board by its knobs.
     #[inline(always)]
     fn tilt(&mut self, knob: Pair<S>) {
+        self.tilt = self.tilted(knob);
+        self.push = self.gravity(self.tilt);
+    }
+
+    /// The board's angles (rad) under knobs.
+    #[inline(always)]
+    fn tilted(&self, knob: Pair<S>) -> Pair<S> {
         let mut tilt = [self.gear[0] * knob[0], self.gear[1] * knob[1]];
         for effect in &self.tilts {
             effect.tilt(&mut tilt);
         }
         // A board that effects would turn over stands on edge.
         let most = tilt[0].like(FRAC_PI_2);
-        self.tilt = [tilt[0].clamp(most), tilt[1].clamp(most)];
-        self.push = self.gravity(self.tilt);
+        [tilt[0].clamp(most), tilt[1].clamp(most)]
     }
 
     /// Gravity in the frame of a board that turned about x first, then about y.

@@ -117,6 +117,31 @@ impl Timeline {
         f64::from(self.steps[row].0)
     }
 
+    /// One over the substeps of a row.
+    pub(super) fn share(&self, row: usize) -> f64 {
+        1.0 / self.substeps(row)
+    }
+
+    /// The same with a row for each substep.
+    pub(super) fn of_substeps(&self) -> Self {
+        let mut fine = Self::new(
+            self.steps
+                .iter()
+                .flat_map(|&(substeps, length)| (0..substeps).map(move |_| (1, length))),
+        );
+        // To the last bit when the substeps of each row begin.
+        let mut place = 0;
+        for (row, (substeps, length)) in self.steps.iter().enumerate() {
+            for substep in 0..*substeps {
+                fine.begins[place] = std::array::from_fn(|lane| {
+                    self.begins[row][lane] + f64::from(substep) * length[lane]
+                });
+                place += 1;
+            }
+        }
+        fine
+    }
+
     /// How long the substeps of a row are in each lane (s).
     pub(super) fn lengths(&self, row: usize) -> &[f64; 8] {
         &self.steps[row].1

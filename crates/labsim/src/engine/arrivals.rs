@@ -10,8 +10,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::Job;
 use super::agenda::{Moment, Timeline};
+use super::{Hold, Job};
 use crate::effects::Any;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -30,6 +30,14 @@ pub(super) struct Arrivals<S: Simd> {
     was_mixed: bool,
 }
 
+/// Commands as they are issued, in order.
+struct Issued<'a> {
+    /// When.
+    times: &'a Timeline,
+    /// The row that each belongs to, and which of the row's substeps.
+    places: Vec<(usize, u32)>,
+}
+
 /// The first command of each lane that comes in a row; or the second, and so on.
 #[derive(Clone)]
 struct Wave {
@@ -41,17 +49,27 @@ struct Wave {
 
 impl<S: Simd> Arrivals<S> {
     /// Commands that are `issued` when the rows of that timeline begin and come late by `late`, to the
-    /// rows of another; `before` came long ago.
+    /// rows of another; `before` came long ago. One that goes evenly to the next one is issued in steps, one a
+    /// substep.
     pub(super) fn new<'a, 'b: 'a>(
         simd: S,
+        hold: Hold,
         late: &[Any<S>],
         [issued, rows]: [&Timeline; 2],
         before: Pair<S>,
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
         let late = lateness(simd, late, issued.rows(), &job);
+        let steps;
+        let issued = match hold {
+            Hold::Zero => Issued::rows(issued),
+            Hold::First => {
+                steps = issued.of_substeps();
+                Issued::substeps(issued, &steps)
+            }
+        };
         let moments: Vec<Vec<Moment>> = (0..S::F64_LANES)
-            .map(|lane| moments([issued, rows], lane, &late))
+            .map(|lane| issued.moments(rows, lane, &late))
             .collect();
         let of_one_row = |a: &Moment, b: &Moment| a.row == b.row;
         let mut begins = vec![0; rows.rows() + 1];
@@ -67,7 +85,7 @@ impl<S: Simd> Arrivals<S> {
             command: [[0.0; 8]; 2],
         };
         let mut waves = vec![none; begins[rows.rows()]];
-        let mut comes = vec![None; issued.rows()];
+        let mut comes = vec![None; issued.places.len()];
         for (lane, all) in moments.iter().enumerate() {
             for row in all.chunk_by(of_one_row) {
                 let begin = begins[row[0].row];
@@ -76,7 +94,15 @@ impl<S: Simd> Arrivals<S> {
                     if lane == 0 {
                         comes[moment.what] = Some(begin + number);
                     }
-                    let [x, y] = job(lane).commands[moment.what];
+                    let (row, substep) = issued.places[moment.what];
+                    let [x, y] = match hold {
+                        Hold::Zero => job(lane).commands[row],
+                        Hold::First => {
+                            let part = (f64::from(substep) + 0.5) * rows.share(row);
+                            let [from, to] = [row, row + 1].map(|row| job(lane).command(row));
+                            [0, 1].map(|axis| from[axis] + part * (to[axis] - from[axis]))
+                        }
+                    };
                     wave.at[lane] = moment.at;
                     wave.command[0][lane] = x;
                     wave.command[1][lane] = y;
@@ -98,6 +124,12 @@ impl<S: Simd> Arrivals<S> {
             self.waves[wave].command[0][0] = command[0];
             self.waves[wave].command[1][0] = command[1];
         }
+    }
+
+    /// The last command that came (rad).
+    #[inline(always)]
+    pub(super) fn last(&self) -> Pair<S> {
+        self.command
     }
 
     /// The command on average over a substep, where it is another than in the substep before.
@@ -158,23 +190,44 @@ fn lateness<'a, 'b: 'a, S: Simd>(
         .collect()
 }
 
-/// When the commands of a lane's rollout come; one that a later command has overtaken does not.
-fn moments([issued, rows]: [&Timeline; 2], lane: usize, late: &[[f64; 8]]) -> Vec<Moment> {
-    let mut soonest = f64::INFINITY;
-    let mut moments: Vec<Moment> = Vec::with_capacity(late.len());
-    for (what, late) in late.iter().enumerate().rev() {
-        let time = issued.begins(what, lane) + late[lane];
-        if time < soonest {
-            soonest = time;
-            let (row, at) = if time == rows.begins(what, lane) {
-                (what, 0.0)
-            } else {
-                let near = moments.last().map_or(what, |later| later.row);
-                rows.locate(lane, time, 0, near)
-            };
-            moments.push(Moment { row, at, what });
+impl<'a> Issued<'a> {
+    /// One command a row.
+    fn rows(times: &'a Timeline) -> Self {
+        Self {
+            times,
+            places: (0..times.rows()).map(|row| (row, 0)).collect(),
         }
     }
-    moments.reverse();
-    moments
+
+    /// One command a substep, each of which is a row of `times`.
+    fn substeps(rows: &Timeline, times: &'a Timeline) -> Self {
+        let of_row = |row: usize| (0..rows.substeps(row) as u32).map(move |substep| (row, substep));
+        Self {
+            times,
+            places: (0..rows.rows()).flat_map(of_row).collect(),
+        }
+    }
+
+    /// When the commands of a lane's rollout come, those of a row all so late; one that a later command has
+    /// overtaken does not.
+    fn moments(&self, rows: &Timeline, lane: usize, late: &[[f64; 8]]) -> Vec<Moment> {
+        let mut soonest = f64::INFINITY;
+        let mut moments: Vec<Moment> = Vec::with_capacity(self.places.len());
+        for (what, &(own, substep)) in self.places.iter().enumerate().rev() {
+            let time = self.times.begins(what, lane) + late[own][lane];
+            if time < soonest {
+                soonest = time;
+                let in_time = rows.begins(own, lane) + f64::from(substep) * rows.lengths(own)[lane];
+                let (row, at) = if time == in_time {
+                    (own, f64::from(substep))
+                } else {
+                    let near = moments.last().map_or(own, |later| later.row);
+                    rows.locate(lane, time, 0, near)
+                };
+                moments.push(Moment { row, at, what });
+            }
+        }
+        moments.reverse();
+        moments
+    }
 }

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use pulp::Scalar;
 
 use super::rolling::{Company, Register};
-use super::{Clock, Job, Setup, Step};
+use super::{Clock, Hold, Job, Setup, Sink, Step};
 use crate::board::Rig;
 use crate::effects::{Acts, Chosen, in_order};
 use crate::error::{Error, Result};
@@ -63,6 +63,7 @@ impl Live {
             rig,
             effects: &effects,
             rows,
+            hold: Hold::Zero,
             cancel: &AtomicBool::new(false),
         };
         let step = Step::lasting(row_s);
@@ -120,7 +121,10 @@ impl Live {
             filler: &job,
         };
         self.register.begin_row(row, company);
-        let mut out = [&mut self.seen[..]];
+        let mut out = [Sink {
+            marble: &mut self.seen,
+            tilt: &mut [],
+        }];
         for substep in 0..self.step.substeps {
             self.register
                 .substep(row, substep, &mut self.marbles, &mut out);

@@ -132,6 +132,45 @@ impl Clock {
     }
 }
 
+/// What a command does until the next one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Hold {
+    /// It holds.
+    #[default]
+    Zero,
+    /// It goes evenly to the next one; the last one holds. So a measured tilt is played.
+    First,
+}
+
+impl Hold {
+    /// Every kind, with the name users know it by.
+    pub const ALL: [(&str, Self); 2] = [("zero", Self::Zero), ("first", Self::First)];
+}
+
+impl FromStr for Hold {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        let found = Self::ALL.iter().find(|(known, _)| *known == name);
+        found.map(|&(_, hold)| hold).ok_or_else(|| Error::Unknown {
+            kind: "hold",
+            name: name.to_owned(),
+            possible: Self::ALL.map(|(known, _)| known).join(", "),
+        })
+    }
+}
+
+/// A time (s) in which no knob moves: it asks an effect on the knob where that is now.
+pub(crate) const PEEK_S: f64 = 1e-12;
+
+/// Where the results of a rollout go, a pair a row.
+pub(crate) struct Sink<'a> {
+    /// Observed positions (board edges).
+    pub(crate) marble: &'a mut [[f64; 2]],
+    /// The board's angles as the tilt sensor reports them (rad); none where nobody asks.
+    pub(crate) tilt: &'a mut [[f64; 2]],
+}
+
 /// What all rollouts of a batch share.
 #[derive(Clone, Copy)]
 pub(crate) struct Setup<'a> {
@@ -140,6 +179,7 @@ pub(crate) struct Setup<'a> {
     pub(crate) effects: &'a [Chosen<'a>],
     /// How many rows are observed.
     pub(crate) rows: usize,
+    pub(crate) hold: Hold,
     pub(crate) cancel: &'a AtomicBool,
 }
 
@@ -151,8 +191,11 @@ impl Setup<'_> {
 
     /// Whether nothing but the marbles changes within a row.
     pub(crate) fn is_plain(&self) -> bool {
+        if self.hold == Hold::First {
+            return false;
+        }
         !self.any(|acts| match acts {
-            Acts::OnTilt | Acts::OnRims | Acts::OnPicture => false,
+            Acts::OnTilt | Acts::OnRims | Acts::OnPicture | Acts::OnGauge => false,
             Acts::OnKnob { moves } => moves,
             Acts::OnArrival | Acts::OnClock | Acts::OnMarble(_) | Acts::OnExposure => true,
         })
@@ -226,4 +269,11 @@ pub(crate) struct Job<'a> {
     pub(crate) clock: Clock,
     /// Of what effects draw.
     pub(crate) seed: u64,
+}
+
+impl Job<'_> {
+    /// The command of a row (rad); the last one holds.
+    pub(crate) fn command(&self, row: usize) -> [f64; 2] {
+        self.commands[row.min(self.commands.len() - 1)]
+    }
 }

@@ -34,7 +34,7 @@ use pulp::Scalar;
 use rapier3d_f64::prelude::*;
 
 use self::marble::Marble;
-use super::{Job, Setup};
+use super::{Job, Setup, Sink};
 use crate::board::{Rig, SUBSTEP_S};
 
 /// The most marbles to a world: enough to share its overhead, few enough to stay in the cache.
@@ -65,13 +65,13 @@ const HAIR: f64 = 1e-6;
 const FIXED: Group = Group::GROUP_1;
 const MARBLES: Group = Group::GROUP_2;
 
-/// Simulates up to [`GROUP`] rollouts, in one world if their rims are alike; `out[j][i]` becomes the
-/// observation of job j at row i.
-pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]]) {
-    let mut all: Vec<(f64, &Job<'_>, &mut [[f64; 2]])> = jobs
+/// Simulates up to [`GROUP`] rollouts, in one world if their rims are alike; row i of `out[j]` becomes what
+/// is observed of job j at row i.
+pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [Sink<'_>]) {
+    let mut all: Vec<(f64, &Job<'_>, &mut Sink<'_>)> = jobs
         .iter()
         .zip(out)
-        .map(|(job, out)| (restitution(setup, job), job, &mut **out))
+        .map(|(job, out)| (restitution(setup, job), job, out))
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
     for alike in all.chunk_by_mut(|a, b| a.0 == b.0) {
@@ -94,7 +94,7 @@ fn restitution(setup: &Setup<'_>, job: &Job<'_>) -> f64 {
 }
 
 /// Simulates rollouts in one world.
-fn simulate(setup: &Setup<'_>, jobs: &mut [(f64, &Job<'_>, &mut [[f64; 2]])]) {
+fn simulate(setup: &Setup<'_>, jobs: &mut [(f64, &Job<'_>, &mut Sink<'_>)]) {
     let mut world = world(setup.rig);
     let mut marbles: Vec<Marble<'_>> = jobs
         .iter()

@@ -16,7 +16,7 @@ use pulp::{Arch, Scalar, Simd, WithSimd};
 use self::contact::substep;
 use super::actuation::Actuation;
 use super::camera::Camera;
-use super::{Job, Setup};
+use super::{Job, Setup, Sink};
 use crate::effects::Any;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push, Rims};
@@ -29,7 +29,7 @@ const REGISTERS: usize = 4;
 
 /// Simulates up to [`GROUP`] rollouts whose marbles are let go at the same row; fastest where neighbours
 /// take equally many substeps, which they must if [`Setup::is_plain`] is not true.
-pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]]]) {
+pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [Sink<'_>]) {
     let group = Group { setup, jobs, out };
     match jobs.len() {
         // Nothing stands beside it, and wide registers take longer to divide.
@@ -41,7 +41,7 @@ pub(crate) fn run(setup: &Setup<'_>, jobs: &[Job<'_>], out: &mut [&mut [[f64; 2]
 struct Group<'a, 'b, 'c> {
     setup: &'a Setup<'a>,
     jobs: &'a [Job<'b>],
-    out: &'a mut [&'c mut [[f64; 2]]],
+    out: &'a mut [Sink<'c>],
 }
 
 impl WithSimd for Group<'_, '_, '_> {
@@ -65,7 +65,7 @@ fn simulate<S: Simd, const N: usize>(
     simd: S,
     setup: &Setup<'_>,
     jobs: &[Job<'_>],
-    out: &mut [&mut [[f64; 2]]],
+    out: &mut [Sink<'_>],
 ) {
     let companies: [Company<'_, '_>; N] = std::array::from_fn(|register| {
         let begin = register * S::F64_LANES;
@@ -85,7 +85,7 @@ fn simulate<S: Simd, const N: usize>(
     let mut marbles: [Marbles<S>; N] = std::array::from_fn(|i| registers[i].release(companies[i]));
     for row in first..first + setup.rows {
         for (((register, company), marbles), out) in registers
-            .iter()
+            .iter_mut()
             .zip(companies)
             .zip(&marbles)
             .zip(out.chunks_mut(S::F64_LANES))
@@ -252,15 +252,21 @@ impl<S: Simd> Register<S> {
         }
     }
 
-    /// Writes down what the camera sees as a row begins.
+    /// Writes down what the camera sees, and the tilt sensor, as a row begins.
     #[inline(always)]
     pub(super) fn observe(
-        &self,
+        &mut self,
         row: usize,
         marbles: &Marbles<S>,
         company: Company<'_, '_>,
-        out: &mut [&mut [[f64; 2]]],
+        out: &mut [Sink<'_>],
     ) {
+        if out.iter().any(|out| !out.tilt.is_empty()) {
+            let [x, y] = self.actuation.gauged().map(Lanes::to_array);
+            for (lane, (job, out)) in company.jobs.iter().zip(&mut *out).enumerate() {
+                out.tilt[row - job.first] = [x[lane], y[lane]];
+            }
+        }
         if row > company.filler.first && self.camera.agenda.is_some() {
             return;
         }
@@ -269,7 +275,7 @@ impl<S: Simd> Register<S> {
             .see([marbles.x, marbles.y], &self.actuation.tilt);
         let (x, y) = (seen[0].to_array(), seen[1].to_array());
         for (lane, (job, out)) in company.jobs.iter().zip(out).enumerate() {
-            out[row - job.first] = if row == job.first {
+            out.marble[row - job.first] = if row == job.first {
                 job.start
             } else {
                 [x[lane], y[lane]]
@@ -283,7 +289,7 @@ impl<S: Simd> Register<S> {
         row: usize,
         index: u32,
         marbles: &mut Marbles<S>,
-        out: &mut [&mut [[f64; 2]]],
+        out: &mut [Sink<'_>],
     ) {
         if self.actuation.moves() {
             self.actuation.substep(row, index);
@@ -305,7 +311,7 @@ impl<S: Simd> Register<S> {
             let (stretch, motion) = ([end - 1.0, end], [&before, &*marbles]);
             let write = |lane: usize, row: usize, seen: [f64; 2]| {
                 if let Some(out) = out.get_mut(lane) {
-                    out[row] = seen;
+                    out.marble[row] = seen;
                 }
             };
             self.camera
@@ -322,7 +328,7 @@ mod tests {
     use crate::board::Rig;
     use crate::drive::paper_drive;
     use crate::effects::{About, Chosen, Parameter, known};
-    use crate::engine::{Clock, Step};
+    use crate::engine::{Clock, Hold, Step};
     use crate::rollout::PerRollout;
 
     /// What 29 marbles do on every instruction set that is here; `substeps` is asked for a marble's.
@@ -348,17 +354,24 @@ mod tests {
         let rows = commands.len() - 10;
         let run = |dispatch: &dyn Fn(Group<'_, '_, '_>)| {
             let mut all = vec![[0.0; 2]; jobs.len() * rows];
-            let mut out: Vec<&mut [[f64; 2]]> = all.chunks_mut(rows).collect();
+            let mut tilts = all.clone();
+            let mut out: Vec<Sink<'_>> = all
+                .chunks_mut(rows)
+                .zip(tilts.chunks_mut(rows))
+                .map(|(marble, tilt)| Sink { marble, tilt })
+                .collect();
             dispatch(Group {
                 setup: &Setup {
                     rig: &rig,
                     effects,
                     rows,
+                    hold: Hold::Zero,
                     cancel: &AtomicBool::new(false),
                 },
                 jobs: &jobs,
                 out: &mut out,
             });
+            all.append(&mut tilts);
             all
         };
         let mut found = vec![

@@ -10,6 +10,7 @@ use super::problem::Problem;
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
 use crate::effects::Chosen;
+use crate::engine::Hold;
 use crate::error::Result;
 use crate::parameters::Parameters;
 use crate::rollout::{Batch, PerRollout, TimeBase};
@@ -231,6 +232,7 @@ impl<'a> Shooting<'a> {
             effects: &chosen,
             rows,
             commands: PerRollout::Of(&commands),
+            hold: Hold::Zero,
             knobs_before: PerRollout::Each(&knobs),
             first: PerRollout::Each(&first),
             start: PerRollout::Each(&start),

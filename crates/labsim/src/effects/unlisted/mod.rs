@@ -182,6 +182,7 @@ const FASTEST: f64 = 1.0;
 const FORCE: f64 = 7.0 / 5.0;
 
 /// An acceleration that grows with a power of the speed.
+#[derive(Clone)]
 struct Law<S: Simd> {
     /// What an acceleration at 0.1 m/s becomes at `FASTEST`.
     growth: Lanes<S>,
@@ -190,6 +191,7 @@ struct Law<S: Simd> {
     power: Lanes<S>,
 }
 
+#[derive(Clone)]
 pub(crate) struct Unlisted<S: Simd> {
     /// Those that push, brake or turn the gears in any lane: in the others they add nothing to a sum that begins at zero.
     profiles: Vec<Profile<S>>,

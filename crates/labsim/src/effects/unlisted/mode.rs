@@ -6,6 +6,7 @@ use crate::lanes::Lanes;
 use crate::motion::Pair;
 
 /// A board on springs: where it swings after its knobs tell it to be elsewhere.
+#[derive(Clone)]
 pub(super) struct Mode<S: Simd> {
     pub(super) gain: Lanes<S>,
     /// Rate times damping, and the rate at which it rings (rad/s).
@@ -20,6 +21,7 @@ pub(super) struct Mode<S: Simd> {
 }
 
 /// What so many seconds leave of a free swing: the decay times cosine, and times sine over the ringing.
+#[derive(Clone)]
 struct Swing<S: Simd> {
     length: Lanes<S>,
     cos: Lanes<S>,

@@ -23,6 +23,7 @@ const FARTHEST: f64 = 1e3;
 /// What makes the ridge 1 where it is highest: the root of e.
 const RIDGE_TOP: f64 = 1.648_721_270_700_128_2;
 
+#[derive(Clone)]
 pub(super) struct Profile<S: Simd> {
     shape: Shapes<S>,
     pub(super) push: Pair<S>,
@@ -45,6 +46,7 @@ pub(super) struct Profile<S: Simd> {
 }
 
 /// Which lanes have which shape, where any has another than a wave.
+#[derive(Clone)]
 struct Shapes<S: Simd> {
     step: Option<Mask<S>>,
     bell: Option<Mask<S>>,

@@ -8,7 +8,7 @@ use crate::board::{Rig, SUBSTEP_S};
 use crate::effects::Any;
 use crate::engine::actuation::Actuation;
 use crate::engine::camera::Camera;
-use crate::engine::{Job, Setup};
+use crate::engine::{Job, Setup, Sink};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
 
@@ -116,9 +116,9 @@ impl<'a> Marble<'a> {
     }
 
     /// Brings the marble to its next substep, over the rows that end here; false after the last.
-    pub(super) fn prepare(&mut self, bodies: &mut RigidBodySet, out: &mut [[f64; 2]]) -> bool {
+    pub(super) fn prepare(&mut self, bodies: &mut RigidBodySet, out: &mut Sink<'_>) -> bool {
         let marble = &mut bodies[self.body];
-        self.expose(marble, out);
+        self.expose(marble, out.marble);
         while self.done == self.substeps {
             if self.row == self.end {
                 return false;
@@ -154,14 +154,17 @@ impl<'a> Marble<'a> {
         }
     }
 
-    fn observe(&self, marble: &RigidBody, out: &mut [[f64; 2]]) {
+    fn observe(&mut self, marble: &RigidBody, out: &mut Sink<'_>) {
         let row = self.row - self.job.first;
+        if let Some(tilt) = out.tilt.get_mut(row) {
+            *tilt = self.actuation.gauged().map(number);
+        }
         if row == 0 {
-            out[row] = self.job.start;
+            out.marble[row] = self.job.start;
         } else if self.camera.agenda.is_none() {
             let place = marble.translation();
             let place = [place.x, place.y].map(|value| Lanes::splat(Scalar::new(), value));
-            out[row] = self.camera.see(place, &self.actuation.tilt).map(number);
+            out.marble[row] = self.camera.see(place, &self.actuation.tilt).map(number);
         }
     }
 
