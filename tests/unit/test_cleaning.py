@@ -82,6 +82,13 @@ def test_hidden_markers_are_found(first: int, rows: int, size: float, sign: floa
     assert np.array_equal(tilt_jumps(tilt), expected)
 
 
+def test_a_board_that_moves_on_while_its_marker_is_hidden() -> None:
+    tilt = np.zeros((600, 2))
+    tilt[:, 0] = np.interp(np.arange(600), [300, 330], [0.07, -0.02])
+    tilt[300:330, 0] += 0.145
+    assert mask_spans(tilt_jumps(tilt)[:, 0]) == [(300, 330)]
+
+
 def test_a_fast_board_does_not_jump() -> None:
     times = np.arange(900) / RATE
     angle = 0.14 * np.sign(np.sin(3.0 * times))

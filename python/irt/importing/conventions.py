@@ -184,7 +184,8 @@ class _Chain:
             return None
         costs = [_squares(design[seen], rough[seen]) for design in self.designs]
         start = self.grid[int(np.argmin(costs))]
-        scale = _LINEAR * max(float(np.sqrt(min(costs))), 1e-6)
+        best = self.designs[int(np.argmin(costs))][seen]
+        scale = _LINEAR * max(_spread(best, rough[seen]), 1e-6)
 
         def cost(point: Array) -> float:
             if point[1] < 0.0:
@@ -217,6 +218,13 @@ def _squares(design: Array, target: Array) -> float:
     full = np.column_stack([design, np.ones(len(target))])
     coefficients = np.linalg.lstsq(full.T @ full, full.T @ target, rcond=None)[0]
     return float(np.mean((target - full @ coefficients) ** 2))
+
+
+def _spread(design: Array, target: Array) -> float:
+    """Return a standard deviation of the residual for which hidden markers do not count."""
+    full = np.column_stack([design, np.ones(len(target))])
+    coefficients, _ = robust_fit(full, target, np.zeros(full.shape[1]))
+    return 1.4826 * float(np.median(np.abs(target - full @ coefficients)))
 
 
 def _soft_cost(design: Array, target: Array, scale: float) -> float:
