@@ -149,6 +149,8 @@ def test_a_replay(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None
     assert "a replay has no stamps: rows are taken to be 1/55 s apart" in done.out
     assert "rows 0.018" in done.out
     assert 'tilt "-alpha" moves x by +' in done.out
+    (recording,) = load_rig(tmp_path / "rig").recordings
+    assert recording.stamps is None
 
 
 def test_tilt_alone(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
@@ -268,6 +270,17 @@ def test_tilt_of_another_length(tmp_path: Path, truth: Truth, irt: Callable[...,
     log.write_text("\n".join([*text[:50], text[50].rsplit(",", 3)[0], *text[51:]]))
     failed = irt("import", log, "--from", "csv", *MAP)
     assert "log.csv, line 51: 4 cells, but the header has 7" in failed.err
+
+
+def test_a_rig_whose_commands_are_in_another_unit(
+    tmp_path: Path, truth: Truth, irt: Callable[..., Any]
+) -> None:
+    (tmp_path / "rig").mkdir()
+    (tmp_path / "rig" / "rig.toml").write_text('[recordings]\nstart = "moving"\n')
+    log = write_csv(tmp_path / "log.csv", columns(truth))
+    failed = irt("import", log, "--from", "csv", *MAP, "--out", tmp_path / "rig")
+    assert "commands of this rig are in rad, but those of" in failed.err
+    assert not list((tmp_path / "rig").glob("*.csv"))
 
 
 def test_a_pickle(tmp_path: Path, irt: Callable[..., Any]) -> None:

@@ -107,7 +107,9 @@ def test_a_bag_whose_headers_are_of_another_clock(tmp_path: Path, seed: int) -> 
         header_offset=offset,
     )
     (tmp_path / "rig").mkdir()
-    (tmp_path / "rig" / "rig.toml").write_text("[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
+    (tmp_path / "rig" / "rig.toml").write_text(
+        '[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n[commands]\nunit = "servo"\n'
+    )
     summary = import_logs([bag], tmp_path / "rig", "tag")
     note = next(note for note in summary.logs[0].notes if "another clock" in note)
     assert float(note.split("clock: ")[1].split(" ")[0]) == pytest.approx(-offset, abs=CLOCK_S)

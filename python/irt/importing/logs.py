@@ -28,8 +28,8 @@ from irt.importing.sources import (
 from irt.importing.splitting import Cleaned, Counts, Stretch, clean
 from irt.importing.units import check_places, check_tilt_gain, check_tilt_size, marble_is_swapped
 from irt.importing.weak_form import Map, Run
-from irt.recording import KNOBS, Recording
-from irt.rig import Board, Commands, Marble, read_dimensions
+from irt.recording import CMD, KNOBS, Recording
+from irt.rig import Board, Commands, Marble, read_dimensions, read_signals
 
 Array = NDArray[np.float64]
 
@@ -141,11 +141,18 @@ def import_logs(
     lab = lab_of(Path(sources[0]), kind)
     target = Path(folder)
     board, marble = _dimensions(target, lab)
+    unit = _unit(target)
     reading = Reading(expressions, tuple(topics), episode, board.edge_x_m)
     logs = [read_log(Path(source), kind, reading, progress) for source in sources]
     if swapped := marble_is_swapped(logs, board):
         logs = [replace(log, marble=log.marble[:, ::-1], marble_names=log.marble_names[::-1]) for log in logs]
     for log in logs:
+        if unit is not None and (unit == "rad") != (log.columns == KNOBS):
+            raise IrtError(
+                f"{target}: commands of this rig are in {unit}, but those of {log.path} go to "
+                f"{' and '.join(log.columns)}; import into another folder, or map "
+                f"{' and '.join(KNOBS if unit == 'rad' else CMD)}"
+            )
         check_tilt_size(log)
         check_places(log, board)
     cleaned = [clean(log, home_after) for log in logs]
@@ -163,14 +170,12 @@ def import_logs(
     placed = _Placed(tilt, commands, offset or 0.0, shift)
     recordings = _recordings(cleaned, target, placed)
     noise = _noise(recordings)
-    period = float(
-        np.median(np.concatenate([np.diff(one.stamps) for one in recordings if one.stamps is not None]))
-    )
+    period = float(np.median([one.log.period for one in cleaned]))
     settings = None
     if not (target / "rig.toml").exists():
         first = cleaned[0].log
-        unit = Commands("rad" if first.columns == KNOBS else lab.unit, matrix)
-        settings = rig_toml(board, marble, unit, commands, noise, period=period, stamped=first.stamped)
+        spoken = Commands("rad" if first.columns == KNOBS else lab.unit, matrix)
+        settings = rig_toml(board, marble, spoken, commands, noise, period=period, stamped=first.stamped)
     if not dry_run:
         make_folder(target)
         if settings is not None:
@@ -206,6 +211,15 @@ def _dimensions(folder: Path, lab: Lab) -> tuple[Board, Marble]:
     """Return sizes by the folder's rig.toml, else the lab's."""
     path = folder / "rig.toml"
     return read_dimensions(read_toml(path)) if path.exists() else (lab.board, lab.marble)
+
+
+def _unit(folder: Path) -> str | None:
+    """Return the unit of commands of the rig in a folder, None where the folder has none yet."""
+    path = folder / "rig.toml"
+    if path.exists():
+        return read_signals(read_toml(path))[0].unit
+    # Recordings without a rig.toml are of knob angles.
+    return "rad" if folder.is_dir() and any(folder.glob("*.csv")) else None
 
 
 def _runs(cleaned: Sequence[Cleaned], edge: float) -> list[Run]:
@@ -309,7 +323,8 @@ def _recording(run: Stretch, path: Path, placed: _Placed) -> Recording:
         path,
         placed.commands.apply(means),
         log.marble[run.rows],
-        stamps - stamps[0],
+        # Row numbers at a nominal rate are no stamps: the time scale is then a parameter.
+        stamps - stamps[0] if log.stamped else None,
         measured,
         log.columns,
     )
