@@ -53,6 +53,7 @@ HEAVY = {
     "pybullet",
     "pysindy",
     "ray",
+    "rosbags",
     "sbi",
     "scipy",
     "torch",
