@@ -262,7 +262,9 @@ impl<S: Simd> Register<S> {
         out: &mut [Sink<'_>],
     ) {
         if out.iter().any(|out| !out.tilt.is_empty()) {
-            let [x, y] = self.actuation.gauged().map(Lanes::to_array);
+            // Apart from the loop over substeps, which is slow where it holds this code as well.
+            let simd = self.rims.reach_x.simd();
+            let [x, y] = simd.vectorize(|| self.actuation.gauged().map(Lanes::to_array));
             for (lane, (job, out)) in company.jobs.iter().zip(&mut *out).enumerate() {
                 out.tilt[row - job.first] = [x[lane], y[lane]];
             }
