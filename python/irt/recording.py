@@ -69,6 +69,8 @@ class Recording:
     hold : {"zero", "first"}
         What a command does from its row to the next: a zero-order hold, as files have it; or a first-order
         hold, as where a measured tilt is played in the place of the commands.
+    before : (2,) array or None
+        The commands before row 0, where they are known; files do not hold them.
 
     Raises
     ------
@@ -84,6 +86,7 @@ class Recording:
     tilt: Array | None = None
     columns: tuple[str, str] = KNOBS
     hold: Hold = "zero"
+    before: Array | None = None
 
     def __post_init__(self) -> None:
         def where(row: int, column: str) -> str:

@@ -47,6 +47,8 @@ class Inputs:
         Which of them each window is of; by default no marble has been turned.
     hold : {"zero", "first"}
         What a command does from its row to the next, as of a `Recording`.
+    before : (w, 2) array or None
+        The commands before row 0, where they are known.
     """
 
     knobs: Array
@@ -58,6 +60,7 @@ class Inputs:
     paths: tuple[Array, ...] = ()
     path: NDArray[np.int64] | None = None
     hold: Hold = "zero"
+    before: Array | None = None
 
     @classmethod
     def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
@@ -95,7 +98,17 @@ class Inputs:
             self.paths,
             None if self.path is None else self.path[windows],
             self.hold,
+            None if self.before is None else self.before[windows],
         )
+
+    def knobs_before(self, model: Model) -> Array | None:
+        """Return the commands before row 0 that a simulation begins with, (w, 2); None where they were level.
+
+        Who starts in motion has held the knobs somewhere: the first command is the best guess.
+        """
+        if self.before is not None:
+            return self.before
+        return self.knobs[:, 0] if model.start == "moving" else None
 
 
 def simulate(
@@ -135,7 +148,6 @@ def simulate(
     (w, n, 2) array
         Predicted positions [board edges], the start in row 0.
     """
-    moving = model.start == "moving"
     effects: list[Mapping[str, Any]] = [
         {"name": effect.name, **effect.parameters}
         for effect in model.effects
@@ -161,8 +173,7 @@ def simulate(
         first=inputs.first,
         issued=inputs.issued,
         rows=inputs.rows,
-        # Who starts in motion has held the knobs somewhere: the first command is the best guess.
-        knobs_before=inputs.knobs[:, 0] if moving else None,
+        knobs_before=inputs.knobs_before(model),
         hold=inputs.hold,
         seed=seed,
         threads=threads,
@@ -189,7 +200,7 @@ def simulate_tilt(model: Model, inputs: Inputs) -> Array:
         first=inputs.first,
         issued=inputs.issued,
         rows=inputs.rows,
-        knobs_before=inputs.knobs[:, 0] if model.start == "moving" else None,
+        knobs_before=inputs.knobs_before(model),
         hold=inputs.hold,
         tilt=True,
     )

@@ -84,15 +84,16 @@ class Solution:
     tracker_noise : float
         Standard deviation of the tracker [board edges], from the recordings alone; NaN without a marble.
     noise : float
-        Robust standard deviation of the residuals [board edges], freed of what was fitted; NaN without a marble.
+        Robust standard deviation of the residuals [board edges], freed of what was fitted; NaN without a
+        marble.
     axis_noise : (2,) array
         The same along x and along y; NaN along an axis that never changes.
     tilt_residuals : list of (rows, 2) arrays
         Predicted minus measured tilt for each segment [rad], NaN where it was not measured; empty where no
         recording has any.
     tilt_noise, tilt_scale : (2,) arrays
-        Standard deviation of the tilt sensor about x and y [rad], given or from its changes, and robust standard
-        deviation of the residuals; NaN where there is none, or about an axis that never changes.
+        Standard deviation of the tilt sensor about x and y [rad], given or from its changes, and robust
+        standard deviation of the residuals; NaN where there is none, or about an axis that never changes.
     loss : float
         Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`, those of the
         tilt at a scale of `tilt_noise`.
@@ -192,6 +193,7 @@ class Problem:
         noise: float | None = None,
         tilt_noise: float | None = None,
         held: Mapping[str, Mapping[str, float]] | None = None,
+        fixed: Mapping[str, float] | None = None,
         engine: Engine = "rolling",
         threads: int | None = None,
     ) -> Problem:
@@ -217,6 +219,8 @@ class Problem:
             segments.
         held : mapping, optional
             Values at which parameters of effects are held, by effect and name.
+        fixed : mapping, optional
+            Values at which some of the five parameters are held, by name.
         engine, threads
             As for `irt.rollouts`.
 
@@ -232,6 +236,8 @@ class Problem:
         parameters = np.array([(*ends, start) for ends, start in zip(ranges, begin, strict=True)])
         if time_scale is not None:
             parameters[TIME] = np.nan, np.nan, time_scale
+        for name, value in (fixed or {}).items():
+            parameters[PARAMETERS.index(name)] = np.nan, np.nan, value
         infos = [effect(one.name) for one in effects]
         named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
         pairs = list(zip(infos, named, strict=True))
@@ -249,6 +255,7 @@ class Problem:
             "noise": noise,
             "tilt_noise": tilt_noise,
             "engine": engine,
+            "hold": segments[0].run.hold if segments else "zero",
             "threads": threads,
             **_recordings(segments, at_rest=rig.start == "rest"),
         }

@@ -282,7 +282,7 @@ mod tests {
     use super::*;
     use crate::board::Rig;
     use crate::effects::effect;
-    use crate::engine::Engine;
+    use crate::engine::{Engine, Hold};
     use crate::fit::{Hypothesis, Sought};
 
     /// The optional difference of the lags about x and y, and the time of the break-away, are held.
@@ -311,6 +311,7 @@ mod tests {
             noise: None,
             tilt_noise: None,
             engine: Engine::Rolling,
+            hold: Hold::Zero,
             threads: None,
         };
         Coordinates::new(&problem, [1.0; 2]).unwrap()

@@ -11,7 +11,6 @@ use super::problem::Problem;
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
 use crate::effects::Chosen;
-use crate::engine::Hold;
 use crate::error::Result;
 use crate::parameters::Parameters;
 use crate::rollout::{Batch, Observed, PerRollout, TimeBase};
@@ -269,7 +268,7 @@ impl<'a> Shooting<'a> {
             effects: &chosen,
             rows,
             commands: PerRollout::Of(&commands),
-            hold: Hold::Zero,
+            hold: problem.hold,
             knobs_before: PerRollout::Each(&knobs),
             first: PerRollout::Each(&first),
             start: PerRollout::Each(&start),

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use labsim::effects::effect;
 use labsim::fit::{Hypothesis, Problem, Recording, Settings, Solution, Sought, Stretch};
-use labsim::{Batch, Chosen, Engine, Error, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{Batch, Chosen, Engine, Error, Hold, Parameters, PerRollout, Rig, TimeBase};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -185,6 +185,7 @@ impl Planted {
             noise: None,
             tilt_noise: None,
             engine: Engine::Rolling,
+            hold: Hold::Zero,
             threads: self.threads,
         })
     }
