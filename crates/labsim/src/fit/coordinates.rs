@@ -396,7 +396,14 @@ mod tests {
                 let column =
                     |matrix: &[Vec<f64>]| matrix.iter().map(|row| row[j]).collect::<Vec<_>>();
                 assert_near(
-                    &difference(&|z| coordinates.to_values(z)),
+                    &difference(&|z| {
+                        let values = coordinates.to_values(z);
+                        coordinates
+                            .slots()
+                            .iter()
+                            .map(|&slot| values[slot])
+                            .collect()
+                    }),
                     &column(&derivative),
                     1e-6,
                 );
