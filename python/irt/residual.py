@@ -363,7 +363,7 @@ def _windowed(
 
 def _played(model: Model, recording: Recording, window_s: float) -> Array:
     """Return the windows of a recording with its measured tilt played, (n, 2); NaN where it cannot be."""
-    pair = as_played(model, recording)
+    pair = as_played(model, recording) if recording.has_marble else None
     if pair is None:
         return np.full_like(recording.marble, np.nan)
     ((predicted,), _) = _windowed(pair[0], [pair[1]], window_s)
