@@ -100,7 +100,7 @@ def _base(folder: Path, tests: list[irt.Recording]) -> float:
     rig = irt.load_rig(folder)
     training = tuple(one for one in rig.recordings if one.name.startswith("train-"))
     case = Case.of(irt.Rig(rig.path, rig.board, rig.marble, rig.start, rig.ranges, training))
-    return float(irt.evaluate(case.model(case.fit()), tests).free_run.mae)
+    return float(irt.evaluate(case.model(case.fit()), tests).mae)
 
 
 def _simulated(
