@@ -22,6 +22,7 @@ struct Owned {
     recordings: Vec<OwnedRecording>,
     stretches: Vec<Stretch>,
     noise: Option<f64>,
+    tilt_noise: Option<f64>,
     engine: Engine,
     threads: Option<usize>,
 }
@@ -33,6 +34,7 @@ struct OwnedRecording {
     observed: Vec<[f64; 2]>,
     way: Vec<f64>,
     path: Vec<[f64; 2]>,
+    tilt: Option<Vec<[f64; 2]>>,
 }
 
 type AskedRecording<'py> = (
@@ -41,6 +43,7 @@ type AskedRecording<'py> = (
     Matrix<'py>,
     Vector<'py>,
     Matrix<'py>,
+    Option<Matrix<'py>>,
 );
 
 /// What `irt.fitting.problem` hands over, as it lies there.
@@ -53,12 +56,13 @@ pub(crate) struct Asked<'py> {
     parameters: Matrix<'py>,
     /// The same of each effect's parameters.
     effects: Vec<(String, Matrix<'py>)>,
-    /// Commands, durations and positions of each recording, and way and path up to each row.
+    /// Commands, durations and positions of each recording, way and path up to each row, and tilt.
     recordings: Vec<AskedRecording<'py>>,
     knobs_before: Matrix<'py>,
     /// Recording, first row, rows, whether the marble rests.
     stretches: Vec<(usize, usize, usize, bool)>,
     noise: Option<f64>,
+    tilt_noise: Option<f64>,
     engine: String,
     threads: Option<usize>,
 }
@@ -99,7 +103,7 @@ impl Owned {
             .iter()
             .zip(arrays::rows::<2>(&asked.knobs_before)?);
         let recordings = recordings.map(
-            |((commands, durations, observed, way, path), knobs_before)| {
+            |((commands, durations, observed, way, path, tilt), knobs_before)| {
                 Ok(OwnedRecording {
                     commands: arrays::rows(commands)?,
                     knobs_before,
@@ -107,6 +111,7 @@ impl Owned {
                     observed: arrays::rows(observed)?,
                     way: way.as_array().to_vec(),
                     path: arrays::rows(path)?,
+                    tilt: tilt.as_ref().map(arrays::rows).transpose()?,
                 })
             },
         );
@@ -126,6 +131,7 @@ impl Owned {
             recordings: recordings.collect::<PyResult<_>>()?,
             stretches: stretches.collect(),
             noise: asked.noise,
+            tilt_noise: asked.tilt_noise,
             engine: asked.engine.parse().map_err(errors::to_python)?,
             threads: asked.threads,
         })
@@ -140,6 +146,7 @@ impl Owned {
                 knobs_before: one.knobs_before,
                 durations: one.durations.as_deref(),
                 observed: &one.observed,
+                tilt: one.tilt.as_deref(),
                 way: Some(&one.way),
                 path: Some(&one.path),
             })
@@ -151,6 +158,7 @@ impl Owned {
             recordings: &recordings,
             stretches: &self.stretches,
             noise: self.noise,
+            tilt_noise: self.tilt_noise,
             engine: self.engine,
             threads: self.threads,
         })
@@ -212,6 +220,15 @@ pub(crate) fn fit<'py>(
     result.set_item("residuals", residuals.collect::<Vec<_>>())?;
     result.set_item("tracker_noise", solution.tracker_noise)?;
     result.set_item("noise", solution.noise)?;
+    let pair = |values: [f64; 2]| Array1::from(values.to_vec()).into_pyarray(py);
+    result.set_item("axis_noise", pair(solution.axis_noise))?;
+    let tilt = solution.tilt.as_ref();
+    let none = [f64::NAN; 2];
+    let residuals = tilt.map_or(&[][..], |tilt| &tilt.residuals);
+    let residuals = residuals.iter().map(|one| arrays::matrix(py, one));
+    result.set_item("tilt_residuals", residuals.collect::<Vec<_>>())?;
+    result.set_item("tilt_noise", pair(tilt.map_or(none, |tilt| tilt.noise)))?;
+    result.set_item("tilt_scale", pair(tilt.map_or(none, |tilt| tilt.scale)))?;
     result.set_item("loss", solution.loss)?;
     result.set_item("information", dictionary(py, &solution.information)?)?;
     result.set_item("estimates", estimates.collect::<Vec<_>>())?;
@@ -263,6 +280,8 @@ pub(crate) fn refine<'py>(
         result.set_item("values", Array1::from(one.values.clone()).into_pyarray(py))?;
         result.set_item("states", states(py, &one.states))?;
         result.set_item("residuals", residuals.collect::<Vec<_>>())?;
+        let residuals = one.tilt_residuals.iter().map(|one| arrays::matrix(py, one));
+        result.set_item("tilt_residuals", residuals.collect::<Vec<_>>())?;
         Ok(result)
     });
     told.collect()

@@ -99,6 +99,7 @@ fn fits(criterion: &mut Criterion) {
                 knobs_before: [0.0; 2],
                 durations: None,
                 observed,
+                tilt: None,
                 way: None,
                 path: None,
             })
@@ -122,6 +123,7 @@ fn fits(criterion: &mut Criterion) {
             recordings: &recordings,
             stretches: &stretches,
             noise: None,
+            tilt_noise: None,
             engine: Engine::Rolling,
             threads: None,
         };

@@ -71,7 +71,13 @@ def least_squares(
     began = time.perf_counter()
     stretches, time_scale = segments(rig), stamped_time_scale(rig)
     problem = Problem.of(
-        rig, stretches, effects=effects, time_scale=time_scale, engine=engine, threads=threads
+        rig,
+        stretches,
+        effects=effects,
+        time_scale=time_scale,
+        tilt_noise=rig.tilt.noise_rad,
+        engine=engine,
+        threads=threads,
     )
     with located(f"{rig.path}"):
         solution = problem.fit(starts=starts, seed=seed, progress=_report(progress))

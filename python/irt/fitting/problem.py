@@ -82,11 +82,21 @@ class Solution:
     residuals : list of (rows, 2) arrays
         Predicted minus observed for each segment [board edges]; NaN where nothing was seen.
     tracker_noise : float
-        Standard deviation of the tracker [board edges], from the recordings alone.
+        Standard deviation of the tracker [board edges], from the recordings alone; NaN without a marble.
     noise : float
-        Robust standard deviation of the residuals [board edges], freed of what was fitted.
+        Robust standard deviation of the residuals [board edges], freed of what was fitted; NaN without a
+        marble.
+    axis_noise : (2,) array
+        The same along x and along y; NaN along an axis that never changes.
+    tilt_residuals : list of (rows, 2) arrays
+        Predicted minus measured tilt for each segment [rad], NaN where it was not measured; empty where no
+        recording has any.
+    tilt_noise, tilt_scale : (2,) arrays
+        Standard deviation of the tilt sensor about x and y [rad], given or from its changes, and robust
+        standard deviation of the residuals; NaN where there is none, or about an axis that never changes.
     loss : float
-        Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`.
+        Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`, those of the
+        tilt at a scale of `tilt_noise`.
     information : Information
         What the recordings tell about the values.
     estimates : list of ((t, n) array, (t,) array)
@@ -100,6 +110,10 @@ class Solution:
     residuals: list[Array]
     tracker_noise: float
     noise: float
+    axis_noise: Array
+    tilt_residuals: list[Array]
+    tilt_noise: Array
+    tilt_scale: Array
     loss: float
     information: Information
     estimates: list[tuple[Array, Array]]
@@ -116,13 +130,14 @@ class Refined:
         The five parameters, then the effects'.
     states : (s, 4) array
         As of a `Solution`.
-    residuals : list of (rows, 2) arrays
+    residuals, tilt_residuals : lists of (rows, 2) arrays
         As of a `Solution`.
     """
 
     values: Array
     states: Array
     residuals: list[Array]
+    tilt_residuals: list[Array]
 
 
 @dataclass(frozen=True)
@@ -169,6 +184,7 @@ class Problem:
         values: Array | None = None,
         time_scale: float | None = None,
         noise: float | None = None,
+        tilt_noise: float | None = None,
         held: Mapping[str, Mapping[str, float]] | None = None,
         engine: Engine = "rolling",
         threads: int | None = None,
@@ -190,6 +206,9 @@ class Problem:
             Hold it at this value: what the stamps say.
         noise : float, optional
             The tracker's standard deviation [board edges]; by default it is estimated from the segments.
+        tilt_noise : float, optional
+            The tilt sensor's standard deviation [rad]; by default each axis has its own, estimated from the
+            segments.
         held : mapping, optional
             Values at which parameters of effects are held, by effect and name.
         engine, threads
@@ -218,6 +237,7 @@ class Problem:
                 for one, info in zip(effects, infos, strict=True)
             ],
             "noise": noise,
+            "tilt_noise": tilt_noise,
             "engine": engine,
             "threads": threads,
             **_recordings(segments, at_rest=rig.start == "rest"),
@@ -363,7 +383,9 @@ def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]
     """Return the recordings that segments are of, each once, and where in them the segments lie."""
     runs = list(dict.fromkeys(one.run for one in segments))
     return {
-        "recordings": [(run.knobs, run.durations, run.marble, run.way, run.rolled_path) for run in runs],
+        "recordings": [
+            (run.knobs, run.durations, run.marble, run.way, run.rolled_path, run.tilt) for run in runs
+        ],
         "knobs_before": np.array([np.zeros(2) if at_rest else run.knobs[0] for run in runs]),
         "stretches": [
             (runs.index(one.run), one.first_row, len(one.knobs), at_rest and one.first_row == 0)

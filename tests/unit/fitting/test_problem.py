@@ -35,7 +35,7 @@ def test_segments_of_a_recording_share_it(planted):
     asked = Problem.of(rig, segments(rig, 1.0)).asked
     assert len(asked["recordings"]) == 2
     assert {recording for recording, *_ in asked["stretches"]} == {0, 1}
-    for (knobs, durations, observed, way, path), recording, before in zip(
+    for (knobs, durations, observed, way, path, tilt), recording, before in zip(
         asked["recordings"], rig.recordings, asked["knobs_before"], strict=True
     ):
         np.testing.assert_array_equal(knobs, recording.knobs)
@@ -43,6 +43,7 @@ def test_segments_of_a_recording_share_it(planted):
         np.testing.assert_array_equal(observed, recording.marble)
         np.testing.assert_array_equal(way, recording.way)
         np.testing.assert_array_equal(path, recording.rolled_path)
+        assert tilt is None
         np.testing.assert_array_equal(before, recording.knobs[0])
     assert not any(at_rest for *_, at_rest in asked["stretches"])
 
@@ -124,7 +125,7 @@ def test_windows_know_how_the_marble_was_turned_before_them(planted):
     rig = planted(2, moving=True, effects=[{"name": effect.name, **effect.parameters}])
     truth = np.array([[*TRUTH, *effect.parameters.values()]])
     told = Problem.of(rig, segments(rig, 1.0), effects=[effect])
-    standing = [(*rest, np.zeros_like(path)) for *rest, path in told.asked["recordings"]]
+    standing = [(*rest, np.zeros_like(path), tilt) for *rest, path, tilt in told.asked["recordings"]]
     untold = replace(told, asked={**told.asked, "recordings": standing})
     left = [
         max(float(np.abs(one).max()) for one in problem.judge(truth)[0].residuals)

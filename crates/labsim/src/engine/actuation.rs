@@ -164,13 +164,15 @@ impl<S: Simd> Actuation<S> {
         let one = self.length.like(1.0);
         self.damping = one.over(one + self.damping_per_s * self.length);
         if self.arrivals.is_none() {
-            let command = |row: usize| {
-                [0, 1].map(|axis| Lanes::from_fn(simd, |lane| job(lane).command(row)[axis]))
-            };
-            self.command = command(row);
+            let command = |axis: usize| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]);
+            self.command = [command(0), command(1)];
             if let Some(ramp) = &mut self.ramp {
-                ramp.ends = [self.command, command(row + 1)];
-                ramp.share = 1.0 / f64::from(job(0).clock.step(row).substeps);
+                let next = |axis| Lanes::from_fn(simd, |lane| job(lane).command(row + 1)[axis]);
+                // Apart, so that rollouts without are as fast as if there were no ramps.
+                simd.vectorize(|| {
+                    ramp.ends = [self.command, [0, 1].map(next)];
+                    ramp.share = 1.0 / f64::from(job(0).clock.step(row).substeps);
+                });
             }
         }
         if !self.moves() {

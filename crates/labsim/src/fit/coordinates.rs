@@ -203,6 +203,14 @@ impl Coordinates {
         }
     }
 
+    /// How far a coordinate goes while its parameter changes by so much.
+    pub(super) fn per_unit(&self, i: usize, change: f64) -> f64 {
+        match self.axes[i].shape {
+            Shape::Linear(unit) => change / unit,
+            _ => change,
+        }
+    }
+
     /// The derivatives of the free values by the coordinates, a row for each value; bounds are not
     /// seen.
     pub(super) fn derivative(&self, z: &[f64]) -> Vec<Vec<f64>> {
@@ -297,6 +305,7 @@ mod tests {
             recordings: &[],
             stretches: &[],
             noise: None,
+            tilt_noise: None,
             engine: Engine::Rolling,
             threads: None,
         };

@@ -5,6 +5,8 @@
 //! an impact or a stop a small change may send the marble elsewhere, and such rows say less than their
 //! slopes pretend.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -164,18 +166,22 @@ impl Linear<'_> {
         let mut jacobian = DMatrix::zeros(rows + count, count);
         let mut follow = Vec::with_capacity(windows.all.len());
         for window in &windows.all {
-            let own = window.residuals();
-            let of = |columns: &[Vec<f64>]| {
+            let own = window.marble();
+            let of = |own: &Range<usize>, columns: &[Vec<f64>]| {
                 DMatrix::from_fn(own.len(), columns.len(), |i, j| {
                     root[own.start + i] * columns[j][own.start + i]
                 })
             };
-            let (by_z, by_state) = (of(&self.line.by_z), of(&self.line.by_state));
+            let (by_z, by_state) = (of(&own, &self.line.by_z), of(&own, &self.line.by_state));
             let inverse = pseudo_inverse(&by_state);
             let follows = -(inverse * &by_z);
             jacobian
                 .rows_mut(own.start, own.len())
                 .copy_from(&(by_z + by_state * &follows));
+            let tilt = window.tilt();
+            jacobian
+                .rows_mut(tilt.start, tilt.len())
+                .copy_from(&of(&tilt, &self.line.by_z));
             follow.push(follows);
         }
         let mut pull = DVector::zeros(rows + count);
@@ -283,7 +289,7 @@ impl Linear<'_> {
         }
         for (window, moves) in self.shooting.windows.all.iter().zip(moves) {
             for (column, step) in self.line.by_state.iter().zip(moves) {
-                for i in window.residuals() {
+                for i in window.marble() {
                     change[i] += column[i] * step;
                 }
             }
@@ -322,12 +328,13 @@ impl Linear<'_> {
         for lag in 1..self.shooting.windows.rows {
             let mut sum = 0.0;
             for window in &self.shooting.windows.all {
-                let own = &pull[window.residuals()];
-                sum += own
-                    .iter()
-                    .zip(own.iter().skip(2 * lag))
-                    .map(|(a, b)| a * b)
-                    .sum::<f64>();
+                for own in [&pull[window.marble()], &pull[window.tilt()]] {
+                    sum += own
+                        .iter()
+                        .zip(own.iter().skip(2 * lag))
+                        .map(|(a, b)| a * b)
+                        .sum::<f64>();
+                }
             }
             if sum / total < by_chance {
                 break;
@@ -339,6 +346,9 @@ impl Linear<'_> {
 }
 
 fn pseudo_inverse(matrix: &DMatrix<f64>) -> DMatrix<f64> {
+    if matrix.is_empty() {
+        return DMatrix::zeros(matrix.ncols(), matrix.nrows());
+    }
     let svd = matrix.clone().svd(true, true);
     let least = SMALLEST * svd.singular_values.max();
     svd.pseudo_inverse(least.max(f64::MIN_POSITIVE))

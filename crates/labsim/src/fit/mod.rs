@@ -6,6 +6,7 @@
 //! the lanes of one batch.
 
 mod axis;
+mod channels;
 mod coordinates;
 mod descent;
 mod information;
@@ -27,6 +28,7 @@ pub use self::problem::{Hypothesis, Problem, Recording, Sought, Stretch};
 pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
 
+use self::channels::{MARBLE, TILT};
 use self::coordinates::Coordinates;
 use self::descent::{End, Pace, minimise};
 use self::search::Search;
@@ -85,11 +87,18 @@ pub struct Solution {
     /// Predicted minus observed for each row of each stretch (board edges); not a number where nothing
     /// was seen.
     pub residuals: Vec<Vec<[f64; 2]>>,
-    /// Standard deviation of the tracker (board edges), given or estimated from the recordings alone.
+    /// Standard deviation of the tracker (board edges), given or estimated from the recordings alone; not a
+    /// number without a marble.
     pub tracker_noise: f64,
-    /// Robust standard deviation of the residuals (board edges), freed of what was fitted.
+    /// Robust standard deviation of the residuals (board edges), freed of what was fitted; not a number without
+    /// a marble.
     pub noise: f64,
-    /// Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`.
+    /// The same along x and along y; not a number along an axis that never changes.
+    pub axis_noise: [f64; 2],
+    /// What the fit leaves of the tilt, where a recording has any.
+    pub tilt: Option<TiltLeft>,
+    /// Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`, those of the
+    /// tilt at the scale of its sensor.
     pub loss: f64,
     /// What the recordings tell about the values.
     pub information: Information,
@@ -97,6 +106,17 @@ pub struct Solution {
     pub estimates: Vec<Estimate>,
     /// Windows simulated, all start points together.
     pub rollouts: usize,
+}
+
+/// What a fit leaves of the tilt, about x and about y; not a number about an axis that never changes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TiltLeft {
+    /// Predicted minus measured for each row of each stretch (rad); not a number where nothing was measured.
+    pub residuals: Vec<Vec<[f64; 2]>>,
+    /// Standard deviation of the sensor (rad), given or estimated from its changes.
+    pub noise: [f64; 2],
+    /// Robust standard deviation of the residuals (rad), freed of what was fitted.
+    pub scale: [f64; 2],
 }
 
 impl Problem<'_> {
@@ -133,15 +153,27 @@ impl Problem<'_> {
         if settings.starts == 0 {
             return Err(Error::invalid("starts", "at least 1", 0));
         }
-        let search = Search::new(self, progress, cancel)?;
+        let mut search = Search::new(self, progress, cancel)?;
         let (coordinates, candidates) = search.run(points, settings)?;
         let best = &candidates[0];
         let shooting = Shooting::new(self, &coordinates, &search.whole, 1.0, cancel);
         let count = search.whole.count() as f64;
         let unknowns = (coordinates.len() + search.whole.unknowns()) as f64;
-        let scale = robust::scale(&best.residual, &search.whole.known);
-        let noise = scale * (count / (count - unknowns).max(1.0)).sqrt();
-        let information = information::inform(&shooting, &best.point, noise)?;
+        let freed = (count / (count - unknowns).max(1.0)).sqrt();
+        let common = robust::scale(&best.residual, &search.whole.known) * freed;
+        let information = information::inform(&shooting, &best.point, common)?;
+        let channels = search.whole.channels;
+        let scale =
+            |channels_of| channels.scale(&search.whole, &best.residual, channels_of) * freed;
+        let noise_of = |channel: usize| {
+            let noise = channels.noise[channel];
+            if channels.active[channel] {
+                noise
+            } else {
+                f64::NAN
+            }
+        };
+        let has_tilt = channels.has_tilt();
         let estimate = |one: &End| Estimate {
             values: coordinates.to_values(&one.point.z),
             states: self.of_stretches(&search.whole, |i| one.point.states[i]),
@@ -151,9 +183,19 @@ impl Problem<'_> {
             values: coordinates.to_values(&best.point.z),
             states: self.of_stretches(&search.whole, |i| best.point.states[i]),
             residuals: self.residuals(&search.whole, &best.residual),
-            tracker_noise: search.noise,
-            noise,
-            loss: robust::loss(&best.residual, search.noise),
+            tracker_noise: if channels.has_marble() {
+                self.tracker_noise()
+            } else {
+                f64::NAN
+            },
+            noise: scale(MARBLE),
+            axis_noise: [scale(0..1), scale(1..2)],
+            tilt: has_tilt.then(|| TiltLeft {
+                residuals: self.tilt_residuals(&search.whole, &best.residual),
+                noise: [noise_of(2), noise_of(3)],
+                scale: [scale(2..3), scale(3..4)],
+            }),
+            loss: channels.loss(&search.whole, &best.residual),
             information,
             estimates: candidates.iter().map(estimate).collect(),
             rollouts: search.rollouts() + shooting.rollouts(),
@@ -174,8 +216,11 @@ impl Problem<'_> {
         cancel: &AtomicBool,
     ) -> Result<Information> {
         self.check()?;
-        let (coordinates, whole) = self.around(values, cancel)?;
-        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let (coordinates, mut whole) = self.around(values, cancel)?;
+        let least = |whole: &Windows| match whole.channels.has_tilt() {
+            true => noise.max(whole.channels.floor),
+            false => noise,
+        };
         let z = coordinates.to_z(values);
         let guess = Point {
             z,
@@ -193,14 +238,22 @@ impl Problem<'_> {
                 variants: 4,
                 held: true,
             };
-            minimise(&shooting, &[guess], noise, pace, &|_| ())?
+            let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+            minimise(&shooting, &[guess], least(&whole), pace, &|_| ())?
                 .remove(0)
                 .point
         };
-        information::inform(&shooting, &point, noise)
+        if whole.channels.has_tilt() {
+            let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+            let residual = shooting.residuals(std::slice::from_ref(&point))?.remove(0);
+            whole.channels = whole.channels.reweighted(&whole, &residual);
+        }
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        information::inform(&shooting, &point, least(&whole))
     }
 
-    /// Mean absolute error (board edges) at each of some values, from given start states.
+    /// Mean absolute error at each of some values, from given start states: of the marble (board edges), or of
+    /// the tilt (rad) where no marble was seen.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -221,8 +274,13 @@ impl Problem<'_> {
             states: self.of_windows(&whole, states),
         };
         let points: Vec<Point> = values.iter().map(point).collect();
+        let channels = &whole.channels;
+        let own = if channels.has_marble() { MARBLE } else { TILT };
+        let places: Vec<(usize, usize)> = whole.channels_of(own).collect();
         let mean = |residual: &Vec<f64>| {
-            residual.iter().map(|one| one.abs()).sum::<f64>() / whole.count() as f64
+            let error =
+                |&(channel, i): &(usize, usize)| (residual[i] / channels.weights[channel]).abs();
+            places.iter().map(error).sum::<f64>() / places.len() as f64
         };
         Ok(shooting.residuals(&points)?.iter().map(mean).collect())
     }
@@ -275,12 +333,36 @@ impl Problem<'_> {
         found
     }
 
+    /// Those of the marble (board edges) in each stretch.
     fn residuals(&self, windows: &Windows, residual: &[f64]) -> Vec<Vec<[f64; 2]>> {
+        self.residuals_of(windows, residual, MARBLE)
+    }
+
+    /// Those of the tilt (rad) in each stretch; nothing where no recording has any.
+    fn tilt_residuals(&self, windows: &Windows, residual: &[f64]) -> Vec<Vec<[f64; 2]>> {
+        if !windows.channels.has_tilt() {
+            return Vec::new();
+        }
+        self.residuals_of(windows, residual, TILT)
+    }
+
+    fn residuals_of(
+        &self,
+        windows: &Windows,
+        residual: &[f64],
+        channels: std::ops::Range<usize>,
+    ) -> Vec<Vec<[f64; 2]>> {
+        let weights = &windows.channels.weights[channels.clone()];
         let of_window = |i: usize| {
-            let own = windows.all[i].residuals();
+            let window = &windows.all[i];
+            let own = if channels == MARBLE {
+                window.marble()
+            } else {
+                window.tilt()
+            };
             let seen = |i: usize| {
                 if windows.known[i] {
-                    residual[i]
+                    residual[i] / weights[i % 2]
                 } else {
                     f64::NAN
                 }

@@ -92,7 +92,7 @@ impl Normal {
             normal.zz += &slope * slope.transpose();
         }
         for window in &windows.all {
-            let own = window.residuals();
+            let own = window.marble();
             let mut block = Block {
                 ss: Matrix4::zeros(),
                 s: Vector4::zeros(),

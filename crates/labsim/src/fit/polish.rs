@@ -73,7 +73,7 @@ impl Search<'_> {
             search_nearby(
                 shooting,
                 candidate.point.clone(),
-                self.noise,
+                self.whole.channels.floor,
                 NEARBY_ROUNDS,
                 random,
             )

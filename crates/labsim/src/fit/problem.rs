@@ -58,8 +58,12 @@ pub struct Recording<'a> {
     pub knobs_before: [f64; 2],
     /// Seconds that each command holds, where they are known.
     pub durations: Option<&'a [f64]>,
-    /// Positions (board edges); not a number in rows where the tracker lost the marble.
+    /// Positions (board edges); not a number in rows where the tracker lost the marble, in all of them where
+    /// there was none.
     pub observed: &'a [[f64; 2]],
+    /// The board's angles about x and y (rad) as a sensor reports them, where they were measured; not a number
+    /// in rows without.
+    pub tilt: Option<&'a [[f64; 2]]>,
     /// How far the marble has rolled up to each row (board edges), where that is known; nothing else.
     pub way: Option<&'a [f64]>,
     /// Where it rolled, a place a row without noise (board edges), where that is known; else it never turned.
@@ -94,6 +98,8 @@ pub struct Problem<'a> {
     pub stretches: &'a [Stretch],
     /// Standard deviation of the tracker (board edges), if it is known: no residual counts for more.
     pub noise: Option<f64>,
+    /// Standard deviation of the tilt sensor (rad), if it is known.
+    pub tilt_noise: Option<f64>,
     /// What simulates.
     pub engine: Engine,
     /// How many threads simulate; the result does not depend on it. One for each core by default.
@@ -197,13 +203,19 @@ impl Problem<'_> {
         &self.recordings[stretch.recording].observed[stretch.first..stretch.first + stretch.rows]
     }
 
+    /// The measured tilt of a stretch.
+    pub(super) fn tilt(&self, stretch: &Stretch) -> Option<&[[f64; 2]]> {
+        let tilt = self.recordings[stretch.recording].tilt?;
+        Some(&tilt[stretch.first..stretch.first + stretch.rows])
+    }
+
     /// Refuses what cannot be fitted.
     pub(super) fn check(&self) -> Result<()> {
         self.rig.check()?;
-        if let Some(noise) = self.noise
-            && !(noise > 0.0 && noise.is_finite())
-        {
-            return Err(Error::invalid("noise", "a number above 0", noise));
+        for (name, noise) in [("noise", self.noise), ("tilt_noise", self.tilt_noise)] {
+            if let Some(noise) = noise.filter(|noise| !(*noise > 0.0 && noise.is_finite())) {
+                return Err(Error::invalid(name, "a number above 0", noise));
+            }
         }
         self.check_recordings()?;
         for one in self.effects {
@@ -242,6 +254,7 @@ impl Problem<'_> {
             let lengths = [
                 ("observed", Some(one.observed.len())),
                 ("durations", one.durations.map(<[_]>::len)),
+                ("tilt", one.tilt.map(<[_]>::len)),
                 ("way", one.way.map(<[_]>::len)),
                 ("path", one.path.map(<[_]>::len)),
             ];

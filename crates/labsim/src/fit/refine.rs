@@ -4,6 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use super::Problem;
+use super::channels::Channels;
 use super::coordinates::Coordinates;
 use super::descent::{End, Pace, loss, minimise};
 use super::robust;
@@ -30,6 +31,8 @@ pub struct Refined {
     /// Predicted minus observed for each row of each stretch (board edges); not a number where nothing
     /// was seen.
     pub residuals: Vec<Vec<[f64; 2]>>,
+    /// The same of the tilt (rad); nothing where no recording has any.
+    pub tilt_residuals: Vec<Vec<[f64; 2]>>,
 }
 
 impl Problem<'_> {
@@ -51,14 +54,17 @@ impl Problem<'_> {
         let Some(first) = values.first() else {
             return Ok(Vec::new());
         };
-        let (coordinates, whole) = self.around(first, cancel)?;
-        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let (coordinates, mut whole) = self.around(first, cancel)?;
         let mut begun = Vec::with_capacity(values.len());
         for values in values {
             self.check_values(values)?;
             begun.push(coordinates.to_z(values));
         }
         let mut starts = self.begun(&coordinates, &whole, begun, cancel)?;
+        if whole.channels.has_tilt() {
+            whole.channels = self.weighted(&coordinates, &whole, &starts, cancel)?;
+        }
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
         let minimised = |starts: &[Point], iterations, held| {
             let pace = Pace {
                 iterations,
@@ -66,7 +72,7 @@ impl Problem<'_> {
                 variants: VARIANTS,
                 held,
             };
-            minimise(&shooting, starts, self.tracker_noise(), pace, &|_| ())
+            minimise(&shooting, starts, whole.channels.floor, pace, &|_| ())
         };
         if !held {
             // Start states that are off lead parameters astray, and fitted ones may hold them where they are:
@@ -84,14 +90,33 @@ impl Problem<'_> {
             values: coordinates.to_values(&end.point.z),
             states: self.of_stretches(&whole, |i| end.point.states[i]),
             residuals: self.residuals(&whole, &end.residual),
+            tilt_residuals: self.tilt_residuals(&whole, &end.residual),
         });
         Ok(refined.collect())
+    }
+
+    /// The channels weighted by what the best of some points leaves over.
+    fn weighted(
+        &self,
+        coordinates: &Coordinates,
+        whole: &Windows,
+        points: &[Point],
+        cancel: &AtomicBool,
+    ) -> Result<Channels> {
+        let shooting = Shooting::new(self, coordinates, whole, 1.0, cancel);
+        let residuals = shooting.residuals(points)?;
+        let loss = |residual: &Vec<f64>| whole.channels.loss(whole, residual);
+        let best = residuals.iter().min_by(|a, b| loss(a).total_cmp(&loss(b)));
+        Ok(best.map_or(whole.channels, |best| {
+            whole.channels.reweighted(whole, best)
+        }))
     }
 
     /// Whether one end of a descent lies deeper than another.
     fn is_better(&self, shooting: &Shooting<'_>, one: &End, other: &End) -> bool {
         let scale = |end: &End| robust::scale(&end.residual, &shooting.windows.known);
-        let scale = scale(one).min(scale(other)).max(self.tracker_noise());
+        let floor = shooting.windows.channels.floor;
+        let scale = scale(one).min(scale(other)).max(floor);
         let loss = |end: &End| loss(shooting, &end.point.z, &end.residual, scale);
         loss(one) < loss(other)
     }
@@ -110,7 +135,7 @@ impl Problem<'_> {
             .into_iter()
             .map(|z| with(z, whole.guesses()))
             .collect();
-        if whole.all.iter().all(|window| window.at_rest) {
+        if whole.components() <= 2 {
             return Ok(points);
         }
         let pace = Pace {
@@ -123,13 +148,13 @@ impl Problem<'_> {
         // Where no stretch is longer than first rows are, it stands for them.
         let own = (whole.rows <= HEADS[0]).then_some(whole.rows);
         for rows in first.chain(own) {
-            let heads = Windows::heads(self, rows);
+            let heads = Windows::heads(self, &whole.channels, rows);
             let shooting = Shooting::new(self, coordinates, &heads, 1.0, cancel);
             let starts: Vec<Point> = points
                 .into_iter()
                 .map(|point| with(point.z, heads.inherited(whole, &point.states)))
                 .collect();
-            let ends = minimise(&shooting, &starts, self.tracker_noise(), pace, &|_| ())?;
+            let ends = minimise(&shooting, &starts, heads.channels.floor, pace, &|_| ())?;
             points = ends
                 .into_iter()
                 .map(|end| with(end.point.z, whole.inherited(&heads, &end.point.states)))

@@ -51,23 +51,72 @@ pub(super) fn scale(residuals: &[f64], known: &[bool]) -> f64 {
     (MAD_TO_SD * median(seen.map(|(residual, _)| residual.abs()).collect())).max(FINEST)
 }
 
-/// The standard deviation of a tracker (board edges), from recordings alone.
+/// The standard deviation of a tracker (board edges), from recordings alone; an axis whose values are all the
+/// same tells nothing of it.
 ///
 /// Motion is smooth from row to row, so that of fourth differences mostly noise is left: their standard
 /// deviation is √70 times the tracker's. A tracker that reads pixels errs alike for as long as the marble
 /// stays within one, though: where rows in which it moves differ by much more than the others, they tell.
 pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -> f64 {
+    let recordings: Vec<&[[f64; 2]]> = recordings.into_iter().collect();
+    let changes = changes(&recordings);
+    let axes = (0..2).filter(|&axis| changes[axis]);
+    let paths: Vec<Vec<f64>> = axes
+        .flat_map(|axis| {
+            let path = move |rows: &&[[f64; 2]]| rows.iter().map(|row| row[axis]).collect();
+            recordings.iter().map(path)
+        })
+        .collect();
+    scatter(&paths).max(FINEST)
+}
+
+/// The standard deviation of the sensor of one signal (in the signal's unit), from its changes alone.
+///
+/// A signal that is held over rows is taken at its changes; no sensor is finer than the steps that it reads.
+pub(super) fn signal_noise(series: &[Vec<f64>]) -> f64 {
+    let step = series
+        .iter()
+        .flat_map(|one| one.windows(2))
+        .map(|pair| (pair[1] - pair[0]).abs())
+        .filter(|change| *change > 0.0)
+        .fold(f64::INFINITY, f64::min);
+    let finest = if step.is_finite() {
+        step / 12f64.sqrt()
+    } else {
+        0.0
+    };
+    let mut noise = scatter(series);
+    if noise <= finest {
+        let changed = |one: &Vec<f64>| {
+            let mut one = one.clone();
+            one.dedup();
+            one
+        };
+        noise = scatter(&series.iter().map(changed).collect::<Vec<_>>());
+    }
+    noise.max(finest).max(FINEST)
+}
+
+/// Whether the values of each axis ever differ.
+pub(super) fn changes(recordings: &[&[[f64; 2]]]) -> [bool; 2] {
+    [0, 1].map(|axis| {
+        let values = recordings.iter().copied().flatten().map(|row| row[axis]);
+        let mut finite = values.filter(|value| value.is_finite());
+        let first = finite.next();
+        finite.any(|value| Some(value) != first)
+    })
+}
+
+/// The standard deviation of the noise in paths, by their fourth differences.
+fn scatter(paths: &[Vec<f64>]) -> f64 {
     let (mut all, mut on_the_way) = (Vec::new(), Vec::new());
-    for observed in recordings {
-        for axis in 0..2 {
-            let path: Vec<f64> = observed.iter().map(|row| row[axis]).collect();
-            all.extend(path.windows(5).map(fourth).filter(|one| one.is_finite()));
-            for rows in path.windows(5 + 2 * BESIDE) {
-                let way = (rows[rows.len() - 1] - rows[0]).abs();
-                let one = fourth(&rows[BESIDE..BESIDE + 5]);
-                if (way + one).is_finite() {
-                    on_the_way.push((way, one));
-                }
+    for path in paths {
+        all.extend(path.windows(5).map(fourth).filter(|one| one.is_finite()));
+        for rows in path.windows(5 + 2 * BESIDE) {
+            let way = (rows[rows.len() - 1] - rows[0]).abs();
+            let one = fourth(&rows[BESIDE..BESIDE + 5]);
+            if (way + one).is_finite() {
+                on_the_way.push((way, one));
             }
         }
     }
@@ -79,12 +128,11 @@ pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -
     let enough = moving.len() >= ENOUGH;
     let deviation = |differences| MAD_TO_SD * median(differences) / 70f64.sqrt();
     let (of_all, of_moving) = (deviation(all), deviation(moving));
-    let noise = if enough && of_moving > STUCK * of_all {
+    if enough && of_moving > STUCK * of_all {
         of_moving
     } else {
         of_all
-    };
-    noise.max(FINEST)
+    }
 }
 
 /// The absolute fourth difference of five values.

@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
+use super::channels::Channels;
 use super::coordinates::{Coordinates, TIME};
 use super::descent::{End, Pace, loss, minimise};
 use super::polish::{FAMILY_ITERATIONS, SETTLE_ITERATIONS};
@@ -24,6 +25,8 @@ use crate::error::{Error, Result};
 /// Rows of the windows, stage after stage, and iterations spent on each; whole stretches come last.
 const HORIZONS: [(usize, usize); 2] = [(24, 7), (60, 6)];
 const WHOLE_ITERATIONS: usize = 12;
+/// How often the channels are weighted anew after the descent, at most.
+const REWEIGHTS: usize = 4;
 /// Start states tried with each step.
 const VARIANTS: usize = 4;
 /// So many rounds even where noise alone seems to be left.
@@ -40,8 +43,7 @@ pub(super) struct Search<'a> {
     pub(super) problem: &'a Problem<'a>,
     cancel: &'a AtomicBool,
     progress: Progress<'a>,
-    pub(super) noise: f64,
-    /// All stretches uncut.
+    /// All stretches uncut, and how the channels count.
     pub(super) whole: Windows,
     horizons: Vec<(usize, usize)>,
     rollouts: Cell<usize>,
@@ -57,9 +59,10 @@ impl<'a> Search<'a> {
         cancel: &'a AtomicBool,
     ) -> Result<Self> {
         let longest = problem.stretches.iter().map(|stretch| stretch.rows).max();
-        let whole = Windows::cut(problem, longest.unwrap_or(1));
+        let whole = Windows::cut(problem, &Channels::of(problem), longest.unwrap_or(1));
         if whole.all.is_empty() {
-            let expected = "a stretch with at least three rows in which the marble was seen";
+            let expected =
+                "a stretch with at least three rows in which the marble was seen, or tilt measured";
             return Err(Error::invalid("recordings", expected, "none"));
         }
         let fits = |stage: &(usize, usize)| 3 * stage.0 <= 2 * whole.rows;
@@ -67,7 +70,6 @@ impl<'a> Search<'a> {
             problem,
             cancel,
             progress,
-            noise: problem.tracker_noise(),
             horizons: HORIZONS.into_iter().filter(fits).collect(),
             whole,
             rollouts: Cell::new(0),
@@ -84,7 +86,7 @@ impl<'a> Search<'a> {
     /// Refines given start points, or where there are none the best ones of a draw; returns what the
     /// coordinates mean and where the start points led, the best first.
     pub(super) fn run(
-        &self,
+        &mut self,
         points: &[Vec<f64>],
         settings: &Settings,
     ) -> Result<(Coordinates, Vec<End>)> {
@@ -102,6 +104,13 @@ impl<'a> Search<'a> {
         self.total.set(self.total(&coordinates, settings.rounds));
         let keeps = !points.is_empty() && settings.rounds > 0;
         let mut candidates = self.descend(&coordinates, starts, keeps)?;
+        for _ in 0..REWEIGHTS {
+            if !self.reweight(&mut candidates) {
+                break;
+            }
+            let best = vec![candidates.remove(0)];
+            candidates.splice(0..0, self.refined(&coordinates, best, SETTLE_ITERATIONS)?);
+        }
         let mut best = candidates.remove(0);
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
         // With effects a fit is one of many, and each member takes more slopes.
@@ -114,6 +123,7 @@ impl<'a> Search<'a> {
                 best = self.ranked(&coordinates, members).remove(0);
             }
             best = self.settled(&coordinates, best, &mut random)?;
+            self.reweight(std::slice::from_mut(&mut best));
             let little = self.gain(&best, &before) < LITTLE;
             if round >= FEWEST_ROUNDS && little && self.is_explained(&best) {
                 break;
@@ -130,7 +140,8 @@ impl<'a> Search<'a> {
 
     /// Whether what a candidate leaves over is no more than the tracker's noise.
     fn is_explained(&self, candidate: &End) -> bool {
-        robust::scale(&candidate.residual, &self.whole.known) < NOISE_LIKE * self.noise
+        let channels = &self.whole.channels;
+        channels.is_noise(&self.whole, &candidate.residual, NOISE_LIKE)
     }
 
     /// By how much the log-likelihood of one candidate exceeds that of another.
@@ -144,7 +155,7 @@ impl<'a> Search<'a> {
     /// There the start points as they were count as well if it `keeps` them: short windows may lead away from
     /// where a fit has led before.
     fn descend(
-        &self,
+        &mut self,
         coordinates: &Coordinates,
         starts: Vec<Vec<f64>>,
         keeps: bool,
@@ -171,7 +182,7 @@ impl<'a> Search<'a> {
             None => windows.guesses(),
         };
         for &(rows, iterations) in &self.horizons {
-            let windows = Windows::cut(self.problem, rows);
+            let windows = Windows::cut(self.problem, &self.whole.channels, rows);
             for end in &mut ends {
                 end.point.states = longer(&windows, &shorter, &end.point.states);
             }
@@ -184,6 +195,11 @@ impl<'a> Search<'a> {
             ends = self.minimised(coordinates, &windows, ends, pace, COARSENESS)?;
             if let Some(redrawn) = self.redrawn(coordinates, &windows, &ends)? {
                 ends = self.minimised(coordinates, &windows, redrawn, pace, COARSENESS)?;
+            }
+            if windows.channels.has_tilt() {
+                let best = self.ranked_in(&windows, coordinates, &ends)[0];
+                let channels = windows.channels.reweighted(&windows, &ends[best].residual);
+                self.whole.channels = channels;
             }
             shorter = Some(windows);
         }
@@ -239,6 +255,35 @@ impl<'a> Search<'a> {
         self.minimised(coordinates, &self.whole, candidates, pace, 1.0)
     }
 
+    /// Weights the channels by what the first of some candidates leaves over; false where they have settled.
+    fn reweight(&mut self, candidates: &mut [End]) -> bool {
+        let before = self.whole.channels;
+        let after = before.reweighted(&self.whole, &candidates[0].residual);
+        for candidate in candidates {
+            after.rescale(&before, &self.whole, &mut candidate.residual);
+        }
+        self.whole.channels = after;
+        !after.is_settled(&before)
+    }
+
+    /// The candidates' places by their losses over windows, the best first.
+    fn ranked_in(&self, windows: &Windows, coordinates: &Coordinates, ends: &[End]) -> Vec<usize> {
+        let shooting = self.shooting(coordinates, windows, COARSENESS);
+        let scales = ends
+            .iter()
+            .map(|end| robust::scale(&end.residual, &windows.known));
+        let scale = scales
+            .fold(f64::INFINITY, f64::min)
+            .max(windows.channels.floor);
+        let losses: Vec<f64> = ends
+            .iter()
+            .map(|end| loss(&shooting, &end.point.z, &end.residual, scale))
+            .collect();
+        let mut order: Vec<usize> = (0..ends.len()).collect();
+        order.sort_by(|&a, &b| losses[a].total_cmp(&losses[b]));
+        order
+    }
+
     /// Whether the first symmetry holds until a wall is met: neither stamps nor damping forbid it.
     fn is_time_free(&self, coordinates: &Coordinates) -> bool {
         coordinates.find(TIME).is_some() && self.problem.rig.marble.damping_per_s == 0.0
@@ -272,7 +317,9 @@ impl<'a> Search<'a> {
         let scales = residuals
             .iter()
             .map(|residual| robust::scale(residual, &self.whole.known));
-        scales.fold(f64::INFINITY, f64::min).max(self.noise)
+        scales
+            .fold(f64::INFINITY, f64::min)
+            .max(self.whole.channels.floor)
     }
 
     pub(super) fn shooting<'b>(
@@ -321,7 +368,7 @@ impl<'a> Search<'a> {
         let starts: Vec<Point> = ends.iter().map(|end| end.point.clone()).collect();
         let shooting = self.shooting(coordinates, windows, coarseness);
         let mut minimised = self.counted(&shooting, |shooting| {
-            minimise(shooting, &starts, self.noise, pace, &report)
+            minimise(shooting, &starts, windows.channels.floor, pace, &report)
         })?;
         report(pace.iterations);
         self.done.set(self.done.get() + pace.iterations);

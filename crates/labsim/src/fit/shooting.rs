@@ -5,6 +5,7 @@ use std::cell::Cell;
 use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 
+use super::channels::MARBLE;
 use super::coordinates::{Coordinates, SCALE, TIME};
 use super::problem::Problem;
 use super::windows::{State, Window, Windows};
@@ -13,7 +14,7 @@ use crate::effects::Chosen;
 use crate::engine::Hold;
 use crate::error::Result;
 use crate::parameters::Parameters;
-use crate::rollout::{Batch, PerRollout, TimeBase};
+use crate::rollout::{Batch, Observed, PerRollout, TimeBase};
 use crate::turning::turned;
 
 /// Coordinates and the start states of all windows.
@@ -110,8 +111,13 @@ impl<'a> Shooting<'a> {
                 *place = place.clamp(-reach, reach);
             }
         }
-        if window.at_rest {
-            state[2..].fill(0.0);
+        for (axis, active) in self.windows.channels.active[MARBLE].iter().enumerate() {
+            if !active {
+                state[axis] = window.guess[axis];
+            }
+            if !active || window.at_rest {
+                state[2 + axis] = 0.0;
+            }
         }
         state
     }
@@ -119,35 +125,62 @@ impl<'a> Shooting<'a> {
     /// Residuals of trials, simulated in one batch for each length of windows.
     pub(super) fn simulate(&self, trials: &[Trial]) -> Result<Vec<Vec<f64>>> {
         let mut residuals = vec![vec![0.0; self.windows.len()]; trials.len()];
-        for (rows, indices) in &self.windows.lengths {
+        for ((rows, has_marble), indices) in &self.windows.lengths {
             let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
-            let observations = self.observe(trials, *rows, indices, &windows)?;
+            let (own, twins) = if *has_marble {
+                ((0..trials.len()).collect(), Vec::new())
+            } else {
+                distinct(trials)
+            };
+            let simulated: Vec<&Trial> = own.iter().map(|&i| &trials[i]).collect();
+            let observed = self.observe(&simulated, *rows, indices, &windows)?;
             self.rollouts
-                .set(self.rollouts.get() + trials.len() * windows.len());
-            let mut observations = observations.chunks_exact(*rows);
-            for residual in &mut residuals {
-                for (window, seen) in windows.iter().zip(&mut observations) {
-                    let places = window.residuals();
-                    let observed = &self.windows.observed[places.clone()];
-                    let known = &self.windows.known[places.clone()];
-                    for (i, residual) in residual[places].iter_mut().enumerate() {
-                        if known[i] {
-                            *residual = seen.as_flattened()[i] - observed[i];
-                        }
-                    }
+                .set(self.rollouts.get() + simulated.len() * windows.len());
+            let mut marbles = observed.marble.chunks_exact(*rows);
+            let mut tilts = observed.tilt.chunks_exact(*rows);
+            for &trial in &own {
+                for window in &windows {
+                    let marble = marbles.next().unwrap_or_default();
+                    self.compare(window.marble(), 0, marble, &mut residuals[trial]);
+                    let tilt = tilts.next().unwrap_or_default();
+                    self.compare(window.tilt(), MARBLE.end, tilt, &mut residuals[trial]);
+                }
+            }
+            for (trial, twin) in twins {
+                for window in &windows {
+                    let found = residuals[twin][window.residuals()].to_vec();
+                    residuals[trial][window.residuals()].copy_from_slice(&found);
                 }
             }
         }
         Ok(residuals)
     }
 
+    /// Residuals of some places, whose first channel is given, from what was predicted there.
+    fn compare(
+        &self,
+        places: std::ops::Range<usize>,
+        channel: usize,
+        predicted: &[[f64; 2]],
+        residual: &mut [f64],
+    ) {
+        let observed = &self.windows.observed[places.clone()];
+        let known = &self.windows.known[places.clone()];
+        let weights = &self.windows.channels.weights[channel..channel + 2];
+        for (i, residual) in residual[places].iter_mut().enumerate() {
+            if known[i] {
+                *residual = weights[i % 2] * (predicted.as_flattened()[i] - observed[i]);
+            }
+        }
+    }
+
     fn observe(
         &self,
-        trials: &[Trial],
+        trials: &[&Trial],
         rows: usize,
         indices: &[usize],
         windows: &[&Window],
-    ) -> Result<Vec<[f64; 2]>> {
+    ) -> Result<Observed> {
         let problem = self.problem;
         let remembers = problem.remembers();
         let begin = |window: &Window| if remembers { 0 } else { window.first };
@@ -210,7 +243,11 @@ impl<'a> Shooting<'a> {
             .collect();
         let knobs: Vec<[f64; 2]> = windows
             .iter()
-            .map(|window| recording(window).knobs_before)
+            .map(|window| match begin(window) {
+                // The tilt of a row is that of the command before.
+                row if row > 0 && window.tilts > 0 => recording(window).commands[row - 1],
+                _ => recording(window).knobs_before,
+            })
             .collect();
         let (commands, durations) = (
             commands.repeat(trials.len()),
@@ -246,7 +283,14 @@ impl<'a> Shooting<'a> {
             },
             seeds: PerRollout::Each(&seeds),
         };
-        batch.run(problem.engine, problem.threads, self.cancel)
+        let (engine, threads) = (problem.engine, problem.threads);
+        if self.windows.channels.has_tilt() {
+            return batch.run_with_tilt(engine, threads, self.cancel);
+        }
+        Ok(Observed {
+            marble: batch.run(engine, threads, self.cancel)?,
+            tilt: Vec::new(),
+        })
     }
 
     /// How far a marble goes while it is seen to go one edge (m).
@@ -255,7 +299,7 @@ impl<'a> Shooting<'a> {
     }
 
     /// How the marbles of all windows are turned when they are let go, trial after trial.
-    fn turned(&self, trials: &[Trial], windows: &[&Window]) -> Vec<[f64; 3]> {
+    fn turned(&self, trials: &[&Trial], windows: &[&Window]) -> Vec<[f64; 3]> {
         let (turns, radius_m) = (self.problem.turns(), self.problem.rig.marble.radius_m);
         // Most trials see at one scale.
         let mut known: HashMap<(usize, u64), Vec<[f64; 3]>> = HashMap::new();
@@ -274,4 +318,21 @@ impl<'a> Shooting<'a> {
         }
         all
     }
+}
+
+/// Trials that differ in more than their start states, and for each of the others one that is its like.
+fn distinct(trials: &[Trial]) -> (Vec<usize>, Vec<(usize, usize)>) {
+    let mut own: Vec<usize> = Vec::new();
+    let mut twins = Vec::new();
+    for (i, trial) in trials.iter().enumerate() {
+        let alike = |other: &&usize| {
+            let other = &trials[**other];
+            other.updates == trial.updates && other.values == trial.values
+        };
+        match own.iter().find(alike) {
+            Some(&twin) => twins.push((i, twin)),
+            None => own.push(i),
+        }
+    }
+    (own, twins)
 }

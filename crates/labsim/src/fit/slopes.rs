@@ -2,6 +2,8 @@
 
 use super::coordinates::TIME;
 use super::shooting::{Point, Shooting, Trial};
+use crate::board::SUBSTEP_S;
+use crate::effects::Acts;
 use crate::error::Result;
 
 /// Steps of the finite differences: in coordinates, and in start states (board edges, and board edges a
@@ -45,6 +47,8 @@ enum Column {
     Along(usize),
     /// The time scale, by a physics update a row more or less of equal length.
     Updates(usize),
+    /// A delay, by a whole row: what its tilt tells.
+    Row(usize),
     /// A component of every window's start state.
     State(usize),
 }
@@ -127,7 +131,7 @@ impl Shooting<'_> {
         }
         let mut residuals = self.simulate(&trials)?.into_iter();
         let mut each = trials.chunks(sides.len() * columns.len() + 1);
-        let mut steps = steps.chunks(sides.len() * columns.len());
+        let mut steps = steps.chunks((sides.len() * columns.len()).max(1));
         let line = |_| {
             let count = sides.len() * columns.len();
             let moved: Vec<Vec<f64>> = residuals.by_ref().take(count).collect();
@@ -147,7 +151,7 @@ impl Shooting<'_> {
                 .collect();
             let (ahead, behind) = sided.split_at(columns.len());
             let slopes = (0..columns.len()).map(|i| agreed(&ahead[i], behind.get(i)));
-            sorted(columns, slopes.collect(), residual)
+            self.sorted(columns, slopes.collect(), residual)
         };
         Ok(points.iter().map(line).collect())
     }
@@ -160,9 +164,30 @@ impl Shooting<'_> {
         let time = self.coordinates.find(TIME);
         let twice = time.filter(|_| look != Look::Quick);
         let along = (0..self.coordinates.len()).map(Column::Along);
+        let delays = self.stepped_delays(look).into_iter().map(Column::Row);
         along
+            .chain(delays)
             .chain(twice.map(Column::Updates))
             .chain(states)
+            .collect()
+    }
+
+    /// Coordinates of delays that the tilt shows in steps of rows only, since the knob goes at once to the
+    /// command that has come. Along them a finite difference of less than a row sees nothing.
+    fn stepped_delays(&self, look: Look) -> Vec<usize> {
+        let problem = self.problem;
+        let moves = |acts: Acts| acts == Acts::OnKnob { moves: true };
+        if look == Look::Careful
+            || !self.windows.channels.has_tilt()
+            || problem.effects.iter().any(|one| moves(one.effect.acts))
+        {
+            return Vec::new();
+        }
+        let effects = problem.effects.iter().zip(problem.slots_of_effects());
+        effects
+            .filter(|(one, _)| one.effect.acts == Acts::OnArrival)
+            .flat_map(|(_, slots)| slots)
+            .filter_map(|slot| self.coordinates.find(slot))
             .collect()
     }
 
@@ -206,6 +231,17 @@ impl Shooting<'_> {
                 let trial = self.trial(&z, &centre.states, Some(updates));
                 (trial, if inside { step } else { f64::NAN })
             }
+            Column::Row(i) => {
+                let windows = &self.windows.all;
+                let row_s = windows.first().and_then(|window| window.row_s);
+                let row_s = row_s.unwrap_or(centre.values[TIME] * SUBSTEP_S);
+                let step = fineness.signum() * self.coordinates.per_unit(i, row_s);
+                let mut z = z.to_vec();
+                z[i] += step;
+                let inside = self.is_inside(&z);
+                let trial = self.trial(&z, &centre.states, Some(centre.updates));
+                (trial, if inside { step } else { f64::NAN })
+            }
             Column::State(component) => {
                 let step = STATE_STEP * fineness;
                 let mut states = centre.states.clone();
@@ -222,6 +258,34 @@ impl Shooting<'_> {
                 (trial, step)
             }
         }
+    }
+
+    /// Slopes in the places of what they are by.
+    fn sorted(
+        &self,
+        columns: &[Column],
+        slopes: Vec<Vec<f64>>,
+        residual: Vec<f64>,
+    ) -> Linearisation {
+        let mut line = Linearisation {
+            residual,
+            by_z: Vec::new(),
+            by_state: Vec::new(),
+        };
+        for (column, slope) in columns.iter().zip(slopes) {
+            match column {
+                Column::Along(_) => line.by_z.push(slope),
+                Column::Updates(i) => believe_gentler(&mut line.by_z[*i], &slope),
+                Column::Row(i) => {
+                    for window in &self.windows.all {
+                        let tilt = window.tilt();
+                        line.by_z[*i][tilt.clone()].copy_from_slice(&slope[tilt]);
+                    }
+                }
+                Column::State(_) => line.by_state.push(slope),
+            }
+        }
+        line
     }
 
     fn is_inside(&self, z: &[f64]) -> bool {
@@ -252,23 +316,6 @@ impl Shooting<'_> {
         }
         slope
     }
-}
-
-/// Slopes in the places of what they are by.
-fn sorted(columns: &[Column], slopes: Vec<Vec<f64>>, residual: Vec<f64>) -> Linearisation {
-    let mut line = Linearisation {
-        residual,
-        by_z: Vec::new(),
-        by_state: Vec::new(),
-    };
-    for (column, slope) in columns.iter().zip(slopes) {
-        match column {
-            Column::Along(_) => line.by_z.push(slope),
-            Column::Updates(i) => believe_gentler(&mut line.by_z[*i], &slope),
-            Column::State(_) => line.by_state.push(slope),
-        }
-    }
-    line
 }
 
 /// The mean of two one-sided slopes, or the gentler one where they disagree; one that is not a number is

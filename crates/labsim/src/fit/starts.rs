@@ -25,7 +25,7 @@ const REDRAWN: usize = 64;
 impl Search<'_> {
     /// Draws start points over the ranges and returns the best ones.
     pub(super) fn screen(&self, settings: &Settings) -> Result<(Coordinates, Vec<Vec<f64>>)> {
-        let windows = Windows::cut(self.problem, SCREEN_ROWS);
+        let windows = Windows::cut(self.problem, &self.whole.channels, SCREEN_ROWS);
         let mut found: Option<(f64, Coordinates, Vec<Vec<f64>>)> = None;
         for senses in self.senses() {
             let coordinates = Coordinates::new(self.problem, senses)?;
@@ -140,7 +140,9 @@ impl Search<'_> {
         let scales = ends
             .iter()
             .map(|end| robust::scale(&end.residual, &windows.known));
-        let scale = scales.fold(f64::INFINITY, f64::min).max(self.noise);
+        let scale = scales
+            .fold(f64::INFINITY, f64::min)
+            .max(windows.channels.floor);
         let mut ends = ends.to_vec();
         ends.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
         let count = ends.len();

@@ -2,6 +2,7 @@
 
 use std::cmp::Reverse;
 
+use super::channels::{CHANNELS, Channels};
 use super::problem::{Problem, Stretch};
 use super::robust::median;
 
@@ -23,8 +24,11 @@ pub(super) struct Window {
     pub(super) at_rest: bool,
     /// First guess of the start state.
     pub(super) guess: State,
-    /// Where its residuals begin among those of all windows.
+    /// Where its residuals begin among those of all windows, and how many of them are the tilt's.
     pub(super) offset: usize,
+    pub(super) tilts: usize,
+    /// Whether the marble was seen: else there is no start state.
+    pub(super) has_marble: bool,
     /// Seconds of a row where the recording is stamped.
     pub(super) row_s: Option<f64>,
     /// How far the marble has rolled before (board edges).
@@ -32,8 +36,19 @@ pub(super) struct Window {
 }
 
 impl Window {
+    /// The marble's, then the tilt's.
     pub(super) fn residuals(&self) -> std::ops::Range<usize> {
+        self.offset..self.offset + 2 * self.rows + self.tilts
+    }
+
+    /// x and y by turns.
+    pub(super) fn marble(&self) -> std::ops::Range<usize> {
         self.offset..self.offset + 2 * self.rows
+    }
+
+    /// About x and y by turns; none where no recording has any.
+    pub(super) fn tilt(&self) -> std::ops::Range<usize> {
+        self.marble().end..self.residuals().end
     }
 }
 
@@ -41,45 +56,48 @@ impl Window {
 #[derive(Debug, Clone)]
 pub(super) struct Windows {
     pub(super) all: Vec<Window>,
-    /// The indices of the windows of each length.
-    pub(super) lengths: Vec<(usize, Vec<usize>)>,
-    /// Positions, x and y by turns.
+    /// The indices of the windows of each length, those with and those without a marble.
+    pub(super) lengths: Vec<((usize, bool), Vec<usize>)>,
+    /// What was measured: positions (board edges) and tilts (rad) of each window.
     pub(super) observed: Vec<f64>,
-    /// False where the tracker lost the marble.
+    /// False where nothing was, and where the channel counts for nothing.
     pub(super) known: Vec<bool>,
+    /// How residuals count.
+    pub(super) channels: Channels,
     /// The most rows a window may have.
     pub(super) rows: usize,
 }
 
 impl Windows {
     /// Cuts stretches into windows of at most `rows` rows; a stretch's last one may be shorter.
-    pub(super) fn cut(problem: &Problem<'_>, rows: usize) -> Self {
-        let mut windows = Self::none(rows);
+    pub(super) fn cut(problem: &Problem<'_>, channels: &Channels, rows: usize) -> Self {
+        let mut windows = Self::none(channels, rows);
         for stretch in problem.stretches {
             for begin in (0..stretch.rows).step_by(rows) {
                 windows.push(problem, stretch, begin, rows.min(stretch.rows - begin));
             }
         }
-        windows.lengths.sort_by_key(|(rows, _)| Reverse(*rows));
+        windows.lengths.sort_by_key(|(kind, _)| Reverse(*kind));
         windows
     }
 
     /// The first rows of each stretch, at most `rows` of them.
-    pub(super) fn heads(problem: &Problem<'_>, rows: usize) -> Self {
-        let mut windows = Self::none(rows);
+    pub(super) fn heads(problem: &Problem<'_>, channels: &Channels, rows: usize) -> Self {
+        let mut windows = Self::none(channels, rows);
         for stretch in problem.stretches {
             windows.push(problem, stretch, 0, rows.min(stretch.rows));
         }
-        windows.lengths.sort_by_key(|(rows, _)| Reverse(*rows));
+        windows.lengths.sort_by_key(|(kind, _)| Reverse(*kind));
         windows
     }
 
-    fn none(rows: usize) -> Self {
+    fn none(channels: &Channels, rows: usize) -> Self {
         Self {
             all: Vec::new(),
             lengths: Vec::new(),
             observed: Vec::new(),
             known: Vec::new(),
+            channels: *channels,
             rows,
         }
     }
@@ -87,15 +105,21 @@ impl Windows {
     fn push(&mut self, problem: &Problem<'_>, stretch: &Stretch, begin: usize, rows: usize) {
         let observed = problem.observed(stretch);
         let own = &observed[begin..begin + rows];
-        if own.iter().filter(|seen| is_seen(seen)).count() < FEWEST {
+        let has_marble = own.iter().filter(|seen| is_seen(seen)).count() >= FEWEST;
+        let tilt = problem.tilt(stretch).filter(|_| self.channels.has_tilt());
+        let tilt = tilt.map(|tilt| &tilt[begin..begin + rows]);
+        let is_measured = |row: &&[f64; 2]| row.iter().any(|angle| angle.is_finite());
+        let measured = tilt.map_or(0, |tilt| tilt.iter().filter(is_measured).count());
+        if !has_marble && measured < FEWEST {
             return;
         }
         let at_rest = stretch.at_rest && begin == 0;
         let durations = problem.recordings[stretch.recording].durations;
         let first = stretch.first + begin;
-        match self.lengths.iter_mut().find(|(length, _)| *length == rows) {
+        let kind = (rows, has_marble);
+        match self.lengths.iter_mut().find(|(other, _)| *other == kind) {
             Some((_, windows)) => windows.push(self.all.len()),
-            None => self.lengths.push((rows, vec![self.all.len()])),
+            None => self.lengths.push((kind, vec![self.all.len()])),
         }
         self.all.push(Window {
             recording: stretch.recording,
@@ -104,29 +128,67 @@ impl Windows {
             at_rest,
             guess: guess(observed, begin, at_rest),
             offset: self.observed.len(),
+            tilts: if self.channels.has_tilt() {
+                2 * rows
+            } else {
+                0
+            },
+            has_marble,
             row_s: durations.map(|seconds| median(seconds[first..first + rows].to_vec())),
             rolled: problem.recordings[stretch.recording]
                 .way
                 .map_or(0.0, |way| way[first]),
         });
+        let active = self.channels.active;
         for seen in own {
-            let known = is_seen(seen);
-            self.known.extend([known; 2]);
+            let known = has_marble && is_seen(seen);
+            self.known.extend([0, 1].map(|axis| known && active[axis]));
             self.observed.extend(if known { *seen } else { [0.0; 2] });
         }
+        if self.channels.has_tilt() {
+            for row in 0..rows {
+                for axis in 0..2 {
+                    let angle = tilt.map_or(f64::NAN, |tilt| tilt[row][axis]);
+                    let known = active[2 + axis] && angle.is_finite();
+                    self.known.push(known);
+                    self.observed.push(if known { angle } else { 0.0 });
+                }
+            }
+        }
+    }
+
+    /// The channel and the place of every known residual of some channels.
+    pub(super) fn channels_of(
+        &self,
+        channels: std::ops::Range<usize>,
+    ) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let of_window = |window: &Window| {
+            let marble = window.marble().map(|i| (i % 2, i));
+            marble.chain(window.tilt().map(|i| (CHANNELS / 2 + i % 2, i)))
+        };
+        let all = self.all.iter().flat_map(of_window);
+        all.filter(move |(channel, i)| channels.contains(channel) && self.known[*i])
     }
 
     /// How many components of start states the windows have together.
     pub(super) fn unknowns(&self) -> usize {
-        self.all
-            .iter()
-            .map(|window| if window.at_rest { 2 } else { 4 })
+        let axes = self.channels.marble_axes();
+        self.with_marble()
+            .map(|window| if window.at_rest { axes } else { 2 * axes })
             .sum()
     }
 
-    /// How many components of a start state are open: 2 where every window starts at rest, else 4.
+    /// Those with a start state.
+    fn with_marble(&self) -> impl Iterator<Item = &Window> {
+        self.all.iter().filter(|window| window.has_marble)
+    }
+
+    /// How many components of a start state are open: none where no marble was seen, 2 where every window
+    /// starts at rest, else 4.
     pub(super) fn components(&self) -> usize {
-        if self.all.iter().all(|window| window.at_rest) {
+        if self.with_marble().next().is_none() {
+            0
+        } else if self.with_marble().all(|window| window.at_rest) {
             2
         } else {
             4

@@ -4,3 +4,4 @@ mod contract;
 mod planted;
 mod recovery;
 mod refining;
+mod tilt;

@@ -28,6 +28,9 @@ pub(crate) struct Planted {
     pub(crate) commands: Vec<Vec<[f64; 2]>>,
     pub(crate) durations: Option<Vec<f64>>,
     pub(crate) observed: Vec<Vec<[f64; 2]>>,
+    /// What the tilt sensor measures, in runs that have one, and the truth of it.
+    pub(crate) tilt: Vec<Option<Vec<[f64; 2]>>>,
+    pub(crate) tilted: Vec<Vec<[f64; 2]>>,
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) threads: Option<usize>,
 }
@@ -77,6 +80,18 @@ impl Planted {
         stamped: bool,
         moving: bool,
     ) -> Self {
+        Self::on_axes(seed, runs, effects, stamped, moving, [1.0; 2])
+    }
+
+    /// The same with knobs and starts only along some axes: 1 of an axis that moves, else 0.
+    pub(crate) fn on_axes(
+        seed: u64,
+        runs: usize,
+        effects: &[(&str, &[f64])],
+        stamped: bool,
+        moving: bool,
+        [x, y]: [f64; 2],
+    ) -> Self {
         let mut random = Random(ChaCha8Rng::seed_from_u64(seed));
         let chosen: Vec<Chosen<'_>> = effects
             .iter()
@@ -92,9 +107,19 @@ impl Planted {
                 .iter()
                 .map(|(name, _)| Hypothesis::free(effect(name).unwrap()))
                 .collect(),
-            commands: (0..runs).map(|_| excitation(&mut random, ROWS)).collect(),
+            commands: (0..runs)
+                .map(|_| {
+                    let knobs = excitation(&mut random, ROWS);
+                    knobs
+                        .iter()
+                        .map(|knobs| [y * knobs[0], x * knobs[1]])
+                        .collect()
+                })
+                .collect(),
             durations: stamped.then(|| vec![TRUTH[3] / 240.0; ROWS]),
             observed: Vec::new(),
+            tilt: vec![None; runs],
+            tilted: Vec::new(),
             stretches: (0..runs)
                 .map(|recording| Stretch {
                     recording,
@@ -111,7 +136,7 @@ impl Planted {
         for commands in &planted.commands {
             let place =
                 |random: &mut Random, reach: f64| [(); 2].map(|()| random.within(-reach, reach));
-            let start = [place(&mut random, 0.25)];
+            let start = [place(&mut random, 0.25)].map(|place| [x * place[0], y * place[1]]);
             let velocity = [place(&mut random, if moving { 0.1 } else { 0.0 })];
             let parameters = [Parameters::from(TRUTH)];
             let batch = Batch {
@@ -122,13 +147,15 @@ impl Planted {
                 ..Batch::new(&planted.rig, &parameters, commands)
             };
             let exact = batch
-                .run(Engine::Rolling, Some(1), &AtomicBool::new(false))
+                .run_with_tilt(Engine::Rolling, Some(1), &AtomicBool::new(false))
                 .unwrap();
             let seen = exact
+                .marble
                 .iter()
                 .map(|place| place.map(|x| x + NOISE * random.normal()))
                 .collect();
             planted.observed.push(seen);
+            planted.tilted.push(exact.tilt);
         }
         planted
     }
@@ -138,11 +165,13 @@ impl Planted {
             .commands
             .iter()
             .zip(&self.observed)
-            .map(|(commands, observed)| Recording {
+            .zip(&self.tilt)
+            .map(|((commands, observed), tilt)| Recording {
                 commands,
                 knobs_before: [0.0; 2],
                 durations: self.durations.as_deref(),
                 observed,
+                tilt: tilt.as_deref(),
                 way: None,
                 path: None,
             })
@@ -154,6 +183,7 @@ impl Planted {
             recordings: &recordings,
             stretches: &self.stretches,
             noise: None,
+            tilt_noise: None,
             engine: Engine::Rolling,
             threads: self.threads,
         })
@@ -166,6 +196,18 @@ impl Planted {
             ..Settings::default()
         };
         self.with(|problem| problem.fit(&settings, &|_, _, _| (), &AtomicBool::new(false)))
+    }
+
+    /// Measures the tilt as well, with noise (rad) about x and about y.
+    pub(crate) fn with_tilt(mut self, noise: [f64; 2]) -> Self {
+        let mut random = Random(ChaCha8Rng::seed_from_u64(77));
+        let mut measured =
+            |angles: &[f64; 2]| [0, 1].map(|axis| angles[axis] + noise[axis] * random.normal());
+        let runs = self.tilted.iter();
+        self.tilt = runs
+            .map(|rows| Some(rows.iter().map(&mut measured).collect()))
+            .collect();
+        self
     }
 
     /// Looks first at the truth.

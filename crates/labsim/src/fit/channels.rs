@@ -1,0 +1,197 @@
+//! What was measured, axis by axis: the marble's x and y, the tilt about x and about y.
+//!
+//! Each channel has a noise of its own. Residuals are kept in units of one common scale (board edges): those
+//! of a channel are multiplied by its weight, the common scale over the channel's. What the model misses
+//! counts as well as what the sensor does, so weights follow the residuals once there are some.
+
+use super::problem::Problem;
+use super::robust::{self, signal_noise};
+use super::windows::Windows;
+
+/// Marble x, marble y, tilt x, tilt y.
+pub(super) const CHANNELS: usize = 4;
+/// The channels of the tilt.
+pub(super) const TILT: std::ops::Range<usize> = 2..4;
+pub(super) const MARBLE: std::ops::Range<usize> = 0..2;
+
+/// Weights that change by less than this part have settled: scales are known to some percent.
+const SETTLED: f64 = 0.05;
+
+/// The channels of a problem, and how they count.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Channels {
+    /// Whether what was measured ever changes. A channel that does not counts for nothing.
+    pub(super) active: [bool; CHANNELS],
+    /// Standard deviations of the sensors (board edges, rad), given or from the recordings' own changes.
+    pub(super) noise: [f64; CHANNELS],
+    /// Common units over the channel's.
+    pub(super) weights: [f64; CHANNELS],
+    /// No residual counts for more than one of this scale (common units).
+    pub(super) floor: f64,
+}
+
+impl Channels {
+    /// The channels of a problem, weighted by their sensors' noise; without tilt all weights are 1.
+    pub(super) fn of(problem: &Problem<'_>) -> Self {
+        let marble: Vec<&[[f64; 2]]> = problem
+            .stretches
+            .iter()
+            .map(|stretch| problem.observed(stretch))
+            .collect();
+        let tilt: Vec<&[[f64; 2]]> = problem
+            .stretches
+            .iter()
+            .filter_map(|stretch| problem.tilt(stretch))
+            .collect();
+        let mut active = [false; CHANNELS];
+        active[MARBLE].copy_from_slice(&robust::changes(&marble));
+        // A marble that never moves at all says that it rests.
+        if !active[0] && !active[1] {
+            let seen = marble.iter().copied().flatten();
+            active[MARBLE].fill(seen.flatten().any(|one| one.is_finite()));
+        }
+        active[TILT].copy_from_slice(&robust::changes(&tilt));
+        let mut channels = Self {
+            active,
+            noise: [1.0; CHANNELS],
+            weights: [1.0; CHANNELS],
+            floor: 1.0,
+        };
+        if channels.has_marble() {
+            channels.floor = problem.tracker_noise();
+            channels.noise[MARBLE].fill(channels.floor);
+        }
+        if !channels.has_tilt() {
+            return channels;
+        }
+        for axis in 0..2 {
+            let of_axis = |all: &[&[[f64; 2]]]| -> Vec<Vec<f64>> {
+                let one = |rows: &&[[f64; 2]]| rows.iter().map(|row| row[axis]).collect();
+                all.iter().map(one).collect()
+            };
+            if problem.noise.is_none() && channels.active[axis] {
+                channels.noise[axis] = signal_noise(&of_axis(&marble));
+            }
+            channels.noise[2 + axis] = problem
+                .tilt_noise
+                .unwrap_or_else(|| signal_noise(&of_axis(&tilt)));
+        }
+        let common = if channels.has_marble() {
+            problem.tracker_noise()
+        } else {
+            channels.common(channels.noise)
+        };
+        channels.weighted(common, channels.noise)
+    }
+
+    pub(super) fn has_marble(&self) -> bool {
+        self.active[MARBLE].contains(&true)
+    }
+
+    pub(super) fn has_tilt(&self) -> bool {
+        self.active[TILT].contains(&true)
+    }
+
+    /// How many axes of the marble count.
+    pub(super) fn marble_axes(&self) -> usize {
+        self.active[MARBLE].iter().filter(|active| **active).count()
+    }
+
+    /// Weights by the scales of residuals: no channel's is smaller than its sensor's noise.
+    pub(super) fn reweighted(&self, windows: &Windows, residual: &[f64]) -> Self {
+        if !self.has_tilt() {
+            return *self;
+        }
+        let scales: [f64; CHANNELS] = std::array::from_fn(|channel| {
+            let scale = self.scale(windows, residual, channel..channel + 1);
+            scale.max(self.noise[channel])
+        });
+        let common = if self.has_marble() {
+            let marble = self.scale(windows, residual, MARBLE);
+            marble.max(self.common(self.noise))
+        } else {
+            self.common(scales)
+        };
+        self.weighted(common, scales)
+    }
+
+    /// The robust standard deviation of what some channels leave over, in their own unit; not a number where
+    /// nothing was measured.
+    pub(super) fn scale(
+        &self,
+        windows: &Windows,
+        residual: &[f64],
+        channels: std::ops::Range<usize>,
+    ) -> f64 {
+        let found: Vec<f64> = windows
+            .channels_of(channels)
+            .map(|(channel, i)| residual[i] / self.weights[channel])
+            .collect();
+        if found.is_empty() {
+            return f64::NAN;
+        }
+        robust::scale(&found, &vec![true; found.len()])
+    }
+
+    /// Residuals in common units by these channels' weights, which were in those of others.
+    pub(super) fn rescale(&self, before: &Self, windows: &Windows, residual: &mut [f64]) {
+        for (channel, i) in windows.channels_of(0..CHANNELS) {
+            residual[i] *= self.weights[channel] / before.weights[channel];
+        }
+    }
+
+    /// Whether other weights are about the same.
+    pub(super) fn is_settled(&self, other: &Self) -> bool {
+        let same = |(one, other): (&f64, &f64)| (one / other).ln().abs() < SETTLED;
+        self.weights.iter().zip(&other.weights).all(same)
+    }
+
+    /// Whether residuals are no more than their sensors' noise, or so many times that.
+    pub(super) fn is_noise(&self, windows: &Windows, residual: &[f64], times: f64) -> bool {
+        if !self.has_tilt() {
+            return robust::scale(residual, &windows.known) < times * self.floor;
+        }
+        let is_noise = |channel: usize| {
+            let scale = self.scale(windows, residual, channel..channel + 1);
+            !self.active[channel] || scale < times * self.noise[channel]
+        };
+        (0..CHANNELS).all(is_noise)
+    }
+
+    /// The negative log-likelihood of residuals up to a constant, each at its sensor's noise.
+    pub(super) fn loss(&self, windows: &Windows, residual: &[f64]) -> f64 {
+        if !self.has_tilt() {
+            return robust::loss(residual, self.floor);
+        }
+        let of_channel = |channel: usize| {
+            let own: Vec<f64> = windows
+                .channels_of(channel..channel + 1)
+                .map(|(_, i)| residual[i] / self.weights[channel])
+                .collect();
+            robust::loss(&own, self.noise[channel])
+        };
+        (0..CHANNELS).map(of_channel).sum()
+    }
+
+    fn weighted(mut self, common: f64, scales: [f64; CHANNELS]) -> Self {
+        self.floor = f64::INFINITY;
+        for (channel, scale) in scales.into_iter().enumerate() {
+            if self.active[channel] {
+                self.weights[channel] = common / scale;
+                let floor = self.weights[channel] * self.noise[channel];
+                self.floor = self.floor.min(floor);
+            }
+        }
+        self
+    }
+
+    /// The root mean square of scales: the marble's, or the tilt's where there is none.
+    fn common(&self, scales: [f64; CHANNELS]) -> f64 {
+        let own = if self.has_marble() { MARBLE } else { TILT };
+        let squares: Vec<f64> = own
+            .filter(|&channel| self.active[channel])
+            .map(|channel| scales[channel] * scales[channel])
+            .collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    }
+}
