@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import irt
+from irt.catalogue import effect, hypothetical
 from irt.diagnose.case import Case
 from irt.diagnose.hypotheses import size_of
 from irt.files import write_atomic
@@ -58,7 +59,7 @@ def hide(folder: Path, random: np.random.Generator, nulls: float, pairs: float) 
     """Write one rig; return its label."""
     folder.mkdir(parents=True, exist_ok=True)
     count = 0 if random.random() < nulls else 2 if random.random() < pairs else 1
-    names = [info.name for info in irt.effects()]
+    names = [info.name for info in hypothetical()]
     while True:
         values = np.array(
             [
@@ -129,7 +130,7 @@ def _noise(kind: str, random: np.random.Generator) -> Array:
 def _drawn(name: str, random: np.random.Generator) -> dict[str, Any]:
     """Draw an effect: its size log-uniformly, everything else over its range."""
     drawn: dict[str, Any] = {"name": name}
-    parameters = irt.catalogue.effect(name).parameters
+    parameters = effect(name).required
     size = size_of(name)
     for index, one in enumerate(parameters):
         beside = size is not None and index != size and len(parameters) > 1

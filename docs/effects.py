@@ -30,9 +30,10 @@ OPENING = """\
 
 What a marble on a board may do beyond the five parameters. Written by `make pictures` from the engine's
 catalogue, in the order in which effects act, from the command to the picture; `irt.effects()` tells the same
-to a program. Ranges are where a search looks, and neutral values leave every bit of a rollout as it is. The
-pictures show the paper's drive, for 100 rows of 20 physics updates: grey without the effect, blue with it, at
-the values below them.
+to a program. Ranges are where a search looks, and neutral values leave every bit of a rollout as it is.
+Optional parameters stay neutral in every fit that does not name them; the diagnosis does not try effects
+marked "not a hypothesis". The pictures show the paper's drive, for 100 rows of 20 physics updates: grey
+without the effect, blue with it, at the values below them.
 
 ```python
 irt.rollouts(parameters, irt.paper_drive(), effects=[{"name": "lag", "time_constant_s": 0.3}])
@@ -43,17 +44,30 @@ Array = NDArray[np.float64]
 
 
 def example(effect: EffectInfo) -> tuple[dict[str, float], Array, Array]:
-    """Return values at which an effect shows, and the paths (100, 2) without and with it [board edges]."""
+    """Return values at which an effect shows, and the paths (100, 2) without and with it [board edges].
+
+    Of an effect that changes no path it is the measured tilt [rad].
+    """
     values: dict[str, float] = {}
     base = changed = np.zeros((100, 2))
     for parameters in (GENTLE, LIVELY, STICKY):
         base = rollouts([parameters], paper_drive())[0]
         for part in PARTS:
-            values = {one.name: _value(one, part) for one in effect.parameters}
+            values = {one.name: _value(one, part) for one in effect.required}
             changed = rollouts([parameters], paper_drive(), effects=[{"name": effect.name, **values}])[0]
             if np.abs(changed - base).max() > SHOWS:
                 return values, base, changed
+    if _is_of_tilt(effect, values):
+        measured = [{"name": effect.name, **values}]
+        base = rollouts([GENTLE], paper_drive(), tilt=True)[1][0]
+        changed = rollouts([GENTLE], paper_drive(), effects=measured, tilt=True)[1][0]
     return values, base, changed
+
+
+def _is_of_tilt(effect: EffectInfo, values: dict[str, float]) -> bool:
+    """Whether an effect changes no path, but what is measured of the tilt."""
+    plain = rollouts([LIVELY], paper_drive())
+    return np.array_equal(rollouts([LIVELY], paper_drive(), effects=[{"name": effect.name, **values}]), plain)
 
 
 def _value(parameter: EffectParameter, part: float) -> float:
@@ -65,7 +79,7 @@ def _value(parameter: EffectParameter, part: float) -> float:
         value = neutral + part * (high - neutral)
     else:
         value = low + part * (high - low)
-    return float(f"{value:.2g}")
+    return min(max(float(f"{value:.2g}"), low), high)
 
 
 def draw(effect: EffectInfo) -> str:
@@ -76,6 +90,12 @@ def draw(effect: EffectInfo) -> str:
     axis = int(np.abs(changed - base).max(axis=0).argmax())
     seconds = np.arange(len(base)) * GENTLE[3] * SUBSTEP_S
     with style.drawing(PICTURES / f"{effect.name}.svg", style.WIDTH, 1.8) as figure:
+        if _is_of_tilt(effect, values):
+            over_time = figure.subplots()
+            for tilt, colour in ((base, style.MUTED), (changed, style.TUNED)):
+                over_time.plot(seconds, tilt[:, axis], color=colour)
+            over_time.set(xlabel="time  [s]", title=f"measured tilt about {'xy'[axis]}  [rad]")
+            return _told(effect, values)
         above, over_time = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
         rim = Rectangle((-half_x, -half_y), 2 * half_x, 2 * half_y, fill=False, ec=style.MUTED, lw=0.7)
         above.add_patch(rim)
@@ -88,6 +108,11 @@ def draw(effect: EffectInfo) -> str:
         above.grid(visible=False)
         above.spines[:].set_visible(False)
         over_time.set(xlabel="time  [s]", title=f"{'xy'[axis]}  [edges]")
+    return _told(effect, values)
+
+
+def _told(effect: EffectInfo, values: dict[str, float]) -> str:
+    """Return values with their units."""
     units = {one.name: one.unit for one in effect.parameters}
     return ", ".join(f"`{name}` = {value:g} {units[name]}".rstrip() for name, value in values.items())
 
@@ -96,7 +121,7 @@ def section(effect: EffectInfo, drawn_at: str) -> str:
     """Return an effect's part of the page."""
     lines = [
         f"## {effect.name}",
-        f"*{effect.stage}* · `{effect.equation}`",
+        f"*{effect.stage}* · `{effect.equation}`" + ("" if effect.hypothesis else " · not a hypothesis"),
         effect.does,
         f"**When it matters.** {effect.matters}",
         f"**What it looks like.** {effect.looks}",
@@ -112,7 +137,10 @@ def _table(effect: EffectInfo) -> Iterator[str]:
     yield "| parameter | unit | range | neutral | |"
     yield "| --- | --- | --- | ---: | --- |"
     for one in effect.parameters:
-        yield f"| `{one.name}` | {one.unit} | {one.searched} | {one.neutral:g} | {one.doc} |"
+        note = ("optional: " if one.optional else "") + one.doc
+        if not one.is_choice and one.reach != (one.low, one.high):
+            note += f"; a fit goes from {one.reach[0]:g} to {one.reach[1]:g}"
+        yield f"| `{one.name}` | {one.unit} | {one.searched} | {one.neutral:g} | {note} |"
 
 
 def page(drawn_at: dict[str, str]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +37,10 @@ class EffectParameter:
         along the same path: 1 of a time, -1 of a speed, -2 of a push, or of a tilt of the board.
     doc : str
         What it is, in a few words.
+    optional : bool
+        Whether it refines the effect: fits hold it at its neutral value unless the caller names it.
+    reach : (float, float)
+        The values that a fit takes without a price; at least from `low` to `high`.
     """
 
     name: str
@@ -48,6 +52,8 @@ class EffectParameter:
     most: float
     time_power: int
     doc: str
+    optional: bool = False
+    reach: tuple[float, float] = (-np.inf, np.inf)
 
     @property
     def is_choice(self) -> bool:
@@ -93,6 +99,10 @@ class EffectInfo:
         Whether the catalogue lists it. What it does not list simulates like any effect and is no hypothesis.
     turns : bool
         Whether it matters how the marble has been turned by its path.
+    hypothesis : bool
+        Whether the diagnosis tries it.
+    shrunk : bool
+        Whether its parameters are drawn from one normal distribution about zero, whose size is estimated.
     """
 
     name: str
@@ -105,6 +115,17 @@ class EffectInfo:
     references: tuple[str, ...]
     listed: bool
     turns: bool
+    hypothesis: bool
+    shrunk: bool
+
+    @property
+    def required(self) -> tuple[EffectParameter, ...]:
+        """The parameters that every fit of the effect has: all but the optional ones, which come last."""
+        return self.used(())
+
+    def used(self, named: Container[str]) -> tuple[EffectParameter, ...]:
+        """Return the parameters that a fit has, if some are named: those, and all that are not optional."""
+        return tuple(one for one in self.parameters if not one.optional or one.name in named)
 
     @property
     def doc(self) -> str:
@@ -115,6 +136,11 @@ class EffectInfo:
 def effects() -> list[EffectInfo]:
     """List the catalogue of physical effects, in the order in which they act from command to picture."""
     return [one for one in _known().values() if one.listed]
+
+
+def hypothetical() -> list[EffectInfo]:
+    """List the effects of the catalogue that the diagnosis tries, in the order in which they act."""
+    return [one for one in effects() if one.hypothesis]
 
 
 def effect(name: str) -> EffectInfo:
@@ -190,7 +216,8 @@ def _column(effect_name: str, name: str, value: Any, count: int) -> Array:
 def _known() -> dict[str, EffectInfo]:
     found = {}
     for one in _labsim.effects():
-        name, stage, equation, parameters, does, matters, looks, references, listed, turns = one
+        name, stage, equation, parameters, does, matters, looks, references, *flags = one
+        listed, turns, hypothesis, shrunk = flags
         found[name] = EffectInfo(
             name=name,
             stage=stage,
@@ -202,5 +229,7 @@ def _known() -> dict[str, EffectInfo]:
             references=tuple(references),
             listed=listed,
             turns=turns,
+            hypothesis=hypothesis,
+            shrunk=shrunk,
         )
     return found

@@ -201,6 +201,28 @@ def test_the_catalogue_tells_of_each_effect_what_a_report_needs():
         assert effect.references
 
 
+def test_optional_parameters_come_last_and_are_neutral_by_themselves():
+    info = catalogue.effect("second_order_lag")
+    assert [one.name for one in info.required] == ["time_constant_s", "damping_ratio"]
+    assert info.used({"y_minus_x_s"}) == info.parameters
+    for one in effects():
+        assert one.required == one.parameters[: len(one.required)]
+        assert all(parameter.optional for parameter in one.parameters[len(one.required) :])
+
+
+def test_the_diagnosis_tries_some_effects_and_a_fit_goes_beyond_the_range_of_some():
+    tried = {one.name for one in catalogue.hypothetical()}
+    assert tried < {one.name for one in effects()}
+    assert "tilt_bias" in tried
+    assert not tried & {"second_order_lag", "gear_matrix", "slope_map", "lean", "tilt_sensor"}
+    assert {one.name for one in effects() if one.shrunk} == {"slope_map", "lean"}
+    bias = catalogue.effect("tilt_bias").parameters[0]
+    assert bias.reach == (-0.06, 0.06)
+    for one in effects():
+        for parameter in one.parameters:
+            assert parameter.reach[0] <= parameter.low <= parameter.high <= parameter.reach[1]
+
+
 def test_what_the_catalogue_does_not_list_simulates_like_any_effect():
     learned = catalogue.effect("unlisted")
     assert not learned.listed

@@ -8,7 +8,8 @@ use pyo3::prelude::*;
 use crate::arrays;
 use crate::errors;
 
-/// Name, unit, plausible low and high, neutral, allowed low and high, power of the time scale, meaning.
+/// Name, unit, plausible low and high, neutral, allowed low and high, power of the time scale, meaning, whether
+/// it is optional, and the reach of a fit.
 type Parameter = (
     &'static str,
     &'static str,
@@ -19,10 +20,13 @@ type Parameter = (
     f64,
     i8,
     &'static str,
+    bool,
+    (f64, f64),
 );
 
 /// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, and
-/// whether it is of the catalogue and whether it matters to it how the marble has been turned.
+/// whether it is of the catalogue, whether it matters to it how the marble has been turned, whether today's
+/// diagnosis tries it, and whether a fit shrinks its parameters.
 type About = (
     &'static str,
     String,
@@ -32,6 +36,8 @@ type About = (
     &'static str,
     &'static str,
     Vec<&'static str>,
+    bool,
+    bool,
     bool,
     bool,
 );
@@ -56,6 +62,8 @@ pub(crate) fn catalogue() -> Vec<About> {
                     most,
                     one.time_power,
                     one.means,
+                    one.optional,
+                    one.reach.unwrap_or(one.range),
                 )
             });
             (
@@ -69,6 +77,8 @@ pub(crate) fn catalogue() -> Vec<About> {
                 about.references.to_vec(),
                 is_listed,
                 about.turns(),
+                about.hypothesis,
+                about.shrunk,
             )
         })
         .collect()

@@ -53,7 +53,7 @@ fn fits(criterion: &mut Criterion) {
         (
             "with lag, tilt_bias and viscous_drag",
             &[
-                ("lag", &[0.15]),
+                ("lag", &[0.15, 0.0]),
                 ("tilt_bias", &[0.004, -0.003]),
                 ("viscous_drag", &[0.5]),
             ],

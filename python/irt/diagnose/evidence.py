@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irt.catalogue import effects
+from irt.catalogue import hypothetical
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.colour import carried, fresh, memory, seeming
 from irt.diagnose.screen import Screen
@@ -81,7 +81,7 @@ class Evidence:
 
     def price(self, parameters: int, choices: int) -> float:
         """Return what so many parameters, and choices from the catalogue, cost [nats]."""
-        data, catalogue = math.log(max(self.rows, math.e)), math.log(len(effects()))
+        data, catalogue = math.log(max(self.rows, math.e)), math.log(len(hypothetical()))
         return 0.5 * parameters * data + choices * catalogue
 
     def margin(self, one: Fitted, over: Fitted) -> float:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effect, effects
+from irt.catalogue import effect, hypothetical
 from irt.rollouts import rollouts
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ def hypotheses() -> list[str]:
     What is drawn anew for each command cannot be predicted: fitted, it would be one draw among all, and not
     that of the recordings (`irt.diagnose.jitter` looks for it in another way).
     """
-    return [info.name for info in effects() if _repeats(info.name)]
+    return [info.name for info in hypothetical() if _repeats(info.name)]
 
 
 @functools.cache
@@ -41,7 +41,7 @@ def _repeats(name: str) -> bool:
 @functools.cache
 def acts_on_impacts_alone(name: str) -> bool:
     """Whether an effect changes nothing away from the rim, but where a run is seen to begin."""
-    if not all(np.isfinite(one.neutral) for one in effect(name).parameters):
+    if not all(np.isfinite(one.neutral) for one in effect(name).required):
         return False
     changed = _tried([{"name": name, **_strong(name)}])
     return bool(np.ptp(changed - _tried([]), axis=1).max() < _NOTHING)
@@ -55,7 +55,7 @@ def is_law_of_impacts(name: str) -> bool:
 def has_place(name: str) -> bool:
     """Whether an effect pushes the marble at a place of the board."""
     info = effect(name)
-    return info.stage != "sensing" and {one.name for one in info.parameters} >= PLACE
+    return info.stage != "sensing" and {one.name for one in info.required} >= PLACE
 
 
 @functools.cache
@@ -64,7 +64,7 @@ def size_of(name: str) -> int | None:
     plain = _tried([])
     silent = [
         index
-        for index, one in enumerate(effect(name).parameters)
+        for index, one in enumerate(effect(name).required)
         if np.isfinite(one.neutral)
         and np.array_equal(_tried([{"name": name, **_strong(name), one.name: one.neutral}]), plain)
     ]
@@ -77,7 +77,7 @@ def is_rough(name: str) -> bool:
     index = size_of(name)
     if index is None:
         return False
-    strong, one = _strong(name), effect(name).parameters[index]
+    strong, one = _strong(name), effect(name).required[index]
     more = one.neutral + (1.0 + _LITTLE) * (strong[one.name] - one.neutral)
     plain = _tried([])
     changes = [
@@ -89,7 +89,7 @@ def is_rough(name: str) -> bool:
 
 def _strong(name: str) -> dict[str, float]:
     """Return values of an effect that show."""
-    return {one.name: one.low + 0.4 * (one.high - one.low) for one in effect(name).parameters}
+    return {one.name: one.low + 0.4 * (one.high - one.low) for one in effect(name).required}
 
 
 def _tried(chosen: Sequence[Mapping[str, object]], seeds: Sequence[int] = (1,)) -> Array:

@@ -88,7 +88,7 @@ def _size(one: Fitted, name: str) -> float:
     values = one.value_of(name)
     return max(
         abs(values[parameter.name] - parameter.neutral) / (parameter.high - parameter.low)
-        for parameter in effect(name).parameters
+        for parameter in effect(name).required
     )
 
 

@@ -60,7 +60,7 @@ def moved_in(case: Case, one: Fitted, name: str, other: str) -> tuple[tuple[str,
     kept = [own for own in one.effects if own != name]
     values = dict(zip(one.names, one.values, strict=True))
     rest = [value for key, value in values.items() if not key.startswith(f"{name}.")]
-    parameters = effect(other).parameters
+    parameters = effect(other).required
     drawn = drawn_values(parameters, None, MOVED, case.seed)
     for axis, parameter in enumerate(parameters):
         if parameter.name in PLACE:
@@ -73,7 +73,7 @@ def moved_in(case: Case, one: Fitted, name: str, other: str) -> tuple[tuple[str,
 
 def _best(name: str, drawn: Array) -> Array:
     """Return the first draw, and where an effect has choices the first of each answer."""
-    choices = [index for index, one in enumerate(effect(name).parameters) if one.is_choice]
+    choices = [index for index, one in enumerate(effect(name).required) if one.is_choice]
     if not choices:
         return drawn[:1]
     _, first = np.unique(drawn[:, choices], axis=0, return_index=True)

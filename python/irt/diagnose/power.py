@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectParameter, effect, effects
+from irt.catalogue import EffectParameter, effect, hypothetical
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Power
 from irt.diagnose.evidence import Evidence
@@ -38,13 +38,13 @@ def power(case: Case, base: Fitted, evidence: Evidence) -> list[Power]:
     apart = Screen(between, base, int(np.median(lengths))) if lengths else None
     return [
         told
-        for info in effects()
+        for info in hypothetical()
         for told in _of(case, whole if acts_on_impacts_alone(info.name) else apart, info.name, evidence)
     ]
 
 
 def _of(case: Case, screen: Screen | None, name: str, evidence: Evidence) -> Iterator[Power]:
-    parameters = effect(name).parameters
+    parameters = effect(name).required
     size = size_of(name)
     for index in range(len(parameters)) if size is None else (size,):
         one = parameters[index]

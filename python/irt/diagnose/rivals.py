@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effect, effects
+from irt.catalogue import effect, hypothetical
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import UNLISTED
 from irt.diagnose.search import Search
@@ -62,11 +62,11 @@ def _between(one: Fitted, other: Fitted) -> Array:
 
 def _namesakes(name: str, best: Fitted) -> list[str]:
     """Return effects whose parameters have the same units, one by one."""
-    units = [parameter.unit for parameter in effect(name).parameters]
+    units = [parameter.unit for parameter in effect(name).required]
     return [
         info.name
-        for info in effects()
-        if info.name not in best.effects and [parameter.unit for parameter in info.parameters] == units
+        for info in hypothetical()
+        if info.name not in best.effects and [parameter.unit for parameter in info.required] == units
     ]
 
 

@@ -171,7 +171,7 @@ def _is_all(search: Search, best: Fitted) -> bool:
 
 def may_be_absent(one: NamedEffect) -> bool:
     """Whether the interval of an effect's size, or those of all its parameters, hold the neutral values."""
-    parameters, size = effect(one.name).parameters, size_of(one.name)
+    parameters, size = effect(one.name).required, size_of(one.name)
     asked = parameters if size is None else (parameters[size],)
     told = [(one.parameters[parameter.name], parameter.neutral) for parameter in asked]
     return all(

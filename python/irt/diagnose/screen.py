@@ -212,7 +212,7 @@ class Screen:
 
     def _plausible(self, name: str) -> tuple[EffectParameter, ...]:
         """Return an effect's parameters, their ranges as wide as the hypothesis' time scale may be wrong."""
-        parameters = effect(name).parameters
+        parameters = effect(name).required
         return parameters if self._case.time_scale is not None else tuple(map(_of_any_clock, parameters))
 
     def _straight(self, name: str) -> Array:
@@ -234,7 +234,7 @@ class Screen:
 
     def _changes(self, name: str, drawn: Array) -> Array:
         """Return what draws of an effect add to the prediction, (k, w * n * 2)."""
-        keys = [parameter.name for parameter in effect(name).parameters]
+        keys = [parameter.name for parameter in effect(name).required]
         windows, count = len(self._states), len(drawn)
         added = {"name": name, **{key: np.repeat(drawn[:, i], windows) for i, key in enumerate(keys)}}
         predicted = self._simulated(np.tile(self._states, (count, 1)), added=added)

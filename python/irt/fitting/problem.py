@@ -63,9 +63,9 @@ class Information:
     scale: float
 
     @classmethod
-    def of(cls, told: Mapping[str, Any]) -> Information:
-        """Return what the engine told."""
-        return cls(**{**told, "free": np.array(told["free"], dtype=np.int64)})
+    def of(cls, told: Mapping[str, Any], slots: NDArray[np.int64]) -> Information:
+        """Return the engine's information, whose (n,) slots are the problem's parameters."""
+        return cls(**{**told, "free": np.searchsorted(slots, np.array(told["free"], dtype=np.int64))})
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,12 @@ class Problem:
     Attributes
     ----------
     names : tuple of str
-        Of all n parameters: the five, then ``effect.parameter``.
+        Of all n parameters: the five, then ``effect.parameter``. Optional parameters that nobody names are
+        no part of the problem.
+    slots : (n,) int array
+        Where the engine has them among its own m: the five, then all of the effects'.
+    neutral : (m,) array
+        What the engine's have that are no part of the problem.
     ranges : (n, 2) array
         Ends of their ranges, in their own units.
     allowed : (n, 2) array
@@ -169,6 +174,8 @@ class Problem:
     """
 
     names: tuple[str, ...]
+    slots: NDArray[np.int64]
+    neutral: Array
     ranges: Array
     allowed: Array
     asked: dict[str, Any]
@@ -199,7 +206,7 @@ class Problem:
             What is predicted: all stamped or none.
         effects : sequence of Effect
             What else is in the simulation; the search begins at the values given, and anywhere in the ranges
-            for parameters that have none.
+            for parameters that have none. Optional ones are neutral unless they have a value here.
         values : (5,) array, optional
             Where the search of the five parameters begins; by default anywhere in the ranges.
         time_scale : float, optional
@@ -227,7 +234,11 @@ class Problem:
         if time_scale is not None:
             parameters[TIME] = np.nan, np.nan, time_scale
         infos = [effect(one.name) for one in effects]
-        all_of_effects = [parameter for info in infos for parameter in info.parameters]
+        named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
+        pairs = list(zip(infos, named, strict=True))
+        all_of_effects = [one for info, names in pairs for one in info.used(names)]
+        is_used = [one in info.used(names) for info, names in pairs for one in info.parameters]
+        of_engine = [one.neutral for info in infos for one in info.parameters]
         asked = {
             "board": astuple(rig.board),
             "marble": (rig.marble.radius_m, rig.marble.mass_kg, rig.marble.damping_per_s),
@@ -245,8 +256,10 @@ class Problem:
         return cls(
             names=(
                 *PARAMETERS,
-                *(f"{info.name}.{parameter.name}" for info in infos for parameter in info.parameters),
+                *(f"{info.name}.{one.name}" for info, names in pairs for one in info.used(names)),
             ),
+            slots=np.flatnonzero([True] * len(PARAMETERS) + is_used),
+            neutral=np.array([np.nan] * len(PARAMETERS) + of_engine),
             ranges=np.array([*ranges, *((one.low, one.high) for one in all_of_effects)]),
             allowed=np.array(
                 [(-np.inf, np.inf)] * 2
@@ -275,12 +288,12 @@ class Problem:
         if points is None:
             asked = [(self._with(answers), []) for answers in product(*(one.answers for one in self.choices))]
         else:
-            asked = [(one, points[own].tolist()) for one, own in self._by_choice(points)]
+            asked = [(one, self._of_engine(points[own])) for one, own in self._by_choice(points)]
         found = []
         for number, (one, begin) in enumerate(asked):
             tell = None if progress is None else _of_one(progress, number, len(asked))
             told = _labsim.fit(one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=tell)
-            found.append(Solution(**{**told, "information": Information.of(told["information"])}))
+            found.append(self._solution(told))
         best = min(found, key=lambda one: one.loss)
         return replace(best, rollouts=sum(one.rollouts for one in found))
 
@@ -302,14 +315,33 @@ class Problem:
         [board edges].
         """
         ((asked, _),) = self._by_choice(values[None])
-        return Information.of(_labsim.inform(asked, values.tolist(), noise=noise))
+        (of_engine,) = self._of_engine(values[None])
+        return Information.of(_labsim.inform(asked, of_engine, noise=noise), self.slots)
 
     def _refined(self, values: Array, iterations: int, *, held: bool) -> list[Refined]:
         found: dict[int, Refined] = {}
         for asked, own in self._by_choice(values):
-            told = _labsim.refine(asked, values[own].tolist(), iterations=iterations, held=held)
-            found.update(zip(own, (Refined(**one) for one in told), strict=True))
+            begin = self._of_engine(values[own])
+            told = _labsim.refine(asked, begin, iterations=iterations, held=held)
+            refined = (Refined(**{**one, "values": one["values"][self.slots]}) for one in told)
+            found.update(zip(own, refined, strict=True))
         return [found[index] for index in range(len(values))]
+
+    def _solution(self, told: Mapping[str, Any]) -> Solution:
+        """Return the engine's solution with the problem's parameters alone."""
+        own = {
+            "values": told["values"][self.slots],
+            "information": Information.of(told["information"], self.slots),
+            "estimates": [(values[:, self.slots], errors) for values, errors in told["estimates"]],
+        }
+        return Solution(**{**told, **own})
+
+    def _of_engine(self, values: Array) -> list[list[float]]:
+        """Return (k, n) values as the engine has them, (k, m)."""
+        full = np.tile(self.neutral, (len(values), 1))
+        full[:, self.slots] = values
+        rows: list[list[float]] = full.tolist()
+        return rows
 
     def _by_choice(self, values: Array) -> list[tuple[dict[str, Any], list[int]]]:
         """Return the problem with each answer to open choices that (k, n) values give, and which give it."""
@@ -350,14 +382,18 @@ def noise_in(observed: Iterable[Array]) -> float:
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:
     """Return low, high and start of the parameters of an effect, (p, 3); no start is NaN.
 
-    A parameter that is held has no ends, and its value as start; so has a choice.
+    A parameter that is held has no ends, and its value as start; so has a choice, and an optional parameter
+    that is not named.
     """
     names = [parameter.name for parameter in parameters]
     for name in (*chosen.parameters, *held):
         if name not in names:
             raise unknown_name(f"parameter of {chosen.name}", name, names)
     choices = {one.name: chosen.parameters.get(one.name, one.neutral) for one in parameters if one.is_choice}
-    fixed = {**choices, **held}
+    refining = {
+        one.name: one.neutral for one in parameters if one.optional and one.name not in chosen.parameters
+    }
+    fixed = {**choices, **refining, **held}
     return np.array(
         [
             (np.nan, np.nan, fixed[one.name])
@@ -376,7 +412,7 @@ def _open_choices(effects: Sequence[Effect], held: Mapping[str, Mapping[str, flo
         for place, one in enumerate(effect(chosen.name).parameters):
             if one.is_choice and one.name not in made:
                 yield _Choice(slot, index, place, one.choices)
-            slot += 1
+            slot += not one.optional or one.name in made
 
 
 def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]:

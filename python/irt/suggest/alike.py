@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -76,10 +76,15 @@ def _renamed(first: Hypothesis, second: Hypothesis) -> Array:
     for name in [name for name in found if name in rest]:
         found[name] = rest.pop(name)
     for own in [one for one in second.effects if one not in first.effects]:
-        units = [one.unit for one in effect(own).parameters]
+        own_units = _units(own, found)
         for other in [one for one in first.effects if one not in second.effects]:
-            if units == [one.unit for one in effect(other).parameters]:
-                values = [rest[f"{other}.{one.name}"] for one in effect(other).parameters]
-                names = [f"{own}.{one.name}" for one in effect(own).parameters]
-                found |= dict(zip(names, values, strict=True))
+            units = _units(other, rest)
+            if list(own_units.values()) == list(units.values()):
+                found |= dict(zip(own_units, [rest[name] for name in units], strict=True))
     return np.array(list(found.values()))
+
+
+def _units(name: str, values: Container[str]) -> dict[str, str]:
+    """Return the units of those of an effect's parameters that have values, by ``effect.parameter``."""
+    units = {f"{name}.{one.name}": one.unit for one in effect(name).parameters}
+    return {key: unit for key, unit in units.items() if key in values}

@@ -114,7 +114,7 @@ class Hypothesis:
         of_effects = [
             one.parameters.get(parameter.name, parameter.neutral)
             for one in model.effects
-            for parameter in effect(one.name).parameters
+            for parameter in effect(one.name).used(one.parameters)
         ]
         values = np.concatenate([model.values, of_effects])
         if time_scale is not None:
@@ -227,10 +227,10 @@ class Hypothesis:
         count, rows = len(runs) * len(varied), len(runs[0].commands)
         parameters = np.tile(varied, (len(runs), 1))
         added, column = [], len(PARAMETERS)
-        for name in self.effects:
-            keys = [one.name for one in effect(name).parameters]
+        for chosen in self.model.effects:
+            keys = [one.name for one in effect(chosen.name).used(chosen.parameters)]
             columns = parameters[:, column : column + len(keys)].T
-            added.append({"name": name, **dict(zip(keys, columns, strict=True))})
+            added.append({"name": chosen.name, **dict(zip(keys, columns, strict=True))})
             column += len(keys)
         starts = np.array([run.start for run in runs])[:, None] + places
         reach = _INSIDE * self._reach()
@@ -272,7 +272,7 @@ def _held(model: Model) -> dict[str, dict[str, float]]:
         info = effect(one.name)
         found[one.name] = {
             parameter.name: one.parameters.get(parameter.name, parameter.neutral)
-            for parameter in info.parameters
+            for parameter in info.used(one.parameters)
             if not info.listed or parameter.name not in one.parameters
         }
     return found

@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from irt.catalogue import EffectInfo, effects
+from irt.catalogue import EffectInfo, hypothetical
 from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
@@ -280,7 +280,7 @@ class _Training:
 
 def _affecting(random: np.random.Generator, recipe: Streamed, parameters: Array) -> list[dict[str, object]]:
     """Draw an effect or two for some of (k, 5) targets; for the others they are neutral."""
-    known = effects()
+    known = hypothetical()
     chosen = random.choice(len(known), int(random.integers(1, 3)), replace=False)
     affected = random.random(len(parameters)) < recipe.affected
     return [_drawn(random, known[i], affected) for i in sorted(chosen)] if affected.any() else []
@@ -290,7 +290,7 @@ def _drawn(random: np.random.Generator, info: EffectInfo, affected: NDArray[np.b
     """Draw the parameters of an effect, small ones more often than large ones."""
     size = random.random(len(affected)) ** 2
     drawn: dict[str, object] = {"name": info.name}
-    for one in info.parameters:
+    for one in info.required:
         plausible = random.uniform(one.low, one.high, len(affected))
         if one.is_choice:
             value = random.choice(one.choices, len(affected))

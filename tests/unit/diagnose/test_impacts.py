@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irt.catalogue import effects
+from irt.catalogue import hypothetical
 from irt.diagnose.hypotheses import acts_on_impacts_alone
 from irt.diagnose.impacts import between_impacts, shows
 
@@ -17,7 +17,7 @@ def refined(case, names, values):
 
 
 def test_how_and_where_a_marble_is_thrown_back_shows_in_impacts_alone():
-    found = {one.name for one in effects() if acts_on_impacts_alone(one.name)}
+    found = {one.name for one in hypothetical() if acts_on_impacts_alone(one.name)}
     assert found == {"wall_restitution", "camera_offset"}
 
 

@@ -69,8 +69,47 @@ def test_effects_have_names_ranges_and_starts(planted):
     assert problem.ranges.shape == problem.allowed.shape == (8, 2)
     (_, bias), (_, lag) = problem.asked["effects"]
     np.testing.assert_array_equal(bias[:, 2], [np.nan, 0.002])
-    np.testing.assert_array_equal(lag[:, 2], [np.nan])
+    np.testing.assert_array_equal(lag[:, 2], [np.nan, 0.0])
     assert problem.allowed[7, 0] == 0.0
+
+
+def test_an_optional_parameter_is_neutral_unless_it_is_named(planted):
+    rig = planted(1)
+    held = {"gear_nonlinearity": {"y_minus_x_per_rad2": 3.0}}
+    effects = [Effect("lag", {"y_minus_x_s": 0.05}), Effect("dead_band", {}), Effect("gear_nonlinearity", {})]
+    problem = Problem.of(rig, segments(rig), effects=effects, held=held)
+    assert problem.names[5:] == (
+        "lag.time_constant_s",
+        "lag.y_minus_x_s",
+        "dead_band.half_width_rad",
+        "gear_nonlinearity.cubic_per_rad2",
+        "gear_nonlinearity.y_minus_x_per_rad2",
+    )
+    (_, lag), (_, band), (_, gear) = problem.asked["effects"]
+    np.testing.assert_array_equal(lag[1], [-0.5, 0.5, 0.05])
+    np.testing.assert_array_equal(band[1], [np.nan, np.nan, 0.0])
+    np.testing.assert_array_equal(gear[1], [np.nan, np.nan, 3.0])
+
+
+def test_what_is_held_at_neutral_is_no_part_of_what_comes_back(planted):
+    lag = {"time_constant_s": 0.12, "y_minus_x_s": 0.16}
+    rig = planted(3, effects=[{"name": "lag", **lag}])
+    tied = Problem.of(
+        rig, segments(rig), effects=[Effect("tilt_bias", {}), Effect("lag", {})], time_scale=20.0
+    )
+    apart = Problem.of(
+        rig,
+        segments(rig),
+        effects=[Effect("lag", {"y_minus_x_s": 0.0}), Effect("tilt_bias", {})],
+        time_scale=20.0,
+    )
+    begin = [*TRUTH, 0.0, 0.0, 0.1]
+    (one,) = tied.refine(np.array([begin]))
+    (other,) = apart.refine(np.array([[*TRUTH, 0.1, 0.0, 0.0, 0.0]]))
+    assert one.values.shape == (8,)
+    np.testing.assert_allclose(other.values[5:7], list(lag.values()), rtol=0.1)
+    told = tied.inform(one.values, 1e-3)
+    np.testing.assert_array_equal(told.free, [0, 1, 2, 4, 5, 6, 7])
 
 
 @pytest.mark.parametrize(

@@ -91,6 +91,12 @@ pub struct Parameter {
     /// With which power of the time scale it changes where all of the motion runs slower under weaker pushes,
     /// along the same path: 1 of a time, -1 of a speed, -2 of a push, or of a tilt of the board.
     pub time_power: i8,
+    /// Whether it refines the effect: every fit holds it at its neutral value unless it is named. Optional
+    /// parameters come after all others of their effect.
+    pub optional: bool,
+    /// The values that a fit may take without a price; `None` for those of `range`. It is wider where real
+    /// rigs have values that a search seldom needs, which would make its draws too coarse.
+    pub reach: Option<(f64, f64)>,
     /// What it is, in a few words.
     pub means: &'static str,
 }
@@ -109,6 +115,8 @@ impl Parameter {
             neutral: 0.0,
             allowed: (-10.0, 10.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means,
         }
     }
@@ -122,7 +130,30 @@ impl Parameter {
             neutral: usual,
             allowed: (0.0, 1.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means,
+        }
+    }
+
+    /// Optional: by how much another parameter of the effect, the mean of both axes, is larger about y than about x.
+    pub(super) const fn y_minus_x(
+        name: &'static str,
+        unit: &'static str,
+        half_range: f64,
+        most: f64,
+        time_power: i8,
+    ) -> Self {
+        Self {
+            name,
+            unit,
+            range: (-half_range, half_range),
+            neutral: 0.0,
+            allowed: (-most, most),
+            time_power,
+            optional: true,
+            reach: None,
+            means: "its value about y minus that about x",
         }
     }
 
@@ -145,6 +176,11 @@ pub struct About {
     /// Where it sits.
     pub stage: Stage,
     pub(crate) acts: Acts,
+    /// Whether today's diagnosis tries it.
+    pub hypothesis: bool,
+    /// Whether its parameters are drawn from one normal distribution about zero, whose size is estimated: a fit
+    /// shrinks them.
+    pub shrunk: bool,
     /// The physics, in one line.
     pub equation: &'static str,
     /// Its parameters, in the order in which arrays hold them.
@@ -168,6 +204,11 @@ impl About {
     /// Whether it matters how the marble has been turned by its path.
     pub fn turns(&self) -> bool {
         self.acts == Acts::OnMarble(Memory::Turning)
+    }
+
+    /// Whether it changes what is measured of the board's angles, and nothing else.
+    pub fn is_of_gauge(&self) -> bool {
+        self.acts == Acts::OnGauge
     }
 
     /// Refuses values that no physics allows.

@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "anisotropic_friction",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "resistance = rolling_friction g |(v_along, ratio × v_across)|/|v|, along and across the grain",
     parameters: &[
         Parameter {
@@ -20,6 +22,8 @@ pub(super) const ABOUT: About = About {
             neutral: 1.0,
             allowed: (1.0, 1e4),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "resistance across the grain over that along it",
         },
         Parameter {
@@ -29,6 +33,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (-100.0, 100.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "angle from x to the grain, towards y",
         },
     ],

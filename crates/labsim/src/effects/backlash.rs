@@ -15,6 +15,8 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (0.0, 10.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -23,6 +25,8 @@ pub(super) const ABOUT: About = About {
     name: "backlash",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: false },
+    hypothesis: true,
+    shrunk: false,
     equation: "θ = min(max(θ before, command - width/2), command + width/2)",
     parameters: &[
         parameter(

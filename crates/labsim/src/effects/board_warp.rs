@@ -15,6 +15,8 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (-100.0, 100.0),
         time_power: -2,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -23,6 +25,8 @@ pub(super) const ABOUT: About = About {
     name: "board_warp",
     stage: Stage::Board,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "height = (c_xx x² + 2 c_xy x y + c_yy y²)/2, acceleration = -g grad(height)",
     parameters: &[
         parameter("curvature_xx_per_m", "c_xx, curvature along x; positive as in a bowl"),

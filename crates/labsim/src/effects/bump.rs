@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "bump",
     stage: Stage::Board,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "height = h exp(-r²/(2 w²)), acceleration = -g grad(height)",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "where it is, along x"),
@@ -22,6 +24,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (-0.1, 0.1),
             time_power: -2,
+            optional: false,
+            reach: None,
             means: "height at its middle; a dent's is negative",
         },
         Parameter {
@@ -31,6 +35,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.02,
             allowed: (1e-4, 10.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "w, the distance at which 61 % of the height are left",
         },
     ],

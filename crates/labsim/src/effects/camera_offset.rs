@@ -15,6 +15,8 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (-10.0, 10.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -23,6 +25,8 @@ pub(super) const ABOUT: About = About {
     name: "camera_offset",
     stage: Stage::Sensing,
     acts: Acts::OnPicture,
+    hypothesis: true,
+    shrunk: false,
     equation: "seen = position + offset",
     parameters: &[
         parameter("x_edges", "where the board's centre is seen, along x"),

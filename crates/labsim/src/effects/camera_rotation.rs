@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "camera_rotation",
     stage: Stage::Sensing,
     acts: Acts::OnPicture,
+    hypothesis: true,
+    shrunk: false,
     equation: "seen = (x cos a - y sin a, x sin a + y cos a)",
     parameters: &[Parameter {
         name: "angle_rad",
@@ -19,6 +21,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (-100.0, 100.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means: "a, angle of the picture about the board's centre, from x towards y",
     }],
     does: "The axes of the picture are not those of the board: the camera is turned about its line of sight.",

@@ -10,6 +10,8 @@ pub(super) const ABOUT: About = About {
     name: "clock_drift",
     stage: Stage::Timing,
     acts: Acts::OnClock,
+    hypothesis: true,
+    shrunk: false,
     equation: "row length = command length × (1 + drift (part of the recording that has passed - 1/2))",
     parameters: &[Parameter {
         name: "drift",
@@ -18,6 +20,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (-0.99, 10.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means: "part by which the last row lasts longer than the first, over the mean",
     }],
     does: "Commands are issued by one clock and pictures taken by another, which slows down or speeds up in the course of \

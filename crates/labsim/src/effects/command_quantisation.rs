@@ -14,6 +14,8 @@ pub(super) const ABOUT: About = About {
     name: "command_quantisation",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: false },
+    hypothesis: true,
+    shrunk: false,
     equation: "knob = step × round(command/step)",
     parameters: &[Parameter {
         name: "step_rad",
@@ -22,6 +24,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (0.0, 10.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means: "smallest turn of the knob",
     }],
     does: "The knob stops only at multiples of a smallest turn: a servo's encoder, a stepper motor or a message with few digits.",

@@ -15,6 +15,8 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (-10.0, 10.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -23,6 +25,8 @@ pub(super) const ABOUT: About = About {
     name: "cross_coupling",
     stage: Stage::Board,
     acts: Acts::OnTilt,
+    hypothesis: true,
+    shrunk: false,
     equation: "tilt_x = gear_x knob_x + a gear_y knob_y, tilt_y = gear_y knob_y + b gear_x knob_x",
     parameters: &[
         parameter(
@@ -56,7 +60,7 @@ impl<S: Simd> Effect<S> for CrossCoupling<S> {
     }
 
     #[inline(always)]
-    fn tilt(&self, tilt: &mut Pair<S>) {
+    fn tilt(&self, tilt: &mut Pair<S>, _: &Pair<S>) {
         *tilt = [
             tilt[0] + self.x_from_y * tilt[1],
             tilt[1] + self.y_from_x * tilt[0],

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -11,16 +11,23 @@ pub(super) const ABOUT: About = About {
     name: "dead_band",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: false },
+    hypothesis: true,
+    shrunk: false,
     equation: "knob = command - clamp(command, -b, b)",
-    parameters: &[Parameter {
-        name: "half_width_rad",
-        unit: "rad",
-        range: (0.005, 0.15),
-        neutral: 0.0,
-        allowed: (0.0, 10.0),
-        time_power: 0,
-        means: "b, the angle on either side of zero within which the board stays level",
-    }],
+    parameters: &[
+        Parameter {
+            name: "half_width_rad",
+            unit: "rad",
+            range: (0.005, 0.15),
+            neutral: 0.0,
+            allowed: (0.0, 10.0),
+            time_power: 0,
+            optional: false,
+            reach: None,
+            means: "b, the angle on either side of zero within which the board stays level, the mean of both axes",
+        },
+        Parameter::y_minus_x("y_minus_x_rad", "rad", 0.1, 20.0, 0),
+    ],
     does: "About zero the knob turns without moving the board, beyond that the board follows by so much less: a slack cord \
            with springs that hold the board level, or a controller that ignores small errors.",
     matters: "When commands are not much larger than the band; half the drive is lost where they are twice as large.",
@@ -33,20 +40,21 @@ pub(super) const ABOUT: About = About {
 
 #[derive(Clone)]
 pub(crate) struct DeadBand<S: Simd> {
-    half_width: Lanes<S>,
+    half_width: Pair<S>,
 }
 
 impl<S: Simd> Effect<S> for DeadBand<S> {
     fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        let half_width = by_axis(values[0], values[1]);
         Self {
-            half_width: values[0],
+            half_width: half_width.map(|width| width.max(width.like(0.0))),
         }
     }
 
     #[inline(always)]
     fn turn(&mut self, knob: &mut Pair<S>, _: Lanes<S>) {
-        for knob in knob {
-            *knob = *knob - knob.clamp(self.half_width);
+        for (knob, &half_width) in knob.iter_mut().zip(&self.half_width) {
+            *knob = *knob - knob.clamp(half_width);
         }
     }
 }

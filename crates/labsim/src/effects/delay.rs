@@ -2,24 +2,32 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
+use crate::motion::Pair;
 
 pub(super) const ABOUT: About = About {
     name: "delay",
     stage: Stage::Actuation,
     acts: Acts::OnArrival,
+    hypothesis: true,
+    shrunk: false,
     equation: "knob(t) = command(t - delay)",
-    parameters: &[Parameter {
-        name: "delay_s",
-        unit: "s",
-        range: (0.0, 0.6),
-        neutral: 0.0,
-        allowed: (0.0, 60.0),
-        time_power: 1,
-        means: "time from a command to the knob's answer",
-    }],
+    parameters: &[
+        Parameter {
+            name: "delay_s",
+            unit: "s",
+            range: (0.0, 0.6),
+            neutral: 0.0,
+            allowed: (0.0, 60.0),
+            time_power: 1,
+            optional: false,
+            reach: None,
+            means: "time from a command to the knob's answer, the mean of both axes",
+        },
+        Parameter::y_minus_x("y_minus_x_s", "s", 0.3, 120.0, 1),
+    ],
     does: "The board answers every command the same time late: networks, controllers and drives pass commands on in turn.",
     matters: "Whenever the command changes within the delay; a slow sinusoid hides it as a shift of phase.",
     looks: "A pure shift in time of everything that the commands cause. Steps or several frequencies tell it from a lag; a camera \
@@ -32,15 +40,18 @@ pub(super) const ABOUT: About = About {
 
 #[derive(Clone)]
 pub(crate) struct Delay<S: Simd> {
-    delay: Lanes<S>,
+    delay: Pair<S>,
 }
 
 impl<S: Simd> Effect<S> for Delay<S> {
     fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
-        Self { delay: values[0] }
+        let delay = by_axis(values[0], values[1]);
+        Self {
+            delay: delay.map(|delay| delay.max(delay.like(0.0))),
+        }
     }
 
-    fn late(&self, _: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
+    fn late(&self, _: impl FnMut() -> Lanes<S>) -> Option<Pair<S>> {
         Some(self.delay)
     }
 }

@@ -5,11 +5,14 @@ use pulp::Simd;
 use super::{About, Acts, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
+use crate::motion::Pair;
 
 pub(super) const ABOUT: About = About {
     name: "delay_jitter",
     stage: Stage::Timing,
     acts: Acts::OnArrival,
+    hypothesis: true,
+    shrunk: false,
     equation: "knob(t + late_i) = command_i, late_i = max(0, delay + sd × N(0, 1))",
     parameters: &[Parameter {
         name: "sd_s",
@@ -18,6 +21,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (0.0, 60.0),
         time_power: 1,
+        optional: false,
+        reach: None,
         means: "standard deviation of a command's delay about its mean",
     }],
     does: "Each command takes another time to arrive, as on a network that others use or in a controller without a clock of \
@@ -38,7 +43,7 @@ impl<S: Simd> Effect<S> for DelayJitter<S> {
         Self { sd: values[0] }
     }
 
-    fn late(&self, mut draw: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
-        Some(self.sd * draw())
+    fn late(&self, mut draw: impl FnMut() -> Lanes<S>) -> Option<Pair<S>> {
+        Some([self.sd * draw(); 2])
     }
 }

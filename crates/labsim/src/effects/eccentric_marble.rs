@@ -13,6 +13,8 @@ pub(super) const ABOUT: About = About {
     name: "eccentric_marble",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::Turning),
+    hypothesis: true,
+    shrunk: false,
     equation: "acceleration = 5/7 offset (g e + (e · v) v/R), e the horizontal part of the direction of the heavy side, \
                which turns as the marble rolls (and, once it spins about the vertical, + 5/7 offset R (ω_z² e - ω_z e_z ω)); \
                or, if it follows the path, 5/7 g offset sin(s/R + phase) v̂, s the way so far",
@@ -24,6 +26,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (0.0, 0.5),
             time_power: -2,
+            optional: false,
+            reach: None,
             means: "distance of the centre of mass from the marble's middle, over the radius",
         },
         Parameter {
@@ -33,6 +37,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (-100.0, 100.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "angle of the centre of mass before the top where the way begins: towards +x, or ahead if it follows \
                     the path",
         },
@@ -43,6 +49,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (-FRAC_PI_2, FRAC_PI_2),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "angle of the centre of mass out of that plane, towards +y, where the way begins; nothing if it follows \
                     the path",
         },

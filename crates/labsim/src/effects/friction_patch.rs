@@ -14,6 +14,8 @@ pub(super) const ABOUT: About = About {
     name: "friction_patch",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "resistance = rolling_friction g × factor where |position - place| < radius",
     parameters: &[
         Parameter::on_board("x_m", 0.138, "where its middle is, along x"),
@@ -25,6 +27,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.04,
             allowed: (HALF_RIM_M, 10.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "its radius; the rim is two millimetres wide",
         },
         Parameter {
@@ -34,6 +38,8 @@ pub(super) const ABOUT: About = About {
             neutral: 1.0,
             allowed: (0.0, 1e4),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "resistance there over that elsewhere",
         },
     ],

@@ -15,6 +15,8 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (-1.0, 1.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -23,6 +25,8 @@ pub(super) const ABOUT: About = About {
     name: "gear_asymmetry",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: false },
+    hypothesis: true,
+    shrunk: false,
     equation: "tilt = gear × (θ + a |θ|)",
     parameters: &[
         parameter(

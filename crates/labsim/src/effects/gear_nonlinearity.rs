@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -11,16 +11,23 @@ pub(super) const ABOUT: About = About {
     name: "gear_nonlinearity",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: false },
+    hypothesis: true,
+    shrunk: false,
     equation: "tilt = gear × (θ + b θ³)",
-    parameters: &[Parameter {
-        name: "cubic_per_rad2",
-        unit: "1/rad²",
-        range: (-60.0, 60.0),
-        neutral: 0.0,
-        allowed: (-1e4, 1e4),
-        time_power: 0,
-        means: "b, the part by which the gear ratio changes per square of the knob's angle",
-    }],
+    parameters: &[
+        Parameter {
+            name: "cubic_per_rad2",
+            unit: "1/rad²",
+            range: (-60.0, 60.0),
+            neutral: 0.0,
+            allowed: (-1e4, 1e4),
+            time_power: 0,
+            optional: false,
+            reach: None,
+            means: "b, the part by which the gear ratio changes per square of the knob's angle, the mean of both axes",
+        },
+        Parameter::y_minus_x("y_minus_x_per_rad2", "1/rad²", 60.0, 2e4, 0),
+    ],
     does: "Large turns of the knob tilt the board more or less than small ones in proportion, the same on both sides: cords \
            that wind up, lever arms that turn away.",
     matters: "With large amplitudes; at a tenth of a radian the range reaches 60 % of the tilt.",
@@ -30,18 +37,20 @@ pub(super) const ABOUT: About = About {
 
 #[derive(Clone)]
 pub(crate) struct GearNonlinearity<S: Simd> {
-    cubic: Lanes<S>,
+    cubic: Pair<S>,
 }
 
 impl<S: Simd> Effect<S> for GearNonlinearity<S> {
     fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
-        Self { cubic: values[0] }
+        Self {
+            cubic: by_axis(values[0], values[1]),
+        }
     }
 
     #[inline(always)]
     fn turn(&mut self, knob: &mut Pair<S>, _: Lanes<S>) {
-        for knob in knob {
-            *knob = *knob + *knob * (self.cubic * (*knob * *knob));
+        for (knob, &cubic) in knob.iter_mut().zip(&self.cubic) {
+            *knob = *knob + *knob * (cubic * (*knob * *knob));
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -11,16 +11,23 @@ pub(super) const ABOUT: About = About {
     name: "lag",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: true },
+    hypothesis: true,
+    shrunk: false,
     equation: "T dθ/dt = command - θ",
-    parameters: &[Parameter {
-        name: "time_constant_s",
-        unit: "s",
-        range: (0.02, 1.0),
-        neutral: 0.0,
-        allowed: (0.0, 1e3),
-        time_power: 1,
-        means: "time T in which the knob comes within 37 % of a step",
-    }],
+    parameters: &[
+        Parameter {
+            name: "time_constant_s",
+            unit: "s",
+            range: (0.02, 1.0),
+            neutral: 0.0,
+            allowed: (0.0, 1e3),
+            time_power: 1,
+            optional: false,
+            reach: None,
+            means: "time T in which the knob comes within 37 % of a step, the mean of both axes",
+        },
+        Parameter::y_minus_x("y_minus_x_s", "s", 0.5, 2e3, 1),
+    ],
     does: "The knob creeps towards its command, the slower the nearer it is, as a position servo with a soft gain does.",
     matters: "When commands change within a few time constants.",
     looks: "Phase grows and amplitude falls with frequency. One slow sinusoid cannot tell it from a delay.",
@@ -32,15 +39,16 @@ const SHORT: f64 = 1e-9;
 
 #[derive(Clone)]
 pub(crate) struct Lag<S: Simd> {
-    time: Lanes<S>,
+    time: Pair<S>,
     knob: Option<Pair<S>>,
-    step: Step<S>,
+    /// Length of the substep that the steps are for.
+    length: Lanes<S>,
+    steps: [Step<S>; 2],
 }
 
-/// What a substep of this length leaves of the way to the command: at its end, and on average.
+/// What a substep leaves of the way to the command: at its end, and on average.
 #[derive(Clone)]
 struct Step<S: Simd> {
-    length: Lanes<S>,
     at_end: Lanes<S>,
     on_average: Lanes<S>,
 }
@@ -56,7 +64,6 @@ impl<S: Simd> Step<S> {
         let lasts = share.gt(SHORT * one);
         let on_average = lasts.select((one - left).over(lasts.select(share, one)), one);
         Self {
-            length,
             at_end: follows.select(left, zero),
             on_average: follows.select(on_average, zero),
         }
@@ -65,10 +72,13 @@ impl<S: Simd> Step<S> {
 
 impl<S: Simd> Effect<S> for Lag<S> {
     fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        let zero = values[0].like(0.0);
+        let time = by_axis(values[0], values[1]).map(|time| time.max(zero));
         Self {
-            time: values[0],
+            time,
             knob: None,
-            step: Step::new(values[0], values[0].like(0.0)),
+            length: zero,
+            steps: time.map(|time| Step::new(time, zero)),
         }
     }
 
@@ -78,13 +88,14 @@ impl<S: Simd> Effect<S> for Lag<S> {
             self.knob = Some(*knob);
             return;
         };
-        if length.ne(self.step.length).any() {
-            self.step = Step::new(self.time, length);
+        if length.ne(self.length).any() {
+            self.length = length;
+            self.steps = self.time.map(|time| Step::new(time, length));
         }
-        for (knob, turned) in knob.iter_mut().zip(turned) {
+        for ((knob, turned), step) in knob.iter_mut().zip(turned).zip(&self.steps) {
             let way = *turned - *knob;
-            *turned = *knob + self.step.at_end * way;
-            *knob = *knob + self.step.on_average * way;
+            *turned = *knob + step.at_end * way;
+            *knob = *knob + step.on_average * way;
         }
     }
 }

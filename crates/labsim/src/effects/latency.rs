@@ -10,6 +10,8 @@ pub(super) const ABOUT: About = About {
     name: "latency",
     stage: Stage::Sensing,
     acts: Acts::OnExposure,
+    hypothesis: true,
+    shrunk: false,
     equation: "seen(t) = marble(t - latency)",
     parameters: &[Parameter {
         name: "latency_s",
@@ -18,6 +20,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (0.0, 60.0),
         time_power: 1,
+        optional: false,
+        reach: None,
         means: "age of a picture when its row is written",
     }],
     does: "A row tells where the marble was some time ago: exposure, transfer and search in the picture take that long. Row 0, \

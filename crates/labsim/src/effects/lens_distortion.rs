@@ -15,6 +15,8 @@ pub(super) const ABOUT: About = About {
     name: "lens_distortion",
     stage: Stage::Sensing,
     acts: Acts::OnPicture,
+    hypothesis: true,
+    shrunk: false,
     equation: "seen = position × (1 + k r²), r in board edges from the centre",
     parameters: &[Parameter {
         name: "k_per_edge2",
@@ -23,6 +25,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (-0.6, 10.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means: "k, part by which the scale grows over an edge; a barrel's is negative",
     }],
     does: "The lens magnifies the margin of its picture more than the middle, or less: pincushion or barrel.",

@@ -43,9 +43,9 @@ pub(crate) trait Effect<S: Simd>: Clone {
     /// `values` are in the order of [`About::parameters`].
     fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self;
 
-    /// [`Acts::OnArrival`]: seconds by which a command comes late; `draw` is standard normal, another
-    /// for each call and rollout.
-    fn late(&self, _draw: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
+    /// [`Acts::OnArrival`]: seconds by which a command comes late about x and about y; `draw` is standard
+    /// normal, another for each call and rollout.
+    fn late(&self, _draw: impl FnMut() -> Lanes<S>) -> Option<Pair<S>> {
         None
     }
 
@@ -62,9 +62,9 @@ pub(crate) trait Effect<S: Simd>: Clone {
     #[inline(always)]
     fn turn(&mut self, _knob: &mut Pair<S>, _length: Lanes<S>) {}
 
-    /// [`Acts::OnTilt`]: the board's angles (rad).
+    /// [`Acts::OnTilt`]: the board's angles (rad), and the knob's, which they come from.
     #[inline(always)]
-    fn tilt(&self, _tilt: &mut Pair<S>) {}
+    fn tilt(&self, _tilt: &mut Pair<S>, _knob: &Pair<S>) {}
 
     /// [`Acts::OnMarble`]: how the board is tilted (rad) in the next seconds, first those of which there are
     /// none, before row 0; then while the marbles are held, and in each substep before [`Effect::act`].
@@ -124,7 +124,7 @@ macro_rules! any {
                 unreachable!("{} is known", about.name)
             }
 
-            pub(crate) fn late(&self, draw: impl FnMut() -> Lanes<S>) -> Option<Lanes<S>> {
+            pub(crate) fn late(&self, draw: impl FnMut() -> Lanes<S>) -> Option<Pair<S>> {
                 match self { $(Self::$Type(effect) => effect.late(draw)),* }
             }
 
@@ -139,8 +139,8 @@ macro_rules! any {
             }
 
             #[inline(always)]
-            pub(crate) fn tilt(&self, tilt: &mut Pair<S>) {
-                match self { $(Self::$Type(effect) => effect.tilt(tilt)),* }
+            pub(crate) fn tilt(&self, tilt: &mut Pair<S>, knob: &Pair<S>) {
+                match self { $(Self::$Type(effect) => effect.tilt(tilt, knob)),* }
             }
 
             #[inline(always)]
@@ -185,20 +185,26 @@ catalogue! {
     dead_band: DeadBand,
     slew_limit: SlewLimit,
     lag: Lag,
+    second_order_lag: SecondOrderLag,
     backlash: Backlash,
     spring_hysteresis: SpringHysteresis,
     gear_nonlinearity: GearNonlinearity,
     gear_asymmetry: GearAsymmetry,
     clock_drift: ClockDrift,
+    gear_matrix: GearMatrix,
     cross_coupling: CrossCoupling,
     tilt_bias: TiltBias,
+    lean: Lean,
     board_warp: BoardWarp,
+    slope_map: SlopeMap,
     bump: Bump,
     point_field: PointField,
     eccentric_marble: EccentricMarble,
     side_force: SideForce,
     stribeck: Stribeck,
     friction_patch: FrictionPatch,
+    friction_strip: FrictionStrip,
+    frame_friction: FrameFriction,
     static_friction: StaticFriction,
     anisotropic_friction: AnisotropicFriction,
     viscous_drag: ViscousDrag,
@@ -209,7 +215,8 @@ catalogue! {
     perspective: Perspective,
     lens_distortion: LensDistortion,
     camera_rotation: CameraRotation,
-    camera_offset: CameraOffset;
+    camera_offset: CameraOffset,
+    tilt_sensor: TiltSensor;
     apart: unlisted: Unlisted
 }
 
@@ -242,6 +249,13 @@ pub fn effect(name: &str) -> Result<&'static About> {
             .collect::<Vec<_>>()
             .join(", "),
     })
+}
+
+/// The values about x and about y of what the axes have on average, and what is more about y than about x.
+#[inline(always)]
+fn by_axis<S: Simd>(mean: Lanes<S>, y_minus_x: Lanes<S>) -> Pair<S> {
+    let half = 0.5 * y_minus_x;
+    [mean - half, mean + half]
 }
 
 /// Effects sorted by when they act.

@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "parallax",
     stage: Stage::Sensing,
     acts: Acts::OnPicture,
+    hypothesis: true,
+    shrunk: false,
     equation: "seen = position + height × (tilt_y, -tilt_x)",
     parameters: &[Parameter {
         name: "height_m_per_rad",
@@ -19,6 +21,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (-100.0, 100.0),
         time_power: 2,
+        optional: false,
+        reach: None,
         means: "shift of the picture for a radian of tilt: how high the board lies above the axes it turns about",
     }],
     does: "The camera stands still while the board tilts: a board that does not lie in its axes moves sideways in the picture.",

@@ -18,6 +18,8 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (-0.9, 0.9),
         time_power: 0,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -26,6 +28,8 @@ pub(super) const ABOUT: About = About {
     name: "perspective",
     stage: Stage::Sensing,
     acts: Acts::OnPicture,
+    hypothesis: true,
+    shrunk: false,
     equation: "seen = position/(1 + p · position), in board edges from the centre",
     parameters: &[
         parameter(

@@ -15,6 +15,8 @@ const fn place(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (-10.0, 10.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -26,6 +28,8 @@ pub(super) const ABOUT: About = About {
     name: "point_field",
     stage: Stage::Field,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "acceleration = k d/(|d|² + (30 mm)²)^(3/2), d along the board from the marble to the point",
     parameters: &[
         place("x_m", "where the point is, along x"),
@@ -37,6 +41,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (-1.0, 1.0),
             time_power: -2,
+            optional: false,
+            reach: None,
             means: "k, force over mass times the squared distance, far away; positive pulls",
         },
     ],

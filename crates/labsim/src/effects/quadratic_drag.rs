@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "quadratic_drag",
     stage: Stage::Air,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "dv/dt = -q |v| v",
     parameters: &[Parameter {
         name: "coefficient_per_m",
@@ -19,6 +21,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (0.0, 1e4),
         time_power: 0,
+        optional: false,
+        reach: None,
         means: "q, part of the velocity that is lost on each metre of the way",
     }],
     does: "The marble loses a fixed part of its speed on each metre: air that it has to push aside. On a steel marble that \

@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "side_force",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "acceleration = k ẑ × w, w the rolling velocity",
     parameters: &[Parameter {
         name: "rate_per_s",
@@ -19,6 +21,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (-100.0, 100.0),
         time_power: -1,
+        optional: false,
+        reach: None,
         means: "k, angle in which the velocity turns each second; positive to the left",
     }],
     does: "The marble is turned aside in proportion to its speed, as spin about the vertical does through contact and air; the \

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{About, Acts, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -11,16 +11,23 @@ pub(super) const ABOUT: About = About {
     name: "slew_limit",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: true },
+    hypothesis: true,
+    shrunk: false,
     equation: "dθ/dt = rate × sgn(command - θ) until the command is reached",
-    parameters: &[Parameter {
-        name: "rate_rad_per_s",
-        unit: "rad/s",
-        range: (0.02, 2.0),
-        neutral: f64::INFINITY,
-        allowed: (0.0, f64::INFINITY),
-        time_power: -1,
-        means: "the fastest that the knob turns",
-    }],
+    parameters: &[
+        Parameter {
+            name: "rate_rad_per_s",
+            unit: "rad/s",
+            range: (0.02, 2.0),
+            neutral: f64::INFINITY,
+            allowed: (0.0, f64::INFINITY),
+            time_power: -1,
+            optional: false,
+            reach: None,
+            means: "the fastest that the knob turns, the mean of both axes",
+        },
+        Parameter::y_minus_x("y_minus_x_rad_per_s", "rad/s", 1.0, 1e6, -1),
+    ],
     does: "The knob turns towards its command at a rate that its motor cannot exceed, and stops there.",
     matters: "Where the command changes faster than the rate: on steps, and on the steep stretches of a sinusoid.",
     looks: "Only the fast stretches suffer: steps become ramps of equal slope whatever their size, sinusoids become triangles. \
@@ -33,10 +40,16 @@ pub(super) const ABOUT: About = About {
 
 #[derive(Clone)]
 pub(crate) struct SlewLimit<S: Simd> {
-    rate: Lanes<S>,
+    axes: [Axis<S>; 2],
     knob: Option<Pair<S>>,
     length: Lanes<S>,
-    /// The most that the knob turns in a substep of that length (rad), and one over it.
+}
+
+/// One of the knob's angles.
+#[derive(Clone)]
+struct Axis<S: Simd> {
+    rate: Lanes<S>,
+    /// The most that the knob turns in a substep (rad), and one over it.
     most: Lanes<S>,
     inverse: Lanes<S>,
 }
@@ -45,11 +58,13 @@ impl<S: Simd> Effect<S> for SlewLimit<S> {
     fn new(simd: S, _: &Rig, values: &[Lanes<S>]) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         Self {
-            rate: values[0],
+            axes: by_axis(values[0], values[1]).map(|rate| Axis {
+                rate: rate.max(zero),
+                most: zero,
+                inverse: zero,
+            }),
             knob: None,
             length: zero,
-            most: zero,
-            inverse: zero,
         }
     }
 
@@ -63,16 +78,18 @@ impl<S: Simd> Effect<S> for SlewLimit<S> {
         if length.ne(self.length).any() {
             // A knob without limit turns by more than there is.
             self.length = length;
-            self.most = (self.rate * length.max(1e-300 * one)).min(1e3 * one);
-            self.inverse = one.over(self.most.max(1e-300 * one));
+            for axis in &mut self.axes {
+                axis.most = (axis.rate * length.max(1e-300 * one)).min(1e3 * one);
+                axis.inverse = one.over(axis.most.max(1e-300 * one));
+            }
         }
-        for (knob, turned) in knob.iter_mut().zip(turned) {
+        for ((knob, turned), axis) in knob.iter_mut().zip(turned).zip(&self.axes) {
             let way = *knob - *turned;
             // The part of the substep in which the knob turns; for the rest of it, it has arrived.
-            let turning = way.abs() * self.inverse;
+            let turning = way.abs() * axis.inverse;
             let arrives = turning.le(one);
-            let moved = arrives.select(way, way.clamp(self.most));
-            let unlimited = self.rate.ge(length.like(f64::INFINITY));
+            let moved = arrives.select(way, way.clamp(axis.most));
+            let unlimited = axis.rate.ge(length.like(f64::INFINITY));
             let on_average = arrives.select(*knob - 0.5 * turning * way, *turned + 0.5 * moved);
             *turned = arrives.select(*knob, *turned + moved);
             *knob = unlimited.select(*knob, on_average);

@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "spring_hysteresis",
     stage: Stage::Actuation,
     acts: Acts::OnKnob { moves: false },
+    hypothesis: true,
+    shrunk: false,
     equation: "θ = command + strength × z, dz = dcommand - (|dcommand| z + dcommand |z|)/(2 width): in one step a change if \
                the knob jumps, else along it",
     parameters: &[
@@ -21,6 +23,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (-1.0, 100.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "what the spring adds to a small turn, as a part of it; negative where it swallows some",
         },
         Parameter {
@@ -30,6 +34,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.05,
             allowed: (1e-6, 10.0),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "stretch at which the spring gives way",
         },
         Parameter::choice(

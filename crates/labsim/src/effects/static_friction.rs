@@ -14,18 +14,35 @@ pub(super) const ABOUT: About = About {
     name: "static_friction",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::None),
-    equation: "resistance = rolling_friction g × (ratio at rest, 1 in motion)",
-    parameters: &[Parameter {
-        name: "ratio",
-        unit: "",
-        range: (1.0, 5.0),
-        neutral: 1.0,
-        allowed: (1.0, 1e4),
-        time_power: 0,
-        means: "tilt at which a marble at rest breaks away, over the tilt that keeps it rolling",
-    }],
+    hypothesis: true,
+    shrunk: false,
+    equation: "resistance = rolling_friction g × (1 + (ratio - 1)(1 - exp(-rest/rest_time)) at rest, 1 in motion)",
+    parameters: &[
+        Parameter {
+            name: "ratio",
+            unit: "",
+            range: (1.0, 5.0),
+            neutral: 1.0,
+            allowed: (1.0, 1e4),
+            time_power: 0,
+            optional: false,
+            reach: Some((1.0, 8.0)),
+            means: "tilt at which a marble that has rested long breaks away, over the tilt that keeps it rolling",
+        },
+        Parameter {
+            name: "rest_time_s",
+            unit: "s",
+            range: (0.0, 2.0),
+            neutral: 0.0,
+            allowed: (0.0, 1e3),
+            time_power: 1,
+            optional: true,
+            reach: None,
+            means: "time at rest in which break-away comes within 37 % of its last value; at 0 it has it at once",
+        },
+    ],
     does: "A marble that has come to rest, if only to turn back, needs more tilt to start than to roll on: it has settled into \
-           the surface.",
+           the surface, the deeper the longer it rests.",
     matters: "Around stops and reversals, when the tilt stays near the resistance; fast runs do not know it.",
     looks: "Late starts after rests, then a jump; a slow drive back and forth moves the marble in jerks. Coasting is as without it.",
     references: &[
@@ -39,11 +56,22 @@ pub(super) const ABOUT: About = About {
 #[derive(Clone)]
 pub(crate) struct StaticFriction<S: Simd> {
     ratio: Lanes<S>,
+    rest_time: Lanes<S>,
+    /// Whether in some lane break-away grows with the time at rest.
+    grows: bool,
+    /// For how long the marbles have been at rest (s); before they are let go, for ever.
+    rested: Lanes<S>,
 }
 
 impl<S: Simd> Effect<S> for StaticFriction<S> {
     fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
-        Self { ratio: values[0] }
+        let [ratio, rest_time] = [values[0], values[1]];
+        Self {
+            ratio,
+            rest_time,
+            grows: rest_time.gt(rest_time.like(0.0)).any(),
+            rested: ratio.like(f64::INFINITY),
+        }
     }
 
     #[inline(always)]
@@ -54,7 +82,17 @@ impl<S: Simd> Effect<S> for StaticFriction<S> {
         // A marble that turns back comes to rest in between, if only within a substep.
         let (ahead_x, ahead_y) = (wx + 5.0 / 7.0 * push.x, wy + 5.0 / 7.0 * push.y);
         let turns = (wx * ahead_x + wy * ahead_y).le(wx.like(0.0));
-        let ratio = (still | turns).select(self.ratio, wx.like(1.0));
+        let (zero, one) = (wx.like(0.0), wx.like(1.0));
+        let mut at_rest = self.ratio;
+        if self.grows {
+            self.rested = still.select(self.rested, zero);
+            let grows = self.rest_time.gt(zero);
+            let share = self.rested.over(grows.select(self.rest_time, one));
+            let grown = one + (self.ratio - one) * (one - (-share).exp_decay());
+            at_rest = grows.select(grown, self.ratio);
+            self.rested = self.rested + push.length;
+        }
+        let ratio = (still | turns).select(at_rest, one);
         push.resistance = push.resistance * ratio;
     }
 }

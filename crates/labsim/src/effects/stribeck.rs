@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "stribeck",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "resistance = rolling_friction g (1 + strength exp(-|v|/v_s))",
     parameters: &[
         Parameter {
@@ -20,6 +22,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.0,
             allowed: (0.0, 1e3),
             time_power: 0,
+            optional: false,
+            reach: None,
             means: "part by which the resistance is higher near rest than at speed",
         },
         Parameter {
@@ -29,6 +33,8 @@ pub(super) const ABOUT: About = About {
             neutral: 0.02,
             allowed: (1e-6, 1e3),
             time_power: -1,
+            optional: false,
+            reach: None,
             means: "v_s, speed at which 37 % of the excess are left",
         },
     ],

@@ -15,6 +15,8 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
         neutral: 0.0,
         allowed: (-0.5, 0.5),
         time_power: -2,
+        optional: false,
+        reach: Some((-0.06, 0.06)),
         means,
     }
 }
@@ -23,6 +25,8 @@ pub(super) const ABOUT: About = About {
     name: "tilt_bias",
     stage: Stage::Board,
     acts: Acts::OnTilt,
+    hypothesis: true,
+    shrunk: false,
     equation: "tilt = gear × knob + bias",
     parameters: &[
         parameter("bias_x_rad", "tilt about x while the knobs are level"),
@@ -47,7 +51,7 @@ impl<S: Simd> Effect<S> for TiltBias<S> {
     }
 
     #[inline(always)]
-    fn tilt(&self, tilt: &mut Pair<S>) {
+    fn tilt(&self, tilt: &mut Pair<S>, _: &Pair<S>) {
         for (tilt, &bias) in tilt.iter_mut().zip(&self.bias) {
             *tilt = *tilt + bias;
         }

@@ -11,6 +11,8 @@ pub(super) const ABOUT: About = About {
     name: "viscous_drag",
     stage: Stage::Contact,
     acts: Acts::OnMarble(Memory::None),
+    hypothesis: true,
+    shrunk: false,
     equation: "dv/dt = -c v",
     parameters: &[Parameter {
         name: "rate_per_s",
@@ -19,6 +21,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (0.0, 1e3),
         time_power: -1,
+        optional: false,
+        reach: None,
         means: "c, part of the velocity that is lost each second",
     }],
     does: "The marble and its spin lose a fixed part of their speed each second, as on felt, rubber or a film of oil.",

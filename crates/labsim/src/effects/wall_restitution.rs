@@ -14,6 +14,8 @@ pub(super) const ABOUT: About = About {
     name: "wall_restitution",
     stage: Stage::Contact,
     acts: Acts::OnRims,
+    hypothesis: true,
+    shrunk: false,
     equation: "v_n after = -clamp(wall_restitution + increase, 0, 0.95) × v_n before",
     parameters: &[Parameter {
         name: "increase",
@@ -22,6 +24,8 @@ pub(super) const ABOUT: About = About {
         neutral: 0.0,
         allowed: (-1.0, 1.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means: "what the rim's restitution is more than the rig's",
     }],
     does: "The rim returns more or less of the normal speed than the rig says: hard wood, felt or rubber.",

@@ -252,7 +252,7 @@ impl<S: Simd> Actuation<S> {
     fn tilted(&self, knob: Pair<S>) -> Pair<S> {
         let mut tilt = [self.gear[0] * knob[0], self.gear[1] * knob[1]];
         for effect in &self.tilts {
-            effect.tilt(&mut tilt);
+            effect.tilt(&mut tilt, &knob);
         }
         // A board that effects would turn over stands on edge.
         let most = tilt[0].like(FRAC_PI_2);

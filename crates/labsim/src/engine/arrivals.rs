@@ -17,34 +17,11 @@ use crate::lanes::Lanes;
 use crate::motion::Pair;
 
 /// The commands of the rollouts of a register, as they come.
-pub(super) struct Arrivals<S: Simd> {
-    /// Those of all rows, one behind the other.
-    waves: Vec<Wave>,
-    /// Where in them those of each row begin, and the end of the last.
-    begins: Vec<usize>,
-    /// In which of them the command of each row comes in the first lane, unless a later one overtakes it.
-    comes: Vec<Option<usize>>,
-    /// The last commands that came (rad).
-    command: Pair<S>,
-    /// Whether the last substep saw more than one command.
-    was_mixed: bool,
-}
-
-/// Commands as they are issued, in order.
-struct Issued<'a> {
-    /// When.
-    times: &'a Timeline,
-    /// The row that each belongs to, and which of the row's substeps.
-    places: Vec<(usize, u32)>,
-}
-
-/// The first command of each lane that comes in a row; or the second, and so on.
-#[derive(Clone)]
-struct Wave {
-    /// When (substeps after the row's beginning), infinite where none comes.
-    at: [f64; 8],
-    /// What it is (rad): about x in each lane, about y in each lane.
-    command: [[f64; 8]; 2],
+pub(super) enum Arrivals<S: Simd> {
+    /// Those of both axes at the same moments.
+    Together(Course<S, 2>),
+    /// Each axis' at its own.
+    Apart([Course<S, 1>; 2]),
 }
 
 impl<S: Simd> Arrivals<S> {
@@ -59,7 +36,7 @@ impl<S: Simd> Arrivals<S> {
         before: Pair<S>,
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
-        let late = lateness(simd, late, issued.rows(), &job);
+        let [x, y] = lateness(simd, late, issued.rows(), &job);
         let steps;
         let issued = match hold {
             Hold::Zero => Issued::rows(issued),
@@ -68,8 +45,95 @@ impl<S: Simd> Arrivals<S> {
                 Issued::substeps(issued, &steps)
             }
         };
+        if x == y {
+            return Self::Together(Course::new(hold, &x, &issued, rows, [0, 1], before, &job));
+        }
+        let of_axis = |late: &[[f64; 8]], axis: usize| {
+            Course::new(hold, late, &issued, rows, [axis], [before[axis]], &job)
+        };
+        Self::Apart([of_axis(&x, 0), of_axis(&y, 1)])
+    }
+
+    /// Says what the command of a row is (rad), in the first lane, before it comes.
+    pub(super) fn issue(&mut self, row: usize, command: [f64; 2]) {
+        match self {
+            Self::Together(both) => both.issue(row, command),
+            Self::Apart([x, y]) => {
+                x.issue(row, [command[0]]);
+                y.issue(row, [command[1]]);
+            }
+        }
+    }
+
+    /// The last command that came (rad).
+    #[inline(always)]
+    pub(super) fn last(&self) -> Pair<S> {
+        match self {
+            Self::Together(both) => both.command,
+            Self::Apart([x, y]) => [x.command[0], y.command[0]],
+        }
+    }
+
+    /// The command on average over a substep, where it is another than in the substep before.
+    #[inline(always)]
+    pub(super) fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
+        match self {
+            Self::Together(both) => both.substep(row, substep),
+            Self::Apart([x, y]) => {
+                let (new_x, new_y) = (x.substep(row, substep), y.substep(row, substep));
+                if new_x.is_none() && new_y.is_none() {
+                    return None;
+                }
+                let [[x], [y]] = [new_x.unwrap_or(x.command), new_y.unwrap_or(y.command)];
+                Some([x, y])
+            }
+        }
+    }
+}
+
+/// The commands of some axes that come together.
+pub(super) struct Course<S: Simd, const AXES: usize> {
+    /// Those of all rows, one behind the other.
+    waves: Vec<Wave<AXES>>,
+    /// Where in them those of each row begin, and the end of the last.
+    begins: Vec<usize>,
+    /// In which of them the command of each row comes in the first lane, unless a later one overtakes it.
+    comes: Vec<Option<usize>>,
+    /// The last commands that came (rad).
+    command: [Lanes<S>; AXES],
+    /// Whether the last substep saw more than one command.
+    was_mixed: bool,
+}
+
+/// Commands as they are issued, in order.
+struct Issued<'a> {
+    /// When.
+    times: &'a Timeline,
+    /// The row that each belongs to, and which of the row's substeps.
+    places: Vec<(usize, u32)>,
+}
+
+/// The first command of each lane that comes in a row; or the second, and so on.
+#[derive(Clone)]
+struct Wave<const AXES: usize> {
+    /// When (substeps after the row's beginning), infinite where none comes.
+    at: [f64; 8],
+    /// What it is (rad): about each axis in each lane.
+    command: [[f64; 8]; AXES],
+}
+
+impl<S: Simd, const AXES: usize> Course<S, AXES> {
+    fn new<'a, 'b: 'a>(
+        hold: Hold,
+        late: &[[f64; 8]],
+        issued: &Issued<'_>,
+        rows: &Timeline,
+        axes: [usize; AXES],
+        before: [Lanes<S>; AXES],
+        job: impl Fn(usize) -> &'a Job<'b>,
+    ) -> Self {
         let moments: Vec<Vec<Moment>> = (0..S::F64_LANES)
-            .map(|lane| issued.moments(rows, lane, &late))
+            .map(|lane| issued.moments(rows, lane, late))
             .collect();
         let of_one_row = |a: &Moment, b: &Moment| a.row == b.row;
         let mut begins = vec![0; rows.rows() + 1];
@@ -82,7 +146,7 @@ impl<S: Simd> Arrivals<S> {
         }
         let none = Wave {
             at: [f64::INFINITY; 8],
-            command: [[0.0; 8]; 2],
+            command: [[0.0; 8]; AXES],
         };
         let mut waves = vec![none; begins[rows.rows()]];
         let mut comes = vec![None; issued.places.len()];
@@ -95,7 +159,7 @@ impl<S: Simd> Arrivals<S> {
                         comes[moment.what] = Some(begin + number);
                     }
                     let (row, substep) = issued.places[moment.what];
-                    let [x, y] = match hold {
+                    let command = match hold {
                         Hold::Zero => job(lane).commands[row],
                         Hold::First => {
                             let part = (f64::from(substep) + 0.5) * rows.share(row);
@@ -104,8 +168,9 @@ impl<S: Simd> Arrivals<S> {
                         }
                     };
                     wave.at[lane] = moment.at;
-                    wave.command[0][lane] = x;
-                    wave.command[1][lane] = y;
+                    for (came, axis) in wave.command.iter_mut().zip(axes) {
+                        came[lane] = command[axis];
+                    }
                 }
             }
         }
@@ -118,23 +183,16 @@ impl<S: Simd> Arrivals<S> {
         }
     }
 
-    /// Says what the command of a row is (rad), in the first lane, before it comes.
-    pub(super) fn issue(&mut self, row: usize, command: [f64; 2]) {
+    fn issue(&mut self, row: usize, command: [f64; AXES]) {
         if let Some(wave) = self.comes[row] {
-            self.waves[wave].command[0][0] = command[0];
-            self.waves[wave].command[1][0] = command[1];
+            for (came, command) in self.waves[wave].command.iter_mut().zip(command) {
+                came[0] = command;
+            }
         }
     }
 
-    /// The last command that came (rad).
     #[inline(always)]
-    pub(super) fn last(&self) -> Pair<S> {
-        self.command
-    }
-
-    /// The command on average over a substep, where it is another than in the substep before.
-    #[inline(always)]
-    pub(super) fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
+    fn substep(&mut self, row: usize, substep: u32) -> Option<[Lanes<S>; AXES]> {
         let simd = self.command[0].simd();
         let load = |values: &[f64; 8]| Lanes::load(simd, values);
         let one = Lanes::splat(simd, 1.0);
@@ -169,25 +227,27 @@ impl<S: Simd> Arrivals<S> {
     }
 }
 
-/// Seconds by which each command comes late in each lane.
+/// Seconds by which each command comes late in each lane, about x and about y.
 fn lateness<'a, 'b: 'a, S: Simd>(
     simd: S,
     late: &[Any<S>],
     commands: usize,
     job: impl Fn(usize) -> &'a Job<'b>,
-) -> Vec<[f64; 8]> {
+) -> [Vec<[f64; 8]>; 2] {
     let mut random: Vec<ChaCha8Rng> = (0..S::F64_LANES)
         .map(|lane| ChaCha8Rng::seed_from_u64(job(lane).seed))
         .collect();
     let mut draw = || Lanes::from_fn(simd, |lane| StandardNormal.sample(&mut random[lane]));
     let zero = Lanes::splat(simd, 0.0);
-    (0..commands)
-        .map(|_| {
-            let late = late.iter().filter_map(|effect| effect.late(&mut draw));
-            let late = late.fold(zero, |sum, late| sum + late);
-            late.max(zero).to_array()
-        })
-        .collect()
+    let (mut x, mut y) = (Vec::with_capacity(commands), Vec::with_capacity(commands));
+    for _ in 0..commands {
+        let late = late.iter().filter_map(|effect| effect.late(&mut draw));
+        let sum = |[x, y]: Pair<S>, [late_x, late_y]: Pair<S>| [x + late_x, y + late_y];
+        let late = late.fold([zero; 2], sum);
+        x.push(late[0].max(zero).to_array());
+        y.push(late[1].max(zero).to_array());
+    }
+    [x, y]
 }
 
 impl<'a> Issued<'a> {

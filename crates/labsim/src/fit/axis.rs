@@ -36,6 +36,8 @@ pub(super) struct Axis {
     /// The range.
     pub(super) low: f64,
     pub(super) high: f64,
+    /// Beyond these it costs to go.
+    pub(super) reach: (f64, f64),
     /// What it may take at most.
     pub(super) lower: f64,
     pub(super) upper: f64,
@@ -80,6 +82,7 @@ pub(super) fn base_axis(
         sign,
         low,
         high,
+        reach: (low, high),
         lower: lower.min(upper),
         upper,
         time_power: 0.0,
@@ -103,6 +106,8 @@ pub(super) fn effect_axis(
     }
     let (least, most) = parameter.allowed;
     let time_power = f64::from(parameter.time_power);
+    let reach = parameter.reach.unwrap_or((low, high));
+    let (near, far) = (reach.0.min(low), reach.1.max(high));
     if low > 0.0 && parameter.neutral > 0.0 {
         return Ok(Axis {
             slot,
@@ -110,8 +115,9 @@ pub(super) fn effect_axis(
             sign: 1.0,
             low,
             high,
-            lower: (low / REACH).max(least),
-            upper: (high * REACH).min(most),
+            reach: (near, far),
+            lower: (low / REACH).min(near).max(least),
+            upper: (high * REACH).max(far).min(most),
             time_power,
         });
     }
@@ -124,8 +130,9 @@ pub(super) fn effect_axis(
         sign: 1.0,
         low,
         high,
-        lower: (low - beyond).max(least),
-        upper: (high + beyond).min(most),
+        reach: (near.min(low), far.max(high)),
+        lower: (low - beyond).min(near).max(least),
+        upper: (high + beyond).max(far).min(most),
         time_power,
     })
 }

@@ -285,7 +285,11 @@ mod tests {
     use crate::engine::Engine;
     use crate::fit::{Hypothesis, Sought};
 
-    const VALUES: [f64; 9] = [0.06, 0.03, 4e-4, 20.0, 1.05, 0.3, 0.002, -0.003, 3.0];
+    /// The optional difference of the lags about x and y, and the time of the break-away, are held.
+    const VALUES: [f64; 11] = [
+        0.06, 0.03, 4e-4, 20.0, 1.05, 0.3, 0.0, 0.002, -0.003, 3.0, 0.0,
+    ];
+    const FREE: usize = 9;
 
     /// The five over their ranges, and a lag, a bias and a ratio.
     fn coordinates() -> Coordinates {
@@ -340,9 +344,10 @@ mod tests {
         let push = slower.powi(-2);
         let effects = [
             VALUES[5] * slower,
-            VALUES[6] * push,
+            0.0,
             VALUES[7] * push,
-            VALUES[8],
+            VALUES[8] * push,
+            VALUES[9],
         ];
         assert_near(&moved[3..5], &[25.0, VALUES[SCALE]], 1e-12);
         assert_near(&moved[5..], &effects, 1e-12);
@@ -376,7 +381,12 @@ mod tests {
     #[test]
     fn derivatives_are_those_of_the_maps() {
         let coordinates = coordinates();
-        for values in [VALUES, [0.15, 0.05, 0.002, 60.0, 0.7, 1.2, 0.013, 0.0, 6.0]] {
+        for values in [
+            VALUES,
+            [
+                0.15, 0.05, 0.002, 60.0, 0.7, 1.2, 0.0, 0.073, 0.0, 11.0, 0.0,
+            ],
+        ] {
             let z = coordinates.to_z(&values);
             let (derivative, slope) = (coordinates.derivative(&z), coordinates.excess_slope(&z));
             for j in 0..z.len() {
@@ -412,13 +422,13 @@ mod tests {
     fn whatever_a_step_proposes_stays_within_reach() {
         let coordinates = coordinates();
         for far in [-20.0, 20.0] {
-            let clipped = coordinates.clip(&[far; 9]);
+            let clipped = coordinates.clip(&[far; FREE]);
             assert_near(&coordinates.clip(&clipped), &clipped, 1e-12);
             let values = coordinates.to_values(&clipped);
             assert!((0.0..=0.3 + 1e-9).contains(&values[GEAR_X]));
             assert!((0.5..=150.0 + 1e-9).contains(&values[TIME]));
             assert!(values[5] >= 0.0, "{values:?}");
-            assert!(values[8] >= 1.0, "{values:?}");
+            assert!(values[9] >= 1.0, "{values:?}");
         }
     }
 }

@@ -217,9 +217,12 @@ impl Problem<'_> {
     ) -> Result<Information> {
         self.check()?;
         let (coordinates, mut whole) = self.around(values, cancel)?;
-        let least = |whole: &Windows| match whole.channels.has_tilt() {
-            true => noise.max(whole.channels.floor),
-            false => noise,
+        let least = |whole: &Windows| {
+            if whole.channels.has_tilt() {
+                noise.max(whole.channels.floor)
+            } else {
+                noise
+            }
         };
         let z = coordinates.to_z(values);
         let guess = Point {

@@ -31,10 +31,11 @@ pub struct Hypothesis {
 }
 
 impl Hypothesis {
-    /// All parameters of an effect looked for over its plausible ranges; choices as they usually are.
+    /// All parameters of an effect looked for over its plausible ranges; choices as they usually are, and
+    /// optional ones neutral.
     pub fn free(effect: &'static About) -> Self {
         let free = |one: &Parameter| {
-            if one.is_choice() {
+            if one.is_choice() || one.optional {
                 return Sought::Held(one.neutral);
             }
             Sought::Free {

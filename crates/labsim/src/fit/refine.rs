@@ -82,7 +82,7 @@ impl Problem<'_> {
         }
         let mut ends = minimised(&starts, iterations, held)?;
         for (i, other) in ends.split_off(values.len()).into_iter().enumerate() {
-            if self.is_better(&shooting, &other, &ends[i]) {
+            if is_better(&shooting, &other, &ends[i]) {
                 ends[i] = other;
             }
         }
@@ -110,15 +110,6 @@ impl Problem<'_> {
         Ok(best.map_or(whole.channels, |best| {
             whole.channels.reweighted(whole, best)
         }))
-    }
-
-    /// Whether one end of a descent lies deeper than another.
-    fn is_better(&self, shooting: &Shooting<'_>, one: &End, other: &End) -> bool {
-        let scale = |end: &End| robust::scale(&end.residual, &shooting.windows.known);
-        let floor = shooting.windows.channels.floor;
-        let scale = scale(one).min(scale(other)).max(floor);
-        let loss = |end: &End| loss(shooting, &end.point.z, &end.residual, scale);
-        loss(one) < loss(other)
     }
 
     /// Points with the start states that the first rows tell, then some more: a guess that is a little off
@@ -162,4 +153,13 @@ impl Problem<'_> {
         }
         Ok(points)
     }
+}
+
+/// Whether one end of a descent lies deeper than another.
+fn is_better(shooting: &Shooting<'_>, one: &End, other: &End) -> bool {
+    let scale = |end: &End| robust::scale(&end.residual, &shooting.windows.known);
+    let floor = shooting.windows.channels.floor;
+    let scale = scale(one).min(scale(other)).max(floor);
+    let loss = |end: &End| loss(shooting, &end.point.z, &end.residual, scale);
+    loss(one) < loss(other)
 }

@@ -53,6 +53,32 @@ fn last_substeps(rows: usize, integral: impl Fn(f64) -> f64) -> Vec<f64> {
         .collect()
 }
 
+/// Integral of exp(-ζ τ)(C + ζ S) of a step from 0 to t: what the knob has missed of it by then (s).
+///
+/// By complex roots s of T² s² + 2 ζ T s + 1, or by the double root where they meet within rounding.
+fn missing(time: f64, damping: f64, t: f64) -> f64 {
+    let at = t / time;
+    let q = 1.0 - damping * damping;
+    // way'' + 2 ζ way' + way = 0 in units of T: the integral of the way is 2 ζ - way' - 2 ζ way.
+    let (way, rate) = if q.abs() < 1e-7 {
+        let decay = f64::exp(-at);
+        (decay * (1.0 + at), -decay * at)
+    } else if q > 0.0 {
+        let (root, decay) = (q.sqrt(), f64::exp(-damping * at));
+        let (sin, cos) = (root * at).sin_cos();
+        (decay * (cos + damping / root * sin), -decay * sin / root)
+    } else {
+        let root = (-q).sqrt();
+        let (slow, fast) = (-1.0 / (damping + root), -damping - root);
+        let (a, b) = (f64::exp(slow * at), f64::exp(fast * at));
+        (
+            (fast * a - slow * b) / (fast - slow),
+            (a - b) / (fast - slow),
+        )
+    };
+    time * (2.0 * damping - rate - 2.0 * damping * way)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(16))]
 
@@ -60,6 +86,35 @@ proptest! {
     fn a_lagging_knob_creeps_exponentially(step in -0.2..0.2_f64, time in 0.02..1.0_f64) {
         let expected = last_substeps(20, |t| step * (t + time * f64::exp(-t / time)));
         assert_angles(&[("lag", &[time])], &[step; 20], &expected);
+    }
+
+    #[test]
+    fn each_axis_creeps_by_its_own_time_constant(step in -0.2..0.2_f64, mean in 0.02..0.5_f64, y_minus_x in -0.5..0.5_f64) {
+        for (engine, _) in ENGINES {
+            let seen = angles(engine, &[("lag", &[mean, y_minus_x])], vec![[step, step]; 12]);
+            for (axis, sign) in [-0.5, 0.5].into_iter().enumerate() {
+                let time = f64::max(mean + sign * y_minus_x, 0.0);
+                let creeps = |t: f64| step * (t + if time > 0.0 { time * f64::exp(-t / time) } else { 0.0 });
+                let expected = last_substeps(11, creeps);
+                for (row, (seen, expected)) in seen[1..].iter().zip(expected).enumerate() {
+                    assert_close(seen[axis], expected, shows(engine), &format!("axis {axis}, row {row} in {engine:?}"));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_servo_of_second_order_answers_a_step_by_its_closed_form(
+        step in -0.1..0.1_f64, time in 0.01..0.5_f64,
+        damping in prop::sample::select(vec![0.05, 0.3, 0.95, 1.0 - 1e-12, 1.0, 1.0 + 1e-5, 1.02, 1.7, 5.0]),
+    ) {
+        let expected = last_substeps(18, |t| step * (t - missing(time, damping, t)));
+        let found = about_x(&[("second_order_lag", &[time, damping])], &[step; 18]);
+        for (found, (engine, _)) in found.iter().zip(ENGINES) {
+            for (row, (&found, &expected)) in found.iter().zip(&expected).enumerate() {
+                assert_close(found, expected, shows(engine), &format!("row {row} in {engine:?}, {time} s, damping {damping}"));
+            }
+        }
     }
 
     #[test]
@@ -160,6 +215,67 @@ fn each_axis_has_its_own_play_and_asymmetry() {
 }
 
 #[test]
+fn each_axis_has_its_own_dead_band_limit_and_nonlinearity() {
+    let both =
+        |engine, effect: (&'static str, &[f64])| angles(engine, &[effect], vec![[0.1, 0.1]; 2])[1];
+    for (engine, _) in ENGINES {
+        for (effect, expected) in [
+            (("dead_band", &[0.04, 0.02][..]), [0.07, 0.05]),
+            (("dead_band", &[0.02, 0.06]), [0.1, 0.05]),
+            (("gear_nonlinearity", &[10.0, 40.0]), [0.09, 0.13]),
+            (("gear_matrix", &[0.2, -0.5]), [0.12, 0.05]),
+        ] {
+            let seen = both(engine, effect);
+            for axis in 0..2 {
+                assert_close(
+                    seen[axis],
+                    expected[axis],
+                    shows(engine),
+                    &format!("{effect:?} in {engine:?}"),
+                );
+            }
+        }
+        // Halfway through the last substep of a row.
+        let slewed = both(engine, ("slew_limit", &[0.3, 0.2]));
+        for (seen, rate) in slewed.iter().zip([0.2, 0.4]) {
+            assert_close(
+                *seen,
+                rate * (ROW - SUBSTEP / 2.0),
+                shows(engine),
+                "slew_limit",
+            );
+        }
+    }
+}
+
+#[test]
+fn a_gear_matrix_needs_no_gear_of_its_axis() {
+    // The knob effects act on each command before the matrix does.
+    for (engine, _) in ENGINES {
+        let effects = [("dead_band", &[0.02][..]), ("gear_matrix", &[-0.5, 0.3])];
+        let seen = angles(engine, &effects, vec![[0.12, 0.0]; 2])[1];
+        assert_close(seen[0], 0.1, shows(engine), "about x");
+        assert_close(seen[1], 0.03, shows(engine), "about y");
+    }
+}
+
+#[test]
+fn a_run_leans_by_its_own_angles_whatever_their_size() {
+    for (engine, _) in ENGINES {
+        let lean = |size| {
+            Trial::level(11)
+                .with("lean", &[0.001, -0.002, size])
+                .run(engine)
+        };
+        let bias = Trial::level(11)
+            .with("tilt_bias", &[0.001, -0.002])
+            .run(engine);
+        assert_eq!(lean(0.0), bias, "{engine:?}");
+        assert_eq!(lean(0.02), bias, "{engine:?}");
+    }
+}
+
+#[test]
 fn a_board_that_is_not_level_leans_from_the_start() {
     for (engine, _) in ENGINES {
         let seen = angles(
@@ -179,7 +295,12 @@ fn a_board_that_is_not_level_leans_from_the_start() {
 #[test]
 fn in_a_row_of_no_time_a_creeping_knob_stays() {
     for (engine, _) in ENGINES {
-        for effect in [("lag", 0.3), ("slew_limit", 0.2)] {
+        let effects = [
+            ("lag", &[0.3][..]),
+            ("slew_limit", &[0.2]),
+            ("second_order_lag", &[0.3, 0.5]),
+        ];
+        for effect in effects {
             let mut durations = vec![ROW; 8];
             durations[4] = 0.0;
             let trial = Trial {
@@ -189,7 +310,7 @@ fn in_a_row_of_no_time_a_creeping_knob_stays() {
             };
             let path = trial
                 .with("parallax", &[EDGE])
-                .with(effect.0, &[effect.1])
+                .with(effect.0, effect.1)
                 .run(engine);
             // From the average over the last substep to its end at most.
             let within = 0.2 * SUBSTEP / 0.3;

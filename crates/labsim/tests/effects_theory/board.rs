@@ -1,15 +1,49 @@
 //! The shape of the board, and forces at a distance.
 
+use std::f64::consts::PI;
+
+use labsim::Engine;
 use labsim::board::GRAVITY;
 use proptest::prelude::*;
 
-use crate::{ENGINES, ROW, SUBSTEP, Trial, assert_close, assert_speeds};
+use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds};
 
 /// Part of a force through its centre that moves a rolling sphere.
 const ROLLING: f64 = 5.0 / 7.0;
 
 /// How far below the board a point lies that pulls (m).
 const DEPTH: f64 = 0.03;
+
+/// Half waves along x and along y of each mode of a map of slopes.
+fn modes() -> Vec<[f64; 2]> {
+    let of_order = |n: u32| (0..=n).map(move |j| [f64::from(n - j), f64::from(j)]);
+    (1..=4).flat_map(of_order).collect()
+}
+
+/// Height of a map of slopes, and its gradient: its modes' root mean squares by hand.
+fn height(coefficients: &[f64], place: [f64; 2], edges: [f64; 2]) -> (f64, [f64; 2]) {
+    let (mut sum, mut gradient) = (0.0, [0.0; 2]);
+    for (coefficient, waves) in coefficients.iter().zip(modes()) {
+        let k = [0, 1].map(|axis| waves[axis] * PI / edges[axis]);
+        let turns = [0, 1].map(|axis| k[axis] * (place[axis] + edges[axis] / 2.0));
+        // Both factors have a mean square of a half, unless one has no waves.
+        let mean = if waves[0] * waves[1] == 0.0 {
+            0.5
+        } else {
+            0.25
+        };
+        let unit = coefficient / (mean * (k[0] * k[0] + k[1] * k[1])).sqrt();
+        sum += unit * turns[0].cos() * turns[1].cos();
+        gradient[0] -= unit * k[0] * turns[0].sin() * turns[1].cos();
+        gradient[1] -= unit * k[1] * turns[0].cos() * turns[1].sin();
+    }
+    (sum, gradient)
+}
+
+/// How far a constant push moves a marble in a row, over the push (s²).
+fn in_a_row() -> f64 {
+    SUBSTEP * SUBSTEP * (SUBSTEPS * (SUBSTEPS + 1)) as f64 / 2.0
+}
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(8))]
@@ -65,6 +99,51 @@ proptest! {
     }
 
     #[test]
+    fn a_map_of_slopes_pushes_downhill(
+        coefficients in prop::collection::vec(-3e-4..3e-4_f64, 14), x in -0.12..0.12_f64, y in -0.1..0.1_f64,
+    ) {
+        for (engine, _) in ENGINES {
+            let trial = Trial { start: [x, y], ..Trial::level(2) };
+            let edges = [trial.rig.board.edge_x_m, trial.rig.board.edge_y_m];
+            let (_, gradient) = height(&coefficients, [x, y], edges);
+            let path = trial.with("slope_map", &coefficients).run(engine);
+            for axis in 0..2 {
+                let expected = -ROLLING * GRAVITY * gradient[axis] * in_a_row();
+                assert_close(path[1][axis] - path[0][axis], expected, 2e-6, &format!("axis {axis} in {engine:?}"));
+            }
+        }
+    }
+
+    #[test]
+    fn on_a_map_of_slopes_energy_stays(
+        coefficients in prop::collection::vec(-2e-3..2e-3_f64, 14), heading in 0.0..6.2_f64,
+    ) {
+        for (engine, _) in ENGINES {
+            let rows = 200;
+            let trial = Trial {
+                durations: Some(vec![SUBSTEP; rows]),
+                velocity: [0.06 * f64::cos(heading), 0.06 * f64::sin(heading)],
+                ..Trial::level(rows)
+            };
+            let edges = [trial.rig.board.edge_x_m, trial.rig.board.edge_y_m];
+            let path = trial.with("slope_map", &coefficients).run(engine);
+            let energy = |row: usize| {
+                let [speeds, places] = [0, 1].map(|which| [0, 1].map(|axis| match which {
+                    0 => (path[row][axis] - path[row - 1][axis]) / SUBSTEP,
+                    _ => f64::midpoint(path[row][axis], path[row - 1][axis]),
+                }));
+                let lifted = height(&coefficients, places, edges).0;
+                0.5 * (speeds[0] * speeds[0] + speeds[1] * speeds[1]) + ROLLING * GRAVITY * lifted
+            };
+            let begin = energy(1);
+            for row in 2..rows {
+                // 2 % of what the marble has.
+                assert_close(energy(row), begin, 4e-5, &format!("row {row} in {engine:?}"));
+            }
+        }
+    }
+
+    #[test]
     fn a_point_pulls_by_its_softened_square(distance in 0.03..0.1_f64, strength in -5e-4..5e-4_f64) {
         for (engine, _) in ENGINES {
             // The marble passes from -distance towards the point in the middle.
@@ -76,6 +155,30 @@ proptest! {
             assert_speeds(&way, speed, 3e-4, &format!("{engine:?}"));
             assert_eq!(path[1][1], 0.0, "it pulls along the line");
         }
+    }
+}
+
+#[test]
+fn each_mode_of_a_map_of_slopes_has_its_coefficient_as_root_mean_square() {
+    let (size, count) = (1e-4, 10_u32);
+    for mode in 0..14 {
+        let mut coefficients = [0.0; 14];
+        coefficients[mode] = size;
+        let mut trial = Trial::level(2).with("slope_map", &coefficients);
+        // So small that it gets nearly everywhere.
+        trial.rig.marble.radius_m = 1e-6;
+        let edges = [trial.rig.board.edge_x_m, trial.rig.board.edge_y_m];
+        let squares: f64 = (0..count * count)
+            .map(|i| {
+                let cell =
+                    [i / count, i % count].map(|i| (f64::from(i) + 0.5) / f64::from(count) - 0.5);
+                trial.start = [cell[0] * edges[0], cell[1] * edges[1]];
+                let path = trial.run(Engine::Rolling);
+                (path[1][0] - path[0][0]).powi(2) + (path[1][1] - path[0][1]).powi(2)
+            })
+            .sum();
+        let rms = (squares / f64::from(count * count)).sqrt() / (ROLLING * GRAVITY * in_a_row());
+        assert_close(rms, size, 1e-3 * size, &format!("mode {mode}"));
     }
 }
 

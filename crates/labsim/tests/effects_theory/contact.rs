@@ -67,6 +67,68 @@ proptest! {
     }
 
     #[test]
+    fn a_strip_brakes_by_its_factor_from_edge_to_edge(
+        factor in 0.2..3.0_f64, width in 0.01..0.08_f64, angle in 1.0..2.1_f64, offset in -0.03..0.03_f64,
+    ) {
+        let (middle, half) = (-offset / f64::sin(angle), width / 2.0 / f64::sin(angle));
+        let work = |x: f64| (x + 0.1) + (factor - 1.0) * ((x - middle).clamp(-half, half) + half);
+        let speed = |x: f64| f64::sqrt(0.09 * 0.09 - 2.0 * BRAKING * work(x));
+        for (engine, _) in ENGINES {
+            let trial = coasting([-0.1, 0.0], [0.09, 0.0], 18);
+            let path = trial.with("friction_strip", &[offset, angle, width, factor]).run(engine);
+            let way: Vec<f64> = path.iter().map(|place| place[0]).collect();
+            assert_speeds(&way, speed, 2e-3, &format!("{engine:?}"));
+        }
+    }
+
+    #[test]
+    fn along_the_frame_a_marble_runs_out_by_the_factor(
+        factor in 0.5..4.0_f64, width in 0.004..0.02_f64, along_y: bool, far: bool,
+    ) {
+        let axis = usize::from(along_y);
+        let side = if far { 1.0 } else { -1.0 };
+        // How far the marble's edge is from the rim, and the share of the factor that it feels there.
+        for (beside, share) in [(width - 0.0015, 1.0), (width, 0.5), (width + 0.0015, 0.0)] {
+            for (engine, _) in ENGINES {
+                let (mut start, mut velocity) = ([0.0; 2], [0.0; 2]);
+                start[1 - axis] = side * (coasting(start, velocity, 1).rig.reach_m()[1 - axis] - beside);
+                velocity[axis] = 0.02;
+                let path = coasting(start, velocity, 80).with("frame_friction", &[width, factor]).run(engine);
+                let expected = 0.02 * 0.02 / (2.0 * BRAKING * (1.0 + share * (factor - 1.0)));
+                assert_close(path[79][axis], expected, 0.02 * SUBSTEP + 2e-5, &format!("{beside} m beside it in {engine:?}"));
+            }
+        }
+    }
+
+    #[test]
+    fn break_away_grows_with_the_time_at_rest(ratio in 2.0..6.0_f64, rest_time in 0.1..1.0_f64, rows in 1..12_usize) {
+        // It coasts for nine rows and a half, and rests until the board tilts.
+        let speed = 0.95 * BRAKING;
+        let rested = 0.05 + ROW * rows as f64;
+        let grown = |rested: f64| 1.0 + (ratio - 1.0) * (1.0 - f64::exp(-rested / rest_time));
+        for (engine, _) in ENGINES {
+            let breaks_away = |times: f64| {
+                let mut commands = vec![[0.0; 2]; 10 + rows];
+                commands.extend([[0.0, times * FRICTION]; 12]);
+                let trial = Trial { friction: FRICTION, velocity: [speed, 0.0], ..Trial::of(commands) };
+                let path = trial.with("static_friction", &[ratio, rest_time]).run(engine);
+                path[path.len() - 1][0] - path[10][0] > 1e-5
+            };
+            prop_assert!(!breaks_away(0.99 * grown(rested - 2.0 * SUBSTEP)), "{engine:?} below");
+            prop_assert!(breaks_away(1.01 * grown(rested + 2.0 * SUBSTEP)), "{engine:?} above");
+        }
+    }
+
+    #[test]
+    fn a_marble_that_is_held_has_rested_long(ratio in 1.5..5.0_f64, rest_time in 0.1..1.0_f64) {
+        for (engine, _) in ENGINES {
+            let at = |times: f64| tilted(times * ratio, 12).with("static_friction", &[ratio, rest_time]);
+            prop_assert!(!moves(engine, &at(0.99)), "{engine:?} below");
+            prop_assert!(moves(engine, &at(1.01)), "{engine:?} above");
+        }
+    }
+
+    #[test]
     fn a_resting_marble_breaks_away_at_the_ratio_and_then_rolls_as_any(ratio in 1.0..5.0_f64) {
         for (engine, _) in ENGINES {
             let at = |times: f64| tilted(times * ratio, 12).with("static_friction", &[ratio]);

@@ -62,8 +62,11 @@ impl Trial {
         Self::of(vec![[0.0; 2]; rows])
     }
 
-    fn with(mut self, effect: &'static str, values: &[f64]) -> Self {
-        self.effects.push((effect, values.to_vec()));
+    /// Adds an effect; of its last parameters those without a value are neutral.
+    fn with(mut self, name: &'static str, values: &[f64]) -> Self {
+        let neutral = effect(name).expect("it is of the catalogue").neutral();
+        let values = [values, &neutral[values.len()..]].concat();
+        self.effects.push((name, values));
         self
     }
 

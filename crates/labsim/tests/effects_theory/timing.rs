@@ -3,7 +3,7 @@
 use labsim::Engine;
 use proptest::prelude::*;
 
-use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close};
+use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, angles, assert_close};
 
 const TILT: f64 = 0.004;
 
@@ -49,6 +49,23 @@ proptest! {
             let path = step(12).with("delay", &[delay]).run(engine);
             for (row, place) in path.iter().enumerate() {
                 assert_close(place[0], driven(row, delay), within, &format!("row {row} in {engine:?}"));
+            }
+        }
+    }
+
+    #[test]
+    fn each_axis_is_shifted_by_its_own_delay(delay in 0.0..0.4_f64, y_minus_x in -0.3..0.3_f64) {
+        for (engine, within) in ENGINES {
+            let both = Trial::of(vec![[-TILT, TILT]; 12]);
+            let path = both.with("delay", &[delay, y_minus_x]).run(engine);
+            // A knob about x moves the marble along y.
+            let late = [delay + y_minus_x / 2.0, delay - y_minus_x / 2.0].map(|late| late.max(0.0));
+            for (row, place) in path.iter().enumerate() {
+                // Gravity turns about x first: along y it has the cosine of the tilt about y.
+                for axis in 0..2 {
+                    let within = within + 1e-5 * place[axis].abs();
+                    assert_close(place[axis], driven(row, late[axis]), within, &format!("axis {axis}, row {row} in {engine:?}"));
+                }
             }
         }
     }
@@ -104,6 +121,33 @@ fn a_delay_of_whole_rows_is_a_shift_of_the_commands() {
                     shifted[axis],
                     1e-11,
                     &format!("row {row} in {engine:?}"),
+                );
+            }
+        }
+    }
+}
+
+/// Commands that overtake others do so about each axis by themselves.
+#[test]
+fn delays_by_axis_are_delays_of_each_axis_alone() {
+    let commands: Vec<[f64; 2]> = (0..40)
+        .map(|i| [0.02 * f64::sin(f64::from(i)), 0.01 * f64::cos(f64::from(i))])
+        .collect();
+    for (delay, y_minus_x) in [(0.16, 0.1), (0.05, -0.3)] {
+        let apart = angles(
+            Engine::Rolling,
+            &[("delay", &[delay, y_minus_x])],
+            commands.clone(),
+        );
+        for axis in 0..2 {
+            let late = f64::max(0.0, delay + [-0.5, 0.5][axis] * y_minus_x);
+            let tied = angles(Engine::Rolling, &[("delay", &[late])], commands.clone());
+            for (row, (apart, tied)) in apart.iter().zip(&tied).enumerate() {
+                assert_close(
+                    apart[axis],
+                    tied[axis],
+                    1e-12,
+                    &format!("axis {axis}, row {row}"),
                 );
             }
         }

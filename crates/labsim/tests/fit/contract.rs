@@ -11,7 +11,7 @@ use crate::planted::{Planted, RANGES, ROWS, Random, TRUTH, free, near};
 
 #[test]
 fn bits_do_not_depend_on_threads() {
-    let truth: [(&str, &[f64]); 1] = [("lag", &[0.1])];
+    let truth: [(&str, &[f64]); 1] = [("lag", &[0.1, 0.0])];
     let mut planted = Planted::new(2, 2, &truth, false, false);
     let mut with = |threads| {
         planted.threads = threads;
@@ -182,7 +182,7 @@ fn a_fit_can_be_stopped() {
 #[test]
 fn what_cannot_be_fitted_is_refused_in_one_line() {
     let refused = |change: &dyn Fn(&mut Planted), expected: &str| {
-        let mut planted = Planted::new(1, 1, &[("lag", &[0.1])], true, false);
+        let mut planted = Planted::new(1, 1, &[("lag", &[0.1, 0.0])], true, false);
         change(&mut planted);
         let message = planted.fit(1, 0).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");

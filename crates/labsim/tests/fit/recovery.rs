@@ -56,10 +56,10 @@ fn stamps_fix_the_time_scale_and_intervals_hold_the_truth() {
 
 #[test]
 fn effects_are_found_along_with_the_five() {
-    let truth: [(&str, &[f64]); 2] = [("tilt_bias", &[0.004, -0.003]), ("lag", &[0.2])];
+    let truth: [(&str, &[f64]); 2] = [("tilt_bias", &[0.004, -0.003]), ("lag", &[0.2, 0.0])];
     let solution = Planted::new(7, 5, &truth, true, false).fit(4, 1).unwrap();
     assert!(near(solution.noise, NOISE, 0.1), "{}", solution.noise);
-    let expected: Vec<f64> = TRUTH.into_iter().chain([0.004, -0.003, 0.2]).collect();
+    let expected: Vec<f64> = TRUTH.into_iter().chain([0.004, -0.003, 0.2, 0.0]).collect();
     let deviations = solution.information.deviations();
     for (&slot, deviation) in solution.information.free.iter().zip(deviations) {
         let miss = (solution.values[slot] - expected[slot]).abs();
@@ -88,7 +88,7 @@ fn a_bump_is_found_wherever_it_is() {
 
 #[test]
 fn windows_of_a_delayed_knob_know_what_was_commanded_before() {
-    let truth: [(&str, &[f64]); 1] = [("delay", &[0.25])];
+    let truth: [(&str, &[f64]); 1] = [("delay", &[0.25, 0.0])];
     let mut planted = Planted::new(5, 3, &truth, true, true);
     planted.stretches = (0..12)
         .map(|i| Stretch {

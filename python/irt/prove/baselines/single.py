@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectParameter, effect, effects
+from irt.catalogue import EffectParameter, effect, hypothetical
 from irt.diagnose.case import Case, Fitted
 from irt.prove.baselines.entry import Entry, Task, predicted
 
@@ -27,14 +27,14 @@ def enter(task: Task) -> Entry:
     """Fit every effect of the catalogue, and name the one with the least training error."""
     case = Case.of(task.rig, threads=1)
     base = case.fit()
-    fits = [case.fit((one.name,), points=starts(one.name, base), rounds=1) for one in effects()]
+    fits = [case.fit((one.name,), points=starts(one.name, base), rounds=1) for one in hypothetical()]
     best = min(fits, key=training_error)
     return Entry(told=True, named=best.effects, predictions=predicted(case.model(best), task.tests))
 
 
 def starts(name: str, base: Fitted) -> Array:
     """Return where the fit of an effect starts, (k, 5 + p): the base fit, and sizes of the effect."""
-    parameters = effect(name).parameters
+    parameters = effect(name).required
     shares = [sign * size for size in SIZES for sign in (1.0, -1.0)]
     sized = (itertools.product(*(_values(one, share) for one in parameters)) for share in shares)
     sizes = np.unique(list(itertools.chain(*sized)), axis=0)

@@ -28,6 +28,8 @@ const fn parameter(
         neutral: 0.0,
         allowed: (-most, most),
         time_power,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -77,6 +79,8 @@ const fn power(name: &'static str, means: &'static str) -> Parameter {
         neutral: 1.0,
         allowed: (0.0, 4.0),
         time_power: 0,
+        optional: false,
+        reach: None,
         means,
     }
 }
@@ -98,6 +102,8 @@ macro_rules! parameters {
                     neutral: 0.0,
                     allowed: (0.0, SADDLE),
                     time_power: 0,
+                    optional: false,
+                    reach: None,
                     means: concat!("of the ", $nth, " profile: 0 wave, 1 step, 2 bell, 3 ridge, 4 spot, 5 line, 6 bowl, 7 saddle"),
                 },
                 push(concat!("push_", $n, "_x_m_per_s2"), concat!("acceleration along x where the ", $nth, " profile is 1")),
@@ -136,6 +142,8 @@ macro_rules! parameters {
                 neutral: 10.0,
                 allowed: (0.1, 1e3),
                 time_power: -1,
+                optional: false,
+                reach: None,
                 means: "how fast the mode swings without its damping",
             },
             Parameter {
@@ -145,6 +153,8 @@ macro_rules! parameters {
                 neutral: 0.2,
                 allowed: (0.0, 0.99),
                 time_power: 0,
+                optional: false,
+                reach: None,
                 means: "damping of the mode, of the critical one",
             },
         ]
@@ -155,6 +165,8 @@ pub(super) const ABOUT: About = About {
     name: "unlisted",
     stage: Stage::Field,
     acts: Acts::OnMarble(Memory::Time),
+    hypothesis: false,
+    shrunk: false,
     equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \
                s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],

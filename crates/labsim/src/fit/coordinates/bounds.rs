@@ -36,13 +36,14 @@ impl Coordinates {
         bounds
     }
 
-    /// How far outside their ranges parameters lie, in units of [`LEEWAY`], to be squared and halved
-    /// like residuals: where recordings say nothing, this keeps a fit in the ranges.
+    /// How far beyond their reach parameters lie, in units of [`LEEWAY`], to be squared and halved
+    /// like residuals: where recordings say nothing, this keeps a fit near the ranges.
     pub(in crate::fit) fn excess(&self, z: &[f64]) -> Vec<f64> {
         let magnitudes = self.magnitudes(z);
         let beyond = |(axis, &p): (&Axis, &f64)| {
+            let (least, most) = axis.reach;
             if let Shape::Linear(unit) = axis.shape {
-                return ((p - axis.high).max(0.0) + (p - axis.low).min(0.0)) / unit;
+                return ((p - most).max(0.0) + (p - least).min(0.0)) / unit;
             }
             let past = |p: f64, end: f64| {
                 if p > 0.0 && end > 0.0 {
@@ -52,7 +53,7 @@ impl Coordinates {
                 }
             };
             let p = p.max(f64::MIN_POSITIVE);
-            past(p, axis.high) - past(axis.low, p)
+            past(p, most) - past(least, p)
         };
         let beyond = self.axes.iter().zip(&magnitudes).map(beyond);
         beyond.map(|beyond| beyond / LEEWAY).collect()

@@ -1,0 +1,69 @@
+//! Each command moves both axes.
+
+use pulp::Simd;
+
+use super::{About, Acts, Effect, Parameter, Stage};
+use crate::board::Rig;
+use crate::lanes::Lanes;
+use crate::motion::Pair;
+
+const fn parameter(name: &'static str, means: &'static str) -> Parameter {
+    Parameter {
+        name,
+        unit: "",
+        range: (-0.1, 0.1),
+        neutral: 0.0,
+        allowed: (-10.0, 10.0),
+        time_power: -2,
+        optional: false,
+        reach: None,
+        means,
+    }
+}
+
+pub(super) const ABOUT: About = About {
+    name: "gear_matrix",
+    stage: Stage::Board,
+    acts: Acts::OnTilt,
+    hypothesis: false,
+    shrunk: false,
+    equation: "tilt_x = gear_x θ_x + a θ_y, tilt_y = gear_y θ_y + b θ_x",
+    parameters: &[
+        parameter(
+            "x_from_y",
+            "a, tilt about x (rad) for each unit of the command about y",
+        ),
+        parameter(
+            "y_from_x",
+            "b, tilt about y (rad) for each unit of the command about x",
+        ),
+    ],
+    does: "The two commands are not those of the board's axes: two motors at the corners, swapped cables, a frame turned by any \
+           angle. These are the off-diagonal parts of a matrix of gears, and gear_x and gear_y are its diagonal, which may be \
+           zero or of either sign.",
+    matters: "Whenever one command alone tilts the board about both axes, or about the other one.",
+    looks: "The marble answers each command along a direction of its own. Where a gear of the diagonal is zero, cross_coupling \
+            cannot describe it, since it mixes what the gears make of the commands.",
+    references: &["Skogestad, Postlethwaite: Multivariable Feedback Control, 2nd ed., Wiley, 2005, ch. 3"],
+};
+
+#[derive(Clone)]
+pub(crate) struct GearMatrix<S: Simd> {
+    x_from_y: Lanes<S>,
+    y_from_x: Lanes<S>,
+}
+
+impl<S: Simd> Effect<S> for GearMatrix<S> {
+    fn new(_: S, _: &Rig, values: &[Lanes<S>]) -> Self {
+        Self {
+            x_from_y: values[0],
+            y_from_x: values[1],
+        }
+    }
+
+    #[inline(always)]
+    fn tilt(&self, tilt: &mut Pair<S>, knob: &Pair<S>) {
+        tilt[0] = tilt[0] + self.x_from_y * knob[1];
+        tilt[1] = tilt[1] + self.y_from_x * knob[0];
+    }
+}
