@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use super::channels::MARBLE;
 use super::coordinates::{Coordinates, SCALE, TIME};
-use super::problem::Problem;
+use super::problem::{LEAN, Problem};
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
 use crate::effects::Chosen;
@@ -210,9 +210,16 @@ impl<'a> Shooting<'a> {
                 rolled.push(window.rolled * edge);
                 updates.push(trial.updates);
                 let mut rest = of_effects;
+                let lean = self.coordinates.lean(window.recording);
                 for (values, one) in effects.iter_mut().zip(problem.effects) {
                     let (own, others) = rest.split_at(one.values.len());
-                    values.extend_from_slice(own);
+                    match lean.clone().filter(|_| one.effect.name == LEAN) {
+                        Some(lean) => {
+                            values.extend_from_slice(&trial.values[lean]);
+                            values.extend_from_slice(&own[2..]);
+                        }
+                        None => values.extend_from_slice(own),
+                    }
                     rest = others;
                 }
             }

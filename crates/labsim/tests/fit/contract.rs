@@ -24,7 +24,7 @@ fn bits_do_not_depend_on_threads() {
 
 #[test]
 fn bounds_are_kept() {
-    let truth: [(&str, &[f64]); 1] = [("lag", &[0.0])];
+    let truth: [(&str, &[f64]); 1] = [("lag", &[0.0, 0.0])];
     let mut planted = Planted::new(4, 2, &truth, true, false);
     // The truth lies far beyond three times these.
     planted.parameters[0] = free((0.0, 0.01));

@@ -7,8 +7,8 @@ use crate::planted::{NOISE, Planted, ROWS, TRUTH, near};
 /// Of the tilt sensor (rad).
 const TILT_NOISE: [f64; 2] = [0.001, 0.0005];
 const ACTUATION: [(&str, &[f64]); 4] = [
-    ("delay", &[0.12]),
-    ("lag", &[0.09]),
+    ("delay", &[0.12, 0.0]),
+    ("lag", &[0.09, 0.0]),
     ("backlash", &[0.03, 0.05]),
     ("tilt_bias", &[0.004, -0.003]),
 ];
@@ -99,7 +99,7 @@ fn tilt_alone_gives_gears_and_actuation() {
 /// A pure delay shows in the tilt by whole rows only, where no finite difference sees it.
 #[test]
 fn tilt_alone_gives_a_delay_to_within_a_row() {
-    let effects: [(&str, &[f64]); 1] = [("delay", &[0.26])];
+    let effects: [(&str, &[f64]); 1] = [("delay", &[0.26, 0.0])];
     for seed in 0..3 {
         let mut planted = held(Planted::new(40 + seed, 2, &effects, true, false));
         planted = planted.with_tilt(TILT_NOISE);
