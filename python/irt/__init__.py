@@ -14,6 +14,7 @@ from irt.errors import IrtError
 
 if TYPE_CHECKING:
     from irt.catalogue import EffectInfo, EffectParameter, effects
+    from irt.check import Check, check
     from irt.diagnose import Diagnosis, diagnose
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Board",
+    "Check",
     "Diagnosis",
     "Effect",
     "EffectInfo",
@@ -37,6 +39,7 @@ __all__ = [
     "Recording",
     "Rig",
     "Suggestion",
+    "check",
     "diagnose",
     "effects",
     "evaluate",
@@ -53,6 +56,7 @@ __all__ = [
 
 _HOMES = {
     "irt.catalogue": ("EffectInfo", "EffectParameter", "effects"),
+    "irt.check": ("Check", "check"),
     "irt.diagnose": ("Diagnosis", "diagnose"),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),

@@ -38,10 +38,7 @@ def effects() -> list[
         str,
         str,
         list[str],
-        bool,
-        bool,
-        bool,
-        bool,
+        tuple[bool, bool, bool, bool, bool],
     ]
 ]: ...
 def rollouts(

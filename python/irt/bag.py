@@ -135,6 +135,15 @@ def load_bag(path: PathLike) -> Bag:
     )
 
 
+def is_own(path: PathLike) -> bool:
+    """Return whether `rig` recorded a bag: it holds the rig's configuration, or cannot be read to its end."""
+    try:
+        with Path(path).open("rb") as stream:
+            return any(one.name == "rig.toml" for one in make_reader(stream).iter_attachments())
+    except (McapError, OSError, struct.error):
+        return True
+
+
 def _read(path: Path, stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """Return the configuration, and by topic each message with the age of its stamp [s]."""
     reader = make_reader(stream, decoder_factories=[DecoderFactory()])

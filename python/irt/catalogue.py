@@ -103,6 +103,8 @@ class EffectInfo:
         Whether the diagnosis tries it.
     shrunk : bool
         Whether its parameters are drawn from one normal distribution about zero, whose size is estimated.
+    moves_board : bool
+        Whether it acts between the command and the board's tilt.
     """
 
     name: str
@@ -117,6 +119,7 @@ class EffectInfo:
     turns: bool
     hypothesis: bool
     shrunk: bool
+    moves_board: bool
 
     @property
     def required(self) -> tuple[EffectParameter, ...]:
@@ -216,8 +219,8 @@ def _column(effect_name: str, name: str, value: Any, count: int) -> Array:
 def _known() -> dict[str, EffectInfo]:
     found = {}
     for one in _labsim.effects():
-        name, stage, equation, parameters, does, matters, looks, references, *flags = one
-        listed, turns, hypothesis, shrunk = flags
+        name, stage, equation, parameters, does, matters, looks, references, flags = one
+        listed, turns, hypothesis, shrunk, moves_board = flags
         found[name] = EffectInfo(
             name=name,
             stage=stage,
@@ -231,5 +234,6 @@ def _known() -> dict[str, EffectInfo]:
             turns=turns,
             hypothesis=hypothesis,
             shrunk=shrunk,
+            moves_board=moves_board,
         )
     return found

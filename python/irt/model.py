@@ -31,6 +31,8 @@ from irt.rig import (
     read_start,
 )
 
+#: The effect that says what the measured tilt reads; every model of recordings with a tilt has it.
+TILT_SENSOR = "tilt_sensor"
 #: Version of the model file that this release writes, and the newest that it reads.
 FORMAT = 1
 TimeStep = Literal["rounded", "continuous"]

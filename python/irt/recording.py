@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,8 @@ from irt.files import PathLike, read_text, write_atomic
 from irt.way import rolled
 
 Array = NDArray[np.float64]
+#: What a command does from its row to the next: it holds, or runs evenly to the next command.
+Hold = Literal["zero", "first"]
 #: Names the place of a value in a message, from its row (from 0) and its column.
 Where = Callable[[int, str], str]
 
@@ -63,6 +66,11 @@ class Recording:
         Measured angles of the board about x and y [rad], by the right-hand rule; NaN where not measured.
     columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
         The columns that the commands stand in.
+    hold : {"zero", "first"}
+        What a command does from its row to the next: a zero-order hold, as files have it; or a first-order
+        hold, as where a measured tilt is played in the place of the commands.
+    before : (2,) array or None
+        The commands before row 0, where they are known; files do not hold them.
 
     Raises
     ------
@@ -77,6 +85,8 @@ class Recording:
     stamps: Array | None = None
     tilt: Array | None = None
     columns: tuple[str, str] = KNOBS
+    hold: Hold = "zero"
+    before: Array | None = None
 
     def __post_init__(self) -> None:
         def where(row: int, column: str) -> str:
@@ -95,7 +105,7 @@ class Recording:
             raise IrtError(f"{self.name}: columns must be {KNOBS} or {CMD}, not {self.columns}")
         _check_commands(self.name, self.knobs, self.stamps, where, self.columns)
         if self.tilt is not None:
-            _check_tilt(self.name, self.tilt, where)
+            _check_tilt(self.tilt, where)
         _check_marble(self.name, self.marble, where, alone=self.has_tilt)
 
     @property
@@ -208,7 +218,8 @@ def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     knobs, stamps, columns = _read_commands(table)
     tilt = _read_pair(table, TILT) if TILT[0] in table.columns else None
     if tilt is not None:
-        _check_tilt(f"{path}", tilt, table.where)
+        _check_tilt(tilt, table.where)
+        _check_steepness(tilt, table.where)
     marble = _read_pair(table, MARBLE) if MARBLE[0] in table.columns else np.full_like(knobs, np.nan)
     if begun is not None:
         marble[: len(begun)] = begun
@@ -270,9 +281,11 @@ def save_recording(
     """
     path = Path(path)
     name = path.stem
-    arrays = {"knobs": knobs, "marble": marble, "stamps": stamps, "tilt": tilt}
-    owned = {field: _owned(name, field, values) for field, values in arrays.items() if values is not None}
-    write_atomic(path, Recording(name, path, columns=columns, **owned).to_csv())
+    owned_knobs, owned_marble = _owned(name, "knobs", knobs), _owned(name, "marble", marble)
+    owned_stamps = None if stamps is None else _owned(name, "stamps", stamps)
+    owned_tilt = None if tilt is None else _owned(name, "tilt", tilt)
+    recording = Recording(name, path, owned_knobs, owned_marble, owned_stamps, owned_tilt, columns)
+    write_atomic(path, recording.to_csv())
 
 
 @dataclass(frozen=True)
@@ -409,7 +422,7 @@ def _check_commands(
         )
 
 
-def _check_tilt(name: str, tilt: Array, where: Where) -> None:
+def _check_tilt(tilt: Array, where: Where) -> None:
     for axis, column in enumerate(TILT):
         values = np.abs(tilt[:, axis])
         if (row := _first(np.isinf(values))) is not None:
@@ -417,6 +430,12 @@ def _check_tilt(name: str, tilt: Array, where: Where) -> None:
                 f"{where(row, column)}: {tilt[row, axis]} is no angle; leave the cell empty where the tilt "
                 "was not measured"
             )
+
+
+def _check_steepness(tilt: Array, where: Where) -> None:
+    """Raise where a measured tilt is none of a labyrinth's in most rows."""
+    for axis, column in enumerate(TILT):
+        values = np.abs(tilt[:, axis])
         measured = values[np.isfinite(values)]
         if len(measured) and np.median(measured) > _STEEPEST_RAD:
             raise IrtError(

@@ -1,7 +1,8 @@
-"""Prediction against recording: free runs, windows, and their errors."""
+"""Prediction against recording: free runs, windows, the measured tilt, and their errors."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -9,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import catalogue
 from irt.errors import IrtError
-from irt.model import Model
-from irt.recording import Recording
+from irt.model import TILT_SENSOR, Model, Parameter
+from irt.recording import KNOBS, Recording
 from irt.segments import LEAD_ROWS, Segment, check_length, guess, inputs_of, row_seconds, rows_of, segment_of
-from irt.start_state import estimate_start_states, simulate
+from irt.start_state import Inputs, estimate_start_states, simulate, simulate_tilt
 
 Array = NDArray[np.float64]
 
@@ -21,6 +23,8 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Errors:
     """How far predicted positions lie from observed ones, over the rows that the tracker saw and both axes.
+
+    An idle axis, along which the marble was never seen to move, does not count.
 
     Attributes
     ----------
@@ -39,6 +43,23 @@ class Errors:
     lost: int
 
 
+@dataclass(frozen=True)
+class TiltErrors:
+    """How far the predicted tilt lies from the measured one, by axis.
+
+    Attributes
+    ----------
+    mae_x_rad, mae_y_rad : float or None
+        Mean absolute error of the tilt about x and about y [rad]; None where it was not measured.
+    rows : int
+        Rows with a measured tilt about either axis.
+    """
+
+    mae_x_rad: float | None
+    mae_y_rad: float | None
+    rows: int
+
+
 @dataclass(frozen=True, eq=False)
 class RunEvaluation:
     """Errors of a model on one recording of n rows.
@@ -47,24 +68,34 @@ class RunEvaluation:
     ----------
     recording : str
         Name of the recording.
-    free_run : Errors
-        Of one simulation from row 0 to the end.
+    free_run : Errors or None
+        Of one simulation from row 0 to the end; None in a run without a marble.
     free_prediction : (n, 2) array
-        That simulation [board edges].
+        That simulation [board edges]; NaN in a run without a marble.
     windowed : Errors or None
         Of windows, each started from the state estimated on the rows before it; None where no window fits.
     windowed_prediction : (n, 2) array
         All windows one after another [board edges], NaN in rows outside of any.
     window_rows : (w,) int array
         First row of each window.
+    tilt : TiltErrors or None
+        Of the tilt, predicted from the commands alone from row 0 to the end; None where it was not measured.
+    tilt_prediction : (n, 2) array or None
+        That prediction [rad].
+    played : Errors or None
+        Of the same windows with the measured tilt in the place of the commands and the actuation: what
+        remains is the error of the marble's model. None where the tilt about an axis was not measured.
     """
 
     recording: str
-    free_run: Errors
+    free_run: Errors | None
     free_prediction: Array
     windowed: Errors | None
     windowed_prediction: Array
     window_rows: NDArray[np.int64]
+    tilt: TiltErrors | None = None
+    tilt_prediction: Array | None = None
+    played: Errors | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,23 +108,39 @@ class Evaluation:
         Length of the windows [s].
     runs : tuple of RunEvaluation
         One for each recording.
-    free_run : Errors
-        Of all recordings together.
+    free_run : Errors or None
+        Of all recordings together; None where none has a marble.
     windowed : Errors or None
         Of all windows together; None where none fits.
+    tilt : TiltErrors or None
+        Of the tilt in all recordings; None where it was never measured.
+    played : Errors or None
+        Of all windows with the measured tilt played.
     """
 
     window_s: float
     runs: tuple[RunEvaluation, ...]
-    free_run: Errors
+    free_run: Errors | None
     windowed: Errors | None
+    tilt: TiltErrors | None = None
+    played: Errors | None = None
+
+    @property
+    def mae(self) -> float:
+        """Mean absolute error of the free runs [board edges]; NaN where no recording has a marble."""
+        return math.nan if self.free_run is None else self.free_run.mae
 
     def as_dict(self) -> dict[str, Any]:
         """Return the errors, without the predictions, as JSON takes them."""
 
         def shown(errors: RunEvaluation | Evaluation) -> dict[str, Any]:
-            windowed = None if errors.windowed is None else asdict(errors.windowed)
-            return {"free_run": asdict(errors.free_run), "windowed": windowed}
+            parts: dict[str, Errors | TiltErrors | None] = {
+                "free_run": errors.free_run,
+                "windowed": errors.windowed,
+            }
+            if errors.tilt is not None:
+                parts |= {"tilt": errors.tilt, "played": errors.played}
+            return {name: None if part is None else asdict(part) for name, part in parts.items()}
 
         return {
             "unit": "board edges",
@@ -125,8 +172,17 @@ def predict(model: Model, stretches: Sequence[Segment]) -> list[Array]:
 
 
 def free_run_error(model: Model, recording: Recording) -> float:
-    """Return the mean absolute error [board edges] of one simulation from row 0 to the end (paper, Eq. 1)."""
-    return _errors([_free_run(model, recording)], [recording.marble]).mae
+    """Return the mean absolute error [board edges] of one simulation from row 0 to the end (paper, Eq. 1).
+
+    Raises
+    ------
+    IrtError
+        If the recording has no marble.
+    """
+    errors = _errors([_free_run(model, recording)], [recording.marble], _idle_axes([recording]))
+    if errors is None:
+        raise IrtError(f"{recording.name}: no marble was seen in it; there is no free run to compare")
+    return errors.mae
 
 
 def windowed_error(model: Model, recording: Recording, seconds: float) -> float:
@@ -168,37 +224,99 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
     if not recordings:
         raise IrtError("no recording to evaluate the model on")
     check_length(window_s)
-    free = [_free_run(model, recording) for recording in recordings]
-    windows = [_windows(model, recording, window_s) for recording in recordings]
-    told = iter(_predict_windows(model, [window for of_one in windows for window in of_one]))
-    runs = []
-    for recording, free_prediction, of_one in zip(recordings, free, windows, strict=True):
-        joined = np.full_like(recording.marble, np.nan)
-        first_rows = np.array([window.first_row + LEAD_ROWS for window in of_one], dtype=np.int64)
-        for first in first_rows:
-            predicted = next(told)
-            joined[first : first + len(predicted)] = predicted
-        runs.append(
-            RunEvaluation(
-                recording=recording.name,
-                free_run=_errors([free_prediction], [recording.marble]),
-                free_prediction=free_prediction,
-                windowed=_errors([joined], [recording.marble]) if of_one else None,
-                windowed_prediction=joined,
-                window_rows=first_rows,
-            )
-        )
+    idle = _idle_axes(recordings)
+    recordings = [_begun(model, recording) for recording in recordings]
     observed = [recording.marble for recording in recordings]
+    free = [_free_run(model, recording) for recording in recordings]
+    windowed, firsts = _windowed(model, recordings, window_s)
+    tilts = [_tilt(model, recording) for recording in recordings]
+    played = [_played(model, recording, window_s) for recording in recordings]
+    runs = tuple(
+        RunEvaluation(
+            recording=recording.name,
+            free_run=_errors([free[i]], [recording.marble], idle),
+            free_prediction=free[i],
+            windowed=_errors([windowed[i]], [recording.marble], idle),
+            windowed_prediction=windowed[i],
+            window_rows=firsts[i],
+            tilt=_tilt_errors([tilts[i]], [recording]),
+            tilt_prediction=tilts[i],
+            played=_errors([played[i]], [recording.marble], idle),
+        )
+        for i, recording in enumerate(recordings)
+    )
     return Evaluation(
         window_s=window_s,
-        runs=tuple(runs),
-        free_run=_errors(free, observed),
-        windowed=_errors([run.windowed_prediction for run in runs], observed) if any(windows) else None,
+        runs=runs,
+        free_run=_errors(free, observed, idle),
+        windowed=_errors(windowed, observed, idle),
+        tilt=_tilt_errors(tilts, recordings),
+        played=_errors(played, observed, idle),
     )
 
 
+def as_played(model: Model, recording: Recording) -> tuple[Model, Recording] | None:
+    """Return model and recording in which the measured tilt moves the board, in the place of the commands.
+
+    What acts between command and tilt is left out of the model. Between rows the tilt runs straight, and so
+    it does across rows where it was not measured. None where it was not measured about both axes.
+    """
+    if not has_both_tilts(recording):
+        return None
+    sensor = next((one.parameters for one in model.effects if one.name == TILT_SENSOR), {})
+    zero = np.array([sensor.get("zero_x_rad", 0.0), sensor.get("zero_y_rad", 0.0)])
+    gain = np.array([sensor.get("gain_x", 1.0), sensor.get("gain_y", 1.0)])
+    parameters = {**model.parameters, "gear_x": Parameter(1.0), "gear_y": Parameter(1.0)}
+    kept = tuple(one for one in model.effects if not catalogue.effect(one.name).moves_board)
+    return replace(model, parameters=parameters, effects=kept), play_tilt(recording, zero, gain)
+
+
+def has_both_tilts(recording: Recording) -> bool:
+    """Whether the tilt was measured about both axes, if only in some rows."""
+    return recording.tilt is not None and bool(np.isfinite(recording.tilt).any(axis=0).all())
+
+
+def play_tilt(recording: Recording, zero: Array, gain: Array) -> Recording:
+    """Return a recording whose commands are its measured tilt, less (2,) zeros, over (2,) gains [rad].
+
+    They run straight from row to row, and across rows where the tilt was not measured.
+    """
+    assert recording.tilt is not None, recording.name
+    rows = np.arange(len(recording.tilt))
+    columns = [np.interp(rows, rows[np.isfinite(tilt)], tilt[np.isfinite(tilt)]) for tilt in recording.tilt.T]
+    return replace(
+        recording,
+        knobs=(np.stack(columns, axis=1) - zero) / gain,
+        tilt=None,
+        hold="first",
+        before=None,
+        columns=KNOBS,
+    )
+
+
+def _begun(model: Model, recording: Recording) -> Recording:
+    """Return a recording in motion with the commands before row 0 that led to the tilt measured there.
+
+    As the marble's place in row 0, this is the state that a prediction starts from: what was commanded before
+    the recording begins is not known, and an actuator's delay and lag remember it.
+    """
+    if model.start != "moving" or recording.tilt is None or not np.isfinite(recording.tilt[0]).all():
+        return recording
+    rest = Inputs.of_whole(np.zeros((1, 1, 2)))
+    slope = np.array([model.parameters[name].value for name in ("gear_x", "gear_y")])
+    sensor = next((one.parameters for one in model.effects if one.name == TILT_SENSOR), {})
+    slope *= [sensor.get("gain_x", 1.0), sensor.get("gain_y", 1.0)]
+    level = simulate_tilt(model, replace(rest, before=np.zeros((1, 2))))[0, 0]
+    if not slope.all():
+        return recording
+    return replace(recording, before=(recording.tilt[0] - level) / slope)
+
+
 def _free_run(model: Model, recording: Recording) -> Array:
+    """Return the (n, 2) prediction from row 0 to the end; NaN without a marble."""
     rows = len(recording.knobs)
+    if not recording.has_marble:
+        return np.full((rows, 2), np.nan)
     state = np.append(recording.marble[0], [0.0, 0.0])
     if model.start == "moving":
         lead = int(np.flatnonzero(recording.seen)[:LEAD_ROWS][-1]) + 1
@@ -225,6 +343,41 @@ def _windows(model: Model, recording: Recording, window_s: float) -> list[Segmen
     return found
 
 
+def _windowed(
+    model: Model, recordings: Sequence[Recording], window_s: float
+) -> tuple[list[Array], list[NDArray[np.int64]]]:
+    """Return the windows of each recording one after another, (n, 2), NaN outside, and their first rows."""
+    windows = [_windows(model, recording, window_s) for recording in recordings]
+    predicted = iter(_predict_windows(model, [window for of_one in windows for window in of_one]))
+    joined, firsts = [], []
+    for recording, of_one in zip(recordings, windows, strict=True):
+        rows = np.array([window.first_row + LEAD_ROWS for window in of_one], dtype=np.int64)
+        together = np.full_like(recording.marble, np.nan)
+        for first in rows:
+            own = next(predicted)
+            together[first : first + len(own)] = own
+        joined.append(together)
+        firsts.append(rows)
+    return joined, firsts
+
+
+def _played(model: Model, recording: Recording, window_s: float) -> Array:
+    """Return the windows of a recording with its measured tilt played, (n, 2); NaN where it cannot be."""
+    pair = as_played(model, recording)
+    if pair is None:
+        return np.full_like(recording.marble, np.nan)
+    ((predicted,), _) = _windowed(pair[0], [pair[1]], window_s)
+    return predicted
+
+
+def _tilt(model: Model, recording: Recording) -> Array | None:
+    """Return the tilt that a model predicts from the commands, (n, 2) [rad]; None where none was measured."""
+    if not recording.has_tilt:
+        return None
+    whole = segment_of(recording, slice(0, len(recording.knobs)), np.zeros(4))
+    return np.asarray(simulate_tilt(model, inputs_of([whole], whole=True))[0])
+
+
 def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
     """Return the (n, 2) predictions of windows, their heads left out: these tell the start states."""
     refined = list(windows)
@@ -244,9 +397,10 @@ def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
 
 def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
     """Return the indices of segments that one batch can hold: of one length, all stamped or none."""
-    batches: dict[tuple[int, bool], list[int]] = {}
+    batches: dict[tuple[int, bool, bool, str], list[int]] = {}
     for i, segment in enumerate(stretches):
-        batches.setdefault((len(segment.knobs), segment.durations is None), []).append(i)
+        key = (len(segment.knobs), segment.durations is None, segment.run.before is None, segment.run.hold)
+        batches.setdefault(key, []).append(i)
     return list(batches.values())
 
 
@@ -259,13 +413,24 @@ def _substeps(model: Model) -> float:
     return scale if model.time_step == "continuous" else float(round(scale))
 
 
-def _errors(predicted: Sequence[Array], observed: Sequence[Array]) -> Errors:
-    """Return the errors over all rows that were both predicted and seen; there must be one."""
+def _idle_axes(recordings: Sequence[Recording]) -> NDArray[np.bool_]:
+    """Return the axes, (2,), along which no recording shows the marble in two places."""
+    seen = np.concatenate([recording.marble[recording.seen] for recording in recordings])
+    if len(seen) < 2:
+        return np.zeros(2, dtype=np.bool_)
+    idle = np.ptp(seen, axis=0) == 0.0
+    return np.asarray(idle & ~idle.all())
+
+
+def _errors(predicted: Sequence[Array], observed: Sequence[Array], idle: NDArray[np.bool_]) -> Errors | None:
+    """Return the errors over all rows that were both predicted and seen; None where there is none."""
     told = np.concatenate(predicted)
     error = told - np.concatenate(observed)
     known = ~np.isnan(error[:, 0])
     rows = int(known.sum())
-    error = np.abs(error[known])
+    if rows == 0:
+        return None
+    error = np.abs(error[known][:, ~idle])
     return Errors(
         mae=float(error.mean()),
         rmse=float(np.sqrt((error**2).mean())),
@@ -273,3 +438,18 @@ def _errors(predicted: Sequence[Array], observed: Sequence[Array]) -> Errors:
         rows=rows,
         lost=int((~np.isnan(told[:, 0])).sum()) - rows,
     )
+
+
+def _tilt_errors(predicted: Sequence[Array | None], recordings: Sequence[Recording]) -> TiltErrors | None:
+    """Return the errors of the tilt over all rows in which it was measured; None where it never was."""
+    errors = [
+        np.abs(one - recording.tilt)
+        for one, recording in zip(predicted, recordings, strict=True)
+        if one is not None and recording.tilt is not None
+    ]
+    if not errors:
+        return None
+    error = np.concatenate(errors)
+    known = np.isfinite(error)
+    x, y = (float(error[known[:, axis], axis].mean()) if known[:, axis].any() else None for axis in (0, 1))
+    return TiltErrors(x, y, int(known.any(axis=1).sum()))

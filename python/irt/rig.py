@@ -221,7 +221,8 @@ def load_rig(folder: PathLike) -> Rig:
     board, marble = read_dimensions(table)
     commands, tilt = read_signals(table)
     # Hidden files are no recordings: half-written ones and what some systems leave beside a copy.
-    paths = [path for path in folder.glob("*.csv") if not path.name.startswith(".") and not path.is_dir()]
+    files = folder.glob("*.[cC][sS][vV]")
+    paths = [path for path in files if not path.name.startswith(".") and not path.is_dir()]
     if not paths:
         raise IrtError(f"{folder}: the rig holds no recording; put at least one *.csv into this folder")
     recordings = tuple(load_recording(path) for path in sorted(paths, key=_natural))

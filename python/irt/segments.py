@@ -92,7 +92,8 @@ def segments(rig: Rig, seconds: float | None = None) -> list[Segment]:
     list of Segment
         In the order of recordings and rows. Start states are first guesses, which a fit refines: at rest in
         the place of row 0, or from a parabola through the first rows of a window. Stretches with less than
-        four rows that the tracker saw say no more than their own start state takes, and are left out.
+        four rows that the tracker saw say no more than their own start state takes, and are left out unless
+        the tilt was measured in them.
 
     Raises
     ------
@@ -110,10 +111,12 @@ def segments(rig: Rig, seconds: float | None = None) -> list[Segment]:
             rows = rows_of(seconds or SEGMENT_S, step)
         for first in range(0, len(recording.knobs), rows):
             stretch = slice(first, first + rows)
-            if first == 0 and rig.start == "rest":
+            if first == 0 and rig.start == "rest" and recording.has_marble:
                 found.append(segment_of(recording, stretch, np.append(recording.marble[0], [0.0, 0.0])))
             elif recording.seen[stretch].sum() >= LEAD_ROWS:
                 found.append(segment_of(recording, stretch, guess(recording, stretch, step, 2)))
+            elif recording.tilt is not None and np.isfinite(recording.tilt[stretch]).any():
+                found.append(segment_of(recording, stretch, np.zeros(4)))
     return found
 
 
@@ -135,7 +138,10 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
     recordings = list(dict.fromkeys(one.run for one in batch))
     paths = tuple(recording.rolled_path for recording in recordings)
     path = np.array([recordings.index(one.run) for one in batch])
-    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, paths, path)
+    hold = batch[0].run.hold
+    known = [one.run.before for one in batch if one.run.before is not None]
+    before = np.array(known) if len(known) == len(batch) else None
+    return Inputs(knobs, durations, first, issued, len(batch[0].knobs), rolled, paths, path, hold, before)
 
 
 def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.model import Model
+from irt.recording import Hold
 from irt.rig import PARAMETERS
 from irt.rollouts import rollouts, turned
 
@@ -44,6 +45,10 @@ class Inputs:
         Where marbles have rolled in whole recordings, a place a row [board edges].
     path : (w,) int array or None
         Which of them each window is of; by default no marble has been turned.
+    hold : {"zero", "first"}
+        What a command does from its row to the next, as of a `Recording`.
+    before : (w, 2) array or None
+        The commands before row 0, where they are known.
     """
 
     knobs: Array
@@ -54,6 +59,8 @@ class Inputs:
     rolled: Array
     paths: tuple[Array, ...] = ()
     path: NDArray[np.int64] | None = None
+    hold: Hold = "zero"
+    before: Array | None = None
 
     @classmethod
     def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
@@ -90,7 +97,18 @@ class Inputs:
             self.rolled[windows],
             self.paths,
             None if self.path is None else self.path[windows],
+            self.hold,
+            None if self.before is None else self.before[windows],
         )
+
+    def knobs_before(self, model: Model) -> Array | None:
+        """Return the commands before row 0 that a simulation begins with, (w, 2); None where they were level.
+
+        Who starts in motion has held the knobs somewhere: the first command is the best guess.
+        """
+        if self.before is not None:
+            return self.before
+        return self.knobs[:, 0] if model.start == "moving" else None
 
 
 def simulate(
@@ -130,7 +148,6 @@ def simulate(
     (w, n, 2) array
         Predicted positions [board edges], the start in row 0.
     """
-    moving = model.start == "moving"
     effects: list[Mapping[str, Any]] = [
         {"name": effect.name, **effect.parameters}
         for effect in model.effects
@@ -156,11 +173,38 @@ def simulate(
         first=inputs.first,
         issued=inputs.issued,
         rows=inputs.rows,
-        # Who starts in motion has held the knobs somewhere: the first command is the best guess.
-        knobs_before=inputs.knobs[:, 0] if moving else None,
+        knobs_before=inputs.knobs_before(model),
+        hold=inputs.hold,
         seed=seed,
         threads=threads,
     )
+
+
+def simulate_tilt(model: Model, inputs: Inputs) -> Array:
+    """Predict what the tilt sensor reads, (w, n, 2) [rad]: from the commands alone, wherever the marble is.
+
+    Parameters
+    ----------
+    model : Model
+        The simulator.
+    inputs : Inputs
+        What is commanded in w windows of n rows.
+    """
+    _, tilt = rollouts(
+        np.tile(model.values, (len(inputs.first), 1)),
+        inputs.knobs,
+        rig=model,
+        effects=[{"name": one.name, **one.parameters} for one in model.effects],
+        durations=inputs.durations,
+        time_step=model.time_step,
+        first=inputs.first,
+        issued=inputs.issued,
+        rows=inputs.rows,
+        knobs_before=inputs.knobs_before(model),
+        hold=inputs.hold,
+        tilt=True,
+    )
+    return tilt
 
 
 def estimate_start_states(model: Model, inputs: Inputs, observed: Array, guess: Array) -> Array:

@@ -24,9 +24,11 @@ type Parameter = (
     (f64, f64),
 );
 
-/// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, and
-/// whether it is of the catalogue, whether it matters to it how the marble has been turned, whether today's
-/// diagnosis tries it, and whether a fit shrinks its parameters.
+/// Whether it is of the catalogue, whether it matters to it how the marble has been turned, whether today's
+/// diagnosis tries it, whether a fit shrinks its parameters, and whether it acts between command and tilt.
+type Flags = (bool, bool, bool, bool, bool);
+
+/// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, flags.
 type About = (
     &'static str,
     String,
@@ -36,10 +38,7 @@ type About = (
     &'static str,
     &'static str,
     Vec<&'static str>,
-    bool,
-    bool,
-    bool,
-    bool,
+    Flags,
 );
 
 /// The catalogue of effects, in the order in which they act, and what stands apart; see `irt.effects`.
@@ -75,10 +74,13 @@ pub(crate) fn catalogue() -> Vec<About> {
                 about.matters,
                 about.looks,
                 about.references.to_vec(),
-                is_listed,
-                about.turns(),
-                about.hypothesis,
-                about.shrunk,
+                (
+                    is_listed,
+                    about.turns(),
+                    about.hypothesis,
+                    about.shrunk,
+                    about.moves_board(),
+                ),
             )
         })
         .collect()

@@ -3,7 +3,7 @@
 use labsim::effects::effect;
 use labsim::error::Error;
 use labsim::fit::{Hypothesis, Information, Problem, Recording, Settings, Sought, Stretch};
-use labsim::{Engine, Rig};
+use labsim::{Engine, Hold, Rig};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -24,6 +24,7 @@ struct Owned {
     noise: Option<f64>,
     tilt_noise: Option<f64>,
     engine: Engine,
+    hold: Hold,
     threads: Option<usize>,
 }
 
@@ -64,6 +65,7 @@ pub(crate) struct Asked<'py> {
     noise: Option<f64>,
     tilt_noise: Option<f64>,
     engine: String,
+    hold: String,
     threads: Option<usize>,
 }
 
@@ -133,6 +135,7 @@ impl Owned {
             noise: asked.noise,
             tilt_noise: asked.tilt_noise,
             engine: asked.engine.parse().map_err(errors::to_python)?,
+            hold: asked.hold.parse().map_err(errors::to_python)?,
             threads: asked.threads,
         })
     }
@@ -160,6 +163,7 @@ impl Owned {
             noise: self.noise,
             tilt_noise: self.tilt_noise,
             engine: self.engine,
+            hold: self.hold,
             threads: self.threads,
         })
     }

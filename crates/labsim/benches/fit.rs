@@ -7,7 +7,7 @@ use std::time::Duration;
 use criterion::{BatchSize, Criterion, SamplingMode, criterion_group, criterion_main};
 use labsim::effects::effect;
 use labsim::fit::{Hypothesis, Problem, Recording, Settings, Sought, Stretch};
-use labsim::{Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{Batch, Chosen, Engine, Hold, Parameters, PerRollout, Rig, TimeBase};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -125,6 +125,7 @@ fn fits(criterion: &mut Criterion) {
             noise: None,
             tilt_noise: None,
             engine: Engine::Rolling,
+            hold: Hold::Zero,
             threads: None,
         };
         let mut seed = 0;

@@ -23,6 +23,7 @@ VERBS = (
     "demo",
     "simulate",
     "evaluate",
+    "check",
     "pretrain",
     "tune",
     "diagnose",

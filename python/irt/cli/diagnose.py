@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import whole
+from irt.cli.inputs import checked, whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -85,6 +85,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
     from irt.files import make_folder, write_atomic
     from irt.report.diagnosed import write_diagnosis
 
+    warnings = checked(rig, args.threads)
     make_folder(folder)
     try:
         with progress_bar() as progress:
@@ -95,7 +96,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
         write_atomic(partial, f"{json.dumps(content, indent=2, allow_nan=False)}\n")
         print(f"irt: what was tried so far is in {partial}", file=sys.stderr)
         raise
-    page = write_diagnosis(folder, rig, found)
+    page = write_diagnosis(folder, rig, found, warnings)
     for line in _answer(found):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
@@ -142,7 +143,7 @@ def _files(path: Path) -> dict[str, bytes]:
     """Return what a process needs of a rig's folder, and the folder's path, for what it says of it."""
     from irt.workers.processes import files_of
 
-    files = {**files_of(path, "rig.toml"), **files_of(path, "*.csv")}
+    files = {**files_of(path, "rig.toml"), **files_of(path, "*.[cC][sS][vV]")}
     return {"path": str(path).encode(), **{f"rig/{name}": data for name, data in files.items()}}
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from irt.residual import Errors, Evaluation
+    from irt.residual import Errors, Evaluation, RunEvaluation
 
 NAME = "evaluate"
 HELP = "measure how far a model's predictions lie from recordings"
@@ -69,19 +69,36 @@ def _seconds(text: str) -> float:
 
 
 def _table(evaluation: Evaluation) -> Iterator[str]:
-    """Yield the lines of a table: a row for each run, and one for all."""
-    rows = [(run.recording, run.free_run, run.windowed) for run in evaluation.runs]
-    rows.append(("all runs", evaluation.free_run, evaluation.windowed))
-    width = max(len(name) for name, *_ in rows)
-    windows = f"windows of {evaluation.window_s:g} s"
-    yield "errors in % of the board's long edge"
-    yield f"{'':{width}}               {'free run':^16}   {windows:^16}".rstrip()
-    yield f"{'run':{width}}   rows   lost    mean largest      mean largest"
-    for name, free, windowed in rows:
-        yield f"{name:{width}} {free.rows:6} {free.lost:6} {_percent(free)}   {_percent(windowed)}"
+    """Yield the lines of tables: a row for each run, and one for all."""
+    runs: list[tuple[str, RunEvaluation | Evaluation]] = [(run.recording, run) for run in evaluation.runs]
+    runs.append(("all runs", evaluation))
+    width = max(len(name) for name, _ in runs)
+    if evaluation.free_run is not None:
+        windows = f"windows of {evaluation.window_s:g} s"
+        yield "errors in % of the board's long edge"
+        yield f"{'':{width}}               {'free run':^16}   {windows:^16}".rstrip()
+        yield f"{'run':{width}}   rows   lost    mean largest      mean largest"
+        for name, run in runs:
+            rows, lost = (run.free_run.rows, run.free_run.lost) if run.free_run is not None else (0, 0)
+            yield f"{name:{width}} {rows:6} {lost:6} {_percent(run.free_run)}   {_percent(run.windowed)}"
+    if evaluation.tilt is None:
+        return
+    if evaluation.free_run is not None:
+        yield ""
+    yield "mean error of the tilt that the commands predict, and of the marble under the measured tilt"
+    played = f"windows of {evaluation.window_s:g} s, played"
+    yield f"{'run':{width}}   about x    about y   {played}"
+    for name, run in runs:
+        x, y = (None, None) if run.tilt is None else (run.tilt.mae_x_rad, run.tilt.mae_y_rad)
+        marble = "-" if run.played is None else f"{100 * run.played.mae:.2f} %"
+        yield f"{name:{width}} {_milliradians(x)} {_milliradians(y)}   {marble:>{len(played)}}"
 
 
 def _percent(errors: Errors | None) -> str:
     if errors is None:
         return f"{'-':>7} {'-':>7}"
     return f"{100 * errors.mae:7.2f} {100 * errors.max:7.2f}"
+
+
+def _milliradians(error: float | None) -> str:
+    return f"{'-':>10}" if error is None else f"{1000 * error:5.2f} mrad"

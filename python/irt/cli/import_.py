@@ -1,4 +1,4 @@
-"""`irt import`: bags of the rig to recordings."""
+"""`irt import`: bags of the rig, and logs of other labs, to recordings."""
 
 from __future__ import annotations
 
@@ -7,50 +7,153 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from irt.cli.progress import progress_bar
+from irt.errors import IrtError
+
 if TYPE_CHECKING:
     from irt.importing import Imported
 
 NAME = "import"
-HELP = "make recordings out of what the rig recorded"
+HELP = "make recordings out of what the rig recorded, or of another lab's log"
 
 # Clocks of machines that are kept in time agree to this [s].
 _CLOCKS_S = 0.2
+
+_EPILOG = """\
+examples:
+  irt import bags/*.mcap --out my-rig
+  irt import rosbag2_2026_05_01/ --dry-run
+  irt import tag-session/ --from tag --out tag-rig
+  irt import log.csv --from csv --map marble_x=xb/0.276 --map marble_y=yb/0.276 \\
+      --map tilt_x_rad=-alpha --map "tilt_y_rad=rad(beta_deg)" --map t_s=stamp_ms/1000 \\
+      --map cmd_x=u1 --map cmd_y=u2 --episode run --out my-rig
+
+targets of --map: t_s, marble_x, marble_y [long edges from the centre], tilt_x_rad, tilt_y_rad, cmd_x, cmd_y
+(any unit) or knob_x_rad, knob_y_rad; seen (0 where the marble was lost); cmd_t_s, tilt_t_s where clocks of
+their own stamped them. edge_x_m stands for the board's long edge."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `irt import`."""
     parser.add_argument(
-        "bags", metavar="BAG", type=Path, nargs="+", help="an MCAP file that `rig play` wrote"
+        "sources",
+        metavar="SOURCE",
+        type=Path,
+        nargs="+",
+        help="a bag (MCAP, sqlite3, or its folder), a recorder's folder, a CSV or a replay (NPZ); several "
+        "are of one rig",
+    )
+    parser.add_argument(
+        "--from",
+        dest="kind",
+        choices=("rig", "cyberrunner", "tag", "csv"),
+        help="whose log it is: our own rig's, CyberRunner's, TAG's, or any CSV with --map (default: by its "
+        "content)",
     )
     parser.add_argument(
         "--out",
         metavar="RIG",
         type=Path,
         default=Path("irt-rig"),
-        help="the rig's folder, to which a recording is added for each run (default: irt-rig)",
+        help="the rig's folder, to which a recording is added for each run; nothing in it is replaced "
+        "(default: irt-rig)",
     )
     parser.add_argument(
+        "--dry-run", action="store_true", help="show what was found and write nothing (not for --from rig)"
+    )
+    logs = parser.add_argument_group("logs of other labs")
+    logs.add_argument(
+        "--map",
+        metavar="TARGET=EXPRESSION",
+        action="append",
+        default=[],
+        help="arithmetic on the log's columns, in the place of the format's own (see below)",
+    )
+    logs.add_argument("--episode", metavar="COLUMN", help="a column that changes where a new run begins")
+    logs.add_argument(
+        "--topic",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="the topic, where a bag has several of a kind",
+    )
+    logs.add_argument(
+        "--home-after",
+        metavar="SECONDS",
+        type=_period,
+        help="the driver goes home (command 0) after so long without a command (default: the last one holds)",
+    )
+    own = parser.add_argument_group("bags of our own rig")
+    own.add_argument(
         "--knobs",
         choices=("measured", "commanded"),
         help="where knob angles come from: the joints, or the commands, which leaves what the arms make of "
         "them to be found out (default: measured, where the joints were heard)",
     )
-    parser.add_argument(
+    own.add_argument(
         "--period",
         metavar="SECONDS",
         type=_period,
         help="length of a row (default: the rows of the file that was played)",
     )
-    parser.epilog = "example:\n  irt import bags/*.mcap --out my-rig\n  irt diagnose my-rig"
+    parser.epilog = _EPILOG
 
 
 def run(args: argparse.Namespace) -> None:
-    """Import the bags, and say of each run what was seen."""
+    """Import the sources, and say what was found."""
+    from irt.importing.sources import detect
+
+    kinds = {args.kind} if args.kind else {detect(one, mapped=bool(args.map)) for one in args.sources}
+    if len(kinds) > 1:
+        raise IrtError(f"sources of several labs ({', '.join(sorted(kinds))}); import those of one at a time")
+    (kind,) = kinds
+    if kind == "rig":
+        _run_rig(args)
+    else:
+        _run_logs(args, kind)
+
+
+def _run_rig(args: argparse.Namespace) -> None:
     from irt.importing import import_bags
 
-    for one in import_bags(args.bags, args.out, knobs=args.knobs, period=args.period):
+    given = {
+        "--map": args.map,
+        "--episode": args.episode,
+        "--topic": args.topic,
+        "--home-after": args.home_after,
+        "--dry-run": args.dry_run,
+    }
+    _refuse(given, "bags of our own rig")
+    for one in import_bags(args.sources, args.out, knobs=args.knobs, period=args.period):
         for line in _lines(one):
             print(line)
+
+
+def _run_logs(args: argparse.Namespace, kind: str) -> None:
+    from irt.importing.logs import import_logs
+    from irt.importing.summary import summary_lines
+
+    _refuse({"--knobs": args.knobs, "--period": args.period}, "logs of other labs")
+    with progress_bar() as progress:
+        summary = import_logs(
+            args.sources,
+            args.out,
+            kind,  # type: ignore[arg-type]
+            mapping=args.map,
+            topics=args.topic,
+            episode=args.episode,
+            home_after=args.home_after,
+            dry_run=args.dry_run,
+            progress=progress,
+        )
+    for line in summary_lines(summary):
+        print(line)
+
+
+def _refuse(given: dict[str, object], what: str) -> None:
+    for option, value in given.items():
+        if value:
+            raise IrtError(f"{option} is not for {what}; leave it out, or choose the source with --from")
 
 
 def _lines(one: Imported) -> list[str]:

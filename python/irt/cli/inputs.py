@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from irt.rig import Rig
 
 
 def whole(least: int) -> Callable[[str], int]:
@@ -15,3 +19,20 @@ def whole(least: int) -> Callable[[str], int]:
         return int(text)
 
     return read
+
+
+def checked(rig: Rig, threads: int | None = None) -> tuple[str, ...]:
+    """Check the recordings before a fit, print what would make it wrong, and return that.
+
+    Raises
+    ------
+    IrtError
+        If the recordings can identify nothing.
+    """
+    from irt.check import check
+
+    found = check(rig, threads=threads)
+    found.require()
+    for warning in found.warnings:
+        print(f"warning: {warning}", flush=True)
+    return found.warnings

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 NAME = "simulate"
-HELP = "predict where the marble rolls under given commands"
+HELP = "predict where the marble rolls, and how the board tilts, under given commands"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,8 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         type=Path,
         required=True,
-        help="columns step, knob_x_rad, knob_y_rad; t_s, if the rows have stamps; marble_x and marble_y, "
-        "whose first row is the start (default: the centre), at rest. A recording will do",
+        help="columns step, knob_x_rad, knob_y_rad (or cmd_x, cmd_y); t_s, if the rows have stamps; marble_x "
+        "and marble_y, whose first row is the start (default: the centre), at rest. A recording will do",
     )
     parser.add_argument(
         "--out", metavar="CSV", type=Path, help="the recording to write (default: standard output)"
@@ -31,9 +31,10 @@ def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
     import numpy as np
 
+    from irt.files import write_atomic
     from irt.model import load_model
-    from irt.recording import Recording, load_commands, save_recording
-    from irt.start_state import Inputs, simulate
+    from irt.recording import Recording, load_commands
+    from irt.start_state import Inputs, simulate, simulate_tilt
 
     model = load_model(args.model)
     commands = load_commands(args.commands)
@@ -41,9 +42,11 @@ def run(args: argparse.Namespace) -> None:
     if commands.start is not None:
         state[0, :2] = commands.start
     durations = None if commands.durations is None else commands.durations[None]
-    marble = simulate(model, Inputs.of_whole(commands.knobs[None], durations), state)[0]
+    inputs = Inputs.of_whole(commands.knobs[None], durations)
+    marble, tilt = simulate(model, inputs, state)[0], simulate_tilt(model, inputs)[0]
+    name, path, columns = args.commands.stem, args.commands, commands.columns
+    recording = Recording(name, path, commands.knobs, marble, commands.stamps, tilt, columns)
     if args.out is None:
-        recording = Recording(args.commands.stem, args.commands, commands.knobs, marble, commands.stamps)
         sys.stdout.write(recording.to_csv())
     else:
-        save_recording(args.out, commands.knobs, marble, commands.stamps)
+        write_atomic(args.out, recording.to_csv())

@@ -6,16 +6,17 @@ import argparse
 import json
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import whole
+from irt.cli.inputs import checked, whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
-    from irt.residual import Errors, Evaluation
+    from irt.model import Effect
+    from irt.residual import Errors, Evaluation, TiltErrors
     from irt.rig import Rig
 
 NAME = "tune"
@@ -57,6 +58,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=whole(1),
         help="proposals that irt+, cma-es or es simulate from each start (default: 60, 300, 1005)",
     )
+    parser.add_argument(
+        "--effect",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="of least-squares: add a physical effect of the catalogue and fit its parameters as well; "
+        "NAME.PARAMETER opens an optional one; may be given several times",
+    )
     parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the starts (default: 0)")
     parser.add_argument(
         "--network",
@@ -77,7 +86,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  irt+           a network leads near, Gauss-Newton goes the rest of the way: some ten rollouts\n"
         "  irt            iterative residual tuning as in the paper\n"
         "  cma-es, es, direct  what the paper compares with\n\n"
-        "example:\n  irt tune my-rig --method irt+ --out tuned"
+        "examples:\n"
+        "  irt tune my-rig --method irt+ --out tuned\n"
+        "  irt tune my-rig --effect delay --effect lag --effect tilt_bias"
     )
 
 
@@ -93,6 +104,7 @@ def run(args: argparse.Namespace) -> None:
 
     options = _options(args)
     rig = load_rig(args.rig)
+    warnings = checked(rig, args.threads)
     folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
     training = _announce_training(rig, args) if args.network is None else None
     try:
@@ -104,7 +116,9 @@ def run(args: argparse.Namespace) -> None:
         raise
     before, after = (evaluate(model, rig.recordings) for model in (untuned(rig), result.model))
     save_model(folder / "model.toml", result.model)
-    numbers = json.dumps(_numbers(args, result, before, after), indent=2, allow_nan=False)
+    numbers = json.dumps(
+        {**_numbers(args, result, before, after), "warnings": warnings}, indent=2, allow_nan=False
+    )
     write_atomic(folder / "fit.json", f"{numbers}\n")
     page = write_tuning_report(
         folder,
@@ -112,6 +126,7 @@ def run(args: argparse.Namespace) -> None:
         [result],
         title=f"{args.rig.resolve().name}, tuned",
         settings={"command": _command(args), "seed": f"{args.seed}", "time": f"{result.seconds:.1f} s"},
+        warnings=warnings,
     )
     for line in _table(result, before, after):
         print(line)
@@ -121,6 +136,10 @@ def run(args: argparse.Namespace) -> None:
 def _options(args: argparse.Namespace) -> dict[str, Any]:
     """Return what was asked for, as options of the method."""
     options = {"seed": args.seed, "engine": args.engine, "threads": args.threads}
+    if args.effect:
+        if args.method != "least-squares":
+            raise IrtError("--effect belongs to --method least-squares; leave it out")
+        options["effects"] = _effects(args.effect)
     for name, methods in _BELONGS.items():
         value = getattr(args, name)
         if value is not None and args.method not in methods:
@@ -128,6 +147,24 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
         if value is not None:
             options[name] = value
     return options
+
+
+def _effects(names: Sequence[str]) -> list[Effect]:
+    """Return the effects that were asked for; an optional parameter that is named begins neutral."""
+    from irt.catalogue import effect
+    from irt.errors import unknown_name
+    from irt.model import Effect
+
+    asked: dict[str, dict[str, float]] = {}
+    for one in names:
+        name, _, parameter = one.partition(".")
+        optional = {known.name: known.neutral for known in effect(name).parameters if known.optional}
+        opened = asked.setdefault(name, {})
+        if parameter and parameter not in optional:
+            raise unknown_name(f"optional parameter of {name}", parameter, optional)
+        if parameter:
+            opened[parameter] = optional[parameter]
+    return [Effect(name, parameters) for name, parameters in asked.items()]
 
 
 def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
@@ -165,6 +202,12 @@ def _numbers(
             }
             for name, parameter in result.model.parameters.items()
         },
+        "effects": {
+            name: {
+                key: {"value": one.value, "low": one.low, "high": one.high} for key, one in of_effect.items()
+            }
+            for name, of_effect in result.effects.items()
+        },
         "noise": result.noise,
         "before": before.as_dict(),
         "after": after.as_dict(),
@@ -181,16 +224,28 @@ def _numbers(
 
 def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator[str]:
     """Yield what a user wants to know first."""
+    from irt.catalogue import effect
     from irt.report.words import with_interval
 
     yield "parameter           value  (95 % interval)"
     for name, parameter in result.model.parameters.items():
         unit = " updates of 1/240 s a timestep" if name == "time_scale" else ""
         yield f"{name:<18}  {with_interval(parameter)}{unit}"
+    for name, of_effect in result.effects.items():
+        yield name
+        for known in effect(name).parameters:
+            if known.name in of_effect:
+                unit = f" {known.unit}" if known.unit else ""
+                yield f"  {known.name:<16}  {with_interval(of_effect[known.name])}{unit}"
     yield "\nmean error in % of the board's long edge, untuned -> tuned"
-    yield f"free run            {_change(before.free_run, after.free_run)}"
+    if before.free_run is not None and after.free_run is not None:
+        yield f"free run            {_change(before.free_run, after.free_run)}"
     if before.windowed is not None and after.windowed is not None:
         yield f"windows of {after.window_s:g} s      {_change(before.windowed, after.windowed)}"
+    if before.played is not None and after.played is not None:
+        yield f"the same, measured tilt played  {_change(before.played, after.played)}"
+    if after.tilt is not None:
+        yield f"tilt that the commands predict, mean error  {_tilt_error(after.tilt)}"
     for title, sentences in (
         ("not pinned down by these recordings", result.unidentifiable),
         ("to know besides", result.notes),
@@ -204,9 +259,16 @@ def _change(before: Errors, after: Errors) -> str:
     return f"{100 * before.mae:.2f} -> {100 * after.mae:.2f}"
 
 
+def _tilt_error(errors: TiltErrors) -> str:
+    by_axis = (("x", errors.mae_x_rad), ("y", errors.mae_y_rad))
+    return ", ".join(f"{1000 * error:.2f} mrad about {axis}" for axis, error in by_axis if error is not None)
+
+
 def _command(args: argparse.Namespace) -> str:
     """Return the command that does the same again."""
     words = ["irt", "tune", args.rig, "--method", args.method, "--seed", args.seed, "--engine", args.engine]
+    for name in args.effect:
+        words += ["--effect", name]
     for name in _BELONGS:
         if getattr(args, name) is not None:
             words += [f"--{name}", getattr(args, name)]

@@ -270,6 +270,7 @@ def _proof(search: Search, case: Case, one: Fitted) -> dict[int, tuple[Array, fl
         if case.rig.start == "moving" and evaluation.windowed is not None:
             told[index] = evaluation.windowed_prediction, evaluation.windowed.mae
         else:
+            assert evaluation.free_run is not None, evaluation.recording
             told[index] = evaluation.free_prediction, evaluation.free_run.mae
     return told
 
@@ -279,7 +280,7 @@ def _free_run(case: Case, one: Fitted) -> float:
     evaluation = evaluate(case.model(one), case.rig.recordings)
     if case.rig.start == "moving" and evaluation.windowed is not None:
         return evaluation.windowed.mae
-    return evaluation.free_run.mae
+    return evaluation.mae
 
 
 def _mean(errors: dict[int, tuple[Array, float]]) -> float:

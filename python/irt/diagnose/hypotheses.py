@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irt.catalogue import effect, hypothetical
-from irt.rollouts import rollouts
-
-Array = NDArray[np.float64]
+from irt.fitting.effect_size import size_of, strong_values, try_path
 
 #: Effects that are one thing by two names: no recording of a rig that stays the same tells them apart.
 ALIKE = frozenset({"delay", "latency"})
@@ -34,7 +30,7 @@ def hypotheses() -> list[str]:
 
 @functools.cache
 def _repeats(name: str) -> bool:
-    paths = _tried([{"name": name, **_strong(name)}], seeds=[1, 2])
+    paths = try_path([{"name": name, **strong_values(name)}], seeds=[1, 2])
     return bool(np.array_equal(paths[0], paths[1]))
 
 
@@ -43,8 +39,8 @@ def acts_on_impacts_alone(name: str) -> bool:
     """Whether an effect changes nothing away from the rim, but where a run is seen to begin."""
     if not all(np.isfinite(one.neutral) for one in effect(name).required):
         return False
-    changed = _tried([{"name": name, **_strong(name)}])
-    return bool(np.ptp(changed - _tried([]), axis=1).max() < _NOTHING)
+    changed = try_path([{"name": name, **strong_values(name)}])
+    return bool(np.ptp(changed - try_path([]), axis=1).max() < _NOTHING)
 
 
 def is_law_of_impacts(name: str) -> bool:
@@ -59,41 +55,16 @@ def has_place(name: str) -> bool:
 
 
 @functools.cache
-def size_of(name: str) -> int | None:
-    """Return which parameter of an effect is its size: at its neutral value the others say nothing."""
-    plain = _tried([])
-    silent = [
-        index
-        for index, one in enumerate(effect(name).required)
-        if np.isfinite(one.neutral)
-        and np.array_equal(_tried([{"name": name, **_strong(name), one.name: one.neutral}]), plain)
-    ]
-    return silent[0] if len(silent) == 1 else None
-
-
-@functools.cache
 def is_rough(name: str) -> bool:
     """Whether a little more of an effect changes a path in another way: each size is to be tried."""
     index = size_of(name)
     if index is None:
         return False
-    strong, one = _strong(name), effect(name).required[index]
+    strong, one = strong_values(name), effect(name).required[index]
     more = one.neutral + (1.0 + _LITTLE) * (strong[one.name] - one.neutral)
-    plain = _tried([])
+    plain = try_path([])
     changes = [
-        _tried([{"name": name, **strong, one.name: size}]) - plain for size in (strong[one.name], more)
+        try_path([{"name": name, **strong, one.name: size}]) - plain for size in (strong[one.name], more)
     ]
     lengths = [float(np.linalg.norm(change)) for change in changes]
     return float((changes[0] * changes[1]).sum()) < _ALIKE * lengths[0] * lengths[1]
-
-
-def _strong(name: str) -> dict[str, float]:
-    """Return values of an effect that show."""
-    return {one.name: one.low + 0.4 * (one.high - one.low) for one in effect(name).required}
-
-
-def _tried(chosen: Sequence[Mapping[str, object]], seeds: Sequence[int] = (1,)) -> Array:
-    """Simulate a run that stays away from the rim, once for each seed (len(seeds), 31, 2)."""
-    knobs = 0.05 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
-    base = np.tile([0.05, 0.05, 0.0005, 20.0, 1.0], (len(seeds), 1))
-    return rollouts(base, knobs, effects=list(chosen), seed=list(seeds))

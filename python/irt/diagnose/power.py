@@ -12,9 +12,10 @@ from irt.catalogue import EffectParameter, effect, hypothetical
 from irt.diagnose.case import Case, Fitted
 from irt.diagnose.diagnosis import Power
 from irt.diagnose.evidence import Evidence
-from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts, size_of
+from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts
 from irt.diagnose.impacts import LEAST_OF_IMPACTS, between_impacts
 from irt.diagnose.screen import Screen
+from irt.fitting.effect_size import size_of
 
 Array = NDArray[np.float64]
 

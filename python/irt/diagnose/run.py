@@ -15,7 +15,7 @@ from irt.diagnose.evidence import is_explained, is_most_left
 from irt.diagnose.found import Found
 from irt.diagnose.grip import grips
 from irt.diagnose.heldout import hold_out
-from irt.diagnose.hypotheses import ALIKE, hypotheses, size_of
+from irt.diagnose.hypotheses import ALIKE, hypotheses
 from irt.diagnose.jitter import kicks, matters, spread
 from irt.diagnose.latent import Leftover
 from irt.diagnose.library import Term
@@ -25,6 +25,7 @@ from irt.diagnose.rivals import rivals
 from irt.diagnose.search import MOST_EFFECTS, Search
 from irt.diagnose.unlisted import MANY, Library
 from irt.files import PathLike
+from irt.fitting.effect_size import size_of
 from irt.fitting.fit import Progress
 from irt.model import Parameter
 from irt.rig import Rig, load_rig

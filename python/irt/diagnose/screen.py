@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect
 from irt.diagnose.case import Case, Fitted
-from irt.diagnose.hypotheses import is_rough, size_of
+from irt.diagnose.hypotheses import is_rough
+from irt.fitting.effect_size import size_of
 from irt.fitting.robust import deviation
 from irt.rig import PARAMETERS, RANGES
 from irt.rollouts import SUBSTEP_S

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from irt.fitting import problem
 
@@ -57,6 +56,9 @@ class Information:
     @classmethod
     def of(cls, asked: problem.Problem, values: Array, told: problem.Information) -> Information:
         """Return what the engine told of a problem around (n,) values."""
+        # scipy takes longer to load than `irt check`, which builds the class from its own numbers, to run.
+        from scipy.special import stdtrit  # noqa: PLC0415
+
         free = np.zeros(len(values), dtype=bool)
         free[told.free] = True
         directions = np.zeros((len(told.deviation), len(values)))

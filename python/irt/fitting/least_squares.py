@@ -5,16 +5,28 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError, located
+from irt.fitting.chain import (
+    Stage,
+    by_effect,
+    fit_actuator,
+    fit_board,
+    in_order,
+    is_chain,
+    joined,
+    without_held_marbles,
+)
 from irt.fitting.fit import Estimate, FitResult, Iteration, Progress
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem
-from irt.model import Effect, Model
+from irt.model import Effect, Model, Parameter
+from irt.residual import has_both_tilts
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S, Engine
 from irt.segments import segments
@@ -69,62 +81,161 @@ def least_squares(
     if starts < 1:
         raise IrtError(f"starts: expected at least 1, found {starts}")
     began = time.perf_counter()
-    stretches, time_scale = segments(rig), stamped_time_scale(rig)
+    fit = _fit_chain if is_chain(rig) else _fit_at_once
+    with located(f"{rig.path}"):
+        fitted = fit(
+            rig, effects, starts=starts, seed=seed, engine=engine, threads=threads, progress=progress
+        )
+    return replace(fitted, seed=seed, seconds=time.perf_counter() - began)
+
+
+def _fit_at_once(
+    rig: Rig,
+    effects: Sequence[Effect],
+    *,
+    starts: int,
+    seed: int,
+    engine: Engine,
+    threads: int | None,
+    progress: Progress | None,
+) -> FitResult:
+    """Fit everything from commands to places in one go."""
+    time_scale = stamped_time_scale(rig)
     problem = Problem.of(
         rig,
-        stretches,
+        segments(rig),
         effects=effects,
         time_scale=time_scale,
         tilt_noise=rig.tilt.noise_rad,
         engine=engine,
         threads=threads,
     )
-    with located(f"{rig.path}"):
-        solution = problem.fit(starts=starts, seed=seed, progress=_report(progress))
+    solution = problem.fit(starts=starts, seed=seed, progress=_report(progress, "least squares"))
     information = Information.of(problem, solution.values, solution.information)
     parameters = with_intervals(information)
-    fitted = {
-        effect.name: {
-            name.removeprefix(f"{effect.name}."): parameter
-            for name, parameter in parameters.items()
-            if name.startswith(f"{effect.name}.")
-        }
-        for effect in effects
-    }
-    model = Model.from_rig(
-        rig,
-        solution.values[: len(PARAMETERS)],
-        effects=[
-            Effect(name, {key: one.value for key, one in of_effect.items()})
-            for name, of_effect in fitted.items()
-        ],
-        time_step="continuous",
-    )
+    five = {name: parameters[name] for name in PARAMETERS}
+    model, of_effects = _model(rig, five, by_effect(parameters))
     return FitResult(
         method="least-squares",
-        model=replace(model, parameters={name: parameters[name] for name in PARAMETERS}),
+        model=model,
         noise=solution.noise,
         estimates=tuple(_estimate(path, errors) for path, errors in solution.estimates),
         rollouts=solution.rollouts,
         unidentifiable=unidentifiable(information),
         notes=tuple(_notes(rig, model, time_scale, solution.noise, solution.tracker_noise)),
         seed=seed,
-        seconds=time.perf_counter() - began,
+        seconds=0.0,
         residuals=tuple(solution.residuals),
-        effects=fitted,
+        effects=of_effects,
     )
 
 
-def _estimate(path: Array, errors: Array) -> Estimate:
-    """Return what one start point led to, from (t, n) values and (t,) errors."""
-    five = path[:, : len(PARAMETERS)]
+def _fit_chain(
+    rig: Rig,
+    effects: Sequence[Effect],
+    *,
+    starts: int,
+    seed: int,
+    engine: Engine,
+    threads: int | None,
+    progress: Progress | None,
+) -> FitResult:
+    """Fit command to tilt and tilt to place by themselves; see `irt.fitting.chain`."""
+    time_scale = stamped_time_scale(rig)
+    used = without_held_marbles(rig)
+    settings: dict[str, Any] = {
+        "time_scale": time_scale,
+        "starts": starts,
+        "seed": seed,
+        "engine": engine,
+        "threads": threads,
+    }
+    actuator = fit_actuator(used, effects, progress=_report(progress, "command to tilt"), **settings)
+    zero = np.array([actuator.parameters[f"tilt_sensor.zero_{axis}_rad"].value for axis in "xy"])
+    board = fit_board(used, effects, zero, progress=_report(progress, "tilt to marble"), **settings)
+    five, of_effects = joined(actuator, board)
+    model, of_effects = _model(rig, five, of_effects)
+    last = actuator if board is None else board
+    gears = model.values[:2]
+    notes = list(_tilt_notes(rig, used, actuator))
+    if board is not None:
+        notes += _notes(rig, model, time_scale, board.solution.noise, board.solution.tracker_noise)
+    else:
+        notes.append(
+            "No marble was seen to move beside a measured tilt: rolling_friction and observation_scale stand "
+            "in the middle of their ranges."
+        )
+    return FitResult(
+        method="least-squares",
+        model=model,
+        noise=last.solution.noise,
+        estimates=tuple(_estimate(path, errors, gears) for path, errors in last.solution.estimates),
+        rollouts=actuator.solution.rollouts + (0 if board is None else board.solution.rollouts),
+        unidentifiable=tuple(
+            dict.fromkeys(
+                sentence
+                for stage in (actuator, board)
+                if stage is not None
+                for sentence in unidentifiable(stage.information)
+            )
+        ),
+        notes=tuple(notes),
+        seed=seed,
+        seconds=0.0,
+        residuals=tuple(last.solution.residuals),
+        effects=of_effects,
+    )
+
+
+def _model(
+    rig: Rig, five: dict[str, Parameter], of_effects: dict[str, dict[str, Parameter]]
+) -> tuple[Model, dict[str, dict[str, Parameter]]]:
+    """Return the model of fitted parameters, and its effects' parameters in the order in which they act."""
+    effects = in_order(
+        [
+            Effect(name, {key: one.value for key, one in of_effect.items()})
+            for name, of_effect in of_effects.items()
+        ]
+    )
+    values = [five[name].value for name in PARAMETERS]
+    model = Model.from_rig(rig, values, effects=effects, time_step="continuous")
+    return replace(model, parameters=five), {one.name: of_effects[one.name] for one in effects}
+
+
+def _tilt_notes(rig: Rig, used: Rig, actuator: Stage) -> Iterator[str]:
+    """Say what else the user should know of a fit to the measured tilt."""
+    scales = ", ".join(
+        f"{1000 * scale:.2g} mrad about {axis} (the sensor's noise is {1000 * noise:.2g})"
+        for axis, scale, noise in zip(
+            "xy", actuator.solution.tilt_scale, actuator.solution.tilt_noise, strict=True
+        )
+        if np.isfinite(scale)
+    )
+    yield f"The tilt that the commands predict misses the measured one by {scales}."
+    held = [
+        before.name
+        for before, after in zip(rig.recordings, used.recordings, strict=True)
+        if before.has_marble and not after.has_marble
+    ]
+    if held:
+        yield f"{', '.join(held)}: the marble stays in its place, in a hole, say; only the tilt is used."
+    unmeasured = [one.name for one in used.recordings if one.has_marble and not has_both_tilts(one)]
+    if unmeasured:
+        yield f"{', '.join(unmeasured)}: not used, since the tilt was not measured about both axes."
+
+
+def _estimate(path: Array, errors: Array, gears: Array | None = None) -> Estimate:
+    """Return what one start point led to, from (t, n) values and (t,) errors; gears that others fitted."""
+    five = path[:, : len(PARAMETERS)].copy()
+    if gears is not None:
+        five[:, :2] = gears
     return Estimate(tuple(Iteration(p, mae) for p, mae in zip(five, errors.tolist(), strict=True)))
 
 
-def _report(progress: Progress | None) -> Callable[[int, int, int], None] | None:
+def _report(progress: Progress | None, what: str) -> Callable[[int, int, int], None] | None:
     if progress is None:
         return None
-    return lambda done, total, rows: progress(done, total, f"least squares, {rows} rows at a time")
+    return lambda done, total, rows: progress(done, total, f"{what}, {rows} rows at a time")
 
 
 def stamped_time_scale(rig: Rig) -> float | None:

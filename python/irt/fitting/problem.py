@@ -239,6 +239,7 @@ class Problem:
         noise: float | None = None,
         tilt_noise: float | None = None,
         held: Mapping[str, Mapping[str, float]] | None = None,
+        fixed: Mapping[str, float] | None = None,
         engine: Engine = "rolling",
         threads: int | None = None,
     ) -> Problem:
@@ -264,6 +265,8 @@ class Problem:
             segments.
         held : mapping, optional
             Values at which parameters of effects are held, by effect and name.
+        fixed : mapping, optional
+            Values at which some of the five parameters are held, by name.
         engine, threads
             As for `irt.rollouts`.
 
@@ -279,6 +282,8 @@ class Problem:
         parameters = np.array([(*ends, start) for ends, start in zip(ranges, begin, strict=True)])
         if time_scale is not None:
             parameters[TIME] = np.nan, np.nan, time_scale
+        for name, value in (fixed or {}).items():
+            parameters[PARAMETERS.index(name)] = np.nan, np.nan, value
         infos = [effect(one.name) for one in effects]
         named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
         pairs = list(zip(infos, named, strict=True))
@@ -296,6 +301,7 @@ class Problem:
             "noise": noise,
             "tilt_noise": tilt_noise,
             "engine": engine,
+            "hold": segments[0].run.hold if segments else "zero",
             "threads": threads,
             **_recordings(segments, at_rest=rig.start == "rest"),
         }

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from irt.check import check
 from irt.diagnose.diagnosis import Diagnosis
 from irt.diagnose.run import diagnose
 from irt.errors import IrtError
@@ -23,7 +24,7 @@ from irt.report.diagnosis_report import write_diagnosis_report
 from irt.rig import Rig, load_rig
 
 
-def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis) -> Path:
+def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, warnings: Sequence[str] = ()) -> Path:
     """Write model, page and numbers into a folder, and return the page's path.
 
     Parameters
@@ -34,6 +35,8 @@ def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis) -> Path:
         What was diagnosed.
     found : Diagnosis
         The outcome.
+    warnings : sequence of str
+        What a check of the recordings warned of.
 
     Raises
     ------
@@ -41,9 +44,10 @@ def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis) -> Path:
         If a file cannot be written.
     """
     save_model(folder / "model.toml", found.model)
-    page = write_diagnosis_report(folder, rig, found)
+    page = write_diagnosis_report(folder, rig, found, warnings)
     # The numbers come last: where they are, the rest is whole.
-    write_atomic(folder / "diagnosis.json", f"{json.dumps(found.as_dict(), indent=2, allow_nan=False)}\n")
+    numbers = json.dumps({**found.as_dict(), "warnings": warnings}, indent=2, allow_nan=False)
+    write_atomic(folder / "diagnosis.json", f"{numbers}\n")
     return page
 
 
@@ -53,7 +57,9 @@ def main(words: Sequence[str]) -> int:
     try:
         path = Path((folder / "path").read_text(encoding="utf-8"))
         rig = replace(load_rig(folder / "rig"), path=path)
-        write_diagnosis(out, rig, diagnose(rig, seed=seed, threads=1))
+        checked = check(rig, threads=1)
+        checked.require()
+        write_diagnosis(out, rig, diagnose(rig, seed=seed, threads=1), checked.warnings)
     except IrtError as error:
         print(error, file=sys.stderr)
         return 1

@@ -23,7 +23,7 @@ from irt.report.diagnosis_plots import (
     plot_ranking,
     sides,
 )
-from irt.report.page import Page, Picture
+from irt.report.page import Page, Picture, add_warnings
 from irt.report.plots import PERCENT, mean_absolute
 from irt.report.words import listed, millimetres, percent, plain, times_less
 from irt.rig import Rig
@@ -38,7 +38,9 @@ _TELLING, _CLEAR = ("region", "regime", "stage"), 0.05
 _MOST_BARS = 12
 
 
-def write_diagnosis_report(folder: PathLike, rig: Rig, diagnosis: Diagnosis) -> Path:
+def write_diagnosis_report(
+    folder: PathLike, rig: Rig, diagnosis: Diagnosis, warnings: Sequence[str] = ()
+) -> Path:
     """Write ``report.html`` and its pictures as SVG files into a folder, and return the page's path.
 
     Parameters
@@ -49,6 +51,8 @@ def write_diagnosis_report(folder: PathLike, rig: Rig, diagnosis: Diagnosis) -> 
         What was diagnosed.
     diagnosis : Diagnosis
         The outcome.
+    warnings : sequence of str
+        What a check of the recordings warned of.
 
     Raises
     ------
@@ -58,6 +62,7 @@ def write_diagnosis_report(folder: PathLike, rig: Rig, diagnosis: Diagnosis) -> 
     folder = make_folder(folder)
     page = Page(f"{rig.path.name}: {_title(diagnosis)}", diagnosis.summary)
     _add_answer(page, rig, diagnosis)
+    add_warnings(page, warnings)
     if diagnosis.runs:
         _add_motion(page, folder, rig, diagnosis)
     tables.add_effects(page, diagnosis)

@@ -186,6 +186,13 @@ class Page:
         write_atomic(path, self.html())
 
 
+def add_warnings(page: Page, warnings: Sequence[str]) -> None:
+    """Add what a check of the recordings warned of, if it did."""
+    if warnings:
+        page.heading("Warnings about the recordings")
+        page.bullets(warnings)
+
+
 def _sha256(code: str) -> str:
     return base64.b64encode(hashlib.sha256(code.encode()).digest()).decode()
 

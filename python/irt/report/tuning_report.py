@@ -14,7 +14,7 @@ from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
 from irt.model import Model
 from irt.report import style
-from irt.report.page import Page, Picture
+from irt.report.page import Page, Picture, add_warnings
 from irt.report.plots import (
     Prediction,
     mean_absolute,
@@ -102,6 +102,7 @@ def write_tuning_report(
     heldout: Rig | None = None,
     title: str,
     settings: Mapping[str, str],
+    warnings: Sequence[str] = (),
 ) -> Path:
     """Write ``report.html`` and its pictures as SVG files into a folder, and return the page's path.
 
@@ -119,6 +120,8 @@ def write_tuning_report(
         Heading of the page.
     settings : mapping
         What someone needs to do the same again, by name; versions are added.
+    warnings : sequence of str
+        What a check of the recordings warned of.
 
     Raises
     ------
@@ -129,6 +132,7 @@ def write_tuning_report(
     shown = _contend(rig, rig, results)
     unseen = _contend(rig, heldout, results) if heldout is not None else []
     page = Page(title, lead(shown, unseen, tracker_noise(segments(heldout or rig))))
+    add_warnings(page, warnings)
     _add_fit(page, folder, rig, shown)
     if heldout is not None:
         _add_heldout(page, folder, heldout, unseen)

@@ -246,7 +246,7 @@ def _told(setting: Setting, folder: Path) -> Model:
 
 
 def _mae(model: Model, rig: Rig) -> float:
-    return evaluate(model, rig.recordings).free_run.mae
+    return evaluate(model, rig.recordings).mae
 
 
 def _median(values: Array) -> tuple[float, float, float]:

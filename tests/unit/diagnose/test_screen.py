@@ -7,8 +7,9 @@ import pytest
 
 import irt
 from irt.catalogue import effect
-from irt.diagnose.hypotheses import hypotheses, is_rough, size_of
+from irt.diagnose.hypotheses import hypotheses, is_rough
 from irt.diagnose.screen import Screen
+from irt.fitting.effect_size import size_of
 
 
 @pytest.mark.parametrize(

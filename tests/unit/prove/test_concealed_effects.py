@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import irt
+from irt.catalogue import effect, hypothetical
 from irt.prove.concealed.effects import EFFECTS
 from irt.prove.concealed.engine import Base, Played, play
 from irt.prove.concealed.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
@@ -112,7 +113,7 @@ def test_nothing_hidden_agrees_with_our_engine(run: int) -> None:
 
 
 def test_effects_are_those_of_the_catalogue() -> None:
-    catalogue = {one.name: [parameter.name for parameter in one.parameters] for one in irt.effects()}
+    catalogue = {one.name: [parameter.name for parameter in one.required] for one in hypothetical()}
     here = {one.name: [field.name for field in dataclasses.fields(one)] for one in EFFECTS}
     for name, answers in ANSWERS.items():
         catalogue[name] = [one for one in catalogue[name] if one not in answers]
@@ -122,7 +123,7 @@ def test_effects_are_those_of_the_catalogue() -> None:
 @pytest.mark.parametrize("name", [one.name for one in EFFECTS])
 @pytest.mark.parametrize("strength", [0.0, 0.5, 1.0])
 def test_draws_lie_within_what_the_catalogue_searches(name: str, strength: float) -> None:
-    parameters = next(one for one in irt.effects() if one.name == name).parameters
+    parameters = effect(name).required
     for seed in range(20):
         drawn = named(name).draw(np.random.default_rng(seed), strength).parameters()
         for one in [one for one in parameters if one.name in drawn]:

@@ -116,7 +116,7 @@ def test_the_textbook_levels_hold() -> None:
 def test_the_best_single_effect_is_the_one_that_fits_best(monkeypatch: pytest.MonkeyPatch) -> None:
     given, tests = task({"name": "viscous_drag", "rate_per_s": 1.5})
     few = [effect(name) for name in ("viscous_drag", "tilt_bias", "parallax")]
-    monkeypatch.setattr(single, "effects", lambda: few)
+    monkeypatch.setattr(single, "hypothetical", lambda: few)
     entry = single.enter(given)
     assert (entry.told, entry.named) == (True, ("viscous_drag",))
     assert error(entry, tests) < 3.0 * NOISE

@@ -211,6 +211,15 @@ impl About {
         self.acts == Acts::OnGauge
     }
 
+    /// Whether it acts between the command and the board's tilt: none of it is left where a measured tilt is
+    /// played in the place of the commands.
+    pub fn moves_board(&self) -> bool {
+        matches!(
+            self.acts,
+            Acts::OnArrival | Acts::OnKnob { .. } | Acts::OnTilt
+        )
+    }
+
     /// Refuses values that no physics allows.
     pub(crate) fn check(&self, values: &[f64]) -> Result<()> {
         for (parameter, &value) in self.parameters.iter().zip(values) {

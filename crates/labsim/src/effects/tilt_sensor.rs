@@ -27,7 +27,7 @@ const fn gain(name: &'static str, means: &'static str) -> Parameter {
         unit: "",
         range: (0.7, 1.4),
         neutral: 1.0,
-        allowed: (-10.0, 10.0),
+        allowed: (-100.0, 100.0),
         time_power: 2,
         optional: true,
         reach: None,

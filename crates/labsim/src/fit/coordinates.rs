@@ -520,7 +520,7 @@ mod tests {
     use super::*;
     use crate::board::Rig;
     use crate::effects::effect;
-    use crate::engine::Engine;
+    use crate::engine::{Engine, Hold};
     use crate::fit::{Hypothesis, Sought};
 
     /// The optional difference of the lags about x and y, and the time of the break-away, are held.
@@ -549,6 +549,7 @@ mod tests {
             noise: None,
             tilt_noise: None,
             engine: Engine::Rolling,
+            hold: Hold::Zero,
             threads: None,
         };
         Coordinates::new(&problem, [1.0; 2]).unwrap()
@@ -622,7 +623,7 @@ mod tests {
         for values in [
             VALUES,
             [
-                0.15, 0.05, 0.002, 60.0, 0.7, 1.2, 0.0, 0.073, 0.0, 11.0, 0.0,
+                0.15, 0.05, 0.002, 60.0, 0.7, 1.2, 0.0, 0.013, 0.0, 11.0, 0.0,
             ],
         ] {
             let z = coordinates.to_z(&values);
@@ -643,7 +644,14 @@ mod tests {
                 let column =
                     |matrix: &[Vec<f64>]| matrix.iter().map(|row| row[j]).collect::<Vec<_>>();
                 assert_near(
-                    &difference(&|z| coordinates.to_values(z)),
+                    &difference(&|z| {
+                        let values = coordinates.to_values(z);
+                        coordinates
+                            .slots()
+                            .iter()
+                            .map(|&slot| values[slot])
+                            .collect()
+                    }),
                     &column(&derivative),
                     1e-6,
                 );

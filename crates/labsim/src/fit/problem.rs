@@ -3,7 +3,7 @@
 use super::coordinates::{GEAR_Y, TIME};
 use crate::board::Rig;
 use crate::effects::{About, Acts, Memory, Parameter};
-use crate::engine::Engine;
+use crate::engine::{Engine, Hold};
 use crate::error::{Error, Result};
 use crate::parameters::{NAMES, Parameters};
 
@@ -103,6 +103,8 @@ pub struct Problem<'a> {
     pub tilt_noise: Option<f64>,
     /// What simulates.
     pub engine: Engine,
+    /// What a command does from its row to the next.
+    pub hold: Hold,
     /// How many threads simulate; the result does not depend on it. One for each core by default.
     pub threads: Option<usize>,
 }

@@ -1,7 +1,7 @@
 //! Coordinates that are drawn from one normal distribution about zero: the leans of runs, the slopes of a map.
 //!
 //! Their size, the standard deviation of that distribution, is estimated from the recordings (empirical Bayes:
-//! Gelman et al., Bayesian Data Analysis, 3rd ed., ch. 5; MacKay, Neural Computation 4, 1992). Around a solution
+//! Gelman et al., Bayesian Data Analysis, 3rd ed., ch. 5; `MacKay`, Neural Computation 4, 1992). Around a solution
 //! the likelihood of the coordinates is normal, so the evidence of every size is known in closed form: it is
 //! looked at over all sizes at once, and none can hold a fit at zero. Residuals that repeat each other from row
 //! to row count as often as they are independent, else a misfit of the model would pass for knowledge.

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use labsim::effects::effect;
 use labsim::fit::{Hypothesis, Problem, Recording, Settings, Solution, Sought, Stretch};
-use labsim::{Batch, Chosen, Engine, Error, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{Batch, Chosen, Engine, Error, Hold, Parameters, PerRollout, Rig, TimeBase};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -207,6 +207,7 @@ impl Planted {
             stretches: &self.stretches,
             noise: None,
             tilt_noise: None,
+            hold: Hold::Zero,
             engine: Engine::Rolling,
             threads: self.threads,
         })

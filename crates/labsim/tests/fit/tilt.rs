@@ -53,17 +53,9 @@ fn marble_and_tilt_give_actuation_and_motion() {
     assert!(missed.is_empty(), "{missed:?}");
     assert!(near(solution.noise, NOISE, 0.1), "{}", solution.noise);
     let tilt = solution.tilt.as_ref().unwrap();
-    for axis in 0..2 {
-        assert!(
-            near(tilt.noise[axis], TILT_NOISE[axis], 0.2),
-            "{:?}",
-            tilt.noise
-        );
-        assert!(
-            near(tilt.scale[axis], TILT_NOISE[axis], 0.15),
-            "{:?}",
-            tilt.scale
-        );
+    for (axis, noise) in TILT_NOISE.into_iter().enumerate() {
+        assert!(near(tilt.noise[axis], noise, 0.2), "{:?}", tilt.noise);
+        assert!(near(tilt.scale[axis], noise, 0.15), "{:?}", tilt.scale);
         assert!(near(solution.axis_noise[axis], NOISE, 0.15));
     }
     // Tilt tells what the marble knows little of.

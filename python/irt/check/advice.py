@@ -1,0 +1,87 @@
+"""The one thing to record next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from irt.check.findings import MOSTLY_LOST, MOSTLY_REST, MOSTLY_RIM
+from irt.check.result import Finding, Identified, RunFacts
+from irt.rig import Rig
+
+#: Commands this strongly correlated move along one direction only.
+_ONE_DIRECTION = 0.98
+#: A command with this share of its variance at one frequency is a sinusoid ...
+_SINUSOID = 0.9
+#: ... which is slow if a run holds fewer periods than this.
+_FEW_PERIODS = 4.0
+#: More runs than this times what was recorded are no advice.
+_MOST_TIMES = 20.0
+
+
+def next_recording(  # noqa: PLR0911  # a list of rules, of which the first that holds counts
+    rig: Rig, runs: Sequence[RunFacts], findings: Sequence[Finding], identified: Identified | None
+) -> str:
+    """Return what to record next, in a sentence: what would add most to these recordings.
+
+    What is wrong comes before what is missing: errors and warnings first, then the time base, the commands,
+    where the marble was, and last the number of runs.
+    """
+    for severity in ("error", "warning"):
+        for one in findings:
+            if one.severity == severity:
+                return f"First put this right: {one.where}: {one.advice}."
+    if any(run.seconds is None for run in runs):
+        return "Add stamps (a column t_s) to the next runs: without them no time, speed or push is known."
+    commands = np.concatenate([one.knobs - one.knobs.mean(axis=0) for one in rig.recordings])
+    spread = commands.std(axis=0)
+    columns = rig.recordings[0].columns
+    for axis in (0, 1):
+        if not spread[axis] > 0.0:
+            return f"Move {columns[axis]}, too: it never changes, so that nothing shows what it does."
+    if abs(float(np.corrcoef(commands.T)[0, 1])) > _ONE_DIRECTION:
+        return f"Move {columns[0]} and {columns[1]} independently: so far they move along one direction only."
+    shares = {
+        name: float(np.average([getattr(run, name) for run in runs], weights=[run.rows for run in runs]))
+        for name in ("at_rim", "at_rest", "lost")
+    }
+    if shares["at_rim"] > MOSTLY_RIM:
+        return (
+            f"Use smaller amplitudes: the marble is at the rim in {100 * shares['at_rim']:.0f} % of the rows."
+        )
+    if shares["at_rest"] > MOSTLY_REST:
+        return f"Use larger amplitudes: the marble rests in {100 * shares['at_rest']:.0f} % of the rows."
+    if shares["lost"] > MOSTLY_LOST:
+        return f"Improve the tracker: the marble is lost in {100 * shares['lost']:.0f} % of the rows."
+    if all(_is_slow_sinusoid(one.knobs[:, axis]) for one in rig.recordings for axis in (0, 1)):
+        return "Add steps and faster changes: both commands follow one slow sinusoid, which hides delays."
+    if identified is not None and (more := _more_runs(rig, identified)):
+        return more
+    return "Nothing is missing for a fit. Record two more runs with other commands, to hold out."
+
+
+def _is_slow_sinusoid(command: np.ndarray) -> bool:
+    power = np.abs(np.fft.rfft(command - command.mean())) ** 2
+    if len(power) < 3 or not power.sum() > 0.0:
+        return False
+    line = int(np.argmax(power))
+    # A period that does not fit the run spreads to the neighbouring lines.
+    share = float(power[max(line - 1, 0) : line + 2].sum() / power.sum())
+    return share > _SINUSOID and line < _FEW_PERIODS
+
+
+def _more_runs(rig: Rig, identified: Identified) -> str:
+    """Return how many more runs like these would show the effects that are nearly within reach."""
+    near = [one for one in identified.effects if 1.0 < one.runs <= _MOST_TIMES]
+    if not near:
+        return ""
+    near.sort(key=lambda one: one.runs)
+    # Half of what is within reach: the rest takes longer for less.
+    wanted = near[: (len(near) + 1) // 2]
+    count = math.ceil(len(rig.recordings) * (wanted[-1].runs - 1.0))
+    return (
+        f"Record {count} more run{'s' if count > 1 else ''} like these: then "
+        f"{', '.join(dict.fromkeys(one.effect for one in wanted))} of usual size would show, too."
+    )

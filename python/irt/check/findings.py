@@ -1,0 +1,161 @@
+"""Findings about runs: gaps, held places, jumps, idle axes, clipping, rest, rim, repeated commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from irt.check.result import Finding, RunFacts
+from irt.check.runs import row_step
+from irt.recording import MARBLE, STAMP
+from irt.rig import Rig
+
+#: Rows of a run below which it says little beside its own start state.
+SHORT_ROWS = 8
+#: Shares of rows from which on a fact is worth a finding.
+MOSTLY_LOST, SOME_HELD, OFTEN_CLIPPED, MOSTLY_REST, MOSTLY_RIM = 0.5, 0.005, 0.1, 0.6, 0.6
+#: Rates of runs of one rig differ by less than this share.
+_SAME_RATE = 0.1
+#: Steps of a marble that was rolling before row 0, at least [board edges].
+_ROLLING = 0.004
+#: Jitter of the stamps, as a share of a row, from which on it is worth a note.
+UNEVEN = 0.2
+
+
+def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
+    """Yield what is worth knowing of the runs, one finding for all runs that share it."""
+    step = row_step(rig)
+    seconds = "" if step is None else f" of {step:.3g} s"
+    # Severity, whether it holds for a run, what, advice. In the order of what harms a fit most.
+    rules: tuple[tuple[str, Callable[[RunFacts], bool], str, str], ...] = (
+        (
+            "warning",
+            lambda run: run.rows < SHORT_ROWS,
+            f"fewer than {SHORT_ROWS} rows",
+            "remove it, or record it again",
+        ),
+        (
+            "warning",
+            lambda run: run.lost > MOSTLY_LOST and not _lacks_marble(rig, run),
+            "the marble is lost in most rows",
+            "improve light or tracker and record again",
+        ),
+        (
+            "warning",
+            lambda run: run.held > SOME_HELD,
+            "places of a lost marble are held, as exact repeats",
+            "leave both marble cells empty in these rows",
+        ),
+        (
+            "warning",
+            lambda run: run.garbage > 0,
+            "the first rows were logged before the tracker worked",
+            "cut them and count the steps from 0 again",
+        ),
+        (
+            "warning",
+            lambda run: run.tilt_jumps > 0,
+            "the tilt jumps for some rows, as when a marker is hidden",
+            "leave the tilt cells empty in these rows",
+        ),
+        (
+            "note",
+            lambda run: run.pauses > 0,
+            f"rows are missing between stamps, more than 1.5 rows{seconds} apart",
+            "keep rows in which the marble was lost, with empty cells",
+        ),
+        (
+            "note",
+            lambda run: (run.jitter_s or 0.0) * (run.rate_hz or 0.0) > UNEVEN,
+            "the time between rows varies by more than a fifth",
+            "stamp the exposure of a picture, not its receipt",
+        ),
+        (
+            "note",
+            lambda run: max(run.clipped) > OFTEN_CLIPPED,
+            "commands stay at their extreme values in a tenth of the rows or more",
+            "command less than the actuators' limit, so that the log holds what they did",
+        ),
+        ("note", lambda run: run.at_rest > MOSTLY_REST, "the marble rests in most rows", "tilt more"),
+        ("note", lambda run: run.at_rim > MOSTLY_RIM, "the marble is at the rim in most rows", "tilt less"),
+        (
+            "note",
+            lambda run: run.repeats is not None,
+            "the commands repeat those of an earlier run",
+            "vary them",
+        ),
+    )
+    for severity, holds, what, advice in rules:
+        wrong = [run.name for run in runs if holds(run)]
+        if wrong:
+            yield Finding(severity, what, names(wrong), advice)  # type: ignore[arg-type]
+    yield from _idle(runs)
+    yield from _moving_start(rig, runs)
+    yield from _rates(runs)
+
+
+def names(of_runs: Sequence[str]) -> str:
+    """Return the names of some runs, the first ones of many."""
+    return ", ".join(of_runs[:4]) + (f" and {len(of_runs) - 4} more" if len(of_runs) > 4 else "")
+
+
+def _lacks_marble(rig: Rig, run: RunFacts) -> bool:
+    return not next(one for one in rig.recordings if one.name == run.name).has_marble
+
+
+def _idle(runs: Sequence[RunFacts]) -> Iterator[Finding]:
+    """Yield a note for each column that is constant in all runs that have it."""
+    always = set(runs[0].idle).intersection(*(run.idle for run in runs))
+    for column in sorted(always):
+        if column in MARBLE:
+            advice = "its noise and errors do not count; move it if the rig can"
+        else:
+            advice = "what it drives cannot be identified; move it if the rig can"
+        yield Finding("note", "never changes in any run", column, advice)
+
+
+def _moving_start(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
+    """Yield a warning where the rig says that runs start at rest and most of them do not."""
+    if rig.start != "rest":
+        return
+    rolling = []
+    for recording in rig.recordings:
+        head = recording.marble[:4]
+        if len(head) < 4 or not np.isfinite(head).all():
+            continue
+        steps = np.linalg.norm(np.diff(head, axis=0), axis=1)
+        # From rest the second and third step are three and five times the first; noise adds its own.
+        later = float(np.nanmedian(np.linalg.norm(np.diff(recording.marble, axis=0), axis=1)))
+        if steps.min() > max(_ROLLING, 0.8 * later) and np.ptp(steps) < 0.5 * steps.max():
+            rolling.append(recording.name)
+    if len(rolling) > len(runs) / 2:
+        yield Finding(
+            "warning",
+            "the marble is rolling in the first rows, and rig.toml does not say so",
+            names(rolling),
+            'put start = "moving" under [recordings] in rig.toml',
+        )
+
+
+def _rates(runs: Sequence[RunFacts]) -> Iterator[Finding]:
+    """Yield an error where some runs have stamps and others not, a warning where rates differ."""
+    rates = {run.name: run.rate_hz for run in runs if run.rate_hz is not None}
+    bare = [run.name for run in runs if run.rate_hz is None]
+    if rates and bare:
+        yield Finding(
+            "error",
+            "no stamps, which other runs have",
+            names(bare),
+            f"add {STAMP}, or remove it from all runs",
+        )
+    elif rates:
+        usual = float(np.median(list(rates.values())))
+        other = [name for name, rate in rates.items() if abs(rate / usual - 1.0) > _SAME_RATE]
+        if other:
+            yield Finding(
+                "warning",
+                f"{rates[other[0]]:.3g} rows a second, in most runs {usual:.3g}",
+                names(other),
+                "fit runs of one rate together: delays in rows mean different times",
+            )

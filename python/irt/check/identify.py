@@ -1,0 +1,389 @@
+"""What recordings could identify: the five parameters, and each effect of the catalogue.
+
+To first order around a quick fit, in windows of some seconds. What a change of a parameter adds to the
+predicted path counts only as far as start states, and for effects the five parameters, could not do the
+same. It is compared with the noise of the tracker; residuals of physics that is still missing come on top.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import EffectInfo, EffectParameter, hypothetical
+from irt.check.responses import EXPECTED, Answer
+from irt.check.result import Detectable, Identified
+from irt.check.runs import row_step
+from irt.fitting.effect_size import size_of, strong_values, try_path
+from irt.fitting.information import Information
+from irt.fitting.problem import Problem
+from irt.fitting.sentences import unidentifiable
+from irt.model import Model
+from irt.recording import MARBLE
+from irt.rig import PARAMETERS, Rig
+from irt.rollouts import SUBSTEP_S
+from irt.segments import LEAD_ROWS, Segment, guess, inputs_of, segments
+from irt.start_state import estimate_start_states, simulate
+
+Array = NDArray[np.float64]
+
+#: Standard errors that an effect must reach to show: five are not reached by chance among all effects and
+#: sizes, and 1.645 more are reached in 95 of 100 recordings.
+SHOWS = 5.0 + 1.645
+#: Standard errors of a 95 % interval.
+_INTERVAL = 1.96
+#: Length of a window [s], and its least rows: over longer ones a path is no longer close to linear.
+_WINDOW_S, _WINDOW_ROWS = 2.5, 24
+#: Windows simulated, spread over all runs, and rows simulated for them with those of their histories. More
+#: of them cost time; the windows that are left out count by their number.
+_LEAST_WINDOWS, _MOST_WINDOWS = 12, 48
+_MOST_ROWS = 5000
+#: Share of a window's rows that must have seen the marble.
+_SEEN = 0.5
+#: Sizes tried of each effect, over three decades, and draws of its other parameters.
+_SIZES, _OTHERS = 7, 4
+_DECADES = 3.0
+#: Changes of start states for derivatives [board edges, board edges a row], and of parameters [their share].
+_STEP, _PART = 1e-4, 1e-3
+#: A simulation in the screening takes updates this many times longer than the engine's own.
+_COARSENESS = 4.0
+
+#: A marble this close to the rim touches it [board edges].
+_AT_RIM = 0.002
+#: A parameter with this share of a direction of which nothing is known is not identified.
+_FREE = 0.1
+#: A change of this many standard errors is rounding.
+_NOTHING = 1e-3
+
+_TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
+
+
+def identify(
+    rig: Rig, noise: Mapping[str, float | None], answers: Mapping[str, Answer], *, threads: int | None = None
+) -> Identified | None:
+    """Return what the recordings could identify; None where no window sees the marble.
+
+    Parameters
+    ----------
+    rig : Rig
+        The recordings.
+    noise : mapping
+        Of each column [its own unit]; None of an axis that never moves.
+    answers : mapping
+        Of `irt.check.responses.responses`: where the quick fit of the gears begins.
+    threads : int, optional
+        Of the engine; by default one for each core.
+    """
+    step = row_step(rig)
+    time_scale = None if step is None else step / SUBSTEP_S
+    stretches = [one for one in segments(rig) if one.run.has_marble]
+    windows = _windows(rig, stretches, time_scale)
+    if not windows or all(noise.get(name) is None for name in MARBLE):
+        return None
+    values = _quick_fit(rig, stretches, time_scale, answers.get("marble"), threads)
+    linear = _Linear.of(rig, windows, values, noise, stamped=time_scale is not None, threads=threads)
+    information = _information(rig, linear, values, time_scale)
+    low, high = information.ranges.T
+    widths = [information.margin(axis) for axis in np.eye(len(PARAMETERS))]
+    held = np.linalg.norm(information.directions[information.flat], axis=0)
+    intervals = {
+        name: None
+        if not information.free[index] or held[index] > _FREE
+        else float(widths[index] * information.widths[index])
+        for index, name in enumerate(PARAMETERS)
+    }
+    if time_scale is not None:
+        intervals["time_scale"] = 0.0
+    return Identified(
+        intervals=intervals,
+        values=dict(zip(PARAMETERS, values.tolist(), strict=True)),
+        unidentifiable=unidentifiable(information, low, high),
+        effects=tuple(one for info in hypothetical() for one in _of_effect(linear, info)),
+    )
+
+
+def _windows(rig: Rig, stretches: Sequence[Segment], time_scale: float | None) -> list[Segment]:
+    """Return windows of one length, spread over all runs; shorter where every run is."""
+    step_s = (sum(rig.ranges["time_scale"]) / 2.0 if time_scale is None else time_scale) * SUBSTEP_S
+    runs = list(dict.fromkeys(one.run for one in stretches))
+    rows = max(_WINDOW_ROWS, round(_WINDOW_S / step_s))
+    rows = min(rows, max((len(run.knobs) for run in runs), default=0))
+    found = []
+    for run in runs:
+        for first in range(0, len(run.knobs) - rows + 1, max(rows, 1)):
+            stretch = slice(first, first + rows)
+            seen = run.seen[stretch]
+            if seen.sum() >= max(LEAD_ROWS, _SEEN * rows):
+                start = guess(run, stretch, step_s, 2)
+                found.append(Segment(run, stretch, start[:2], start[2:]))
+    return found
+
+
+def _quick_fit(
+    rig: Rig,
+    stretches: Sequence[Segment],
+    time_scale: float | None,
+    answer: Answer | None,
+    threads: int | None,
+) -> Array:
+    """Return the five parameters of a fit that begins at the gears of the regression."""
+    values = np.array([sum(rig.ranges[name]) / 2.0 for name in PARAMETERS])
+    if time_scale is not None:
+        values[_TIME] = time_scale
+    if answer is not None:
+        step_s = values[_TIME] * SUBSTEP_S
+        gain = answer.response.gain * rig.board.edge_x_m / step_s**2 / EXPECTED
+        for index, found in enumerate((-gain[1, 0], gain[0, 1])):
+            low, high = rig.ranges[PARAMETERS[index]]
+            if np.isfinite(found):
+                values[index] = np.clip(found, low + 0.01 * (high - low), high)
+    problem = Problem.of(rig, stretches, time_scale=time_scale, threads=threads)
+    found = problem.refine(values[None], iterations=4)[0].values
+    return np.where(np.isfinite(found), found, values)
+
+
+@dataclass(frozen=True, eq=False)
+class _Projection:
+    """Takes away from changes of w windows of n rows what start states and parameters could do as well.
+
+    Attributes
+    ----------
+    weights : (w, 2 n) array
+        One over the noise, times the root of how many windows each stands for; 0 in rows that do not count.
+    of_states : (w, 4, 2 n) array
+        Orthonormal weighted changes by the start state, zeros for none.
+    of_base : (b, w * 2 n) array
+        Orthonormal weighted changes by the five parameters.
+    base : (5, w * 2 n) array
+        Weighted changes by the whole range of a parameter, freed of start states.
+    """
+
+    weights: Array
+    of_states: Array
+    of_base: Array
+    base: Array
+
+    @classmethod
+    def of(cls, weights: Array, by_states: Array, by_base: Array) -> _Projection:
+        """Return the projection, from (w, 4, 2 n) changes by start states and (5, w, 2 n) by parameters."""
+        of_states = _orthonormal(by_states * weights[:, None, :])
+        none = cls(weights, of_states, np.zeros((0, weights.size)), by_base)
+        base = none.freed(by_base)
+        directions, sizes, _ = np.linalg.svd(base.T, full_matrices=False)
+        keep = sizes > 1e-6 * max(float(sizes.max(initial=0.0)), 1e-300)
+        return cls(weights, of_states, directions[:, keep].T, base)
+
+    def freed(self, changes: Array) -> Array:
+        """Return (k, w, 2 n) changes weighted and freed, (k, w * 2 n)."""
+        weighted = changes * self.weights
+        inside = np.einsum("wan,kwn->kwa", self.of_states, weighted)
+        weighted = (weighted - np.einsum("kwa,wan->kwn", inside, self.of_states)).reshape(len(changes), -1)
+        return np.asarray(weighted - (weighted @ self.of_base.T) @ self.of_base)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Predictions in windows, and by how many standard errors changes of them show.
+
+    Attributes
+    ----------
+    simulate : callable
+        From start states (k * w, 4) to predictions (k * w, n, 2), coarsely.
+    states : (w, 4) array
+        Start states.
+    plain : (w, 2 n) array
+        What is predicted without effects.
+    between : _Projection
+        Of the rows before a window's first impact: after one, small changes grow large and are not linear.
+    whole : _Projection
+        Of all rows, for what acts in impacts alone.
+    of_scale : float
+        Standard errors by which the whole range of the observation scale shows in places at the rim.
+    """
+
+    simulate: Callable[..., Array]
+    states: Array
+    plain: Array
+    between: _Projection
+    whole: _Projection
+    of_scale: float
+
+    @classmethod
+    def of(
+        cls,
+        rig: Rig,
+        windows: Sequence[Segment],
+        values: Array,
+        noise: Mapping[str, float | None],
+        *,
+        stamped: bool,
+        threads: int | None,
+    ) -> _Linear:
+        """Return the windows of a rig around five values, linearised."""
+        played = float(np.mean([one.first_row + len(one.knobs) for one in windows]))
+        count = int(np.clip(_MOST_ROWS / played, _LEAST_WINDOWS, _MOST_WINDOWS))
+        taken = np.unique(np.linspace(0, len(windows) - 1, min(len(windows), count)).astype(int))
+        chosen = [windows[index] for index in taken]
+        count = len(chosen)
+        model = Model.from_rig(rig, values, time_step="continuous")
+        inputs = inputs_of(chosen, whole=True)
+        observed = np.array([one.observed for one in chosen])
+        states = np.array([np.append(one.start, one.start_velocity) for one in chosen])
+        at_rest = (inputs.first == 0) & (rig.start == "rest")
+        states = estimate_start_states(model, inputs, observed, states)
+        states[at_rest, 2:] = 0.0
+
+        def predict(states: Array, coarseness: float = 1.0, **changes: Any) -> Array:
+            substeps = None if stamped else max(1, round(values[_TIME] / coarseness))
+            many = inputs.tiled(len(states) // count)
+            return simulate(model, many, states, substeps=substeps, threads=threads, **changes)
+
+        def change(moved: Array, **changes: Any) -> Array:
+            return np.asarray(
+                (predict(moved, **changes).reshape(-1, *plain.shape) - plain).reshape(-1, count, size)
+            )
+
+        plain = predict(states)
+        size = plain[0].size
+        step_s = values[_TIME] * SUBSTEP_S
+        moves = np.array([_STEP, _STEP, _STEP / step_s, _STEP / step_s])
+        signs = np.where(states > 0.0, -1.0, 1.0)
+        by_states = change(np.concatenate([states + signs * moves * axis for axis in np.eye(4)])).swapaxes(
+            0, 1
+        )
+        by_states[at_rest, 2:] = 0.0
+        by_base = np.zeros((len(PARAMETERS), count, size))
+        for index, name in enumerate(PARAMETERS):
+            if index == _TIME and stamped:
+                continue
+            low, high = rig.ranges[name]
+            step = _PART * max(abs(values[index]), _PART * (high - low))
+            moved = values + step * (np.arange(len(values)) == index)
+            by_base[index] = change(states, values=moved)[0] * (high - low) / step
+        scale = np.array([noise.get(name) or np.inf for name in MARBLE])
+        share = len(windows) / count
+        weights = np.where(np.isfinite(observed), math.sqrt(share) / scale, 0.0)
+        touches = np.abs(plain) > model.reach - _AT_RIM
+        free = ~np.logical_or.accumulate(touches.any(axis=2), axis=1)
+        at_rim = (touches.any(axis=1) * model.reach / scale * np.ptp(rig.ranges["observation_scale"])) ** 2
+        return cls(
+            simulate=predict,
+            states=states,
+            plain=predict(states, _COARSENESS).reshape(count, size),
+            between=_Projection.of((weights * free[:, :, None]).reshape(count, size), by_states, by_base),
+            whole=_Projection.of(weights.reshape(count, size), by_states, by_base),
+            of_scale=math.sqrt(share * float(at_rim.sum())),
+        )
+
+    def strengths(self, name: str, draws: Array, keys: Sequence[str]) -> Array:
+        """Return by how many standard errors (k, p) values of an effect show, (k,)."""
+        count = len(self.states)
+        added = {"name": name, **{key: np.repeat(draws[:, i], count) for i, key in enumerate(keys)}}
+        predicted = self.simulate(np.tile(self.states, (len(draws), 1)), _COARSENESS, added=added)
+        changes = predicted.reshape(len(draws), count, -1) - self.plain
+        found = np.linalg.norm(self.between.freed(changes), axis=1)
+        if found.max() < _NOTHING:
+            found = np.linalg.norm(self.whole.freed(changes), axis=1)
+        return np.asarray(found)
+
+
+def _information(rig: Rig, linear: _Linear, values: Array, time_scale: float | None) -> Information:
+    """Return what the windows tell of the five parameters, at the tracker's noise."""
+    free = np.ones(len(PARAMETERS), dtype=bool)
+    free[_TIME] = time_scale is None
+    ranges = np.array([rig.ranges[name] for name in PARAMETERS])
+    # One more observation: where the rim is seen says how large the picture is.
+    of_rim = linear.of_scale * (np.arange(len(PARAMETERS)) == _SCALE)
+    singular, directions = _principal(np.column_stack([linear.between.base, of_rim])[free])
+    own = np.zeros((len(singular), len(PARAMETERS)))
+    own[:, free] = directions
+    with np.errstate(divide="ignore"):
+        half_width = _INTERVAL / singular
+    return Information(
+        names=PARAMETERS,
+        values=values,
+        widths=np.where(free, np.ptp(ranges, axis=1), 1.0),
+        ranges=np.stack([np.minimum(ranges[:, 0], values), np.maximum(ranges[:, 1], values)], axis=1),
+        allowed=np.array([(-np.inf, np.inf)] * 2 + [(0.0, np.inf)] * 3),
+        free=free,
+        directions=own,
+        half_width=half_width,
+        offset=np.zeros(len(singular)),
+    )
+
+
+def _principal(changes: Array) -> tuple[Array, Array]:
+    """Return by how many standard errors each principal direction of parameters shows, and the directions."""
+    lengths, directions = np.linalg.eigh(changes @ changes.T)
+    return np.sqrt(np.maximum(lengths, 0.0)), directions.T
+
+
+def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
+    """Yield from which size on an effect shows, for its size or for each of its parameters alone.
+
+    Effects that draw random numbers are left out.
+    """
+    parameters = info.required
+    paths = try_path([{"name": info.name, **strong_values(info.name)}], seeds=[1, 2])
+    if not np.array_equal(*paths):
+        # Nobody knows the draws of a real rig: a path with one of them shows nothing.
+        return
+    size = size_of(info.name)
+    indices = [
+        index
+        for index in (range(len(parameters)) if size is None else (size,))
+        if math.isfinite(parameters[index].neutral) and not parameters[index].is_choice
+    ]
+    if not indices:
+        return
+    ladders = [_ladder(parameters, index, alone=size is None) for index in indices]
+    draws = np.concatenate([values for values, _ in ladders])
+    strengths = linear.strengths(info.name, draws, [one.name for one in parameters])
+    for index, (_, sizes), found in zip(indices, ladders, np.split(strengths, len(indices)), strict=True):
+        one = parameters[index]
+        typical = np.median(found.reshape(_SIZES, -1), axis=1)
+        usual = 0.5 * float(sizes[-1])
+        at_usual = float(np.exp(np.interp(np.log(usual), np.log(sizes), np.log(np.maximum(typical, 1e-9)))))
+        runs = (SHOWS / at_usual) ** 2 if at_usual > 1e-6 else math.inf
+        yield Detectable(info.name, one.name, one.unit, _smallest(sizes, typical), usual, runs)
+
+
+def _ladder(parameters: tuple[EffectParameter, ...], index: int, *, alone: bool) -> tuple[Array, Array]:
+    """Return values (sizes * others, p) with a ladder of sizes of one parameter, and the sizes.
+
+    The other parameters are neutral where it acts alone, else drawn.
+    """
+    random = np.random.default_rng(index)
+    one = parameters[index]
+    end = one.high if abs(one.high - one.neutral) >= abs(one.low - one.neutral) else one.low
+    ladder = np.logspace(-_DECADES, 0.0, _SIZES)
+    others = 1 if alone or len(parameters) == 1 else _OTHERS
+    values = np.array([[p.neutral if alone else p.drawn(random) for p in parameters] for _ in range(others)])
+    values = np.tile(values, (_SIZES, 1))
+    values[:, index] = np.repeat(one.neutral + (end - one.neutral) * ladder, others)
+    return values, abs(end - one.neutral) * ladder
+
+
+def _smallest(sizes: Array, strengths: Array) -> float | None:
+    """Return the size from which on all larger ones show, between sizes by straight lines of logarithms."""
+    hidden = np.flatnonzero(strengths < SHOWS)
+    if len(hidden) == 0:
+        return float(sizes[0])
+    last = int(hidden[-1])
+    if last == len(sizes) - 1:
+        return None
+    low, high = np.log(np.maximum(strengths[last : last + 2], 1e-9))
+    part = (math.log(SHOWS) - low) / (high - low)
+    return float(np.exp(np.log(sizes[last]) + part * np.log(sizes[last + 1] / sizes[last])))
+
+
+def _orthonormal(directions: Array) -> Array:
+    """Return orthonormal rows that span those of each of (w, a, n); zeros for rows that add nothing."""
+    found, sizes, _ = np.linalg.svd(directions.swapaxes(1, 2), full_matrices=False)
+    keep = sizes > 1e-9 * np.maximum(sizes[:, :1], 1e-300)
+    return np.asarray((found * keep[:, None, :]).swapaxes(1, 2))

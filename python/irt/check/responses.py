@@ -1,0 +1,236 @@
+"""Axes and signs against physics: commands and tilt must move the marble the way the formats declare."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.check.result import Finding, ResponseFacts
+from irt.check.runs import row_step
+from irt.conventions import (
+    LEAST_BLOCKS,
+    Convention,
+    Response,
+    Signals,
+    fit_acceleration,
+    fit_level,
+    resampled,
+)
+from irt.recording import MARBLE, TILT, Recording
+from irt.rig import Rig
+from irt.rollouts import GRAVITY
+
+Array = NDArray[np.float64]
+
+#: Acceleration of a solid sphere that rolls without slipping, per radian of tilt [m/s^2].
+EXPECTED = 5.0 / 7.0 * GRAVITY
+#: Longest delay tried: real rigs have 0.1 s and a lag of up to 0.2 s [s], and without stamps [rows].
+_LONGEST_S, _LONGEST_ROWS = 0.5, 6
+#: A tilt is filtered, or its camera read, this much earlier or later than the marble [s], at most.
+_SKEW_S = 0.15
+#: Delays tried of one response, about.
+_DELAYS = 16
+#: Standard errors and share of the variance by which another convention must be better. Of 122 simulated and
+#: 39 practice rigs in 7 wrong conventions each, 99 of 100 pass; in right ones, and for noise alone, no other
+#: explains a hundredth more.
+_Z, _SHARE = 1.3, 0.15
+#: Gains this many times off the expected one are another unit, not friction or slip.
+_FACTOR = 2.0
+#: Below this share explained a gain says nothing about units.
+_SURE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A response, and the columns it is of."""
+
+    response: Response
+    facts: ResponseFacts
+
+
+def responses(
+    rig: Rig,
+    cleaned: Sequence[tuple[Array, Array | None]],
+    rim: Sequence[NDArray[np.bool_]],
+) -> dict[str, Answer]:
+    """Return the responses that the recordings allow: "marble", "tilt to marble", "tilt"."""
+    commands = rig.recordings[0].columns
+    step = row_step(rig)
+    held = _grid(0.0, _LONGEST_S, step)
+    to_marble, from_tilt, to_tilt = [], [], []
+    for run, (marble, tilt), touches in zip(rig.recordings, cleaned, rim, strict=True):
+        times = run.stamps if step is not None else None
+        knobs, places, walls = resampled(
+            times, run.knobs, marble, touches.astype(float), held=(True, False, False)
+        )
+        free = ~(walls > 0.0)
+        if run.has_marble:
+            to_marble.append(Signals(knobs, places, free))
+        if tilt is not None and run.has_tilt:
+            (angles,) = resampled(times, tilt, held=(False,))
+            to_tilt.append(Signals(knobs, angles))
+            if run.has_marble:
+                from_tilt.append(Signals(angles, places, free))
+    found = {}
+    scale = 1.0 if step is None else rig.board.edge_x_m / step**2
+    per = "rad" if rig.commands.unit == "rad" else rig.commands.unit
+    unit = f"edges a row^2 per {per}" if step is None else f"m/s^2 per {per}"
+    ends = (commands, MARBLE)
+    if to_marble and (one := fit_acceleration(to_marble, held)) is not None:
+        found["marble"] = _answer(one, ends, unit, scale, step)
+    if from_tilt:
+        skew = _grid(-_SKEW_S, _SKEW_S, step)
+        if (one := fit_acceleration(from_tilt, skew, inputs="sampled")) is not None:
+            unit = "edges a row^2 per rad" if step is None else "m/s^2 per rad"
+            found["tilt to marble"] = _answer(one, (TILT, MARBLE), unit, scale, step)
+    if to_tilt and (one := fit_level(to_tilt, held)) is not None:
+        found["tilt"] = _answer(one, (commands, TILT), f"rad per {per}", 1.0, step)
+    return found
+
+
+def _grid(low_s: float, high_s: float, step: float | None) -> Array:
+    """Return delays to try [rows]."""
+    if step is None:
+        return np.arange(-2 if low_s < 0.0 else 0, _LONGEST_ROWS + 1, dtype=float)
+    low, high = np.floor(2.0 * low_s / step) / 2.0, np.ceil(2.0 * high_s / step) / 2.0
+    return np.arange(low, high + 0.25, max(0.5, np.ceil(2.0 * (high - low) / _DELAYS) / 2.0))
+
+
+def _answer(
+    response: Response,
+    columns: tuple[tuple[str, str], tuple[str, str]],
+    unit: str,
+    scale: float,
+    step: float | None,
+) -> Answer:
+    def pair(values: Array) -> tuple[float | None, float | None]:
+        known = [float(one) if np.isfinite(one) else None for one in values]
+        return known[0], known[1]
+
+    inputs, outputs = columns
+    delay = response.delay if step is None else response.delay * step
+    facts = ResponseFacts(
+        inputs=inputs,
+        outputs=outputs,
+        unit=unit,
+        gain=(pair(scale * response.gain[0]), pair(scale * response.gain[1])),
+        error=(pair(scale * response.error[0]), pair(scale * response.error[1])),
+        delay=pair(delay),
+        delay_unit="rows" if step is None else "s",
+        explained=float(response.shares[0]),
+        best=correction(response.best, inputs, outputs),
+        best_explained=float(response.shares.max()),
+        contradicts=response.contradicts(z=_Z, share=_SHARE),
+    )
+    return Answer(response, facts)
+
+
+def correction(found: Convention, swapped: tuple[str, str], mirrored: tuple[str, str]) -> str:
+    """Return how to put columns right: which two to swap, then which to mirror; empty if all is right."""
+    parts = [f"swap {swapped[0]} and {swapped[1]}"] if found.swapped else []
+    wrong = [name for name, sign in zip(mirrored, found.signs, strict=True) if sign < 0]
+    if wrong:
+        parts.append(f"{'then ' if parts else ''}change the sign of {' and '.join(wrong)}")
+    return ", ".join(parts)
+
+
+def response_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
+    """Return warnings on axes and signs, each with the columns to change, and on gains of another unit."""
+    findings = []
+    # A gear matrix or a gear of either sign makes any convention of the commands right.
+    free_signs = rig.commands.matrix or any(rig.ranges[name][0] < 0.0 for name in ("gear_x", "gear_y"))
+    wrong = {
+        name
+        for name, one in answers.items()
+        if one.facts.contradicts and not (free_signs and name in ("marble", "tilt"))
+    }
+    commands = rig.recordings[0].columns
+    if {"marble", "tilt to marble"} <= wrong:
+        findings.append(_contradiction(answers["tilt to marble"], MARBLE))
+    elif "tilt to marble" in wrong:
+        findings.append(_contradiction(answers["tilt to marble"], TILT))
+    elif "marble" in wrong:
+        findings.append(_contradiction(answers["marble"], None if "tilt" not in answers else commands))
+    elif "tilt" in wrong:
+        findings.append(_contradiction(answers["tilt"], commands))
+    findings += _other_unit(rig, answers.get("tilt to marble"))
+    return findings
+
+
+def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
+    """Return the warning for a response; `guilty` are the columns to change, None where nobody knows."""
+    facts, found = answer.facts, answer.response.best
+    if guilty is None:
+        swap = correction(found, facts.inputs, facts.outputs)
+        advice = f"{swap}{_or_command(found, facts.inputs)}"
+    elif guilty == facts.outputs and facts.outputs == MARBLE:
+        # Swapped outputs: each then has the other's sign.
+        signs = found.signs[::-1] if found.swapped else found.signs
+        turned = (-signs[0], -signs[1]) if found.swapped else signs
+        advice = correction(Convention(found.swapped, turned), MARBLE, MARBLE)
+    else:
+        # Output x answers to input y where the outputs are the marble's.
+        crossed = facts.outputs == MARBLE
+        names = (guilty[1], guilty[0]) if crossed else guilty
+        advice = correction(found, guilty, names)
+    return Finding(
+        "warning",
+        f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: declared axes and signs "
+        f"explain {100 * max(facts.explained, 0.0):.0f} % of the motion, others "
+        f"{100 * facts.best_explained:.0f} %",
+        "axes",
+        advice,
+    )
+
+
+def _or_command(found: Convention, inputs: tuple[str, str]) -> str:
+    """Return the command that could have the wrong sign instead of the marble."""
+    movers = (inputs[1], inputs[0])
+    wrong = [name for name, sign in zip(movers, found.signs, strict=True) if sign < 0]
+    return f" (or of {' and '.join(wrong)})" if wrong else ""
+
+
+def _other_unit(rig: Rig, answer: Answer | None) -> list[Finding]:
+    """Return a warning where the marble's acceleration per tilt is no rolling sphere's."""
+    if answer is None or answer.facts.delay_unit != "s" or answer.facts.contradicts:
+        return []
+    if answer.response.blocks < LEAST_BLOCKS or answer.facts.explained < _SURE:
+        return []
+    gains = [one for one in (answer.facts.gain[0][1], answer.facts.gain[1][0]) if one is not None]
+    gain = float(np.mean(np.abs(gains)))
+    if EXPECTED / _FACTOR < gain < EXPECTED * _FACTOR:
+        return []
+    return [
+        Finding(
+            "warning",
+            f"the marble accelerates by {gain:.3g} m/s^2 per rad of measured tilt, where a rolling sphere's "
+            f"5/7 g is {EXPECTED:.2f}",
+            "tilt to marble",
+            _unit_advice(gain / EXPECTED, rig.board.edge_x_m),
+        )
+    ]
+
+
+def _unit_advice(ratio: float, edge_m: float) -> str:
+    """Return what explains a gain so many times the expected one."""
+    known = {
+        np.pi / 180.0: "give the tilt in radians, it looks like degrees",
+        edge_m: "divide the positions by the long edge, they look like metres",
+    }
+    for expected, advice in known.items():
+        if 1.0 / 1.5 < ratio / expected < 1.5:
+            return advice
+    return "check the units of tilt, positions and stamps, and edge_x_m"
+
+
+def runs_of(recordings: Sequence[Recording]) -> str:
+    """Return the names of some recordings, the first ones of many."""
+    names = [one.name for one in recordings]
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+
+
+def _listed(names: tuple[str, str]) -> str:
+    return f"{names[0]} and {names[1]}"

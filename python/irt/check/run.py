@@ -1,0 +1,112 @@
+"""The way through a check: facts, findings, what could be identified, what to record next."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.check.advice import next_recording
+from irt.check.findings import run_findings
+from irt.check.identify import identify
+from irt.check.responses import response_findings, responses
+from irt.check.result import Check, Finding
+from irt.check.runs import rim_masks, run_facts
+from irt.check.signals import clean, signal_facts
+from irt.check.units import unit_findings
+from irt.files import PathLike
+from irt.recording import MARBLE
+from irt.rig import Rig, load_rig
+
+Array = NDArray[np.float64]
+
+#: Rows with a marble, of all runs, below which nothing can be fitted: five parameters and start states.
+LEAST_ROWS = 12
+#: A marble that stays within so many standard deviations of the tracker never moved: noise alone does.
+_STILL = 8.0
+_ORDER = ("error", "warning", "note")
+
+
+def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
+    """Check the recordings of a rig before a fit.
+
+    Parameters
+    ----------
+    rig : Rig or path
+        A rig, or its folder.
+    threads : int, optional
+        Of the engine; by default one for each core.
+
+    Returns
+    -------
+    Check
+        Facts about runs, noise, axes and signs, findings, and what the recordings could identify.
+
+    Raises
+    ------
+    IrtError
+        If the folder is no rig.
+    """
+    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    cleaned = [clean(recording) for recording in rig.recordings]
+    marbles = [marble for marble, _ in cleaned]
+    signals = signal_facts(rig, cleaned)
+    noise = {one.column: one.noise for one in signals}
+    of_marble = max((noise.get(name) or 0.0 for name in MARBLE), default=0.0)
+    runs = run_facts(rig, cleaned, signals)
+    findings = [*_fatal(rig, marbles, of_marble), *run_findings(rig, runs)]
+    answers, identified = {}, None
+    if not any(one.severity == "error" for one in findings):
+        answers = responses(rig, cleaned, rim_masks(rig, marbles, of_marble))
+        wrong = [*response_findings(rig, answers), *unit_findings(rig, marbles, of_marble, answers)]
+        findings += wrong
+        # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
+        if not wrong:
+            identified = identify(rig, noise, answers, threads=threads)
+    return Check(
+        rig=f"{rig.path}",
+        runs=runs,
+        signals=signals,
+        responses=tuple(one.facts for one in answers.values()),
+        identified=identified,
+        findings=tuple(sorted(findings, key=lambda one: _ORDER.index(one.severity))),
+        next_recording=next_recording(rig, runs, findings, identified),
+    )
+
+
+def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding]:
+    """Yield the error that leaves nothing to identify, if there is one."""
+    commands = [one.knobs for one in rig.recordings]
+    moved = (
+        any(np.ptp(one, axis=0).any() for one in commands) or len({one[0].tobytes() for one in commands}) > 1
+    )
+    if not moved:
+        yield Finding("error", "no command ever changes", "commands", "record runs in which the knobs move")
+        return
+    tilt_moves = any(
+        np.nanmax(np.ptp(one.tilt, axis=0)) > 0.0
+        for one in rig.recordings
+        if one.tilt is not None and not one.has_marble
+    )
+    seen = sum(int(np.isfinite(one[:, 0]).sum()) for one in marbles)
+    if tilt_moves:
+        return
+    if seen < LEAST_ROWS:
+        yield Finding(
+            "error",
+            f"the marble is seen in {seen} rows of all runs together, at least {LEAST_ROWS} are needed",
+            "marble",
+            "record longer runs; at 10 to 60 rows a second some runs of 5 s or more",
+        )
+        return
+    # A few wild rows are no motion.
+    ends = [np.nanquantile(one, [0.01, 0.99], axis=0) for one in marbles if np.isfinite(one).any()]
+    extent = max(float((high - low).max()) for low, high in ends)
+    if extent <= _STILL * noise or extent == 0.0:
+        yield Finding(
+            "error",
+            f"the marble never moves: it stays within {extent:.2g} edges, where noise is {noise:.2g}",
+            "marble",
+            "tilt the board more, and check that the tracker follows the marble",
+        )

@@ -1,0 +1,199 @@
+"""What each run holds: time base, gaps, held places, rest, rim, and how its commands use their range."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.check.result import RunFacts, SignalFacts
+from irt.check.signals import held_mask
+from irt.cleaning import garbage_rows, mask_spans, tilt_jumps
+from irt.recording import MARBLE, TILT, Recording
+from irt.rig import PARAMETERS, Rig
+from irt.segments import row_seconds
+
+Array = NDArray[np.float64]
+
+#: A step between stamps this many times the median is a pause: rows are missing.
+PAUSE = 1.5
+#: A marble that stays within so many standard deviations of the tracker ...
+_STILL = 6.0
+#: ... for so long [s], and for at least so many rows, rests.
+_REST_S, _REST_ROWS = 0.4, 5
+#: A marble within this of the rim touches it [board edges]: 1 mm on the paper's board, plus noise.
+_AT_RIM = 0.004
+#: A marble that starts in the centre is seen within this of it a row later [board edges].
+_START_STEP = 0.02
+#: Commands at an extreme for so many rows in succession are clipped; a turning point lasts a row or two.
+_CLIPPED_ROWS = 3
+#: Commands of fewer levels than this are steps by design, which stay at their extremes.
+_LEAST_LEVELS = 9
+
+
+def run_facts(
+    rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], signals: Sequence[SignalFacts]
+) -> tuple[RunFacts, ...]:
+    """Return the facts of every run."""
+    noise = [one.noise or 0.0 for one in signals if one.column in MARBLE] or [0.0, 0.0]
+    rim = rim_masks(rig, [marble for marble, _ in cleaned], max(noise))
+    commands = np.concatenate([one.knobs for one in rig.recordings])
+    clipping = [_extremes(commands[:, axis]) for axis in (0, 1)]
+    seen: dict[bytes, str] = {}
+    found = []
+    for recording, (marble, _), touches in zip(rig.recordings, cleaned, rim, strict=True):
+        key = recording.knobs.tobytes()
+        repeats = seen.setdefault(key, recording.name)
+        found.append(
+            _facts(
+                rig,
+                recording,
+                marble,
+                touches,
+                noise=max(noise),
+                clipping=clipping,
+                repeats=None if repeats == recording.name else repeats,
+            )
+        )
+    return tuple(found)
+
+
+def row_step(rig: Rig) -> float | None:
+    """Return the median time between two rows [s]; None unless all runs have stamps."""
+    steps = [one.durations for one in rig.recordings if one.durations is not None]
+    return float(np.median(np.concatenate(steps))) if len(steps) == len(rig.recordings) else None
+
+
+def rim_masks(rig: Rig, marbles: Sequence[Array], noise: float) -> list[NDArray[np.bool_]]:
+    """Return where the marble of each run touches the rim along x and y, (n, 2) each.
+
+    The rim is where the marble never goes farther, if it could be there by the board's size, the marble's
+    radius and the range of the observation scale, whichever axis is which.
+    """
+    together = np.concatenate([one[np.isfinite(one).all(axis=1)] for one in marbles])
+    if len(together) == 0:
+        return [np.zeros(one.shape, dtype=bool) for one in marbles]
+    low, high = np.quantile(together, [0.001, 0.999], axis=0)
+    short = min(rig.board.edge_x_m, rig.board.edge_y_m) / 2.0 - rig.marble.radius_m
+    least = short / rig.board.edge_x_m * rig.ranges["observation_scale"][0] - 3.0 * noise
+    margin = _AT_RIM + 3.0 * noise
+    with np.errstate(invalid="ignore"):
+        return [
+            ((one > high - margin) & (high > least)) | ((one < low + margin) & (low < -least))
+            for one in marbles
+        ]
+
+
+def _facts(
+    rig: Rig,
+    recording: Recording,
+    marble: Array,
+    touches: NDArray[np.bool_],
+    *,
+    noise: float,
+    clipping: Sequence[tuple[float, float]],
+    repeats: str | None,
+) -> RunFacts:
+    rows = len(recording.knobs)
+    timing = _timing(recording)
+    seen = np.isfinite(marble[:, 0])
+    held = held_mask(recording.marble) if recording.has_marble else np.zeros(rows, dtype=bool)
+    gaps = mask_spans(~seen) if recording.has_marble else []
+    step = row_seconds(recording, sum(rig.ranges[PARAMETERS[3]]) / 2.0)
+    rests = at_rest(marble, noise, step)
+    count = max(int(seen.sum()), 1)
+    knobs = recording.knobs
+    jumps = 0 if recording.tilt is None else int(tilt_jumps(recording.tilt, recording.stamps).sum())
+    return RunFacts(
+        name=recording.name,
+        rows=rows,
+        seconds=timing.get("seconds"),
+        rate_hz=timing.get("rate"),
+        jitter_s=timing.get("jitter"),
+        pauses=int(timing.get("pauses", 0)),
+        lost=float(np.mean(~recording.seen)) if recording.has_marble else 0.0,
+        longest_gap=max((end - first for first, end in gaps), default=0),
+        held=float(held.mean()),
+        tilt_jumps=jumps,
+        garbage=_garbage(recording),
+        at_rest=float((rests & seen).sum() / count),
+        at_rim=float((touches.any(axis=1) & seen).sum() / count),
+        command_range=(
+            (float(knobs[:, 0].min()), float(knobs[:, 0].max())),
+            (float(knobs[:, 1].min()), float(knobs[:, 1].max())),
+        ),
+        clipped=(_clipped(knobs[:, 0], clipping[0]), _clipped(knobs[:, 1], clipping[1])),
+        idle=_idle(recording, marble),
+        repeats=repeats,
+    )
+
+
+def _garbage(recording: Recording) -> int:
+    """Return how many rows at the start were logged before the tracker worked.
+
+    A simulated marble may start exactly in the centre; it then goes on from there.
+    """
+    rows = garbage_rows(recording.marble, recording.tilt) if recording.has_marble else 0
+    if rows == 0 or (recording.tilt is not None and (recording.tilt[:rows] == 0.0).all()):
+        return rows
+    return rows if float(np.linalg.norm(recording.marble[rows])) > _START_STEP else 0
+
+
+def _timing(recording: Recording) -> Mapping[str, float]:
+    """Return length [s], rate [1/s], jitter [s] and number of pauses, where there are stamps."""
+    if recording.stamps is None:
+        return {}
+    steps = np.diff(recording.stamps)
+    median = float(np.median(steps))
+    regular = steps[steps < PAUSE * median]
+    return {
+        "seconds": float(recording.stamps[-1] - recording.stamps[0]),
+        "rate": 1.0 / median,
+        "jitter": float(regular.std()),
+        "pauses": float(len(steps) - len(regular)),
+    }
+
+
+def at_rest(marble: Array, noise: float, step_s: float) -> NDArray[np.bool_]:
+    """Return in which rows of (n, 2) positions the marble rests, (n,)."""
+    rows = max(_REST_ROWS, round(_REST_S / step_s))
+    rests = np.zeros(len(marble), dtype=bool)
+    if len(marble) < rows:
+        return rests
+    stretches = np.lib.stride_tricks.sliding_window_view(marble, rows, axis=0)
+    still = (np.ptp(stretches, axis=2) <= _STILL * noise).all(axis=1)
+    for first in np.flatnonzero(still):
+        rests[first : first + rows] = True
+    return rests
+
+
+def _extremes(commands: Array) -> tuple[float, float]:
+    """Return the extreme commands of one axis, NaN where they are steps of a few levels."""
+    if len(np.unique(commands)) < _LEAST_LEVELS:
+        return np.nan, np.nan
+    return float(commands.min()), float(commands.max())
+
+
+def _clipped(commands: Array, extremes: tuple[float, float]) -> float:
+    """Return the share of rows in which a command stays at an extreme."""
+    rows = 0
+    for end in extremes:
+        spans = mask_spans(commands == end)
+        rows += sum(last - first for first, last in spans if last - first >= _CLIPPED_ROWS)
+    return rows / len(commands)
+
+
+def _idle(recording: Recording, marble: Array) -> tuple[str, ...]:
+    """Return the columns that never change."""
+    columns = dict(zip(recording.columns, recording.knobs.T, strict=True))
+    if recording.has_marble:
+        columns.update(zip(MARBLE, marble.T, strict=True))
+    if recording.tilt is not None:
+        columns.update(zip(TILT, recording.tilt.T, strict=True))
+    idle = []
+    for name, values in columns.items():
+        known = values[np.isfinite(values)]
+        if len(known) > 1 and not np.ptp(known) > 0.0:
+            idle.append(name)
+    return tuple(idle)

@@ -1,0 +1,160 @@
+"""A check as a page in the terminal."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+
+from irt.check.result import Check, Detectable, Identified, ResponseFacts, RunFacts, SignalFacts
+
+#: Characters of a line.
+_WIDTH = 100
+#: Nobody records so many runs.
+_NEVER_RUNS = 1000
+#: Characters of each column of the table of runs.
+_COLUMNS = (6, 6, 5, 7, 5, 4, 5, 5, 5, 7)
+#: Runs shown one by one; more are summed up in a last line.
+_MOST_RUNS = 12
+
+
+def page(found: Check) -> str:
+    """Return a check as lines of at most 100 characters."""
+    return "\n".join(_lines(found))
+
+
+def _lines(found: Check) -> Iterator[str]:
+    yield from _runs(found.runs)
+    if found.signals:
+        yield ""
+        yield from _signals(found.signals)
+    if found.responses:
+        yield ""
+        yield f"{'response':<26}{'gain (95 %)':>14}".ljust(62) + f"  {'delay, by axis':<16}  explained"
+        for response in found.responses:
+            yield from _response(response)
+    if found.identified is not None:
+        yield ""
+        yield from _identified(found.identified, len(found.runs))
+    for severity, title in (("error", "errors"), ("warning", "warnings"), ("note", "notes")):
+        chosen = [one for one in found.findings if one.severity == severity]
+        if chosen:
+            yield f"\n{title}"
+            for one in chosen:
+                yield from _bullet(f"{one}.")
+    yield "\nto record next"
+    yield from _bullet(found.next_recording)
+
+
+def _runs(runs: Sequence[RunFacts]) -> Iterator[str]:
+    width = max(3, *(len(run.name) for run in runs))
+    header = ("rows", "s", "Hz", "jitter", "lost", "gap", "held", "rest", "rim", "clipped")
+    yield f"{'run':<{width}} {_columns(header)}  commands x, y"
+    for run in runs[:_MOST_RUNS]:
+        (x0, x1), (y0, y1) = run.command_range
+        cells = (
+            f"{run.rows}",
+            "-" if run.seconds is None else f"{run.seconds:.1f}",
+            "-" if run.rate_hz is None else f"{run.rate_hz:.1f}",
+            "-" if run.jitter_s is None else f"{1000 * run.jitter_s:.1f} ms",
+            _share(run.lost),
+            f"{run.longest_gap}",
+            _share(run.held),
+            _share(run.at_rest),
+            _share(run.at_rim),
+            _share(max(run.clipped)),
+        )
+        yield f"{run.name:<{width}} {_columns(cells)}  {x0:.2g}..{x1:.2g}, {y0:.2g}..{y1:.2g}"
+    if len(runs) > _MOST_RUNS:
+        rest = runs[_MOST_RUNS:]
+        yield f"and {len(rest)} more runs of {sum(run.rows for run in rest)} rows"
+
+
+def _columns(cells: Sequence[str]) -> str:
+    return " ".join(f"{cell:>{width}}" for cell, width in zip(cells, _COLUMNS, strict=True))
+
+
+def _share(share: float) -> str:
+    percent = 100.0 * share
+    return "0 %" if percent == 0.0 else "<1 %" if percent < 1.0 else f"{percent:.0f} %"
+
+
+def _signals(signals: Sequence[SignalFacts]) -> Iterator[str]:
+    yield "signal        noise             resolution"
+    for one in signals:
+        scale, unit = (100.0, "% of an edge") if one.unit == "edge" else (1000.0, "mrad")
+        noise = "never moves" if one.noise is None else f"{scale * one.noise:.3g} {unit}"
+        step = "-" if one.resolution is None else f"{scale * one.resolution:.2g} {unit}"
+        yield f"{one.column:<12}  {noise:<16}  {step}"
+
+
+def _response(one: ResponseFacts) -> Iterator[str]:
+    gains = []
+    for row, output in enumerate(one.outputs):
+        # The strongest input of each output is what a reader compares.
+        known = [(abs(gain), column) for column, gain in enumerate(one.gain[row]) if gain is not None]
+        if not known:
+            continue
+        column = max(known)[1]
+        gain, error = one.gain[row][column] or 0.0, one.error[row][column] or 0.0
+        pair = f"{one.inputs[column]} -> {output}"
+        gains.append(f"{pair:<24} {gain:8.3g} +- {1.96 * error:.2g}")
+    delays = ", ".join("-" if delay is None else f"{delay:.2g}" for delay in one.delay)
+    wrong = f", {100 * one.best_explained:.0f} % after: {one.best}" if one.contradicts else ""
+    for index, line in enumerate(gains):
+        tail = (
+            f"  {delays} {one.delay_unit:<6} {100 * max(one.explained, 0.0):4.0f} %{wrong}"
+            if index == 0
+            else ""
+        )
+        yield (f"  {line} {one.unit}".ljust(62) + tail).rstrip()
+
+
+def _identified(found: Identified, runs: int) -> Iterator[str]:
+    yield "what these recordings could identify, if noise were all that a fit leaves (95 % intervals)"
+    known = [
+        f"{name} {found.values[name]:.3g} +- {half:.2g}"
+        if half
+        else f"{name} {found.values[name]:.3g} (stamps)"
+        for name, half in found.intervals.items()
+        if half is not None
+    ]
+    yield from _bullet(", ".join(known) or "none of the five parameters")
+    for sentence in found.unidentifiable:
+        yield from _bullet(sentence)
+    shown = [one for one in found.effects if one.runs <= 1.0 and one.smallest is not None]
+    hidden = [one for one in found.effects if not (one.runs <= 1.0 and one.smallest is not None)]
+    if shown:
+        yield from _bullet(f"effects show from these sizes on: {_grouped(shown, _size)}")
+    if hidden:
+        needed = _grouped(hidden, lambda one: _runs_needed(one, runs))
+        yield from _bullet(
+            f"effects of half their largest usual size do not show; with so many runs like these "
+            f"({runs} so far) they would: {needed}"
+        )
+
+
+def _grouped(effects: Sequence[Detectable], word: Callable[[Detectable], str]) -> str:
+    """Return the effects, the words on several parameters of one together."""
+    found: dict[str, list[str]] = {}
+    for one in effects:
+        found.setdefault(one.effect, []).append(word(one))
+    units = {one.effect: one.unit for one in effects}
+    parts = []
+    for name, words in found.items():
+        unit = f" {units[name]}" if units[name] and word is _size else ""
+        parts.append(f"{name.replace('_', ' ')} {' / '.join(words)}{unit}")
+    return ", ".join(parts)
+
+
+def _size(one: Detectable) -> str:
+    return f"{one.smallest:.1g}"
+
+
+def _runs_needed(one: Detectable, runs: int) -> str:
+    needed = runs * one.runs
+    return f"{math.ceil(needed)}" if needed < _NEVER_RUNS else "never"
+
+
+def _bullet(text: str) -> list[str]:
+    return textwrap.wrap(text, _WIDTH, initial_indent="- ", subsequent_indent="  ", break_on_hyphens=False)

@@ -1,0 +1,34 @@
+"""`irt check`: what is in a rig's recordings, and what they could identify."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from irt.cli.inputs import whole
+
+NAME = "check"
+HELP = "check recordings before a fit: rates, gaps, noise, units, axes, and what they could identify"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `irt check`."""
+    parser.add_argument("rig", metavar="RIG", type=Path, help="a folder of recordings (*.csv)")
+    parser.add_argument("--json", action="store_true", help="print the findings and numbers as JSON")
+    parser.add_argument(
+        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+    )
+    parser.epilog = (
+        "The exit status is 1 if the recordings can identify nothing.\n\n"
+        "examples:\n  irt check my-rig\n  irt check my-rig --json"
+    )
+
+
+def run(args: argparse.Namespace) -> None:
+    """Check, print the page or JSON, and raise where the recordings can identify nothing."""
+    from irt.check import check, page
+
+    found = check(args.rig, threads=args.threads)
+    print(json.dumps(found.as_dict(), indent=2, allow_nan=False) if args.json else page(found))
+    found.require()

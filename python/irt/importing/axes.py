@@ -1,0 +1,162 @@
+"""Which column is which of our axes: decided from fitted maps, with how surely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.importing.conventions import DECIDED, ROLLING_GAIN, SURE
+from irt.importing.weak_form import Map
+
+Array = NDArray[np.float64]
+Sureness = Literal["surely", "probably", "undecided"]
+
+#: A second input that does more than this share of the first acts on an axis of its own right.
+_MIXED = 0.15
+#: Beyond this share neither order of two commands is better than the other.
+_EITHER = 0.6
+#: Gains of a rolling ball scatter within these factors of 5/7 g: friction, slip, a ball that is not solid.
+_GAIN_FACTORS = (0.6, 1.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """Where our axes are among the columns of a source.
+
+    Attributes
+    ----------
+    order : (int, int)
+        Column of our x and of our y.
+    signs : (float, float)
+        +1 or -1 by which these columns are multiplied.
+    gains, errors : (2,) array
+        The gain that decides for each of our axes, as the column has it, and its standard error.
+    sure : (str, str)
+        How surely each was decided.
+    mixed : (2,) array
+        What the other column does to the same axis, as a share of this one.
+    """
+
+    order: tuple[int, int]
+    signs: tuple[float, float]
+    gains: Array
+    errors: Array
+    sure: tuple[Sureness, Sureness]
+    mixed: Array
+
+    def apply(self, columns: Array) -> Array:
+        """Return our two columns of a source's."""
+        return np.asarray(columns[:, list(self.order)] * np.array(self.signs))
+
+    @property
+    def decided(self) -> bool:
+        """Whether anything was decided."""
+        return any(one != "undecided" for one in self.sure)
+
+
+def declared() -> Axes:
+    """Return the axes as the source declares them."""
+    unknown = np.full(2, np.nan)
+    return Axes((0, 1), (1.0, 1.0), unknown, unknown, ("undecided", "undecided"), np.zeros(2))
+
+
+def tilt_axes(found: Map | None) -> Axes:
+    """Decide which tilt is which, from the acceleration of the marble (rows x, y) by tilt.
+
+    Ours accelerate by +5/7 g tilt_y along x and by -5/7 g tilt_x along y. The marble's axes are kept as the
+    frame: whether a tilt or a picture was mirrored cannot be seen, and does not matter on a flat board.
+    """
+    if found is None:
+        return declared()
+    # Rows become what our tilt_x and tilt_y do.
+    return _axes(found, rows=(1, 0), signs=(-1.0, 1.0), turn=True)
+
+
+def command_axes(found: Map | None, tilt: Axes, *, by_marble: bool) -> Axes:
+    """Decide which command moves which of our tilts; signs are kept, since a gear may have either.
+
+    Parameters
+    ----------
+    found : Map or None
+        The tilt's columns by command, or with ``by_marble`` the marble's acceleration by command.
+    tilt : Axes
+        Where our tilts are among the tilt's columns.
+    by_marble : bool
+        Which of both ``found`` is.
+    """
+    if found is None:
+        return declared()
+    if by_marble:
+        axes = _axes(found, rows=(1, 0), signs=(-1.0, 1.0), turn=False)
+        scale = 1.0 / ROLLING_GAIN
+    else:
+        axes = _axes(found, rows=tilt.order, signs=tilt.signs, turn=False)
+        scale = 1.0
+    if min(axes.mixed) > _EITHER:
+        axes = _axes(
+            found,
+            rows=(1, 0) if by_marble else tilt.order,
+            signs=(-1.0, 1.0) if by_marble else tilt.signs,
+            turn=False,
+            order=(0, 1),
+        )
+    return Axes(axes.order, axes.signs, axes.gains * scale, axes.errors * scale, axes.sure, axes.mixed)
+
+
+def is_matrix(axes: Axes, found: Map | None) -> bool:
+    """Return whether each command moves both axes."""
+    return found is not None and bool((axes.mixed > _MIXED).any())
+
+
+def gain_ratio(axes: Axes) -> float:
+    """Return by which factor the gains of the tilt differ from 5/7 g; NaN where undecided."""
+    known = [abs(gain) for gain, sure in zip(axes.gains, axes.sure, strict=True) if sure != "undecided"]
+    return float(np.median(known)) / ROLLING_GAIN if known else float("nan")
+
+
+def gain_is_odd(ratio: float) -> bool:
+    """Return whether gains are not those of a ball that rolls."""
+    return not np.isnan(ratio) and not _GAIN_FACTORS[0] <= ratio <= _GAIN_FACTORS[1]
+
+
+def _axes(
+    found: Map,
+    *,
+    rows: tuple[int, int],
+    signs: tuple[float, float],
+    turn: bool,
+    order: tuple[int, int] | None = None,
+) -> Axes:
+    """Return the axes whose x drives row ``rows[0]`` and whose y drives row ``rows[1]``.
+
+    ``signs`` are those that a gain has in our convention; with ``turn``, columns get the sign that makes
+    them so, else gains are given as they are in our convention.
+    """
+    z = np.abs(found.z)[list(rows)]
+    effects = np.where(z >= DECIDED, found.effects[list(rows)], 0.0)
+    gains, errors = found.gains[list(rows)], found.errors[list(rows)]
+    if order is None:
+        order = (1, 0) if effects[0, 1] + effects[1, 0] > effects[0, 0] + effects[1, 1] else (0, 1)
+    main = np.array([gains[axis, order[axis]] for axis in (0, 1)])
+    error = np.array([errors[axis, order[axis]] for axis in (0, 1)])
+    sure: list[Sureness] = []
+    mixed, turned = np.zeros(2), [1.0, 1.0]
+    for axis in (0, 1):
+        own, other = effects[axis, order[axis]], effects[axis, order[1 - axis]]
+        score = z[axis, order[axis]]
+        if own == 0.0:
+            sure.append("undecided")
+            continue
+        mixed[axis] = other / own
+        # Of two tilts that both move an axis, neither is surely the one; commands may well be mixed.
+        clear = not turn or mixed[axis] < _EITHER
+        sure.append("surely" if score >= SURE and clear else "probably")
+        if turn:
+            turned[axis] = float(np.sign(main[axis]) * signs[axis])
+    if not turn:
+        main = main * np.array(signs)
+    first, second = sure
+    return Axes(order, (turned[0], turned[1]), main, error, (first, second), mixed)

@@ -1,0 +1,34 @@
+"""Two clocks that stamped the same events: by how much they differ."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+#: Events whose delay is among this share of the quickest of their stretch carry the clocks' difference.
+_QUICK = 0.1
+#: A stretch has at least so many events.
+_STRETCH = 40
+
+
+def clock_offset(sent: Array, received: Array) -> tuple[float, float]:
+    """Return what to add to the first clock's stamps to get the second's, and its standard error [s].
+
+    Each event is stamped by one clock as it happens, and by the other a little later. Queues only delay, so
+    the quickest events of each stretch count; the error is that of the mean of the stretches, drift included.
+    """
+    delays = np.asarray(received - sent, dtype=np.float64)
+    parts = np.array_split(delays, max(1, min(50, len(delays) // _STRETCH)))
+    quick = np.array([np.quantile(part, _QUICK) for part in parts])
+    error = float(quick.std(ddof=1) / np.sqrt(len(quick))) if len(quick) > 1 else float(np.ptp(delays))
+    return float(np.median(quick)), error
+
+
+def steady_offset(first: Array, second: Array) -> tuple[float, float]:
+    """Return the median difference of two clocks that were read at the same moments, and its error [s]."""
+    difference = np.asarray(second - first, dtype=np.float64)
+    centre = float(np.median(difference))
+    spread = 1.4826 * float(np.median(np.abs(difference - centre)))
+    return centre, 1.2533 * spread / float(np.sqrt(len(difference)))

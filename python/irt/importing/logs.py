@@ -1,0 +1,339 @@
+"""Logs of other labs to a rig: read, cleaned, their conventions found, written in ours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.cleaning import noise_of
+from irt.errors import IrtError
+from irt.files import PathLike, make_folder, read_toml, write_atomic
+from irt.importing.axes import Axes, command_axes, gain_ratio, is_matrix, tilt_axes
+from irt.importing.conventions import DECIDED, commands_to_marble, commands_to_tilt, tilt_to_marble
+from irt.importing.labs import Lab
+from irt.importing.log import Log
+from irt.importing.mapping import parse_mapping
+from irt.importing.settings import rig_toml
+from irt.importing.sources import (
+    Kind,
+    Progress,
+    Reading,
+    lab_of,
+    read_log,
+)
+from irt.importing.splitting import Cleaned, Counts, Stretch, clean
+from irt.importing.units import check_places, check_tilt_gain, check_tilt_size, marble_is_swapped
+from irt.importing.weak_form import Map, Run
+from irt.recording import CMD, KNOBS, Recording
+from irt.rig import Board, Commands, Marble, read_dimensions, read_signals
+
+Array = NDArray[np.float64]
+
+#: A tilt clock differs from the marble's if by more than this [s] and so many standard errors.
+_OFFSET_S, _OFFSET_ERRORS = 0.004, 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """What was found in logs, and what was made of them.
+
+    Attributes
+    ----------
+    lab : Lab
+        Of the first source.
+    logs : tuple of Log
+        As read and cleaned.
+    counts : Counts
+        What was cleaned away.
+    tilt_map, command_map : Map or None
+        Acceleration of the marble by tilt; tilt by command, or without tilt the acceleration by command.
+    tilt, commands : Axes
+        Where our axes are among the logged columns.
+    by_marble : bool
+        Whether `command_map` is of the marble's acceleration.
+    swapped : bool
+        Whether the marble's axes were exchanged.
+    matrix : bool
+        Whether each command moves both axes.
+    tilt_offset : float or None
+        Seconds by which stamps of the tilt were moved, where they had a clock of their own.
+    command_shift : float
+        Seconds by which commands were moved, since they came later than what they did.
+    noise : (2,) array
+        Noise of the measured tilt about x and y [rad]; NaN without any.
+    edge_x_m : float
+        The board's long edge [m].
+    period : float
+        Median time from row to row [s].
+    recordings : tuple of Recording
+        In our convention.
+    settings : str or None
+        The text of rig.toml, None where the folder has one.
+    written : bool
+        Whether files were written.
+    """
+
+    lab: Lab
+    logs: tuple[Log, ...]
+    counts: Counts
+    tilt_map: Map | None
+    command_map: Map | None
+    tilt: Axes
+    commands: Axes
+    by_marble: bool
+    swapped: bool
+    matrix: bool
+    tilt_offset: float | None
+    command_shift: float
+    noise: Array
+    edge_x_m: float
+    period: float
+    recordings: tuple[Recording, ...]
+    settings: str | None
+    written: bool
+
+
+def import_logs(
+    sources: Sequence[PathLike],
+    folder: PathLike,
+    kind: Kind,
+    *,
+    mapping: Sequence[str] = (),
+    topics: Sequence[str] = (),
+    episode: str | None = None,
+    home_after: float | None = None,
+    dry_run: bool = False,
+    progress: Progress | None = None,
+) -> Summary:
+    """Read logs of one rig, find their conventions from all of them together, and write recordings.
+
+    Parameters
+    ----------
+    sources : sequence of path
+        Logs of one rig.
+    folder : path
+        The rig's folder. Its recordings are kept, and its rig.toml, whose board then counts.
+    kind : {"cyberrunner", "tag", "csv"}
+        Whose logs they are.
+    mapping : sequence of str
+        ``TARGET=EXPRESSION``, in the place of the format's own.
+    topics : sequence of str
+        Topics to take where a bag has several.
+    episode : str, optional
+        A column that changes where a new run begins.
+    home_after : float, optional
+        The driver goes home (command 0) after so many seconds without a command.
+    dry_run : bool
+        Whether nothing is written.
+    progress : callable, optional
+        Called with done, total and a text.
+
+    Raises
+    ------
+    IrtError
+        If a log cannot be read or nothing in it can be used; nothing is written then.
+    """
+    expressions = parse_mapping(mapping)
+    lab = lab_of(Path(sources[0]), kind)
+    target = Path(folder)
+    board, marble = _dimensions(target, lab)
+    unit = _unit(target)
+    reading = Reading(expressions, tuple(topics), episode, board.edge_x_m)
+    logs = [read_log(Path(source), kind, reading, progress) for source in sources]
+    if swapped := marble_is_swapped(logs, board):
+        logs = [replace(log, marble=log.marble[:, ::-1], marble_names=log.marble_names[::-1]) for log in logs]
+    for log in logs:
+        if unit is not None and (unit == "rad") != (log.columns == KNOBS):
+            raise IrtError(
+                f"{target}: commands of this rig are in {unit}, but those of {log.path} go to "
+                f"{' and '.join(log.columns)}; import into another folder, or map "
+                f"{' and '.join(KNOBS if unit == 'rad' else CMD)}"
+            )
+        check_tilt_size(log)
+        check_places(log, board)
+    cleaned = [clean(log, home_after) for log in logs]
+    if not any(one.runs for one in cleaned):
+        raise IrtError(
+            f"{sources[0]}: no run of at least 30 rows and 1 s is left between gaps; nothing to learn from"
+        )
+    report = progress or (lambda done, total, text: None)
+    found = _conventions(cleaned, board, marble, report)
+    tilt_map, command_map, by_marble, offset, shift = found
+    tilt = tilt_axes(tilt_map)
+    check_tilt_gain(cleaned[0].log, gain_ratio(tilt))
+    commands = command_axes(command_map, tilt, by_marble=by_marble)
+    matrix = is_matrix(commands, command_map)
+    placed = _Placed(tilt, commands, offset or 0.0, shift)
+    recordings = _recordings(cleaned, target, placed)
+    noise = _noise(recordings)
+    period = float(np.median([one.log.period for one in cleaned]))
+    settings = None
+    if not (target / "rig.toml").exists():
+        first = cleaned[0].log
+        spoken = Commands("rad" if first.columns == KNOBS else lab.unit, matrix)
+        settings = rig_toml(board, marble, spoken, commands, noise, period=period, stamped=first.stamped)
+    if not dry_run:
+        make_folder(target)
+        if settings is not None:
+            write_atomic(target / "rig.toml", settings)
+        for one in recordings:
+            write_atomic(one.path, one.to_csv())
+    counts = Counts()
+    for each in cleaned:
+        counts.add(each.counts)
+    return Summary(
+        lab=lab,
+        logs=tuple(one.log for one in cleaned),
+        counts=counts,
+        tilt_map=tilt_map,
+        command_map=command_map,
+        tilt=tilt,
+        commands=commands,
+        by_marble=by_marble,
+        swapped=swapped,
+        matrix=matrix,
+        tilt_offset=offset,
+        command_shift=shift,
+        noise=noise,
+        edge_x_m=board.edge_x_m,
+        period=period,
+        recordings=tuple(recordings),
+        settings=settings,
+        written=not dry_run,
+    )
+
+
+def _dimensions(folder: Path, lab: Lab) -> tuple[Board, Marble]:
+    """Return sizes by the folder's rig.toml, else the lab's."""
+    path = folder / "rig.toml"
+    return read_dimensions(read_toml(path)) if path.exists() else (lab.board, lab.marble)
+
+
+def _unit(folder: Path) -> str | None:
+    """Return the unit of commands of the rig in a folder, None where the folder has none yet."""
+    path = folder / "rig.toml"
+    if path.exists():
+        return read_signals(read_toml(path))[0].unit
+    # Recordings without a rig.toml are of knob angles.
+    return "rad" if folder.is_dir() and any(folder.glob("*.csv")) else None
+
+
+def _runs(cleaned: Sequence[Cleaned], edge: float) -> list[Run]:
+    return [
+        Run(
+            log.stamps[run.rows],
+            log.marble[run.rows] * edge,
+            None if log.tilt is None else log.tilt[run.rows],
+            (log.stamps if log.tilt_stamps is None else log.tilt_stamps)[run.rows],
+            run.commands,
+        )
+        for one in cleaned
+        for run in one.runs
+        for log in (run.log,)
+    ]
+
+
+def _conventions(
+    cleaned: Sequence[Cleaned], board: Board, marble: Marble, report: Callable[[int, int, str], None]
+) -> tuple[Map | None, Map | None, bool, float | None, float]:
+    """Return the maps of tilt and commands, whether the latter is the marble's, and both moves of clocks."""
+    runs = _runs(cleaned, board.edge_x_m)
+    edges = (board.edge_x_m - 2.0 * marble.radius_m, board.edge_y_m - 2.0 * marble.radius_m)
+    own_clock = cleaned[0].log.tilt_stamps is not None
+    report(0, 3, "fitting tilt to marble")
+    tilt_map = tilt_to_marble(runs, edges, search=own_clock)
+    offset = None
+    if own_clock:
+        offset = 0.0
+        if tilt_map is not None and (np.abs(tilt_map.z) >= DECIDED).any():
+            offset = float(tilt_map.delay[0])
+        runs = [replace(run, tilt_stamps=run.tilt_stamps + offset) for run in runs]
+    report(1, 3, "fitting commands to tilt")
+    command_map = commands_to_tilt(runs)
+    by_marble = False
+    if command_map is None or not (np.abs(command_map.z) >= DECIDED).any():
+        report(2, 3, "fitting commands to marble")
+        other = commands_to_marble(runs, edges)
+        if other is not None and (command_map is None or (np.abs(other.z) >= DECIDED).any()):
+            command_map, by_marble = other, True
+    shift = 0.0
+    if command_map is not None:
+        sure = (np.abs(command_map.z) >= DECIDED).any(axis=1) & np.isfinite(command_map.delay)
+        if sure.any():
+            least = float(command_map.delay[sure].min())
+            error = float(np.nanmax(command_map.delay_error[sure]))
+            # No board moves before its command: the clocks differ by at least this.
+            if least < -max(_OFFSET_S, _OFFSET_ERRORS * error):
+                shift = least
+    report(3, 3, "fitted")
+    return tilt_map, command_map, by_marble, offset, shift
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Where axes and clocks were found: what turns a log into a recording."""
+
+    tilt: Axes
+    commands: Axes
+    tilt_offset: float
+    command_shift: float
+
+
+def _recordings(cleaned: Sequence[Cleaned], folder: Path, placed: _Placed) -> list[Recording]:
+    taken = {path.stem for path in folder.glob("*.csv")} if folder.is_dir() else set()
+    recordings = []
+    for one in cleaned:
+        for number, run in enumerate(one.runs, start=1):
+            name = one.log.name if len(one.runs) == 1 else f"{one.log.name}-{number}"
+            unique, count = name, 2
+            while unique in taken:
+                unique, count = f"{name}-{count}", count + 1
+            taken.add(unique)
+            recordings.append(_recording(run, folder / f"{unique}.csv", placed))
+    return recordings
+
+
+def _recording(run: Stretch, path: Path, placed: _Placed) -> Recording:
+    log = run.log
+    stamps = log.stamps[run.rows]
+    ends = np.append(stamps[1:], stamps[-1] + log.period)
+    if run.commands.stamps.size:
+        sent = run.commands.shifted(placed.command_shift) if placed.command_shift else run.commands
+        means = sent.mean(stamps, ends)
+        # Before the first command, if it was moved: as it was then.
+        means = np.where(np.isfinite(means), means, sent.values[0])
+    else:
+        means = np.zeros((len(stamps), 2))
+    measured = None
+    if log.tilt is not None:
+        measured = log.tilt[run.rows]
+        if log.tilt_stamps is not None:
+            at = log.tilt_stamps + placed.tilt_offset
+            columns = [np.interp(stamps, at, column, left=np.nan, right=np.nan) for column in log.tilt.T]
+            measured = np.column_stack(columns)
+        measured = placed.tilt.apply(measured)
+        if not np.isfinite(measured).any():
+            measured = None
+    return Recording(
+        path.stem,
+        path,
+        placed.commands.apply(means),
+        log.marble[run.rows],
+        # Row numbers at a nominal rate are no stamps: the time scale is then a parameter.
+        stamps - stamps[0] if log.stamped else None,
+        measured,
+        log.columns,
+    )
+
+
+def _noise(recordings: Sequence[Recording]) -> Array:
+    tilts = [one.tilt for one in recordings if one.tilt is not None]
+    if not tilts:
+        return np.full(2, np.nan)
+    noises = np.array([[noise_of(tilt[:, axis]) for axis in (0, 1)] for tilt in tilts])
+    known = np.isfinite(noises).any(axis=0)
+    return np.array([np.nanmedian(noises[:, axis]) if known[axis] else np.nan for axis in (0, 1)])

@@ -1,0 +1,87 @@
+"""The rig.toml of an imported log: sizes of the lab, and ranges about what was found."""
+
+from __future__ import annotations
+
+import numpy as np
+import tomli_w
+from numpy.typing import NDArray
+
+from irt.importing.axes import Axes
+from irt.rig import Board, Commands, Marble
+from irt.rollouts import SUBSTEP_S
+
+Array = NDArray[np.float64]
+
+#: Half-width of the range of a gear about the gain that was found, as a factor.
+_GEAR_FACTOR = 5.0
+#: Rows may last longer or shorter than stamps say by this factor, and than a nominal rate says.
+_TIME_FACTOR, _NOMINAL_FACTOR = 1.25, 2.0
+#: Real boards roll with up to this friction.
+_FRICTION = [0.0, 0.02]
+
+
+def rig_toml(
+    board: Board,
+    marble: Marble,
+    commands: Commands,
+    axes: Axes,
+    noise: Array,
+    *,
+    period: float,
+    stamped: bool,
+) -> str:
+    """Return the text of rig.toml.
+
+    Parameters
+    ----------
+    board, marble : Board, Marble
+        Sizes.
+    commands : Commands
+        Their unit, and whether each moves both axes.
+    axes : Axes
+        Gains of the commands [rad per unit]: a gear is searched within a factor of 5.
+    noise : (2,) array
+        Of the measured tilt [rad]; NaN without any.
+    period : float
+        Time from row to row [s].
+    stamped : bool
+        Whether that time was logged.
+    """
+    gears = [_gear_range(axes, axis) for axis in (0, 1)]
+    parameters = {
+        f"gear_{name}": {"range": gear} for name, gear in zip("xy", gears, strict=True) if gear is not None
+    }
+    scale = period / SUBSTEP_S
+    # Rows at a nominal rate say little of the time between them.
+    factor = _TIME_FACTOR if stamped else _NOMINAL_FACTOR
+    parameters["rolling_friction"] = {"range": _FRICTION}
+    parameters["time_scale"] = {"range": [_short(scale / factor), _short(scale * factor)]}
+    spoken: dict[str, object] = {"unit": commands.unit}
+    if commands.matrix:
+        spoken["matrix"] = True
+    content: dict[str, object] = {
+        "board": {"edge_x_m": board.edge_x_m, "edge_y_m": board.edge_y_m},
+        "marble": {"radius_m": marble.radius_m, "mass_kg": marble.mass_kg},
+        "recordings": {"start": "moving"},
+        "commands": spoken,
+    }
+    if np.isfinite(noise).any():
+        content["tilt"] = {"noise_rad": _short(float(np.nanmax(noise)))}
+    lines = [tomli_w.dumps(content), "[parameters]"]
+    lines += [f"{name} = {{ range = {table['range']} }}" for name, table in parameters.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _gear_range(axes: Axes, axis: int) -> list[float] | None:
+    """Return a range that holds the gear whatever friction and lag did to the gain; None where unknown."""
+    gain, error = float(axes.gains[axis]), float(axes.errors[axis])
+    if not np.isfinite(gain) or gain == 0.0:
+        return None
+    if axes.sure[axis] == "undecided":
+        most = _GEAR_FACTOR * (abs(gain) + 2.0 * (error if np.isfinite(error) else 0.0))
+        return [_short(-most), _short(most)]
+    return sorted([_short(gain / _GEAR_FACTOR), _short(gain * _GEAR_FACTOR)])
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.3g}")

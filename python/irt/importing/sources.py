@@ -1,0 +1,331 @@
+"""From files to logs: which lab's a source is, and its columns by the mapping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.importing import lab_bags, tables
+from irt.importing.labs import ANY, CYBERRUNNER, REPLAY, TAG, WITHOUT_ROS, Lab
+from irt.importing.log import Log
+from irt.importing.mapping import COMMAND_STAMP, SEEN, TARGETS, TILT_STAMP, Expression
+from irt.importing.messages import COMMANDS, STATES, short_name
+from irt.recording import CMD, KNOBS, MARBLE, STAMP, TILT
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+Progress = Callable[[int, int, str], None]
+#: What ``--from`` may say.
+Kind = Literal["rig", "cyberrunner", "tag", "csv"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+#: Rows further apart than this [s] are not logged by a camera: the stamps have another unit.
+_LONGEST_STEP_S = 2.0
+#: Between episodes whose clocks start anew [s]: any gap that splits a run.
+_APART_S = 10.0
+#: A stamp that goes back by more than this [s] begins a new run; by less, its row came late.
+_NEW_CLOCK_S = 0.5
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How logs are read, beyond their format.
+
+    Attributes
+    ----------
+    mapping : dict
+        The user's expressions, which take the place of the format's.
+    topics : sequence of str
+        Topics to take where a bag has several.
+    episode : str or None
+        A column that changes where a new run begins.
+    edge_x_m : float
+        The board's long edge [m].
+    """
+
+    mapping: Mapping[str, Expression] = field(default_factory=dict)
+    topics: Sequence[str] = ()
+    episode: str | None = None
+    edge_x_m: float = 0.276
+
+
+def detect(path: Path, *, mapped: bool = False) -> Kind:
+    """Return whose log a source is.
+
+    Raises
+    ------
+    IrtError
+        If that cannot be said surely; the message asks for ``--from``.
+    """
+    tables.refuse_pickle(path)
+    ask = f"choose with --from {'|'.join(KINDS)}"
+    if path.is_dir():
+        if (path / "states.csv").is_file():
+            return "tag"
+        if not list(path.glob("*.db3")) + list(path.glob("*.mcap")):
+            raise IrtError(f"{path}: neither a bag (metadata.yaml, *.db3, *.mcap) nor a TAG folder; {ask}")
+        return _of_topics(path, ask)
+    if not path.exists():
+        raise IrtError(f"{path}: cannot be read: No such file or directory")
+    if path.suffix == ".npz":
+        return "cyberrunner"
+    if path.suffix == ".csv":
+        return "csv" if mapped else _of_columns(path, ask)
+    return _of_topics(path, ask) if path.suffix == ".db3" else _of_file(path, ask)
+
+
+def lab_of(path: Path, kind: Kind) -> Lab:
+    """Return what is known of the lab whose log a source is."""
+    if kind == "tag":
+        return TAG
+    if kind == "csv":
+        return ANY
+    return {".npz": REPLAY, ".csv": WITHOUT_ROS}.get(path.suffix, CYBERRUNNER)
+
+
+def read_log(path: Path, kind: Kind, reading: Reading, progress: Progress | None = None) -> Log:
+    """Read one log in the convention that its format declares.
+
+    Raises
+    ------
+    IrtError
+        If it cannot be read, or holds no states; one line says what to do.
+    """
+    tables.refuse_pickle(path)
+    lab = lab_of(path, kind)
+    if path.is_dir() and kind == "tag" and (path / "states.csv").exists():
+        states, commands, notes = tables.read_tag_folder(path)
+        return _log(path, lab, reading, states, commands, notes=notes)
+    if path.suffix == ".npz":
+        states, episodes = tables.read_replay(path)
+        states["t_s"] = np.arange(len(episodes)) / lab.rate
+        notes = (f"a replay has no stamps: rows are taken to be 1/{lab.rate:g} s apart",)
+        return _log(path, lab, reading, states, states, episodes=episodes, notes=notes, stamped=False)
+    if path.suffix == ".csv" or (kind == "csv" and path.is_file()):
+        states = tables.read_columns(path)
+        if kind != "cyberrunner":
+            return _log(path, lab, reading, states, states)
+        if not set(states) >= tables.WITHOUT_ROS:
+            missing = ", ".join(sorted(tables.WITHOUT_ROS - set(states)))
+            raise IrtError(
+                f"{path}: no log of a CyberRunner without ROS: {missing} missing; use --from csv --map ..."
+            )
+        states, episodes = tables.read_without_ros(path, states)
+        notes = ("row i was seen after action i: its command is the action of the row after",)
+        return _log(path, lab, reading, states, states, episodes=episodes, notes=notes)
+    states, commands, notes = lab_bags.read_bag(path, reading.topics, progress)
+    return _log(path, lab, reading, states, commands, notes=notes)
+
+
+def _of_columns(path: Path, ask: str) -> Kind:
+    columns = set(tables.read_columns(path))
+    if columns >= tables.WITHOUT_ROS:
+        return "cyberrunner"
+    if set(MARBLE) <= columns:
+        return "csv"
+    raise IrtError(f"{path}: columns of no known lab ({', '.join(sorted(columns))}); {ask}")
+
+
+def _of_file(path: Path, ask: str) -> Kind:
+    from irt.bag import is_own  # noqa: PLC0415
+
+    # The reader of our own bags says what is wrong with a file that is no bag.
+    return "rig" if is_own(path) else _of_topics(path, ask)
+
+
+def _of_topics(path: Path, ask: str) -> Kind:
+    topics = lab_bags.topics_of(path)
+    names = {short_name(kind) for kind in topics.values()}
+    if "HiwonderVel" in names or any(topic.startswith("/tag_") for topic in topics):
+        return "tag"
+    if names & {*STATES, *COMMANDS}:
+        return "cyberrunner"
+    if any(topic.startswith("/rig/") for topic in topics):
+        return "rig"
+    listed = ", ".join(sorted(topics)) or "none"
+    raise IrtError(f"{path}: topics of no known lab ({listed}); {ask}")
+
+
+def _log(
+    path: Path,
+    lab: Lab,
+    reading: Reading,
+    states: Columns,
+    commands: Columns,
+    *,
+    episodes: Array | None = None,
+    notes: Sequence[str] = (),
+    stamped: bool = True,
+) -> Log:
+    """Apply the mapping to the columns of states and of commands, which may be one table."""
+    mapping = _full_mapping(path, lab, reading.mapping, states)
+    one_table = commands is states
+    rows, command_rows = len(next(iter(states.values()))), len(next(iter(commands.values())))
+
+    def value(target: str, *, of_commands: bool = False) -> Array | None:
+        if target not in mapping:
+            return None
+        table, count = (commands, command_rows) if of_commands else (states, rows)
+        known = {**table, "edge_x_m": np.full(count, reading.edge_x_m), "nan": np.full(count, np.nan)}
+        return mapping[target].evaluate(known, count, f"{path}")
+
+    stamps = mapping[STAMP].evaluate(states, rows, f"{path}")
+    marble = _pair(path, MARBLE, value, rows)
+    tilt = _columns_of(TILT, value, rows)
+    names = _command_names(path, mapping)
+    sent = np.zeros((command_rows, 2))
+    for axis, name in enumerate(names):
+        if (spoken := value(name, of_commands=True)) is not None:
+            sent[:, axis] = spoken
+    seen = value(SEEN)
+    if seen is not None:
+        marble = np.where((np.nan_to_num(seen) != 0.0)[:, None], marble, np.nan)
+    if reading.episode is not None:
+        if reading.episode not in states:
+            raise IrtError(
+                f"{path}: no column {reading.episode} for --episode; there are {', '.join(states)}"
+            )
+        episodes = states[reading.episode]
+    runs = np.zeros(rows) if episodes is None else np.asarray(episodes)
+    command_stamps = value(COMMAND_STAMP, of_commands=True)
+    if command_stamps is None:
+        command_stamps = stamps if one_table else commands["t_s"]
+    tilt_stamps = value(TILT_STAMP)
+    stamps, runs, offsets, keep = _rising(path, stamps, runs)
+    if one_table:
+        command_stamps, sent = (command_stamps + offsets)[keep], sent[keep]
+    if not np.isfinite(marble).any() and (MARBLE[0] in mapping and mapping[MARBLE[0]].text != "nan"):
+        raise IrtError(
+            f"{path}: the marble is lost in every row; if this is a run of tilt alone, say so with "
+            "--map marble_x=nan --map marble_y=nan"
+        )
+    return Log(
+        name=path.stem if path.stem != "states" else path.parent.name,
+        path=path,
+        stamps=stamps,
+        marble=marble[keep],
+        tilt=None if tilt is None else tilt[keep],
+        tilt_stamps=None if tilt_stamps is None else (tilt_stamps + offsets)[keep],
+        command_stamps=command_stamps,
+        commands=sent,
+        episodes=runs,
+        columns=names,
+        marble_names=_texts(mapping, MARBLE),
+        tilt_names=_texts(mapping, TILT),
+        command_names=_texts(mapping, names),
+        stamped=stamped,
+        notes=tuple(notes),
+    )
+
+
+def _full_mapping(
+    path: Path, lab: Lab, own: Mapping[str, Expression], states: Columns
+) -> dict[str, Expression]:
+    """Return the format's mapping with the user's in its place; raise where time or place is missing."""
+    mapping = lab.expressions(own)
+    if lab.mapping:
+        # Knob angles of the user's replace the format's commands.
+        for pair, other in ((KNOBS, CMD), (CMD, KNOBS)):
+            if any(name in own for name in pair):
+                mapping = {name: one for name, one in mapping.items() if name not in other or name in own}
+        if "ball_visible" in states:
+            mapping.setdefault(SEEN, Expression.parse("ball_visible"))
+        mapping.setdefault(STAMP, Expression.parse("t_s"))
+    else:
+        # Columns that bear our names are what they say.
+        mapping = {name: Expression.parse(name) for name in TARGETS if name in states} | mapping
+    if not any(target in mapping for target in (*MARBLE, *TILT)):
+        raise IrtError(
+            f"{path}: nothing says where the marble is; map its columns, such as --map marble_x=xb/0.276 "
+            f"(columns: {', '.join(states)})"
+        )
+    if STAMP not in mapping:
+        raise IrtError(
+            f"{path}: nothing says when rows were seen; map their time in seconds, such as "
+            f"--map t_s=stamp_ms/1000 or --map t_s=frame/30 (columns: {', '.join(states)})"
+        )
+    return mapping
+
+
+def _pair(path: Path, targets: tuple[str, str], value: Callable[[str], Array | None], rows: int) -> Array:
+    found = [value(target) for target in targets]
+    if (found[0] is None) != (found[1] is None):
+        missing = targets[0] if found[0] is None else targets[1]
+        raise IrtError(f"{path}: {missing} is not mapped; map both {' and '.join(targets)} or neither")
+    if found[0] is None or found[1] is None:
+        return np.full((rows, 2), np.nan)
+    places = np.column_stack([found[0], found[1]])
+    places[~np.isfinite(places).all(axis=1)] = np.nan
+    return places
+
+
+def _columns_of(targets: tuple[str, str], value: Callable[[str], Array | None], rows: int) -> Array | None:
+    found = [value(target) for target in targets]
+    if found[0] is None and found[1] is None:
+        return None
+    return np.column_stack([np.full(rows, np.nan) if one is None else one for one in found])
+
+
+def _command_names(path: Path, mapping: Mapping[str, Expression]) -> tuple[str, str]:
+    """Return the pair of columns that commands go to; the user's own choice drops the format's."""
+    has_knobs = any(name in mapping for name in KNOBS)
+    has_commands = any(name in mapping for name in CMD)
+    if has_knobs and has_commands:
+        raise IrtError(
+            f"{path}: both {' or '.join(KNOBS)} and {' or '.join(CMD)} are mapped; knob_* are for angles in "
+            "radians, cmd_* for any other unit: map one pair"
+        )
+    return KNOBS if has_knobs else CMD
+
+
+def _texts(mapping: Mapping[str, Expression], targets: tuple[str, str]) -> tuple[str, str]:
+    first, second = (mapping[target].text if target in mapping else "-" for target in targets)
+    return first, second
+
+
+def _rising(path: Path, stamps: Array, episodes: Array) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Return stamps that rise throughout, their episodes, what was added by row, and which rows are kept.
+
+    A clock that starts anew begins a new episode; rows without a stamp, or that came late, are dropped.
+    """
+    known = np.isfinite(stamps)
+    if known.sum() < 2:
+        raise IrtError(f"{path}: {int(known.sum())} rows with a stamp; at least two are needed")
+    steps = np.diff(stamps[known])
+    typical = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    if typical == 0.0:
+        raise IrtError(f"{path}: all rows have one stamp; expected seconds that rise from row to row")
+    if typical > _LONGEST_STEP_S:
+        # The unit in which rows would be nearest to 1/40 s apart.
+        unit, name = min(
+            ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")),
+            key=lambda one: abs(np.log(typical / one[0] * 40.0)),
+        )
+        raise IrtError(
+            f"{path}: rows are {typical:.3g} s apart: stamps seem to be in {name}; divide by {unit:.0e}, "
+            f"such as --map t_s=stamp/{unit:.0e}"
+        )
+    offsets, runs = np.zeros(len(stamps)), np.asarray(episodes, dtype=np.float64).copy()
+    restarts = np.zeros(len(stamps), dtype=bool)
+    rows = np.flatnonzero(known)
+    back = rows[1:][steps < -_NEW_CLOCK_S]
+    for row in back.tolist():
+        before = rows[np.searchsorted(rows, row) - 1]
+        offsets[row:] += stamps[before] - stamps[row] + _APART_S
+        restarts[row] = True
+    changed = np.concatenate([[False], np.diff(np.nan_to_num(runs, nan=-1.0)) != 0.0]) | restarts
+    runs = np.cumsum(changed).astype(np.float64)
+    whole = stamps + offsets
+    keep, last = [], -np.inf
+    for row in rows.tolist():
+        if whole[row] > last:
+            keep.append(row)
+            last = whole[row]
+    kept = np.array(keep)
+    return whole[kept], runs[kept], offsets, kept

@@ -1,0 +1,238 @@
+"""Logs in CSV and NPZ files: columns of numbers, and what is known of each lab's."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.files import read_text
+from irt.importing.clocks import steady_offset
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+
+#: Columns by which the CSV of a CyberRunner without ROS is known.
+WITHOUT_ROS = frozenset({"t", "episode", "step", "xb", "yb", "alpha", "beta", "a0", "a1"})
+#: Beginnings of pickles (protocols 2 to 5), of PyTorch's old files too.
+_PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
+#: Cells of a value that was lost.
+_EMPTY = {"", "nan"}
+_PICKLE_NAMES = {".pkl", ".pickle", ".pk", ".p", ".pt", ".pth", ".joblib"}
+#: A picture is at most so old when its state is logged [s].
+_OLDEST_S = 1.0
+#: Board of the replay's units [m], and its angles [rad].
+_REPLAY_SIZE = (0.276, 0.231)
+_REPLAY_ANGLE = np.deg2rad(10.0)
+#: Clocks that are read one after the other differ by no more than this [s].
+_SAME_CLOCK_S = 0.005
+
+
+def refuse_pickle(path: Path) -> None:
+    """Raise `IrtError` if a file is a pickle, which runs code when it is opened."""
+    begin = b""
+    if path.is_file():
+        with path.open("rb") as stream:
+            begin = stream.read(2)
+    if path.suffix.lower() in _PICKLE_NAMES or begin in _PICKLES:
+        raise IrtError(
+            f"{path}: a pickle is never opened, since it may run any code; save the arrays as CSV or as NPZ "
+            "without objects"
+        )
+
+
+def read_columns(path: Path) -> Columns:
+    """Return the columns of a CSV file; cells that are empty or no number are NaN.
+
+    A column without any number (a status in words) is left out.
+
+    Raises
+    ------
+    IrtError
+        If the file is no CSV with a header and rows of one length.
+    """
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    rows: list[list[str]] = []
+    try:
+        header = [cell.strip() for cell in next(reader, [])]
+        for cells in reader:
+            if not any(cells):
+                continue
+            if len(cells) != len(header):
+                raise IrtError(
+                    f"{path}, line {reader.line_num}: {len(cells)} cells, but the header has {len(header)}"
+                )
+            rows.append(cells)
+    except csv.Error as error:
+        raise IrtError(f"{path}, line {reader.line_num}: broken CSV: {error}") from error
+    if not rows:
+        raise IrtError(f"{path}: no rows below a header; expected a CSV")
+    if len(set(header)) < len(header):
+        twice = next(name for name in header if header.count(name) > 1)
+        raise IrtError(f'{path}, line 1: column "{twice}" stands there twice; rename one')
+    columns = {}
+    for name, column in zip(header, zip(*rows, strict=True), strict=True):
+        values = _numbers(column)
+        if np.isfinite(values).any() or all(cell.strip().lower() in _EMPTY for cell in column):
+            columns[name] = values
+    return columns
+
+
+def read_without_ros(path: Path, columns: Columns) -> tuple[Columns, Array]:
+    """Return the columns of a CyberRunner without ROS, and where its episodes change.
+
+    Its row i was seen after action i. In a recording command i is issued as row i is seen, so the action
+    of the row after is taken; the last row of each episode has none.
+    """
+    episodes = np.nan_to_num(columns["episode"], nan=-1.0)
+    last = np.append(np.diff(episodes) != 0, True)
+    shifted = dict(columns)
+    for name in ("a0", "a1"):
+        values = np.append(columns[name][1:], np.nan)
+        shifted[name] = np.where(last, np.nan, values)
+    return shifted, episodes
+
+
+def read_tag_folder(folder: Path) -> tuple[Columns, Columns, tuple[str, ...]]:
+    """Return columns of states and commands from a TAG recorder's folder, with ``t_s``, and notes.
+
+    The recorder stamps both files by one monotonic clock, which is taken; where those do not overlap, or are
+    missing, the ROS clock is. States are dated back by the age of their picture.
+
+    Raises
+    ------
+    IrtError
+        If a file or its stamps are missing.
+    """
+    paths = folder / "states.csv", folder / "commands.csv"
+    for path in paths:
+        if not path.is_file():
+            raise IrtError(f"{path}: no such file; a TAG folder has states.csv and commands.csv")
+    tables = [read_columns(path) for path in paths]
+    notes: list[str] = []
+    clock = _common_clock(folder, tables, notes)
+    for table in tables:
+        table["t_s"] = table[clock] / 1e9
+    states = _renamed(tables[0])
+    age = states.get("source_age_ns")
+    if age is not None and np.isfinite(age).any():
+        age = age / 1e9
+        usable = np.isfinite(age) & (age >= 0.0) & (age <= _OLDEST_S)
+        if usable.mean() > 0.9:
+            states["t_s"] = states["t_s"] - np.where(usable, age, np.median(age[usable]))
+            notes.append(
+                f"states are dated back by the age of their picture, {1e3 * np.median(age[usable]):.1f} ms"
+            )
+    return states, tables[1], tuple(notes)
+
+
+def read_replay(path: Path) -> tuple[Columns, Array]:
+    """Return the columns of a CyberRunner replay, and where its episodes change; nothing is unpickled.
+
+    ``states`` hold alpha and beta in units of 10 degrees and the place from the lower left in units of the
+    board's edges. Of mirrored streams the first is taken.
+
+    Raises
+    ------
+    IrtError
+        If arrays are missing, hold objects, or differ in length.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {
+                name: np.asarray(archive[name])
+                for name in ("states", "action", "is_first")
+                if name in archive.files
+            }
+    except FileNotFoundError as error:
+        raise IrtError(f"{path}: no such file") from error
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
+        raise IrtError(f"{path}: no NPZ of plain numbers, or one that was cut short ({error})") from error
+    if "states" not in arrays:
+        raise IrtError(f'{path}: no array "states" in it; expected a replay of CyberRunner')
+    states = _first_stream(path, arrays["states"], 4)
+    rows = len(states)
+    action = _first_stream(path, arrays["action"], 2) if "action" in arrays else np.full((rows, 2), np.nan)
+    first = (
+        np.asarray(arrays.get("is_first", np.zeros(rows))).reshape(rows, -1)[:, 0] if rows else np.zeros(0)
+    )
+    if len(action) != rows:
+        raise IrtError(
+            f"{path}: {rows} rows of states, but {len(action)} of actions; they must be of one length"
+        )
+    width, height = _REPLAY_SIZE
+    columns = {
+        "alpha": states[:, 0] * _REPLAY_ANGLE,
+        "beta": states[:, 1] * _REPLAY_ANGLE,
+        "x_b": (states[:, 2] - 0.5) * width,
+        "y_b": (states[:, 3] - 0.5) * height,
+        "action_1": action[:, 0],
+        "action_2": action[:, 1],
+    }
+    return columns, np.cumsum(first.astype(bool)).astype(np.float64)
+
+
+def _first_stream(path: Path, array: NDArray[np.generic], width: int) -> Array:
+    """Return (n, width) of an array that may hold four mirrored streams, side by side or as an axis."""
+    if not np.issubdtype(array.dtype, np.number):
+        raise IrtError(f"{path}: an array of {array.dtype}, where numbers were expected")
+    values = array.astype(np.float64)
+    if values.ndim == 3 and values.shape[-1] == width:
+        values = values[0] if values.shape[0] <= 4 < values.shape[1] else values[:, 0]
+    if values.ndim != 2 or values.shape[1] % width:
+        raise IrtError(f"{path}: an array of shape {array.shape}; expected (rows, {width})")
+    return values[:, :width]
+
+
+def _common_clock(folder: Path, tables: list[Columns], notes: list[str]) -> str:
+    """Return the column of the clock that stamped both files."""
+    overlapping = []
+    for name in ("monotonic_ns", "ros_time_ns"):
+        if all(name in table and np.isfinite(table[name]).any() for table in tables):
+            low = max(np.nanmin(table[name]) for table in tables)
+            high = min(np.nanmax(table[name]) for table in tables)
+            if low < high:
+                overlapping.append(name)
+    if not overlapping:
+        raise IrtError(
+            f"{folder}: commands and states do not overlap in time, by monotonic_ns nor by ros_time_ns"
+        )
+    if overlapping[0] == "ros_time_ns":
+        notes.append("stamped by the ROS clock: monotonic clocks of the two files do not overlap")
+    elif len(overlapping) == 2:
+        found = [steady_offset(one["monotonic_ns"] / 1e9, one["ros_time_ns"] / 1e9) for one in tables]
+        ahead, error = found[1][0] - found[0][0], float(np.hypot(found[0][1], found[1][1]))
+        notes.append("stamped by the monotonic clock, which both files share")
+        if abs(ahead) > max(_SAME_CLOCK_S, 5.0 * error):
+            notes.append(
+                f"the ROS clock of the commands is {ahead:+.4f} +- {error:.4f} s ahead of the states', unused"
+            )
+    return overlapping[0]
+
+
+def _renamed(columns: Columns) -> Columns:
+    """Return columns without the unit in their name, as messages have them: ``x_b_m`` is ``x_b``."""
+    names = {"x_b_m": "x_b", "y_b_m": "y_b", "alpha_rad": "alpha", "beta_rad": "beta"}
+    return {names.get(name, name): values for name, values in columns.items()}
+
+
+def _numbers(cells: tuple[str, ...]) -> Array:
+    try:
+        return np.array(cells, dtype=np.float64)
+    except ValueError:
+        return np.array([_number(cell) for cell in cells])
+
+
+def _number(cell: str) -> float:
+    text = cell.strip()
+    if text.lower() in {"true", "false"}:
+        return float(text.lower() == "true")
+    try:
+        return float("nan") if "_" in text else float(text)
+    except ValueError:
+        return float("nan")

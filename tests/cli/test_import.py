@@ -1,0 +1,321 @@
+"""`irt import`: other labs' logs from the command line, and one line for each bad input."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lab_logs
+from irt.recording import load_recording
+from irt.rig import Board, load_rig
+from lab_logs import Convention, Truth, simulate, write_bag, write_csv
+
+DECLARED = Convention(np.ones(2), False, np.ones(2), 0.0)
+MAP = [
+    word
+    for target in (
+        "t_s=stamp_ms/1000",
+        "marble_x=xb/0.276",
+        "marble_y=yb/0.276",
+        "tilt_x_rad=alpha",
+        "tilt_y_rad=beta",
+        "cmd_x=u1",
+        "cmd_y=u2",
+    )
+    for word in ("--map", target)
+]
+
+
+@pytest.fixture(scope="module")
+def truth() -> Truth:
+    return simulate(np.random.default_rng(3), seconds=25.0, by_rows=True)
+
+
+def columns(truth: Truth) -> dict[str, np.ndarray]:
+    return {
+        "stamp_ms": 1e3 * truth.stamps,
+        "xb": truth.marble_m[:, 0],
+        "yb": truth.marble_m[:, 1],
+        "alpha": truth.tilt[:, 0],
+        "beta": truth.tilt[:, 1],
+        "u1": truth.commands[:, 0],
+        "u2": truth.commands[:, 1],
+    }
+
+
+def test_a_csv_with_swapped_tilt_is_put_right_and_said(
+    tmp_path: Path, truth: Truth, irt: Callable[..., Any]
+) -> None:
+    table = columns(truth)
+    table["alpha"], table["beta"] = table["beta"], -table["alpha"]
+    log = write_csv(tmp_path / "log.csv", table)
+    rig = tmp_path / "rig"
+    dry = irt("import", log, "--from", "csv", *MAP, "--out", rig, "--dry-run")
+    assert dry.status == 0, dry.err
+    assert "dry run: nothing was written" in dry.out
+    assert not rig.exists()
+    done = irt("import", log, "--from", "csv", *MAP, "--out", rig)
+    assert done.status == 0, done.err
+    assert 'tilt "beta" moves y by +' in done.out
+    assert "our tilt_x, sign turned; surely" in done.out
+    assert 'tilt "alpha" moves x by +' in done.out
+    assert "our tilt_y, sign kept; surely" in done.out
+    assert f"{truth.held.sum()} held at the last place" in done.out
+    assert f"{truth.jumped.sum()} with a jump of the tilt" in done.out
+    recording = load_recording(rig / "log.csv")
+    assert recording.tilt is not None
+    known = np.isfinite(recording.tilt)
+    assert np.allclose(recording.tilt[known], truth.tilt[: len(recording.tilt)][known])
+    loaded = load_rig(rig)
+    assert loaded.start == "moving"
+    assert loaded.tilt.noise_rad == pytest.approx(np.deg2rad(0.05), rel=0.25)
+    # A second import adds a recording, and keeps the first and rig.toml.
+    before = (rig / "log.csv").read_bytes()
+    again = irt("import", log, "--from", "csv", *MAP, "--out", rig)
+    assert "rig.toml kept as it was" in again.out
+    assert (rig / "log.csv").read_bytes() == before
+    assert sorted(path.name for path in rig.glob("*.csv")) == ["log-2.csv", "log.csv"]
+
+
+def test_formats_are_known_by_their_content(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    bag = write_bag(tmp_path / "bag", truth, DECLARED)
+    assert ": cyberrunner, " in irt("import", bag, "--dry-run").out
+    tag_bag = write_bag(
+        tmp_path / "tag-bag", truth, DECLARED, package="tag_interfaces", command="HiwonderVel", storage="mcap"
+    )
+    (file,) = tag_bag.glob("*.mcap")
+    assert ": tag, " in irt("import", file, "--dry-run").out
+    folder = lab_logs.write_tag_folder(tmp_path / "tag", truth, DECLARED)
+    assert ": tag, " in irt("import", folder, "--dry-run").out
+    unknown = write_csv(tmp_path / "unknown.csv", {"a": [1, 2], "b": [3, 4]})
+    asked = irt("import", unknown)
+    assert asked.status == 1
+    assert "columns of no known lab (a, b); choose with --from rig|cyberrunner|tag|csv" in asked.err
+    mixed = irt("import", bag, folder)
+    assert "sources of several labs (cyberrunner, tag)" in mixed.err
+
+
+def test_a_cyberrunner_without_ros(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    # Its row i is seen after action i: what our row i commands stands in its row i + 1.
+    actions = np.roll(truth.commands, 1, axis=0)
+    rows = len(actions)
+    table = {
+        "t": truth.stamps,
+        "episode": (np.arange(rows) > rows // 2).astype(int),
+        "step": np.arange(rows),
+        "xb": truth.marble_m[:, 0],
+        "yb": truth.marble_m[:, 1],
+        "vx": np.zeros(rows),
+        "vy": np.zeros(rows),
+        "alpha": truth.tilt[:, 0],
+        "beta": truth.tilt[:, 1],
+        "a0": actions[:, 0],
+        "a1": actions[:, 1],
+        "ball_found": ["0" if held else "1" for held in truth.held],
+        "status": ["ok"] * rows,
+        "tag": ["x"] * rows,
+    }
+    log = write_csv(tmp_path / "odil.csv", table)
+    done = irt("import", log, "--out", tmp_path / "rig")
+    assert done.status == 0, done.err
+    recordings = load_rig(tmp_path / "rig").recordings
+    assert [one.name for one in recordings] == ["odil-1", "odil-2"]
+    assert "1 new episodes" in done.out
+    # Declared is cmd_x = a1, which stays where each action moves both axes.
+    assert "matrix = true" in done.out
+    moved = truth.commands[:, ::-1]
+    first = recordings[0]
+    begin = int(np.argmin(np.abs(truth.marble_m[:, 0] / 0.276 - first.marble[0, 0])))
+    assert np.array_equal(first.knobs[:-1], moved[begin : begin + len(first.knobs) - 1])
+
+
+def test_a_replay(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    states = np.column_stack(
+        [
+            -truth.tilt[:, 1] / np.deg2rad(10.0),
+            truth.tilt[:, 0] / np.deg2rad(10.0),
+            truth.marble_m[:, 0] / 0.276 + 0.5,
+            truth.marble_m[:, 1] / 0.231 + 0.5,
+        ]
+    )
+    np.savez(tmp_path / "replay.npz", states=states, action=truth.commands, is_first=np.zeros(len(states)))
+    done = irt("import", tmp_path / "replay.npz", "--out", tmp_path / "rig")
+    assert done.status == 0, done.err
+    assert "a replay has no stamps: rows are taken to be 1/55 s apart" in done.out
+    assert "rows 0.018" in done.out
+    assert 'tilt "-alpha" moves x by +' in done.out
+    (recording,) = load_rig(tmp_path / "rig").recordings
+    assert recording.stamps is None
+
+
+def test_tilt_alone(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    log = write_csv(tmp_path / "log.csv", columns(truth))
+    words = [word for word in MAP if not word.startswith("marble")]
+    words = [
+        word
+        for word, after in zip(words, [*words[1:], ""], strict=True)
+        if (word, after) != ("--map", "--map")
+    ]
+    done = irt("import", log, "--from", "csv", *words, "--out", tmp_path / "rig")
+    assert done.status == 0, done.err
+    assert "no marble: runs of tilt alone" in done.out
+    (recording,) = load_rig(tmp_path / "rig").recordings
+    assert not recording.has_marble
+
+
+def test_commands_without_tilt(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    table = columns(truth)
+    table["alpha"] = table["beta"] = np.full(len(truth.stamps), np.nan)
+    log = write_csv(tmp_path / "log.csv", table)
+    words = MAP[:6] + MAP[10:]
+    done = irt("import", log, "--from", "csv", *words, "--out", tmp_path / "rig")
+    assert done.status == 0, done.err
+    assert "no measured tilt" in done.out
+    assert "(by the marble's acceleration)" in done.out
+    rig = load_rig(tmp_path / "rig")
+    order = (0, 1) if abs(truth.gear[0, 0]) > abs(truth.gear[0, 1]) else (1, 0)
+    low, high = rig.ranges["gear_x"]
+    assert low < truth.gear[0, order[0]] < high
+
+
+Spoil = Callable[[dict[str, np.ndarray], list[str]], None]
+
+
+def degrees(table: dict[str, np.ndarray], words: list[str]) -> None:
+    table["alpha"], table["beta"] = np.rad2deg(table["alpha"]), np.rad2deg(table["beta"])
+
+
+def all_lost(table: dict[str, np.ndarray], words: list[str]) -> None:
+    table["xb"] = np.full(len(table["xb"]), np.nan)
+
+
+def nanoseconds(table: dict[str, np.ndarray], words: list[str]) -> None:
+    table["stamp_ms"] = 1e9 * (table["stamp_ms"] + 1.7e12)
+
+
+def other_time(table: dict[str, np.ndarray], words: list[str]) -> None:
+    words += ["--map", "cmd_t_s=stamp_ms/1000+5000"]
+
+
+def no_column(table: dict[str, np.ndarray], words: list[str]) -> None:
+    words[words.index("tilt_x_rad=alpha")] = "tilt_x_rad=alfa"
+
+
+def no_expression(table: dict[str, np.ndarray], words: list[str]) -> None:
+    words[words.index("tilt_x_rad=alpha")] = "tilt_x_rad=abs(alpha)"
+
+
+def millimetres(table: dict[str, np.ndarray], words: list[str]) -> None:
+    table["xb"], table["yb"] = 1e3 * table["xb"], 1e3 * table["yb"]
+
+
+def from_a_corner(table: dict[str, np.ndarray], words: list[str]) -> None:
+    table["xb"], table["yb"] = table["xb"] + 0.138, table["yb"] + 0.1155
+
+
+def no_stamps(table: dict[str, np.ndarray], words: list[str]) -> None:
+    del words[:2]
+
+
+def no_episode(table: dict[str, np.ndarray], words: list[str]) -> None:
+    words += ["--episode", "run"]
+
+
+def two_kinds(table: dict[str, np.ndarray], words: list[str]) -> None:
+    words += ["--map", "knob_x_rad=u1"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (degrees, 'it seems to be in degrees; convert it with --map "tilt_x_rad=rad(alpha)"'),
+        (all_lost, "the marble is lost in every row"),
+        (nanoseconds, "stamps seem to be in nanoseconds"),
+        (other_time, "commands and states do not overlap in time"),
+        (no_column, 'unknown column "alfa"; did you mean "alpha"'),
+        (no_expression, '"abs(alpha)" is no expression'),
+        (millimetres, "of the places lie outside the board"),
+        (from_a_corner, "take 0.5 off where the origin is a corner"),
+        (no_stamps, "nothing says when rows were seen"),
+        (no_episode, "no column run for --episode"),
+        (two_kinds, "map one pair"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(
+    tmp_path: Path, truth: Truth, irt: Callable[..., Any], spoil: Spoil, said: str
+) -> None:
+    table, words = columns(truth), list(MAP)
+    spoil(table, words)
+    if spoil is nanoseconds:
+        words[1] = "t_s=stamp_ms/1000"
+    log = write_csv(tmp_path / "log.csv", table)
+    failed = irt("import", log, "--from", "csv", *words, "--out", tmp_path / "rig")
+    assert failed.status == 1
+    assert said in failed.err
+    assert failed.err.count("\n") == 1
+    assert not (tmp_path / "rig").exists()
+
+
+def test_tilt_of_another_length(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    np.savez(tmp_path / "replay.npz", states=np.zeros((100, 4)), action=np.zeros((90, 2)))
+    failed = irt("import", tmp_path / "replay.npz", "--out", tmp_path / "rig")
+    assert "100 rows of states, but 90 of actions; they must be of one length" in failed.err
+    log = write_csv(tmp_path / "log.csv", columns(truth))
+    text = log.read_text().splitlines()
+    log.write_text("\n".join([*text[:50], text[50].rsplit(",", 3)[0], *text[51:]]))
+    failed = irt("import", log, "--from", "csv", *MAP)
+    assert "log.csv, line 51: 4 cells, but the header has 7" in failed.err
+
+
+def test_a_rig_whose_commands_are_in_another_unit(
+    tmp_path: Path, truth: Truth, irt: Callable[..., Any]
+) -> None:
+    (tmp_path / "rig").mkdir()
+    (tmp_path / "rig" / "rig.toml").write_text('[recordings]\nstart = "moving"\n')
+    log = write_csv(tmp_path / "log.csv", columns(truth))
+    failed = irt("import", log, "--from", "csv", *MAP, "--out", tmp_path / "rig")
+    assert "commands of this rig are in rad, but those of" in failed.err
+    assert not list((tmp_path / "rig").glob("*.csv"))
+
+
+def test_a_pickle(tmp_path: Path, irt: Callable[..., Any]) -> None:
+    path = tmp_path / "log.pkl"
+    path.write_bytes(pickle.dumps([1, 2]))
+    for words in ([], ["--from", "csv"], ["--from", "cyberrunner"]):
+        assert "a pickle is never opened" in irt("import", path, *words).err
+
+
+def test_bad_bags(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    bag = write_bag(tmp_path / "bag", truth, DECLARED, extra=("/filtered",))
+    failed = irt("import", bag, "--out", tmp_path / "rig")
+    assert "choose one with --topic" in failed.err
+    chosen = irt("import", bag, "--out", tmp_path / "rig", "--topic", "/filtered")
+    assert chosen.status == 0, chosen.err
+    (file,) = bag.glob("*.db3")
+    file.write_bytes(file.read_bytes()[:5000])
+    assert "cut short" in irt("import", file, "--from", "cyberrunner").err
+    assert "cut short" in irt("import", file).err
+
+
+def test_options_of_the_other_kind_are_refused(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:
+    log = write_csv(tmp_path / "log.csv", columns(truth))
+    assert "--knobs is not for logs of other labs" in irt("import", log, *MAP, "--knobs", "measured").err
+    assert "--dry-run is not for bags" in irt("import", log, "--from", "rig", "--dry-run").err
+
+
+def test_a_driver_that_goes_home(tmp_path: Path, irt: Callable[..., Any]) -> None:
+    truth = simulate(np.random.default_rng(3), seconds=25.0, board=Board(0.259, 0.229), unit=300.0)
+    folder = lab_logs.write_tag_folder(tmp_path / "tag", truth, DECLARED)
+    for name, words in (("held", []), ("home", ["--home-after", "0.5"])):
+        done = irt("import", folder, "--out", tmp_path / name, *words)
+        assert done.status == 0, done.err
+    held, home = (
+        np.concatenate([one.knobs for one in load_rig(tmp_path / name).recordings])
+        for name in ("held", "home")
+    )
+    assert (home == 0.0).all(axis=1).sum() > (held == 0.0).all(axis=1).sum()
