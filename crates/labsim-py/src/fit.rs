@@ -212,7 +212,14 @@ pub(crate) fn fit<'py>(
     })?;
     let result = PyDict::new(py);
     let estimates = solution.estimates.iter().zip(errors).map(|(one, errors)| {
-        let path = matrix(py, one.path.concat(), one.values.len());
+        let count = one.values.len();
+        let path: Vec<f64> = one
+            .path
+            .iter()
+            .flat_map(|one| &one[..count])
+            .copied()
+            .collect();
+        let path = matrix(py, path, count);
         (path, Array1::from(errors).into_pyarray(py))
     });
     result.set_item(
@@ -236,6 +243,19 @@ pub(crate) fn fit<'py>(
     result.set_item("loss", solution.loss)?;
     result.set_item("information", dictionary(py, &solution.information)?)?;
     result.set_item("estimates", estimates.collect::<Vec<_>>())?;
+    let vector = |values: &[f64]| Array1::from(values.to_vec()).into_pyarray(py);
+    let shrunk = solution.shrunk.iter().map(|one| {
+        let group = PyDict::new(py);
+        group.set_item("effect", one.effect)?;
+        group.set_item("size", one.size)?;
+        group.set_item("interval", (one.interval[0], one.interval[1]))?;
+        group.set_item("gain", one.gain)?;
+        group.set_item("effective", one.effective)?;
+        group.set_item("values", vector(&one.values))?;
+        group.set_item("deviations", vector(&one.deviations))?;
+        Ok(group)
+    });
+    result.set_item("shrunk", shrunk.collect::<PyResult<Vec<_>>>()?)?;
     result.set_item("rollouts", solution.rollouts)?;
     Ok(result)
 }

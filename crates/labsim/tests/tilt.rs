@@ -81,6 +81,13 @@ fn one(name: &str, values: &[f64]) -> Vec<(&'static About, Vec<f64>)> {
     vec![(effect(name).expect("it is known"), values.to_vec())]
 }
 
+/// Neutral but for the first parameter.
+fn first(effect: &About, value: f64) -> Vec<f64> {
+    let mut values = effect.neutral();
+    values[0] = value;
+    values
+}
+
 /// Values at a place of the box of plausible ones; choices are made by halves.
 fn within(effect: &'static About, place: f64) -> (&'static About, Vec<f64>) {
     let at = |one: &labsim::effects::Parameter| {
@@ -185,7 +192,7 @@ fn a_lagging_knob_is_seen_where_it_is_as_the_row_begins() {
         expected.push(tilted(knobs));
     }
     let lag = effect("lag").expect("it is known");
-    let values = vec![time; lag.parameters.len()];
+    let values = first(lag, time);
     for engine in ENGINES {
         let seen = run(engine, &[(lag, values.clone())], |_| ());
         assert_near(first_tilt(&seen), &expected, 1e-11);
@@ -209,7 +216,7 @@ fn a_delayed_knob_is_seen_as_late_as_it_comes() {
         .map(|&knobs| tilted(knobs))
         .collect();
     let delay = effect("delay").expect("it is known");
-    let values = vec![2.5 * ROW_S; delay.parameters.len()];
+    let values = first(delay, 2.5 * ROW_S);
     for engine in ENGINES {
         let seen = run(engine, &[(delay, values.clone())], |_| ());
         assert_near(first_tilt(&seen), &expected, 1e-15);
@@ -229,7 +236,7 @@ fn commands_go_evenly_to_the_next_ones() {
         .collect();
     let short: &[f64] = vec![ROW_S / steps as f64; fine.len()].leak();
     let lag = effect("lag").expect("it is known");
-    let lags = vec![(lag, vec![0.1; lag.parameters.len()])];
+    let lags = vec![(lag, first(lag, 0.1))];
     for engine in ENGINES {
         for effects in [&[][..], &lags] {
             let ramp = run(engine, effects, |batch| batch.hold = Hold::First);
@@ -251,7 +258,7 @@ fn commands_go_evenly_to_the_next_ones() {
 fn even_commands_come_late_in_one_piece() {
     let delay = effect("delay").expect("it is known");
     let with = |engine, seconds: f64| {
-        let values = vec![seconds; delay.parameters.len()];
+        let values = first(delay, seconds);
         run(engine, &[(delay, values)], |batch| batch.hold = Hold::First)
     };
     let commands = commands();

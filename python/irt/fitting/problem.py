@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TIME = PARAMETERS.index("time_scale")
+#: The effect that is another pair of angles in each recording.
+LEAN = "lean"
 #: Gauss-Newton steps for start states alone.
 STATE_ITERATIONS = 8
 #: How often a fit looks around the best point found for a better one, at most.
@@ -69,6 +71,46 @@ class Information:
 
 
 @dataclass(frozen=True, eq=False)
+class Shrunk:
+    """Coefficients of one effect that are shrunk towards zero: leans of runs, or the slopes of a map.
+
+    They are drawn from a normal distribution about zero. Its size, the standard deviation, is estimated along
+    with them (empirical Bayes).
+
+    Attributes
+    ----------
+    effect : str
+        Whose they are.
+    size : float
+        The estimated size; 0 where the recordings give no evidence of one, and all coefficients are 0.
+    interval : tuple of float
+        The 95 % interval of the size, by the profile of the evidence.
+    gain : float
+        By how much the log evidence of the best size exceeds that of none.
+    effective : float
+        How many coefficients the recordings fix.
+    values, deviations : arrays
+        The coefficients and their posterior standard deviations: (r, 2) leans about x and y [rad] of the
+        recordings in the order of the problem, or the (k,) coefficients of a map.
+    """
+
+    effect: str
+    size: float
+    interval: tuple[float, float]
+    gain: float
+    effective: float
+    values: Array
+    deviations: Array
+
+    @classmethod
+    def of(cls, found: Mapping[str, Any]) -> Shrunk:
+        """Return what the engine found."""
+        shape = (-1, 2) if found["effect"] == LEAN else (-1,)
+        pairs = {name: found[name].reshape(shape) for name in ("values", "deviations")}
+        return cls(**{**found, **pairs})
+
+
+@dataclass(frozen=True, eq=False)
 class Solution:
     """The outcome of the engine's fit.
 
@@ -99,6 +141,9 @@ class Solution:
         tilt at a scale of `tilt_noise`.
     information : Information
         What the recordings tell about the values.
+    shrunk : list of Shrunk
+        What became of the leans of runs and the maps of slopes. Among `values` a lean is 0, that of a run of
+        which nothing is known; its size is among them as well.
     estimates : list of ((t, n) array, (t,) array)
         Values on the way from each start point, and their mean absolute errors [board edges]; the best first.
     rollouts : int
@@ -116,6 +161,7 @@ class Solution:
     tilt_scale: Array
     loss: float
     information: Information
+    shrunk: list[Shrunk]
     estimates: list[tuple[Array, Array]]
     rollouts: int
 
@@ -339,6 +385,7 @@ class Problem:
             "values": told["values"][self.slots],
             "information": Information.of(told["information"], self.slots),
             "estimates": [(values[:, self.slots], errors) for values, errors in told["estimates"]],
+            "shrunk": [Shrunk.of(one) for one in told["shrunk"]],
         }
         return Solution(**{**told, **own})
 

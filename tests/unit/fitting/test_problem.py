@@ -164,7 +164,7 @@ def test_windows_know_how_the_marble_was_turned_before_them(planted):
     rig = planted(2, moving=True, effects=[{"name": effect.name, **effect.parameters}])
     truth = np.array([[*TRUTH, *effect.parameters.values()]])
     told = Problem.of(rig, segments(rig, 1.0), effects=[effect])
-    standing = [(*rest, np.zeros_like(path)) for *rest, path in told.asked["recordings"]]
+    standing = [(*rest, np.zeros_like(path), tilt) for *rest, path, tilt in told.asked["recordings"]]
     untold = replace(told, asked={**told.asked, "recordings": standing})
     left = [
         max(float(np.abs(one).max()) for one in problem.judge(truth)[0].residuals)

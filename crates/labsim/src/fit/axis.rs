@@ -46,6 +46,10 @@ pub(super) struct Axis {
 }
 
 impl Axis {
+    pub(super) fn half_width(&self) -> f64 {
+        0.5 * (self.high - self.low)
+    }
+
     pub(super) fn clip(&self, magnitude: f64) -> f64 {
         magnitude.clamp(self.lower, self.upper)
     }

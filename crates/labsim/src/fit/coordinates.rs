@@ -15,7 +15,7 @@
 mod bounds;
 
 use super::axis::{Axis, Shape, base_axis, effect_axis};
-use super::problem::{Problem, Sought};
+use super::problem::{Hypothesis, LEAN, Problem, Sought};
 use crate::error::Result;
 
 pub(super) const GEAR_X: usize = 0;
@@ -27,21 +27,47 @@ pub(super) const SCALE: usize = 4;
 /// A logarithm needs a smallest value: this share of the largest that is allowed.
 pub(super) const SMALLEST: f64 = 1e-4;
 
+/// The size with which a map is let go, over the half width of its coefficients' range.
+const OPEN: f64 = 0.3;
+/// Precision (in coordinates) with which one that is held at zero is known.
+const HELD: f64 = 1e12;
+
 /// The map between values (the five parameters and then the effects', in their own units) and the
 /// coordinates z of the free ones.
 #[derive(Debug, Clone)]
 pub(super) struct Coordinates {
     axes: Vec<Axis>,
+    /// All values; behind those of the problem the leans of all recordings, where they are sought.
     held: Vec<f64>,
     /// Friction over root-mean-square gear at which its coordinate is 1.
     friction_unit: f64,
+    /// Those that are shrunk towards zero.
+    groups: Vec<Group>,
+    /// Where the leans begin among the axes, and how many values the problem itself has.
+    tail: usize,
+    own: usize,
+}
+
+/// Coordinates that are drawn from one normal distribution about zero.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    /// The effect whose they are.
+    pub(super) effect: &'static str,
+    pub(super) axes: Vec<usize>,
+    /// The distribution's standard deviation, in the parameters' unit; zero holds them at zero.
+    pub(super) size: f64,
+    /// How often residuals repeat each other, which would else outweigh the distribution.
+    repetition: f64,
+    /// The value that reports the size.
+    slot: Option<usize>,
 }
 
 impl Coordinates {
     /// The coordinates of a problem; `senses` says which side of zero is searched for each gear.
     pub(super) fn new(problem: &Problem<'_>, senses: [f64; 2]) -> Result<Self> {
         let mut held = Vec::new();
-        let mut axes = Vec::new();
+        let mut axes: Vec<Axis> = Vec::new();
+        let lean = problem.lean();
         for (slot, sought) in problem.sought().enumerate() {
             held.push(match sought {
                 Sought::Held(value) => value,
@@ -49,6 +75,10 @@ impl Coordinates {
                     range: (low, _), ..
                 } => low,
             });
+            if lean.as_ref().is_some_and(|lean| lean.contains(&slot)) {
+                held[slot] = 0.0;
+                continue;
+            }
             let Sought::Free { range, .. } = sought else {
                 continue;
             };
@@ -62,11 +92,18 @@ impl Coordinates {
                 held[slot] = axis.sign * axis.lower;
             }
         }
+        let groups = groups_of_effects(problem, &axes);
         let mut coordinates = Self {
+            tail: axes.len(),
+            own: held.len(),
             axes,
             held,
             friction_unit: 1.0,
+            groups,
         };
+        if let Some(slots) = lean {
+            coordinates.add_leans(problem, slots.start)?;
+        }
         let largest = |slot: usize| match coordinates.find(slot) {
             Some(i) => coordinates.axes[i].upper,
             None => coordinates.held[slot].abs(),
@@ -76,7 +113,175 @@ impl Coordinates {
         Ok(coordinates)
     }
 
-    /// How many parameters are free.
+    /// Adds a pair of coordinates for each recording: its lean.
+    fn add_leans(&mut self, problem: &Problem<'_>, slot: usize) -> Result<()> {
+        for _ in problem.recordings {
+            for axis in 0..2 {
+                let Some((effect, parameter)) = problem.effect_parameter(slot + axis) else {
+                    continue;
+                };
+                let place = self.held.len();
+                let range = match problem.sought().nth(slot + axis) {
+                    Some(Sought::Free { range, .. }) => range,
+                    _ => parameter.range,
+                };
+                self.axes
+                    .push(effect_axis(effect, parameter, place, range)?);
+                self.held.push(0.0);
+            }
+        }
+        let axes: Vec<usize> = (self.tail..self.axes.len()).collect();
+        let size = axes.first().map_or(0.0, |&i| self.axes[i].half_width());
+        self.groups.push(Group {
+            effect: LEAN,
+            axes,
+            size,
+            repetition: 1.0,
+            slot: Some(slot + 2),
+        });
+        Ok(())
+    }
+
+    /// Those that are shrunk towards zero.
+    pub(super) fn groups(&self) -> &[Group] {
+        &self.groups
+    }
+
+    /// Sets the size of a group; residuals repeat each other so often.
+    pub(super) fn resize(&mut self, group: usize, size: f64, repetition: f64) {
+        let group = &mut self.groups[group];
+        (group.size, group.repetition) = (size, repetition);
+        if let Some(slot) = group.slot {
+            self.held[slot] = size;
+        }
+    }
+
+    /// Takes the sizes that values report or have.
+    pub(super) fn take_sizes(&mut self, values: &[f64]) {
+        for group in &mut self.groups {
+            match group.slot {
+                Some(slot) if values[slot] > 0.0 => {
+                    group.size = values[slot];
+                    self.held[slot] = values[slot];
+                }
+                Some(_) => {}
+                None => {
+                    let squares = group
+                        .axes
+                        .iter()
+                        .map(|&i| values[self.axes[i].slot].powi(2));
+                    group.size = (squares.sum::<f64>() / group.axes.len() as f64).sqrt();
+                }
+            }
+        }
+    }
+
+    /// Lets the maps that are held at zero go, with a size that shrinks them little; false where there are none.
+    pub(super) fn open_maps(&mut self) -> bool {
+        let mut opened = false;
+        for group in &mut self.groups {
+            if group.is_map() && group.size == 0.0 {
+                group.size = OPEN * self.axes[group.axes[0]].half_width();
+                opened = true;
+            }
+        }
+        opened
+    }
+
+    /// The sizes of all groups.
+    pub(super) fn sizes(&self) -> Vec<f64> {
+        self.groups.iter().map(|group| group.size).collect()
+    }
+
+    /// Coordinates with those of groups of no size at zero.
+    pub(super) fn shrunk(&self, mut z: Vec<f64>) -> Vec<f64> {
+        for group in self.groups.iter().filter(|group| group.size == 0.0) {
+            for &i in &group.axes {
+                z[i] = 0.0;
+            }
+        }
+        z
+    }
+
+    /// Whether a coordinate is held at zero, being of a group without a size.
+    pub(super) fn is_held(&self, i: usize) -> bool {
+        let mut groups = self.groups.iter();
+        groups.any(|group| group.size == 0.0 && group.axes.contains(&i))
+    }
+
+    /// What each coordinate's square costs, twice: its precision before anything was seen; nothing where it is
+    /// held.
+    pub(super) fn precisions(&self) -> Vec<f64> {
+        let mut precisions = vec![0.0; self.axes.len()];
+        for group in &self.groups {
+            for &i in &group.axes {
+                if group.size > 0.0 {
+                    precisions[i] = group.repetition * (self.unit(i) / group.size).powi(2);
+                }
+            }
+        }
+        precisions
+    }
+
+    /// How well each coordinate was known before anything was seen: its precision.
+    pub(super) fn known_before(&self) -> Vec<f64> {
+        let mut precisions = self.precisions();
+        for group in &self.groups {
+            for &i in &group.axes {
+                precisions[i] = if group.size > 0.0 {
+                    precisions[i] / group.repetition
+                } else {
+                    HELD
+                };
+            }
+        }
+        precisions
+    }
+
+    /// The first coordinate of the leans: a pair for each recording from there on.
+    pub(super) fn tail(&self) -> usize {
+        self.tail
+    }
+
+    /// The lean of a recording among all values, if it is sought.
+    pub(super) fn lean(&self, recording: usize) -> Option<std::ops::Range<usize>> {
+        let begin = self.own + 2 * recording;
+        (begin + 2 <= self.held.len()).then_some(begin..begin + 2)
+    }
+
+    /// The values of the problem itself, without the leans.
+    pub(super) fn own<'a>(&self, values: &'a [f64]) -> &'a [f64] {
+        &values[..self.own]
+    }
+
+    /// Parameters a coordinate.
+    pub(super) fn unit(&self, i: usize) -> f64 {
+        match self.axes[i].shape {
+            Shape::Linear(unit) => unit,
+            _ => 1.0,
+        }
+    }
+
+    /// The value of a linear coordinate.
+    pub(super) fn value(&self, z: &[f64], i: usize) -> f64 {
+        z[i] * self.unit(i)
+    }
+
+    /// Whether two coordinates are leans of different recordings, which no residual ties together.
+    pub(super) fn are_apart(&self, i: usize, j: usize) -> bool {
+        i.min(j) >= self.tail && (i - self.tail) / 2 != (j - self.tail) / 2
+    }
+
+    fn is_shrunk(&self, i: usize) -> bool {
+        self.groups.iter().any(|group| group.axes.contains(&i))
+    }
+
+    /// How many coordinates a draw is over.
+    pub(super) fn drawn_axes(&self) -> usize {
+        (0..self.len()).filter(|&i| !self.is_shrunk(i)).count()
+    }
+
+    /// How many coordinates there are.
     pub(super) fn len(&self) -> usize {
         self.axes.len()
     }
@@ -94,7 +299,10 @@ impl Coordinates {
     /// Coordinates of values, moved to the nearest that a fit may take.
     pub(super) fn to_z(&self, values: &[f64]) -> Vec<f64> {
         let clipped = |slot: usize| match self.find(slot) {
-            Some(i) => self.axes[i].clip(values[slot] * self.axes[i].sign),
+            Some(i) => {
+                let value = values.get(slot).copied().unwrap_or(0.0);
+                self.axes[i].clip(value * self.axes[i].sign)
+            }
             None => self.held[slot].abs(),
         };
         let gear = rms(clipped(GEAR_X), clipped(GEAR_Y));
@@ -187,8 +395,13 @@ impl Coordinates {
     /// Values from the ends of the ranges: 0 is the low end, 1 the high one.
     pub(super) fn drawn(&self, place: &[f64]) -> Vec<f64> {
         let mut values = self.held.clone();
-        for (axis, place) in self.axes.iter().zip(place) {
+        let drawn = (0..self.len()).filter(|&i| !self.is_shrunk(i));
+        for (i, place) in drawn.zip(place) {
+            let axis = &self.axes[i];
             values[axis.slot] = axis.sign * (axis.low + place * (axis.high - axis.low));
+        }
+        for &i in self.groups.iter().flat_map(|group| &group.axes) {
+            values[self.axes[i].slot] = 0.0;
         }
         values
     }
@@ -270,6 +483,31 @@ impl Coordinates {
             }
         }
         shares
+    }
+}
+
+/// Those of effects whose parameters are shrunk, each of which is one group.
+fn groups_of_effects(problem: &Problem<'_>, axes: &[Axis]) -> Vec<Group> {
+    let effects = problem.effects.iter().zip(problem.slots_of_effects());
+    let group = |(one, slots): (&Hypothesis, std::ops::Range<usize>)| {
+        let is_own = |&i: &usize| slots.contains(&axes[i].slot);
+        let own: Vec<usize> = (0..axes.len()).filter(is_own).collect();
+        (one.effect.shrunk && !own.is_empty()).then_some(Group {
+            effect: one.effect.name,
+            // A map can explain any single run: it is at zero until it predicts others.
+            size: 0.0,
+            axes: own,
+            repetition: 1.0,
+            slot: None,
+        })
+    };
+    effects.filter_map(group).collect()
+}
+
+impl Group {
+    /// Whether its coefficients are those of a map, the same in all recordings.
+    pub(super) fn is_map(&self) -> bool {
+        self.slot.is_none()
     }
 }
 

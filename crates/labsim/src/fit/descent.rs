@@ -129,8 +129,8 @@ fn walk(
         let scale = robust::scale(&line.residual, &shooting.windows.known).max(noise);
         let normal = Normal::new(line, shooting.windows, shooting.coordinates, z, scale);
         let mut free = normal.free(&shooting.coordinates.bounds(z), z);
-        if pace.held {
-            free.fill(false);
+        for (i, free) in free.iter_mut().enumerate() {
+            *free &= !pace.held && !shooting.coordinates.is_held(i);
         }
         let loose = normal.loose();
         for factor in TRIALS {
@@ -194,6 +194,11 @@ pub(super) fn search_nearby(
             if draw == 0 {
                 step.fill(0.0);
             }
+            for (i, step) in step.iter_mut().enumerate() {
+                if shooting.coordinates.is_held(i) {
+                    *step = 0.0;
+                }
+            }
             let aim: Vec<f64> = point
                 .z
                 .iter()
@@ -220,13 +225,16 @@ pub(super) fn loss(shooting: &Shooting<'_>, z: &[f64], residual: &[f64], scale: 
     robust::loss(residual, scale) + outside(shooting, z)
 }
 
+/// What it costs to leave the ranges, and to be far from zero where that is shrunk.
 fn outside(shooting: &Shooting<'_>, z: &[f64]) -> f64 {
-    0.5 * shooting
-        .coordinates
-        .excess(z)
-        .iter()
-        .map(|excess| excess * excess)
-        .sum::<f64>()
+    let coordinates = shooting.coordinates;
+    let excess = coordinates.excess(z);
+    let beyond = 0.5 * excess.iter().map(|excess| excess * excess).sum::<f64>();
+    if coordinates.groups().is_empty() {
+        return beyond;
+    }
+    let far = coordinates.precisions().into_iter().zip(z);
+    beyond + 0.5 * far.map(|(precision, z)| precision * z * z).sum::<f64>()
 }
 
 /// A point after a step, shortened where it is too long.

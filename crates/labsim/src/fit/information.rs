@@ -15,7 +15,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::robust;
 use super::shooting::{Point, Shooting};
 use super::slopes::{Linearisation, Look};
-use super::windows::State;
+use super::windows::{State, Windows};
 use crate::error::Result;
 
 /// Draws that check the linearisation, the furthest they go (in coordinates), and the error (in scales)
@@ -94,8 +94,9 @@ struct Linear<'a> {
     point: &'a Point,
     line: Linearisation,
     scale: f64,
-    /// Coordinates per unit of the ranges.
+    /// Coordinates per unit of the ranges, and the ranges' widths.
     per_unit: DMatrix<f64>,
+    widths: Vec<f64>,
 }
 
 /// A Gauss-Newton solution in units of the ranges.
@@ -108,6 +109,19 @@ struct Solved {
     degrees_of_freedom: f64,
     /// How each window's start state follows the coordinates.
     follow: Vec<DMatrix<f64>>,
+    /// How the leans follow the others.
+    of_leans: DMatrix<f64>,
+}
+
+/// How far each residual's slope can be believed around a point, between 0 and 1.
+pub(super) fn trust(
+    shooting: &Shooting<'_>,
+    point: &Point,
+    line: &Linearisation,
+    noise: f64,
+) -> Result<Vec<f64>> {
+    let linear = Linear::new(shooting, point, line.clone(), noise);
+    linear.trust(&linear.solved(&linear.known()))
 }
 
 /// Linearises the residuals at a solution; they count with their own scale where `noise` is smaller.
@@ -115,24 +129,8 @@ pub(super) fn inform(shooting: &Shooting<'_>, point: &Point, noise: f64) -> Resu
     let line = shooting
         .linearise(std::slice::from_ref(point), Look::Careful, false)?
         .remove(0);
-    let (widths, count) = (shooting.coordinates.widths(), point.z.len());
-    let derivative = shooting.coordinates.derivative(&point.z);
-    let per_z = DMatrix::from_fn(count, count, |i, j| derivative[i][j] / widths[i]);
-    let linear = Linear {
-        shooting,
-        point,
-        scale: robust::scale(&line.residual, &shooting.windows.known).max(noise),
-        line,
-        per_unit: per_z
-            .try_inverse()
-            .unwrap_or_else(|| DMatrix::zeros(count, count)),
-    };
-    let known = shooting
-        .windows
-        .known
-        .iter()
-        .map(|&known| f64::from(u8::from(known)));
-    let known: Vec<f64> = known.collect();
+    let linear = Linear::new(shooting, point, line, noise);
+    let known = linear.known();
     let trust = linear.trust(&linear.solved(&known))?;
     let weight: Vec<f64> = known
         .iter()
@@ -141,8 +139,8 @@ pub(super) fn inform(shooting: &Shooting<'_>, point: &Point, noise: f64) -> Resu
         .collect();
     let solved = linear.solved(&weight);
     Ok(Information {
-        free: shooting.coordinates.slots(),
-        widths,
+        free: shooting.coordinates.slots()[..shooting.coordinates.tail()].to_vec(),
+        widths: linear.widths,
         directions: solved
             .directions
             .row_iter()
@@ -156,14 +154,40 @@ pub(super) fn inform(shooting: &Shooting<'_>, point: &Point, noise: f64) -> Resu
     })
 }
 
-impl Linear<'_> {
+impl<'a> Linear<'a> {
+    fn new(shooting: &'a Shooting<'a>, point: &'a Point, line: Linearisation, noise: f64) -> Self {
+        // Leans are no parameters: each recording has its own.
+        let count = shooting.coordinates.tail();
+        let mut widths = shooting.coordinates.widths();
+        widths.truncate(count);
+        let derivative = shooting.coordinates.derivative(&point.z);
+        let per_z = DMatrix::from_fn(count, count, |i, j| derivative[i][j] / widths[i]);
+        Self {
+            shooting,
+            point,
+            scale: robust::scale(&line.residual, &shooting.windows.known).max(noise),
+            line,
+            per_unit: per_z
+                .try_inverse()
+                .unwrap_or_else(|| DMatrix::zeros(count, count)),
+            widths,
+        }
+    }
+
+    /// 1 where something was measured, else 0.
+    fn known(&self) -> Vec<f64> {
+        let known = self.shooting.windows.known.iter();
+        known.map(|&known| f64::from(u8::from(known))).collect()
+    }
+
     /// Solves with residuals weighted by weights of at most 1.
     fn solved(&self, weight: &[f64]) -> Solved {
         let windows = self.shooting.windows;
-        let (rows, count) = (windows.len(), self.point.z.len());
+        let (rows, all) = (windows.len(), self.point.z.len());
+        let count = self.shooting.coordinates.tail();
         let root: Vec<f64> = weight.iter().map(|weight| weight.sqrt()).collect();
         // Rows of zeros, so that there are as many singular values as parameters.
-        let mut jacobian = DMatrix::zeros(rows + count, count);
+        let mut jacobian = DMatrix::zeros(rows + all, all);
         let mut follow = Vec::with_capacity(windows.all.len());
         for window in &windows.all {
             let own = window.marble();
@@ -184,7 +208,7 @@ impl Linear<'_> {
                 .copy_from(&of(&tilt, &self.line.by_z));
             follow.push(follows);
         }
-        let mut pull = DVector::zeros(rows + count);
+        let mut pull = DVector::zeros(rows + all);
         let (mut slopes, mut weights) = (0.0, 0.0);
         for (i, &residual) in self.line.residual.iter().enumerate() {
             let (psi, slope) = robust::influence(residual, self.scale);
@@ -195,7 +219,19 @@ impl Linear<'_> {
         let mean_slope = slopes / weights;
         let degrees_of_freedom = (weights - windows.unknowns() as f64 - count as f64).max(1.0);
         let variance = pull.norm_squared() / degrees_of_freedom / (mean_slope * mean_slope)
-            * self.repetition(pull.as_slice());
+            * repetition(windows, pull.as_slice());
+        // What is shrunk is known a little before anything was seen.
+        if !self.shooting.coordinates.groups().is_empty() {
+            let precisions = self.shooting.coordinates.known_before();
+            for (i, precision) in precisions.into_iter().enumerate() {
+                let row = (precision * variance).sqrt();
+                jacobian[(rows + i, i)] = row;
+                pull[rows + i] = row * self.point.z[i] * mean_slope;
+            }
+        }
+        let leans = jacobian.columns(count, all - count).into_owned();
+        let of_leans = -(pseudo_inverse(&leans) * jacobian.columns(0, count));
+        let jacobian = jacobian.columns(0, count) + leans * &of_leans;
         let svd = (jacobian * &self.per_unit).svd(true, true);
         let (left, directions) = (svd.u.unwrap_or_default(), svd.v_t.unwrap_or_default());
         let along = left.tr_mul(&pull);
@@ -222,6 +258,7 @@ impl Linear<'_> {
             singular: svd.singular_values,
             degrees_of_freedom,
             follow,
+            of_leans,
         }
     }
 
@@ -238,6 +275,8 @@ impl Linear<'_> {
                 normal * solved.deviation[i].min(1.0 / f64::EPSILON)
             });
             let step = &self.per_unit * solved.directions.tr_mul(&draw);
+            let leans = &solved.of_leans * &step;
+            let step: Vec<f64> = step.iter().chain(&leans).copied().collect();
             let aim: Vec<f64> = self
                 .point
                 .z
@@ -311,38 +350,38 @@ impl Linear<'_> {
             *doubt += (error / self.scale).powi(2).min(WORST * WORST) / count as f64;
         }
     }
+}
 
-    /// How many residuals in a row say the same: 1 for noise, more where a model is wrong.
-    ///
-    /// One plus twice the sum of the autocorrelations, up to the first that noise alone could have: the
-    /// factor by which the variance of a mean of correlated values exceeds that of independent ones.
-    fn repetition(&self, pull: &[f64]) -> f64 {
-        let total = pull
-            .iter()
-            .map(|pull| pull * pull)
-            .sum::<f64>()
-            .max(f64::MIN_POSITIVE);
-        let counted = pull.iter().filter(|pull| **pull != 0.0).count().max(1);
-        let by_chance = 2.0 / (counted as f64).sqrt();
-        let mut factor = 1.0;
-        for lag in 1..self.shooting.windows.rows {
-            let mut sum = 0.0;
-            for window in &self.shooting.windows.all {
-                for own in [&pull[window.marble()], &pull[window.tilt()]] {
-                    sum += own
-                        .iter()
-                        .zip(own.iter().skip(2 * lag))
-                        .map(|(a, b)| a * b)
-                        .sum::<f64>();
-                }
+/// How many residuals in a row say the same: 1 for noise, more where a model is wrong.
+///
+/// One plus twice the sum of the autocorrelations, up to the first that noise alone could have: the
+/// factor by which the variance of a mean of correlated values exceeds that of independent ones.
+pub(super) fn repetition(windows: &Windows, pull: &[f64]) -> f64 {
+    let total = pull
+        .iter()
+        .map(|pull| pull * pull)
+        .sum::<f64>()
+        .max(f64::MIN_POSITIVE);
+    let counted = pull.iter().filter(|pull| **pull != 0.0).count().max(1);
+    let by_chance = 2.0 / (counted as f64).sqrt();
+    let mut factor = 1.0;
+    for lag in 1..windows.rows {
+        let mut sum = 0.0;
+        for window in &windows.all {
+            for own in [&pull[window.marble()], &pull[window.tilt()]] {
+                sum += own
+                    .iter()
+                    .zip(own.iter().skip(2 * lag))
+                    .map(|(a, b)| a * b)
+                    .sum::<f64>();
             }
-            if sum / total < by_chance {
-                break;
-            }
-            factor += 2.0 * sum / total;
         }
-        factor
+        if sum / total < by_chance {
+            break;
+        }
+        factor += 2.0 * sum / total;
     }
+    factor
 }
 
 fn pseudo_inverse(matrix: &DMatrix<f64>) -> DMatrix<f64> {

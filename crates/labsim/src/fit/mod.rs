@@ -8,6 +8,7 @@
 mod axis;
 mod channels;
 mod coordinates;
+mod cross_validation;
 mod descent;
 mod information;
 mod normal;
@@ -17,6 +18,7 @@ mod refine;
 mod robust;
 mod search;
 mod shooting;
+mod shrinkage;
 mod slopes;
 mod starts;
 mod windows;
@@ -27,6 +29,7 @@ pub use self::information::Information;
 pub use self::problem::{Hypothesis, Problem, Recording, Sought, Stretch};
 pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
+pub use self::shrinkage::Shrunk;
 
 use self::channels::{MARBLE, TILT};
 use self::coordinates::Coordinates;
@@ -72,7 +75,7 @@ pub struct Estimate {
     pub values: Vec<f64>,
     /// Start states there, as those of a [`Solution`].
     pub states: Vec<Option<[f64; 4]>>,
-    /// Values on the way, the start point first.
+    /// Values on the way, the start point first; behind them the leans of all recordings where they are sought.
     pub path: Vec<Vec<f64>>,
 }
 
@@ -102,6 +105,8 @@ pub struct Solution {
     pub loss: f64,
     /// What the recordings tell about the values.
     pub information: Information,
+    /// What became of the leans of runs and of the maps of slopes.
+    pub shrunk: Vec<Shrunk>,
     /// What every start point led to, the best first.
     pub estimates: Vec<Estimate>,
     /// Windows simulated, all start points together.
@@ -174,13 +179,20 @@ impl Problem<'_> {
             }
         };
         let has_tilt = channels.has_tilt();
+        let evidence = search.evidence(&coordinates, &best.point)?;
+        let shrunk = evidence.iter().enumerate();
+        let shrunk = shrunk.map(|(group, one)| one.report(&coordinates, group, &best.point.z));
         let estimate = |one: &End| Estimate {
-            values: coordinates.to_values(&one.point.z),
+            values: coordinates
+                .own(&coordinates.to_values(&one.point.z))
+                .to_vec(),
             states: self.of_stretches(&search.whole, |i| one.point.states[i]),
             path: one.path.iter().map(|z| coordinates.to_values(z)).collect(),
         };
         Ok(Solution {
-            values: coordinates.to_values(&best.point.z),
+            values: coordinates
+                .own(&coordinates.to_values(&best.point.z))
+                .to_vec(),
             states: self.of_stretches(&search.whole, |i| best.point.states[i]),
             residuals: self.residuals(&search.whole, &best.residual),
             tracker_noise: if channels.has_marble() {
@@ -197,6 +209,7 @@ impl Problem<'_> {
             }),
             loss: channels.loss(&search.whole, &best.residual),
             information,
+            shrunk: shrunk.collect(),
             estimates: candidates.iter().map(estimate).collect(),
             rollouts: search.rollouts() + shooting.rollouts(),
         })
@@ -216,10 +229,13 @@ impl Problem<'_> {
         cancel: &AtomicBool,
     ) -> Result<Information> {
         self.check()?;
-        let (coordinates, mut whole) = self.around(values, cancel)?;
-        let least = |whole: &Windows| match whole.channels.has_tilt() {
-            true => noise.max(whole.channels.floor),
-            false => noise,
+        let (mut coordinates, mut whole) = self.around(values, cancel)?;
+        let least = |whole: &Windows| {
+            if whole.channels.has_tilt() {
+                noise.max(whole.channels.floor)
+            } else {
+                noise
+            }
         };
         let z = coordinates.to_z(values);
         let guess = Point {
@@ -247,6 +263,11 @@ impl Problem<'_> {
             let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
             let residual = shooting.residuals(std::slice::from_ref(&point))?.remove(0);
             whole.channels = whole.channels.reweighted(&whole, &residual);
+        }
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let found = shrinkage::evidence(&shooting, &point, least(&whole))?;
+        for (group, found) in found.iter().enumerate() {
+            coordinates.resize(group, found.size(), found.repetition);
         }
         let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
         information::inform(&shooting, &point, least(&whole))
@@ -295,14 +316,19 @@ impl Problem<'_> {
             _ if values[slot] < 0.0 => -1.0,
             _ => 1.0,
         };
-        let coordinates = Coordinates::new(self, [sense(0), sense(1)])?;
+        let mut coordinates = Coordinates::new(self, [sense(0), sense(1)])?;
+        coordinates.take_sizes(values);
         let search = Search::new(self, &|_, _, _| (), cancel)?;
         Ok((coordinates, search.whole))
     }
 
     fn check_values(&self, values: &[f64]) -> Result<()> {
         let count = self.sought().count();
-        if values.len() == count && !values.iter().any(|value| value.is_nan()) {
+        // Behind them there may be the leans of all recordings.
+        let leans = self.lean().map_or(0, |_| 2 * self.recordings.len());
+        if (values.len() == count || values.len() == count + leans)
+            && !values.iter().any(|value| value.is_nan())
+        {
             return Ok(());
         }
         let expected = format!("{count} numbers");

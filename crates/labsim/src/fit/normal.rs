@@ -42,7 +42,8 @@ struct Eliminated {
 }
 
 impl Normal {
-    /// The equations at a linearisation, with robust weights at `scale`, and the excess over the ranges.
+    /// The equations at a linearisation, with robust weights at `scale`, the excess over the ranges, and what
+    /// is shrunk.
     pub(super) fn new(
         line: &Linearisation,
         windows: &Windows,
@@ -50,16 +51,55 @@ impl Normal {
         z: &[f64],
         scale: f64,
     ) -> Self {
-        let count = z.len();
-        let weights: Vec<f64> = line
-            .residual
+        let weights = weights(line, scale);
+        let mut normal = Self::of_residuals(line, windows, coordinates, &weights);
+        let (excess, slope) = (coordinates.excess(z), coordinates.excess_slope(z));
+        for (excess, slope) in excess
             .iter()
-            .map(|&residual| robust::weight(residual, scale))
-            .collect();
+            .zip(&slope)
+            .filter(|(excess, _)| **excess != 0.0)
+        {
+            let slope = DVector::from_column_slice(slope);
+            normal.z += *excess * &slope;
+            normal.zz += &slope * slope.transpose();
+        }
+        if !coordinates.groups().is_empty() {
+            for (i, precision) in coordinates.precisions().into_iter().enumerate() {
+                normal.z[i] += precision * z[i];
+                normal.zz[(i, i)] += precision;
+            }
+        }
+        normal
+    }
+
+    /// Matrix and gradient of the residuals alone, each as far as its slopes are trusted, their start states
+    /// eliminated.
+    pub(super) fn likelihood(
+        line: &Linearisation,
+        windows: &Windows,
+        coordinates: &Coordinates,
+        scale: f64,
+        trust: &[f64],
+    ) -> (DMatrix<f64>, DVector<f64>) {
+        let mut weights = weights(line, scale);
+        for (weight, trust) in weights.iter_mut().zip(trust) {
+            *weight *= trust;
+        }
+        let eliminated = Self::of_residuals(line, windows, coordinates, &weights).eliminated(0.0);
+        (eliminated.matrix, eliminated.gradient)
+    }
+
+    fn of_residuals(
+        line: &Linearisation,
+        windows: &Windows,
+        coordinates: &Coordinates,
+        weights: &[f64],
+    ) -> Self {
+        let count = coordinates.len();
         let weighted = |column: &[f64]| -> Vec<f64> {
             column
                 .iter()
-                .zip(&weights)
+                .zip(weights)
                 .map(|(value, weight)| value * weight)
                 .collect()
         };
@@ -77,19 +117,12 @@ impl Normal {
         for (i, column) in by_z.iter().enumerate() {
             normal.z[i] = dot(column, &line.residual);
             for (j, other) in line.by_z[..=i].iter().enumerate() {
+                if coordinates.are_apart(i, j) {
+                    continue;
+                }
                 normal.zz[(i, j)] = dot(column, other);
                 normal.zz[(j, i)] = normal.zz[(i, j)];
             }
-        }
-        let (excess, slope) = (coordinates.excess(z), coordinates.excess_slope(z));
-        for (excess, slope) in excess
-            .iter()
-            .zip(&slope)
-            .filter(|(excess, _)| **excess != 0.0)
-        {
-            let slope = DVector::from_column_slice(slope);
-            normal.z += *excess * &slope;
-            normal.zz += &slope * slope.transpose();
         }
         for window in &windows.all {
             let own = window.marble();
@@ -194,6 +227,12 @@ impl Normal {
         }
         eliminated
     }
+}
+
+/// Robust weights of residuals at a scale.
+fn weights(line: &Linearisation, scale: f64) -> Vec<f64> {
+    let weight = |&residual: &f64| robust::weight(residual, scale);
+    line.residual.iter().map(weight).collect()
 }
 
 /// A root of a matrix's inverse, of which a share of `diagonal` is added to the diagonal first.

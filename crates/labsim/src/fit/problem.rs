@@ -109,7 +109,23 @@ pub struct Problem<'a> {
     pub threads: Option<usize>,
 }
 
+/// The effect whose first two parameters are another pair in each recording, and whose third is their size.
+pub(super) const LEAN: &str = "lean";
+
 impl Problem<'_> {
+    /// The slots of the lean, if it is sought: it is shrunk, a pair for each recording.
+    pub(super) fn lean(&self) -> Option<std::ops::Range<usize>> {
+        let effects = self.effects.iter().zip(self.slots_of_effects());
+        let is_sought = |one: &Hypothesis| {
+            let free = |sought: &Sought| matches!(sought, Sought::Free { .. });
+            one.effect.name == LEAN && one.values.first().is_some_and(free)
+        };
+        effects
+            .filter(|(one, _)| is_sought(one))
+            .map(|(_, slots)| slots)
+            .next()
+    }
+
     /// All parameters, the effects' behind the five.
     pub(super) fn sought(&self) -> impl Iterator<Item = Sought> + '_ {
         let of_effects = self

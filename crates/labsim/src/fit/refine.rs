@@ -9,6 +9,7 @@ use super::coordinates::Coordinates;
 use super::descent::{End, Pace, loss, minimise};
 use super::robust;
 use super::shooting::{Point, Shooting};
+use super::shrinkage::evidence;
 use super::slopes::Look;
 use super::windows::Windows;
 use crate::error::Result;
@@ -54,7 +55,7 @@ impl Problem<'_> {
         let Some(first) = values.first() else {
             return Ok(Vec::new());
         };
-        let (coordinates, mut whole) = self.around(first, cancel)?;
+        let (mut coordinates, mut whole) = self.around(first, cancel)?;
         let mut begun = Vec::with_capacity(values.len());
         for values in values {
             self.check_values(values)?;
@@ -64,8 +65,8 @@ impl Problem<'_> {
         if whole.channels.has_tilt() {
             whole.channels = self.weighted(&coordinates, &whole, &starts, cancel)?;
         }
-        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
-        let minimised = |starts: &[Point], iterations, held| {
+        let minimised = |coordinates: &Coordinates, starts: &[Point], iterations, held| {
+            let shooting = Shooting::new(self, coordinates, &whole, 1.0, cancel);
             let pace = Pace {
                 iterations,
                 look: Look::Both,
@@ -77,17 +78,31 @@ impl Problem<'_> {
         if !held {
             // Start states that are off lead parameters astray, and fitted ones may hold them where they are:
             // the better of two descents is taken.
-            let settled = minimised(&starts, HELD_ITERATIONS, true)?;
+            let settled = minimised(&coordinates, &starts, HELD_ITERATIONS, true)?;
             starts.extend(settled.into_iter().map(|end| end.point));
         }
-        let mut ends = minimised(&starts, iterations, held)?;
+        let mut ends = minimised(&coordinates, &starts, iterations, held)?;
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
         for (i, other) in ends.split_off(values.len()).into_iter().enumerate() {
-            if self.is_better(&shooting, &other, &ends[i]) {
+            if is_better(&shooting, &other, &ends[i]) {
                 ends[i] = other;
             }
         }
+        if !held && !coordinates.groups().is_empty() {
+            let found = evidence(&shooting, &ends[0].point, whole.channels.floor)?;
+            for (group, found) in found.iter().enumerate() {
+                coordinates.resize(group, found.size(), found.repetition);
+            }
+            let again = ends.into_iter().map(|end| Point {
+                z: coordinates.shrunk(end.point.z),
+                ..end.point
+            });
+            ends = minimised(&coordinates, &again.collect::<Vec<_>>(), iterations, held)?;
+        }
         let refined = ends.into_iter().map(|end| Refined {
-            values: coordinates.to_values(&end.point.z),
+            values: coordinates
+                .own(&coordinates.to_values(&end.point.z))
+                .to_vec(),
             states: self.of_stretches(&whole, |i| end.point.states[i]),
             residuals: self.residuals(&whole, &end.residual),
             tilt_residuals: self.tilt_residuals(&whole, &end.residual),
@@ -110,15 +125,6 @@ impl Problem<'_> {
         Ok(best.map_or(whole.channels, |best| {
             whole.channels.reweighted(whole, best)
         }))
-    }
-
-    /// Whether one end of a descent lies deeper than another.
-    fn is_better(&self, shooting: &Shooting<'_>, one: &End, other: &End) -> bool {
-        let scale = |end: &End| robust::scale(&end.residual, &shooting.windows.known);
-        let floor = shooting.windows.channels.floor;
-        let scale = scale(one).min(scale(other)).max(floor);
-        let loss = |end: &End| loss(shooting, &end.point.z, &end.residual, scale);
-        loss(one) < loss(other)
     }
 
     /// Points with the start states that the first rows tell, then some more: a guess that is a little off
@@ -162,4 +168,13 @@ impl Problem<'_> {
         }
         Ok(points)
     }
+}
+
+/// Whether one end of a descent lies deeper than another.
+fn is_better(shooting: &Shooting<'_>, one: &End, other: &End) -> bool {
+    let scale = |end: &End| robust::scale(&end.residual, &shooting.windows.known);
+    let floor = shooting.windows.channels.floor;
+    let scale = scale(one).min(scale(other)).max(floor);
+    let loss = |end: &End| loss(shooting, &end.point.z, &end.residual, scale);
+    loss(one) < loss(other)
 }

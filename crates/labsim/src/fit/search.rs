@@ -11,12 +11,13 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
 use super::channels::Channels;
-use super::coordinates::{Coordinates, TIME};
+use super::coordinates::{Coordinates, Group, TIME};
 use super::descent::{End, Pace, loss, minimise};
 use super::polish::{FAMILY_ITERATIONS, SETTLE_ITERATIONS};
 use super::problem::Problem;
 use super::robust;
 use super::shooting::{Point, Shooting};
+use super::shrinkage::{Evidence, evidence, is_settled};
 use super::slopes::Look;
 use super::windows::{State, Windows};
 use super::{Progress, Settings};
@@ -27,6 +28,8 @@ const HORIZONS: [(usize, usize); 2] = [(24, 7), (60, 6)];
 const WHOLE_ITERATIONS: usize = 12;
 /// How often the channels are weighted anew after the descent, at most.
 const REWEIGHTS: usize = 4;
+/// How often the sizes of what is shrunk are estimated after the descent, at most.
+const RESIZES: usize = 4;
 /// Start states tried with each step.
 const VARIANTS: usize = 4;
 /// So many rounds even where noise alone seems to be left.
@@ -41,7 +44,7 @@ const LITTLE: f64 = 3.0;
 /// The recordings of one fit, and what the search has cost so far.
 pub(super) struct Search<'a> {
     pub(super) problem: &'a Problem<'a>,
-    cancel: &'a AtomicBool,
+    pub(super) cancel: &'a AtomicBool,
     progress: Progress<'a>,
     /// All stretches uncut, and how the channels count.
     pub(super) whole: Windows,
@@ -90,7 +93,7 @@ impl<'a> Search<'a> {
         points: &[Vec<f64>],
         settings: &Settings,
     ) -> Result<(Coordinates, Vec<End>)> {
-        let (coordinates, starts) = match points.first() {
+        let (mut coordinates, starts) = match points.first() {
             Some(first) => {
                 let (coordinates, _) = self.problem.around(first, self.cancel)?;
                 let starts = points
@@ -112,6 +115,21 @@ impl<'a> Search<'a> {
             candidates.splice(0..0, self.refined(&coordinates, best, SETTLE_ITERATIONS)?);
         }
         let mut best = candidates.remove(0);
+        if self.maps_predict(&coordinates, &best)? {
+            coordinates.open_maps();
+            // From short windows on: over whole stretches nothing leads from no map to the right one.
+            let start = vec![best.point.z.clone()];
+            best = self.descend(&coordinates, start, true)?.remove(0);
+        }
+        for _ in 0..RESIZES {
+            if self.resize(&mut coordinates, &mut best)? {
+                break;
+            }
+            best = self
+                .refined(&coordinates, vec![best], SETTLE_ITERATIONS)?
+                .remove(0);
+            self.reweight(std::slice::from_mut(&mut best));
+        }
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
         // With effects a fit is one of many, and each member takes more slopes.
         let members = settings.starts / (1 + usize::from(!self.problem.effects.is_empty()));
@@ -124,6 +142,11 @@ impl<'a> Search<'a> {
             }
             best = self.settled(&coordinates, best, &mut random)?;
             self.reweight(std::slice::from_mut(&mut best));
+            if !self.resize(&mut coordinates, &mut best)? {
+                best = self
+                    .refined(&coordinates, vec![best], SETTLE_ITERATIONS)?
+                    .remove(0);
+            }
             let little = self.gain(&best, &before) < LITTLE;
             if round >= FEWEST_ROUNDS && little && self.is_explained(&best) {
                 break;
@@ -266,6 +289,38 @@ impl<'a> Search<'a> {
         !after.is_settled(&before)
     }
 
+    /// Estimates the sizes of what is shrunk anew; true where they have settled.
+    fn resize(&self, coordinates: &mut Coordinates, best: &mut End) -> Result<bool> {
+        let before = coordinates.sizes();
+        let found = self.evidence(coordinates, &best.point)?;
+        for (group, found) in found.iter().enumerate() {
+            let own = &coordinates.groups()[group];
+            if !own.is_map() || own.size > 0.0 {
+                coordinates.resize(group, found.size(), found.repetition);
+            }
+        }
+        let settled = is_settled(&before, &coordinates.sizes());
+        best.point.z = coordinates.shrunk(std::mem::take(&mut best.point.z));
+        if !settled {
+            let shooting = self.shooting(coordinates, &self.whole, 1.0);
+            let points = std::slice::from_ref(&best.point);
+            let residuals = self.counted(&shooting, |shooting| shooting.residuals(points))?;
+            best.residual = residuals.into_iter().next().unwrap_or_default();
+        }
+        Ok(settled)
+    }
+
+    /// What the recordings say of the sizes of what is shrunk.
+    pub(super) fn evidence(
+        &self,
+        coordinates: &Coordinates,
+        point: &Point,
+    ) -> Result<Vec<Evidence>> {
+        let shooting = self.shooting(coordinates, &self.whole, 1.0);
+        let floor = self.whole.channels.floor;
+        self.counted(&shooting, |shooting| evidence(shooting, point, floor))
+    }
+
     /// The candidates' places by their losses over windows, the best first.
     fn ranked_in(&self, windows: &Windows, coordinates: &Coordinates, ends: &[End]) -> Vec<usize> {
         let shooting = self.shooting(coordinates, windows, COARSENESS);
@@ -347,8 +402,14 @@ impl<'a> Search<'a> {
     /// How many iterations there are at most.
     fn total(&self, coordinates: &Coordinates, rounds: usize) -> usize {
         let times = 1 + usize::from(!self.problem.effects.is_empty());
-        times * self.horizons.iter().map(|stage| stage.1).sum::<usize>()
-            + WHOLE_ITERATIONS
+        let descent =
+            times * self.horizons.iter().map(|stage| stage.1).sum::<usize>() + WHOLE_ITERATIONS;
+        let groups = coordinates.groups();
+        let has_tilt = self.whole.channels.has_tilt();
+        descent
+            + usize::from(groups.iter().any(Group::is_map)) * descent
+            + usize::from(has_tilt) * REWEIGHTS * SETTLE_ITERATIONS
+            + usize::from(!groups.is_empty()) * (RESIZES + rounds) * SETTLE_ITERATIONS
             + rounds
                 * (FAMILY_ITERATIONS * usize::from(self.is_time_free(coordinates))
                     + SETTLE_ITERATIONS)

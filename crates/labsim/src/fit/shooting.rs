@@ -7,10 +7,11 @@ use std::sync::atomic::AtomicBool;
 
 use super::channels::MARBLE;
 use super::coordinates::{Coordinates, SCALE, TIME};
-use super::problem::Problem;
+use super::problem::{LEAN, Problem};
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
 use crate::effects::Chosen;
+use crate::engine::Hold;
 use crate::error::Result;
 use crate::parameters::Parameters;
 use crate::rollout::{Batch, Observed, PerRollout, TimeBase};
@@ -192,12 +193,12 @@ impl<'a> Shooting<'a> {
         };
         let count = trials.len() * windows.len();
         let mut parameters = Vec::with_capacity(count);
-        let mut effects: Vec<Vec<f64>> = vec![Vec::new(); problem.effects.len()];
+        let effects = self.effects(trials, windows);
         let (mut start, mut start_velocity) =
             (Vec::with_capacity(count), Vec::with_capacity(count));
         let (mut rolled, mut updates) = (Vec::with_capacity(count), Vec::with_capacity(count));
         for trial in trials {
-            let (base, of_effects) = trial.values.split_at(5);
+            let base = &trial.values[..5];
             let base = Parameters::from(std::array::from_fn::<f64, 5, _>(|i| base[i]));
             let edge = self.edge_m(trial);
             for (&index, window) in indices.iter().zip(windows) {
@@ -208,12 +209,6 @@ impl<'a> Shooting<'a> {
                 start_velocity.push([state[2] / row_s, state[3] / row_s]);
                 rolled.push(window.rolled * edge);
                 updates.push(trial.updates);
-                let mut rest = of_effects;
-                for (values, one) in effects.iter_mut().zip(problem.effects) {
-                    let (own, others) = rest.split_at(one.values.len());
-                    values.extend_from_slice(own);
-                    rest = others;
-                }
             }
         }
         let each = |of: &dyn Fn(&Window) -> usize| -> Vec<usize> {
@@ -242,11 +237,7 @@ impl<'a> Shooting<'a> {
             .collect();
         let knobs: Vec<[f64; 2]> = windows
             .iter()
-            .map(|window| match begin(window) {
-                // The tilt of a row is that of the command before.
-                row if row > 0 && window.tilts > 0 => recording(window).commands[row - 1],
-                _ => recording(window).knobs_before,
-            })
+            .map(|window| self.before(window, begin(window)))
             .collect();
         let (commands, durations) = (
             commands.repeat(trials.len()),
@@ -282,7 +273,12 @@ impl<'a> Shooting<'a> {
             },
             seeds: PerRollout::Each(&seeds),
         };
-        let (engine, threads) = (problem.engine, problem.threads);
+        self.run(&batch)
+    }
+
+    /// Simulates a batch, with the tilt where it counts.
+    fn run(&self, batch: &Batch<'_>) -> Result<Observed> {
+        let (engine, threads) = (self.problem.engine, self.problem.threads);
         if self.windows.channels.has_tilt() {
             return batch.run_with_tilt(engine, threads, self.cancel);
         }
@@ -290,6 +286,40 @@ impl<'a> Shooting<'a> {
             marble: batch.run(engine, threads, self.cancel)?,
             tilt: Vec::new(),
         })
+    }
+
+    /// The commands before those of a window, which begin at a row of its recording (knob angles, rad).
+    fn before(&self, window: &Window, begin: usize) -> [f64; 2] {
+        let recording = &self.problem.recordings[window.recording];
+        if begin == 0 || window.tilts == 0 {
+            return recording.knobs_before;
+        }
+        // The tilt of a row is that of the command before, or of its own where that has been arrived at.
+        recording.commands[begin - usize::from(self.problem.hold == Hold::Zero)]
+    }
+
+    /// The values of each effect's parameters for all windows, trial after trial.
+    fn effects(&self, trials: &[&Trial], windows: &[&Window]) -> Vec<Vec<f64>> {
+        let problem = self.problem;
+        let mut effects: Vec<Vec<f64>> = vec![Vec::new(); problem.effects.len()];
+        for trial in trials {
+            for window in windows {
+                let mut rest = &trial.values[5..];
+                let lean = self.coordinates.lean(window.recording);
+                for (values, one) in effects.iter_mut().zip(problem.effects) {
+                    let (own, others) = rest.split_at(one.values.len());
+                    match lean.clone().filter(|_| one.effect.name == LEAN) {
+                        Some(lean) => {
+                            values.extend_from_slice(&trial.values[lean]);
+                            values.extend_from_slice(&own[2..]);
+                        }
+                        None => values.extend_from_slice(own),
+                    }
+                    rest = others;
+                }
+            }
+        }
+        effects
     }
 
     /// How far a marble goes while it is seen to go one edge (m).

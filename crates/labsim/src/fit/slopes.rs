@@ -47,6 +47,8 @@ enum Column {
     Along(usize),
     /// The time scale, by a physics update a row more or less of equal length.
     Updates(usize),
+    /// The lean about x or y of all recordings at once: each has a coordinate of its own.
+    Lean(usize),
     /// A delay, by a whole row: what its tilt tells.
     Row(usize),
     /// A component of every window's start state.
@@ -163,9 +165,13 @@ impl Shooting<'_> {
         }
         let time = self.coordinates.find(TIME);
         let twice = time.filter(|_| look != Look::Quick);
-        let along = (0..self.coordinates.len()).map(Column::Along);
+        let tail = self.coordinates.tail();
+        let along = (0..tail).map(Column::Along);
+        let leans = (tail..self.coordinates.len()).take(2);
+        let leans = leans.map(|i| Column::Lean(i - tail));
         let delays = self.stepped_delays(look).into_iter().map(Column::Row);
         along
+            .chain(leans)
             .chain(delays)
             .chain(twice.map(Column::Updates))
             .chain(states)
@@ -231,6 +237,23 @@ impl Shooting<'_> {
                 let trial = self.trial(&z, &centre.states, Some(updates));
                 (trial, if inside { step } else { f64::NAN })
             }
+            Column::Lean(axis) => {
+                let step = STEP * fineness;
+                let sides: &[f64] = if free { &[1.0, -1.0] } else { &[1.0] };
+                for side in sides {
+                    let mut z = z.to_vec();
+                    let own = z.iter_mut().skip(self.coordinates.tail() + axis);
+                    own.step_by(2).for_each(|z| *z += side * step);
+                    if self.is_inside(&z) {
+                        let trial = self.trial(&z, &centre.states, Some(centre.updates));
+                        return (trial, side * step);
+                    }
+                }
+                (
+                    self.trial(z, &centre.states, Some(centre.updates)),
+                    f64::NAN,
+                )
+            }
             Column::Row(i) => {
                 let windows = &self.windows.all;
                 let row_s = windows.first().and_then(|window| window.row_s);
@@ -272,9 +295,19 @@ impl Shooting<'_> {
             by_z: Vec::new(),
             by_state: Vec::new(),
         };
+        let tail = self.coordinates.tail();
         for (column, slope) in columns.iter().zip(slopes) {
             match column {
                 Column::Along(_) => line.by_z.push(slope),
+                Column::Lean(axis) => {
+                    let empty = vec![0.0; slope.len()];
+                    line.by_z.resize(self.coordinates.len(), empty);
+                    for window in &self.windows.all {
+                        let own = window.residuals();
+                        let column = &mut line.by_z[tail + 2 * window.recording + axis];
+                        column[own.clone()].copy_from_slice(&slope[own]);
+                    }
+                }
                 Column::Updates(i) => believe_gentler(&mut line.by_z[*i], &slope),
                 Column::Row(i) => {
                     for window in &self.windows.all {

@@ -104,7 +104,7 @@ impl Search<'_> {
         };
         let partly = given.is_none();
         let mut points: Vec<Vec<f64>> = given.into_iter().collect();
-        for (i, place) in space_filling(count, coordinates.len(), settings.seed)
+        for (i, place) in space_filling(count, coordinates.drawn_axes(), settings.seed)
             .into_iter()
             .enumerate()
         {
@@ -148,7 +148,9 @@ impl Search<'_> {
         let count = ends.len();
         let best = ends[0].clone();
         let mut found = Vec::new();
-        for slots in self.problem.slots_of_effects() {
+        let effects = self.problem.effects.iter();
+        let effects = effects.zip(self.problem.slots_of_effects());
+        for (_, slots) in effects.filter(|(one, _)| !one.effect.shrunk) {
             let free = slots.filter_map(|slot| {
                 let (_, parameter) = self.problem.effect_parameter(slot)?;
                 Some((coordinates.find(slot)?, parameter))

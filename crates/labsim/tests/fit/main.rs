@@ -4,4 +4,5 @@ mod contract;
 mod planted;
 mod recovery;
 mod refining;
+mod shrinking;
 mod tilt;

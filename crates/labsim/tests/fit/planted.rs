@@ -80,7 +80,7 @@ impl Planted {
         stamped: bool,
         moving: bool,
     ) -> Self {
-        Self::on_axes(seed, runs, effects, stamped, moving, [1.0; 2])
+        Self::made(seed, runs, effects, (stamped, moving), [1.0; 2], &[])
     }
 
     /// The same with knobs and starts only along some axes: 1 of an axis that moves, else 0.
@@ -90,7 +90,23 @@ impl Planted {
         effects: &[(&str, &[f64])],
         stamped: bool,
         moving: bool,
+        axes: [f64; 2],
+    ) -> Self {
+        Self::made(seed, runs, effects, (stamped, moving), axes, &[])
+    }
+
+    /// Stamped runs that begin at rest, each on a board that leans by its own angles (rad).
+    pub(crate) fn leaning(seed: u64, effects: &[(&str, &[f64])], leans: &[[f64; 2]]) -> Self {
+        Self::made(seed, leans.len(), effects, (true, false), [1.0; 2], leans)
+    }
+
+    fn made(
+        seed: u64,
+        runs: usize,
+        effects: &[(&str, &[f64])],
+        (stamped, moving): (bool, bool),
         [x, y]: [f64; 2],
+        leans: &[[f64; 2]],
     ) -> Self {
         let mut random = Random(ChaCha8Rng::seed_from_u64(seed));
         let chosen: Vec<Chosen<'_>> = effects
@@ -133,14 +149,21 @@ impl Planted {
         if stamped {
             planted.parameters[3] = Sought::Held(TRUTH[3]);
         }
-        for commands in &planted.commands {
+        for (run, commands) in planted.commands.iter().enumerate() {
             let place =
                 |random: &mut Random, reach: f64| [(); 2].map(|()| random.within(-reach, reach));
             let start = [place(&mut random, 0.25)].map(|place| [x * place[0], y * place[1]]);
             let velocity = [place(&mut random, if moving { 0.1 } else { 0.0 })];
             let parameters = [Parameters::from(TRUTH)];
+            let [lean_x, lean_y] = leans.get(run).copied().unwrap_or_default();
+            let lean = [lean_x, lean_y, 0.0];
+            let mut effects = chosen.clone();
+            effects.push(Chosen {
+                effect: effect("lean").unwrap(),
+                values: PerRollout::Shared(&lean),
+            });
             let batch = Batch {
-                effects: &chosen,
+                effects: &effects,
                 start: PerRollout::Shared(&start),
                 start_velocity: PerRollout::Shared(&velocity),
                 time: TimeBase::Continuous(None),
@@ -184,8 +207,8 @@ impl Planted {
             stretches: &self.stretches,
             noise: None,
             tilt_noise: None,
-            engine: Engine::Rolling,
             hold: Hold::Zero,
+            engine: Engine::Rolling,
             threads: self.threads,
         })
     }

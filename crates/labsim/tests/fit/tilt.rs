@@ -7,8 +7,8 @@ use crate::planted::{NOISE, Planted, ROWS, TRUTH, near};
 /// Of the tilt sensor (rad).
 const TILT_NOISE: [f64; 2] = [0.001, 0.0005];
 const ACTUATION: [(&str, &[f64]); 4] = [
-    ("delay", &[0.12]),
-    ("lag", &[0.09]),
+    ("delay", &[0.12, 0.0]),
+    ("lag", &[0.09, 0.0]),
     ("backlash", &[0.03, 0.05]),
     ("tilt_bias", &[0.004, -0.003]),
 ];
@@ -53,17 +53,9 @@ fn marble_and_tilt_give_actuation_and_motion() {
     assert!(missed.is_empty(), "{missed:?}");
     assert!(near(solution.noise, NOISE, 0.1), "{}", solution.noise);
     let tilt = solution.tilt.as_ref().unwrap();
-    for axis in 0..2 {
-        assert!(
-            near(tilt.noise[axis], TILT_NOISE[axis], 0.2),
-            "{:?}",
-            tilt.noise
-        );
-        assert!(
-            near(tilt.scale[axis], TILT_NOISE[axis], 0.15),
-            "{:?}",
-            tilt.scale
-        );
+    for (axis, noise) in TILT_NOISE.into_iter().enumerate() {
+        assert!(near(tilt.noise[axis], noise, 0.2), "{:?}", tilt.noise);
+        assert!(near(tilt.scale[axis], noise, 0.15), "{:?}", tilt.scale);
         assert!(near(solution.axis_noise[axis], NOISE, 0.15));
     }
     // Tilt tells what the marble knows little of.
@@ -99,7 +91,7 @@ fn tilt_alone_gives_gears_and_actuation() {
 /// A pure delay shows in the tilt by whole rows only, where no finite difference sees it.
 #[test]
 fn tilt_alone_gives_a_delay_to_within_a_row() {
-    let effects: [(&str, &[f64]); 1] = [("delay", &[0.26])];
+    let effects: [(&str, &[f64]); 1] = [("delay", &[0.26, 0.0])];
     for seed in 0..3 {
         let mut planted = held(Planted::new(40 + seed, 2, &effects, true, false));
         planted = planted.with_tilt(TILT_NOISE);
