@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 import irt
 from irt.catalogue import effect, hypothetical
 from irt.diagnose.case import Case
-from irt.diagnose.hypotheses import size_of
 from irt.files import write_atomic
+from irt.fitting.effect_size import size_of
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from irt import _labsim
 from irt.catalogue import EffectParameter, effect
 from irt.errors import IrtError, unknown_name
+from irt.model import LEAN
 from irt.rig import PARAMETERS
 from irt.rollouts import Engine
 
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TIME = PARAMETERS.index("time_scale")
-#: The effect that is another pair of angles in each recording.
-LEAN = "lean"
 #: Gauss-Newton steps for start states alone.
 STATE_ITERATIONS = 8
 #: How often a fit looks around the best point found for a better one, at most.
