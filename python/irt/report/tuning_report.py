@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from irt.catalogue import effect
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
@@ -327,7 +328,8 @@ def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> N
                 *(with_interval(result.model.parameters[name]) for result in results),
             ]
             for name in PARAMETERS
-        ],
+        ]
+        + list(_effect_rows(results)),
     )
     for title, told in (
         ("What these recordings cannot pin down:", [result.unidentifiable for result in results]),
@@ -336,6 +338,17 @@ def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> N
         if any(told):
             page.paragraph(title)
             page.bullets(_attributed(names, told))
+
+
+def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
+    """Yield a row for each parameter of the effects that some method fitted."""
+    for name in dict.fromkeys(name for result in results for name in result.effects):
+        for known in effect(name).parameters:
+            fitted = [result.effects.get(name, {}).get(known.name) for result in results]
+            if any(one is not None for one in fitted):
+                unit = f" [{known.unit}]" if known.unit else ""
+                values = ["-" if one is None else with_interval(one) for one in fitted]
+                yield [f"{name}, {known.name}{unit}", known.searched, *values]
 
 
 def _attributed(names: Sequence[str], told: Sequence[Sequence[str]]) -> list[str]:
