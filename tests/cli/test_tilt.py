@@ -68,6 +68,22 @@ def test_currents_of_either_sign(irt, tmp_path, recordings) -> None:
     assert 'unit = "mA"' in (out / "model.toml").read_text()
 
 
+def test_commands_that_move_both_axes(irt, tmp_path) -> None:
+    mixed = {"name": "gear_matrix", "x_from_y": 0.5, "y_from_x": -0.4}
+    rig = written(
+        tmp_path / "rig",
+        tilted_recordings([mixed], runs=3, rows=120, seed=5),
+        TOML + '[commands]\nunit = "PWM"\nmatrix = true\n',
+        unit=2.0,
+    )
+    out = tmp_path / "tuned"
+    assert irt("tune", rig, "--starts", "4", "--out", out).status == 0
+    numbers = json.loads((out / "fit.json").read_text())
+    assert numbers["parameters"]["gear_x"]["value"] == pytest.approx(0.45, rel=0.05)
+    matrix = {name: one["value"] for name, one in numbers["effects"]["gear_matrix"].items()}
+    assert matrix == pytest.approx({"x_from_y": 0.25, "y_from_x": -0.2}, rel=0.05)
+
+
 def test_runs_without_a_marble(irt, tmp_path, recordings) -> None:
     rig = written(tmp_path / "rig", recordings, marble=False)
     out = tmp_path / "tuned"

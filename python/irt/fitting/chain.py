@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectInfo, effect
+from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.catalogue import effects as catalogue
 from irt.fitting.identifiability import with_intervals
 from irt.fitting.information import Information
@@ -34,8 +34,10 @@ Array = NDArray[np.float64]
 _SETTLING_S = 0.5
 #: The effect that levels the board. The tilt alone cannot tell it from the sensor's zero.
 _LEVEL = "tilt_bias"
-#: Where in its range a further effect of the actuator is begun, all others where the fit without it ended.
+#: Where a further effect of the actuator is begun, all others where the fit without it ended: shares of its
+#: range, and where the range has both signs, shares of the way from its neutral value to an end.
 _BEGINNINGS = (0.02, 0.1, 0.3)
+_BEGINNINGS_OF_EITHER_SIGN = (0.02, 0.3, -0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,14 +251,22 @@ def _grown(problem: Problem, before: Stage, added: Effect) -> Stage:
     """Fit with one effect more, from where the fit without it ended."""
     info = effect(added.name)
     points = []
-    for share in _BEGINNINGS:
-        begun = {
-            f"{info.name}.{one.name}": one.neutral if one.optional else one.low + share * (one.high - one.low)
-            for one in info.parameters
-        }
+    for number in range(len(_BEGINNINGS)):
+        begun = {f"{info.name}.{one.name}": _beginning(problem, info, one, number) for one in info.parameters}
         begun |= {f"{info.name}.{name}": value for name, value in added.parameters.items()}
         points.append(_begun_at(problem, before, begun))
     return Stage(problem, problem.fit(points=np.array(points), rounds=1))
+
+
+def _beginning(problem: Problem, info: EffectInfo, parameter: EffectParameter, number: int) -> float:
+    """Return where a parameter of an effect is begun, the first, second or third time."""
+    name = f"{info.name}.{parameter.name}"
+    if parameter.optional or name not in problem.names:
+        return parameter.neutral
+    low, high = problem.ranges[problem.names.index(name)]
+    if low < parameter.neutral < high:
+        return float(parameter.neutral + _BEGINNINGS_OF_EITHER_SIGN[number] * (high - parameter.neutral))
+    return float(low + _BEGINNINGS[number] * (high - low))
 
 
 def _continued(problem: Problem, before: Stage) -> Stage:

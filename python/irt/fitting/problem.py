@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt import _labsim
-from irt.catalogue import EffectParameter, effect
+from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.errors import IrtError, unknown_name
-from irt.model import LEAN
+from irt.model import GEAR_MATRIX, LEAN
 from irt.rig import PARAMETERS
 from irt.rollouts import Engine
 
@@ -283,7 +283,7 @@ class Problem:
             parameters[TIME] = np.nan, np.nan, time_scale
         for name, value in (fixed or {}).items():
             parameters[PARAMETERS.index(name)] = np.nan, np.nan, value
-        infos = [effect(one.name) for one in effects]
+        infos = [_in_units_of(rig, effect(one.name)) for one in effects]
         named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
         pairs = list(zip(infos, named, strict=True))
         all_of_effects = [one for info, names in pairs for one in info.used(names)]
@@ -429,6 +429,14 @@ def noise_in(observed: Iterable[Array]) -> float:
     reads pixels errs alike as long as the marble stays within one: it is told by the rows in which it moves.
     """
     return _labsim.tracker_noise([np.ascontiguousarray(one) for one in observed])
+
+
+def _in_units_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
+    """Return an effect with the ranges that a rig's commands give it: gears are in rad per unit of these."""
+    if info.name != GEAR_MATRIX:
+        return info
+    most = max(abs(end) for name in ("gear_x", "gear_y") for end in rig.ranges[name])
+    return replace(info, parameters=tuple(replace(one, low=-most, high=most) for one in info.parameters))
 
 
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:
