@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
@@ -191,13 +191,35 @@ class Rig:
         """Whether the board's tilt was measured in any recording."""
         return any(recording.has_tilt for recording in self.recordings)
 
+    def of_marbles(self) -> Rig:
+        """Return the recordings in which the marble was seen, without the tilt: for what looks at places alone.
+
+        Raises
+        ------
+        IrtError
+            If no recording has a marble.
+        """
+        kept = tuple(
+            one if one.tilt is None else replace(one, tilt=None) for one in self.recordings if one.has_marble
+        )
+        if kept == self.recordings:
+            return self
+        if not kept:
+            raise IrtError(
+                f"{self.path}: no recording has a marble, which this needs; 'irt tune' fits commands to tilt alone"
+            )
+        return replace(self, recordings=kept)
+
     @cached_property
     def digest(self) -> str:
         """Hash (SHA-256) of all that is read from the folder, names of recordings included."""
-        known = (self.board, self.marble, self.start, sorted(self.ranges.items()), self.commands, self.tilt)
+        known: tuple[object, ...] = (self.board, self.marble, self.start, sorted(self.ranges.items()))
+        # What a rig of the paper's kind does not say leaves the hash as it was before it could be said.
+        known += tuple(one for one in (self.commands, self.tilt) if one not in (Commands(), TiltSensor()))
         sha = hashlib.sha256(repr(known).encode())
         for one in self.recordings:
-            for array in (one.knobs, one.marble, one.stamps, one.tilt):
+            measured = () if one.tilt is None else (one.tilt,)
+            for array in (one.knobs, one.marble, one.stamps, *measured):
                 told = np.zeros(0) if array is None else array
                 sha.update(f"{one.name} {told.shape}".encode() + told.astype("<f8").tobytes())
         return sha.hexdigest()

@@ -113,3 +113,16 @@ def test_effects_that_cannot_be_asked_for(irt, tmp_path, recordings, words, mess
     assert done.status == 1
     assert message in done.err
     assert len(done.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["diagnose"], ["suggest"], ["tune", "--method", "cma-es"]],
+    ids=" ".join,
+)
+def test_places_alone_need_a_marble(irt, tmp_path, recordings, words) -> None:
+    rig = written(tmp_path / "rig", recordings, marble=False)
+    done = irt(words[0], rig, *words[1:], "--out", tmp_path / "out")
+    assert done.status == 1
+    assert "no recording has a marble" in done.err
+    assert len(done.err.splitlines()) == 1

@@ -223,3 +223,17 @@ class TestSignals:
         save_recording(tmp_path / "run-2.csv", *RUN, columns=CMD)
         with pytest.raises(IrtError, match=r"run-2\.csv: its commands are cmd_x, cmd_y, those of run-1"):
             load_rig(tmp_path)
+
+    def test_what_looks_at_places_alone_gets_runs_with_a_marble(self, tmp_path: Path) -> None:
+        lost, tilt = np.full((3, 2), np.nan), np.full((3, 2), 0.01)
+        save_recording(tmp_path / "run-1.csv", RUN[0], lost, tilt=tilt)
+        with pytest.raises(IrtError, match="no recording has a marble, which this needs"):
+            load_rig(tmp_path).of_marbles()
+        save_recording(tmp_path / "run-2.csv", *RUN, tilt=tilt)
+        (kept,) = load_rig(tmp_path).of_marbles().recordings
+        assert kept.name == "run-2"
+        assert kept.tilt is None
+        save_recording(tmp_path / "run-1.csv", *RUN)
+        save_recording(tmp_path / "run-2.csv", *RUN)
+        rig = load_rig(tmp_path)
+        assert rig.of_marbles() is rig

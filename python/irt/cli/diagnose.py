@@ -86,6 +86,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
     from irt.report.diagnosed import write_diagnosis
 
     warnings = checked(rig, args.threads)
+    rig = rig.of_marbles()
     make_folder(folder)
     try:
         with progress_bar() as progress:
@@ -114,7 +115,7 @@ def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: M
     workers = make_workers(args.jobs, args.cluster)
     for folder in folders.values():
         make_folder(folder)
-    left = [name for name, rig in rigs.items() if not _is_done(folders[name], rig, args.seed)]
+    left = [name for name, rig in rigs.items() if not _is_done(folders[name], rig.of_marbles(), args.seed)]
     inputs = {name: _files(rigs[name].path) for name in left}
     failed = {}
     try:

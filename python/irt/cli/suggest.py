@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     from irt.rig import load_rig
     from irt.suggest import suggest
 
-    rig = load_rig(args.rig)
+    rig = load_rig(args.rig).of_marbles()
     if args.out.resolve().parent == args.rig.resolve():
         raise IrtError(
             f"{args.out}: in the rig's folder it would be read as one of its recordings; name another place "

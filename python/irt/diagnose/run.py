@@ -63,7 +63,7 @@ def diagnose(
         If the rig is not as it must be, some recordings are stamped and others not, or nothing was seen.
     """
     began = time.perf_counter()
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    rig = (rig if isinstance(rig, Rig) else load_rig(rig)).of_marbles()
     steps = 0
 
     def report(text: str) -> None:

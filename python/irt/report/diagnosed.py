@@ -59,6 +59,7 @@ def main(words: Sequence[str]) -> int:
         rig = replace(load_rig(folder / "rig"), path=path)
         checked = check(rig, threads=1)
         checked.require()
+        rig = rig.of_marbles()
         write_diagnosis(out, rig, diagnose(rig, seed=seed, threads=1), checked.warnings)
     except IrtError as error:
         print(error, file=sys.stderr)

@@ -44,6 +44,7 @@ def tune(rig: Rig | PathLike, method: str = METHODS[0], **options: Any) -> FitRe
         from irt.fitting.least_squares import least_squares  # noqa: PLC0415
 
         return least_squares(rig, **options)
+    rig = rig.of_marbles()
     if method == "irt":
         from irt.tuning.residual_tuning import irt  # noqa: PLC0415
 
