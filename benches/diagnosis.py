@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 import irt
+from irt.residual import free_run_error
 
 NOTHING = ("none", "outliers")
 #: What other labels call our parameters, and the factor to our unit.
@@ -83,7 +84,7 @@ def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> dict[str, 
     told = json.loads((out / name / "diagnosis.json").read_text(encoding="utf-8"))
     model = irt.load_model(out / name / "model.toml")
     tests = [irt.load_recording(path) for path in sorted((rigs / name).glob("test-*.csv"))]
-    final = float(np.mean([run.free_run.mae for run in irt.evaluate(model, tests).runs]))
+    final = float(np.mean([free_run_error(model, test) for test in tests]))
     kinds = label["kind"] if isinstance(label["kind"], list) else [label["kind"]]
     named = {one["name"]: {one["name"], *one["confusable_with"]} for one in told["effects"]}
     ties = [len(alike) for alike in named.values()]

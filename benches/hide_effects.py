@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 import irt
 from irt.catalogue import effect, hypothetical
 from irt.diagnose.case import Case
-from irt.diagnose.hypotheses import size_of
 from irt.files import write_atomic
+from irt.fitting.effect_size import size_of
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -100,7 +100,7 @@ def _base(folder: Path, tests: list[irt.Recording]) -> float:
     rig = irt.load_rig(folder)
     training = tuple(one for one in rig.recordings if one.name.startswith("train-"))
     case = Case.of(irt.Rig(rig.path, rig.board, rig.marble, rig.start, rig.ranges, training))
-    return float(irt.evaluate(case.model(case.fit()), tests).free_run.mae)
+    return float(irt.evaluate(case.model(case.fit()), tests).mae)
 
 
 def _simulated(

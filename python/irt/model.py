@@ -33,6 +33,10 @@ from irt.rig import (
 
 #: The effect that says what the measured tilt reads; every model of recordings with a tilt has it.
 TILT_SENSOR = "tilt_sensor"
+#: The effect by which each command also tilts the board about the other axis: ``[commands] matrix``.
+GEAR_MATRIX = "gear_matrix"
+#: The effect of a table that leans otherwise in each run: its size is known, and each run's lean is not.
+LEAN = "lean"
 #: Version of the model file that this release writes, and the newest that it reads.
 FORMAT = 1
 TimeStep = Literal["rounded", "continuous"]

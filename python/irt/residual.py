@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from irt import catalogue
 from irt.errors import IrtError
-from irt.model import TILT_SENSOR, Model, Parameter
+from irt.model import LEAN, TILT_SENSOR, Model, Parameter
 from irt.recording import KNOBS, Recording
 from irt.segments import LEAD_ROWS, Segment, check_length, guess, inputs_of, row_seconds, rows_of, segment_of
 from irt.start_state import Inputs, estimate_start_states, simulate, simulate_tilt
 
 Array = NDArray[np.float64]
+
+#: Step of the finite difference by which the lean of a run is found [rad].
+_LEAN_STEP_RAD = 1e-4
 
 
 @dataclass(frozen=True)
@@ -348,7 +351,10 @@ def _windowed(
 ) -> tuple[list[Array], list[NDArray[np.int64]]]:
     """Return the windows of each recording one after another, (n, 2), NaN outside, and their first rows."""
     windows = [_windows(model, recording, window_s) for recording in recordings]
-    predicted = iter(_predict_windows(model, [window for of_one in windows for window in of_one]))
+    flat = [window for of_one in windows for window in of_one]
+    predicted = iter(
+        _leaned(model, flat) if flat and _lean_size(model) > 0.0 else _predict_windows(model, flat)
+    )
     joined, firsts = [], []
     for recording, of_one in zip(recordings, windows, strict=True):
         rows = np.array([window.first_row + LEAD_ROWS for window in of_one], dtype=np.int64)
@@ -361,9 +367,52 @@ def _windowed(
     return joined, firsts
 
 
+def _lean_size(model: Model) -> float:
+    """Return the standard deviation of the lean over runs [rad], 0 of a model without."""
+    return next((one.parameters.get("size_rad", 0.0) for one in model.effects if one.name == LEAN), 0.0)
+
+
+def _leaned(model: Model, windows: Sequence[Segment]) -> list[Array]:
+    """Return the predictions of windows, each with the lean that the windows of its run before it show.
+
+    The lean of a run is drawn from a normal distribution whose size the model knows. Its mean, given what
+    earlier windows left over, is found to first order; the rows of a window, whose errors go together, count
+    as one observation along each axis.
+    """
+    plain = _predict_windows(model, windows)
+    slopes = []
+    for axis in "xy":
+        moved = tuple(
+            replace(one, parameters={**one.parameters, f"lean_{axis}_rad": _LEAN_STEP_RAD})
+            if one.name == LEAN
+            else one
+            for one in model.effects
+        )
+        ahead = _predict_windows(replace(model, effects=moved), windows)
+        slopes.append([(a - b) / _LEAN_STEP_RAD for a, b in zip(ahead, plain, strict=True)])
+    information, pull = np.eye(2), np.zeros(2)
+    squares: list[float] = []
+    predicted = []
+    for i, window in enumerate(windows):
+        if i == 0 or windows[i - 1].run is not window.run:
+            information, pull, squares = np.zeros((2, 2)), np.zeros(2), []
+        slope = np.stack([slopes[0][i], slopes[1][i]], axis=-1)
+        variance = float(np.mean(squares)) if squares else np.inf
+        prior = np.eye(2) / _lean_size(model) ** 2
+        lean = np.linalg.solve(information / variance + prior, pull / variance) if squares else np.zeros(2)
+        predicted.append(plain[i] + slope @ lean)
+        error = window.observed[LEAD_ROWS:] - plain[i]
+        known = np.isfinite(error[:, 0])
+        if known.any():
+            information = information + np.einsum("nai,naj->ij", slope[known], slope[known]) / known.sum()
+            pull = pull + np.einsum("nai,na->i", slope[known], error[known]) / known.sum()
+            squares.append(float((error[known] ** 2).mean()))
+    return predicted
+
+
 def _played(model: Model, recording: Recording, window_s: float) -> Array:
     """Return the windows of a recording with its measured tilt played, (n, 2); NaN where it cannot be."""
-    pair = as_played(model, recording)
+    pair = as_played(model, recording) if recording.has_marble else None
     if pair is None:
         return np.full_like(recording.marble, np.nan)
     ((predicted,), _) = _windowed(pair[0], [pair[1]], window_s)

@@ -269,3 +269,43 @@ def test_ball_table_by_the_figures_beside_it(shared: Path) -> None:
     assert result.windowed is not None
     assert result.windowed.mae == pytest.approx(0.048, abs=0.004)
     assert result.free_run.mae > 3 * result.windowed.mae
+
+
+class TestLean:
+    """Each run has a lean of its own, which the model knows the size of."""
+
+    LEANS = (0.002, -0.0015, 0.0025)
+
+    def runs(self) -> list[Recording]:
+        rng = np.random.default_rng(3)
+        found = []
+        for number, lean in enumerate(self.LEANS):
+            knobs = np.repeat(rng.normal(0.0, 0.05, (20, 2)), 5, axis=0)
+            effects = [{"name": "lean", "lean_x_rad": lean, "lean_y_rad": -0.5 * lean}]
+            stamps = 0.05 * np.arange(len(knobs))
+            run = record(knobs, stamps=stamps, effects=effects, name=f"run-{number}")
+            noise = rng.normal(0.0, 2e-4, run.marble.shape)
+            found.append(replace(run, marble=run.marble + noise))
+        return found
+
+    @staticmethod
+    def leaning(size: float) -> Model:
+        return replace(model(start="moving"), effects=(Effect("lean", {"size_rad": size}),))
+
+    def test_later_windows_are_predicted_with_what_earlier_ones_show(self) -> None:
+        runs = self.runs()
+        blind, aware = (evaluate(self.leaning(size), runs, window_s=1.0) for size in (0.0, 0.002))
+        assert aware.windowed.mae < 0.6 * blind.windowed.mae
+        for before, after in zip(blind.runs, aware.runs, strict=True):
+            first = slice(after.window_rows[0], after.window_rows[1])
+            np.testing.assert_array_equal(before.windowed_prediction[first], after.windowed_prediction[first])
+
+    def test_rows_to_come_are_not_looked_at(self) -> None:
+        (run, *_) = self.runs()
+        changed = run.marble.copy()
+        changed[60:] += 0.05
+        before, after = (
+            evaluate(self.leaning(0.002), [one], window_s=1.0).runs[0].windowed_prediction
+            for one in (run, replace(run, marble=changed))
+        )
+        np.testing.assert_array_equal(before[:56], after[:56])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -96,6 +97,7 @@ def run(args: argparse.Namespace) -> None:
     """Tune, write model, numbers and a page with pictures, and print a short table."""
     from irt.cli.progress import progress_bar
     from irt.files import make_folder, write_atomic
+    from irt.fitting.chain import without_held_marbles
     from irt.model import save_model
     from irt.report.tuning_report import untuned, write_tuning_report
     from irt.residual import evaluate
@@ -114,6 +116,7 @@ def run(args: argparse.Namespace) -> None:
         if training is not None and training.exists():
             print("irt: the same command again goes on with the training", file=sys.stderr)
         raise
+    rig = without_held_marbles(rig)
     before, after = (evaluate(model, rig.recordings) for model in (untuned(rig), result.model))
     save_model(folder / "model.toml", result.model)
     numbers = json.dumps(
@@ -208,7 +211,7 @@ def _numbers(
             }
             for name, of_effect in result.effects.items()
         },
-        "noise": result.noise,
+        "noise": _finite(result.noise),
         "before": before.as_dict(),
         "after": after.as_dict(),
         "unidentifiable": list(result.unidentifiable),
@@ -216,10 +219,15 @@ def _numbers(
         "rollouts": result.rollouts,
         "seconds": result.seconds,
         "starts": [
-            [{"parameters": step.parameters.tolist(), "mae": step.mae} for step in estimate.history]
+            [{"parameters": step.parameters.tolist(), "mae": _finite(step.mae)} for step in estimate.history]
             for estimate in result.estimates
         ],
     }
+
+
+def _finite(value: float) -> float | None:
+    """Return a number, or None for what a fit without a marble does not know: JSON has no NaN."""
+    return value if math.isfinite(value) else None
 
 
 def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator[str]:

@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectInfo, effect
+from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.catalogue import effects as catalogue
 from irt.fitting.identifiability import with_intervals
 from irt.fitting.information import Information
-from irt.fitting.problem import Problem, Solution, noise_in
+from irt.fitting.problem import Problem, Solution
 from irt.model import TILT_SENSOR, Effect, Parameter
 from irt.recording import Recording
 from irt.residual import has_both_tilts, play_tilt
@@ -34,10 +34,10 @@ Array = NDArray[np.float64]
 _SETTLING_S = 0.5
 #: The effect that levels the board. The tilt alone cannot tell it from the sensor's zero.
 _LEVEL = "tilt_bias"
-#: Where in its range a further effect of the actuator is begun, all others where the fit without it ended.
+#: Where a further effect of the actuator is begun, all others where the fit without it ended: shares of its
+#: range, and where the range has both signs, shares of the way from its neutral value to an end.
 _BEGINNINGS = (0.02, 0.1, 0.3)
-#: A marble that moves by less than this many standard deviations of its tracker is held, in a hole, say.
-_HELD = 8.0
+_BEGINNINGS_OF_EITHER_SIGN = (0.02, 0.3, -0.3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,19 +72,30 @@ def is_chain(rig: Rig) -> bool:
 
 
 def without_held_marbles(rig: Rig) -> Rig:
-    """Return the rig without marbles that stay in place in runs with a measured tilt: held, or in a hole."""
+    """Return the rig without marbles that stay in place while the tilt would move them: held, or in a hole.
+
+    Such a marble stays within its own radius though the tilt changes by more than twice the largest rolling
+    friction that the rig may have, so that no tilt in between holds a free marble.
+    """
+    radius = rig.marble.radius_m / rig.board.edge_x_m
+    friction = rig.ranges["rolling_friction"][1]
 
     def kept(recording: Recording) -> Recording:
-        if not (recording.has_tilt and recording.has_marble):
+        if recording.tilt is None or not (recording.has_tilt and recording.has_marble):
             return recording
-        seen = recording.marble[recording.seen]
-        spread = np.diff(np.quantile(seen, [0.01, 0.99], axis=0), axis=0).max()
-        # A Gaussian's quantiles lie 4.7 standard deviations apart by themselves.
-        if len(seen) < 10 or spread > _HELD * noise_in([recording.marble]):
+        moved = _spread(recording.marble)
+        tilted = _spread(recording.tilt)
+        if moved.max() > radius or tilted.min() < 2.0 * friction:
             return recording
         return replace(recording, marble=np.full_like(recording.marble, np.nan))
 
     return replace(rig, recordings=tuple(kept(recording) for recording in rig.recordings))
+
+
+def _spread(columns: Array) -> Array:
+    """Return the range of each of two columns, (2,), without a hundredth of its values at either end."""
+    low, high = np.nanquantile(columns, [0.01, 0.99], axis=0)
+    return np.asarray(high - low)
 
 
 def fit_actuator(
@@ -141,19 +152,7 @@ def fit_actuator(
     for one in in_order(of_chain):
         chosen = [*chosen, one]
         stage = _grown(problem(chosen), stage, one)
-    for info, name in _optional(chosen):
-        wider = [
-            replace(one, parameters={**one.parameters, name: parameter.neutral})
-            if one.name == info.name
-            else one
-            for one in chosen
-            for parameter in info.parameters
-            if parameter.name == name
-        ]
-        refined = _continued(problem(wider), stage)
-        if _is_worth(stage.solution, refined.solution):
-            chosen, stage = wider, refined
-    return stage
+    return _opened(problem, chosen, stage)
 
 
 def fit_board(
@@ -252,14 +251,22 @@ def _grown(problem: Problem, before: Stage, added: Effect) -> Stage:
     """Fit with one effect more, from where the fit without it ended."""
     info = effect(added.name)
     points = []
-    for share in _BEGINNINGS:
-        begun = {
-            f"{info.name}.{one.name}": one.neutral if one.optional else one.low + share * (one.high - one.low)
-            for one in info.parameters
-        }
+    for number in range(len(_BEGINNINGS)):
+        begun = {f"{info.name}.{one.name}": _beginning(problem, info, one, number) for one in info.parameters}
         begun |= {f"{info.name}.{name}": value for name, value in added.parameters.items()}
         points.append(_begun_at(problem, before, begun))
     return Stage(problem, problem.fit(points=np.array(points), rounds=1))
+
+
+def _beginning(problem: Problem, info: EffectInfo, parameter: EffectParameter, number: int) -> float:
+    """Return where a parameter of an effect is begun, the first, second or third time."""
+    name = f"{info.name}.{parameter.name}"
+    if parameter.optional or name not in problem.names:
+        return parameter.neutral
+    low, high = problem.ranges[problem.names.index(name)]
+    if low < parameter.neutral < high:
+        return float(parameter.neutral + _BEGINNINGS_OF_EITHER_SIGN[number] * (high - parameter.neutral))
+    return float(low + _BEGINNINGS[number] * (high - low))
 
 
 def _continued(problem: Problem, before: Stage) -> Stage:
@@ -278,17 +285,50 @@ def _infos(problem: Problem) -> list[EffectInfo]:
     return [effect(name) for name in names]
 
 
-def _optional(chosen: Sequence[Effect]) -> Iterator[tuple[EffectInfo, str]]:
-    """Yield the optional parameters of the actuator's effects that nobody has named."""
+def _opened(problem: Callable[[Sequence[Effect]], Problem], chosen: list[Effect], stage: Stage) -> Stage:
+    """Open the optional parameters that the tilt asks for: one by one, or all at once.
+
+    Each step takes what gains most by the Bayesian information criterion, as long as something gains.
+    """
+    while closed := list(_optional(chosen)):
+        steps = [[one] for one in closed] + ([closed] if len(closed) > 1 else [])
+        widened = [_widened(chosen, step) for step in steps]
+        stages = [_continued(problem(wider), stage) for wider in widened]
+        gains = [
+            _gain(stage.solution, wider.solution, len(step))
+            for wider, step in zip(stages, steps, strict=True)
+        ]
+        best = int(np.argmax(gains))
+        if gains[best] <= 0.0:
+            break
+        chosen, stage = widened[best], stages[best]
+    return stage
+
+
+def _optional(chosen: Sequence[Effect]) -> Iterator[tuple[str, str]]:
+    """Yield effect and name of the optional parameters of the actuator that nobody has named."""
     for one in chosen:
         info = effect(one.name)
         for parameter in info.parameters:
             if parameter.optional and parameter.name not in one.parameters and info.moves_board:
-                yield info, parameter.name
+                yield info.name, parameter.name
 
 
-def _is_worth(narrow: Solution, wide: Solution) -> bool:
-    """Whether one parameter more is worth it by the Bayesian information criterion (Schwarz, 1978).
+def _widened(chosen: Sequence[Effect], opened: Sequence[tuple[str, str]]) -> list[Effect]:
+    """Return effects with optional parameters opened, which begin neutral."""
+    neutral = {
+        (one.name, parameter.name): parameter.neutral
+        for one in chosen
+        for parameter in effect(one.name).parameters
+    }
+    return [
+        replace(one, parameters={**one.parameters, **{n: neutral[e, n] for e, n in opened if e == one.name}})
+        for one in chosen
+    ]
+
+
+def _gain(narrow: Solution, wide: Solution, more: int) -> float:
+    """Return what a wider model gains by the Bayesian information criterion [nats] (Schwarz, 1978).
 
     The residuals of a model that is not quite right remember many rows: only independent ones count.
     """
@@ -299,9 +339,9 @@ def _is_worth(narrow: Solution, wide: Solution) -> bool:
         if count == 0.0:
             continue
         squares = [sum(float((part**2).sum()) for part in parts) for parts in (before, after)]
-        gain += 0.5 * count * np.log(squares[0] / max(squares[1], 1e-300))
+        gain += 0.5 * count * float(np.log(squares[0] / max(squares[1], 1e-300)))
         rows += count
-    return bool(gain > 0.5 * np.log(max(rows, 1.0)))
+    return gain - 0.5 * more * float(np.log(max(rows, 1.0)))
 
 
 def _column(solution: Solution, axis: int) -> list[Array]:

@@ -25,7 +25,7 @@ from irt.fitting.fit import Estimate, FitResult, Iteration, Progress
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem
-from irt.model import Effect, Model, Parameter
+from irt.model import GEAR_MATRIX, TILT_SENSOR, Effect, Model, Parameter
 from irt.residual import has_both_tilts
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S, Engine
@@ -63,7 +63,8 @@ def least_squares(
     seed : int
         Of the draw. The same seed gives the same bits for any number of threads.
     effects : sequence of Effect
-        What is added to the simulation. Half of the start points have the values given; a parameter that is
+        What is added to the simulation, beside the sensor of a measured tilt, and the gear matrix of a rig
+        that says that it has one. Half of the start points have the values given; a parameter that is
         left out is looked for over its range.
     engine : {"rolling", "rapier"}
         What simulates.
@@ -81,6 +82,12 @@ def least_squares(
     if starts < 1:
         raise IrtError(f"starts: expected at least 1, found {starts}")
     began = time.perf_counter()
+    given = {one.name for one in effects}
+    effects = list(effects)
+    if rig.commands.matrix and GEAR_MATRIX not in given:
+        effects.append(Effect(GEAR_MATRIX, {}))
+    if rig.has_tilt and TILT_SENSOR not in given:
+        effects.append(Effect(TILT_SENSOR, {}))
     fit = _fit_chain if is_chain(rig) else _fit_at_once
     with located(f"{rig.path}"):
         fitted = fit(
@@ -270,7 +277,7 @@ def _notes(
     for name, value in zip(PARAMETERS, model.values, strict=True):
         low, high = rig.ranges[name]
         if not low <= value <= high and not (name == "time_scale" and time_scale is not None):
-            yield f"{name} = {value:.4g} lies outside its range of {low:g} to {high:g}."
+            yield f"{name} = {_beside(value, low, high)} lies outside its range of {low:g} to {high:g}."
     if noise > MISFIT * tracker_noise:
         named = " and ".join(effect.name for effect in model.effects)
         what = f"five parameters and {named} do" if named else "five parameters do"
@@ -278,3 +285,10 @@ def _notes(
             f"The predictions miss by {noise:.2g} of an edge, {noise / tracker_noise:.0f} times the "
             f"tracker's scatter of {tracker_noise:.2g}: {what} not explain these recordings."
         )
+
+
+def _beside(value: float, *bounds: float) -> str:
+    """Return a value to as many digits as tell it from bounds that it exceeds."""
+    return next(
+        (text for digits in range(4, 17) if float(text := f"{value:.{digits}g}") not in bounds), repr(value)
+    )

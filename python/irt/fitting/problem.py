@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt import _labsim
-from irt.catalogue import EffectParameter, effect
+from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.errors import IrtError, unknown_name
+from irt.model import GEAR_MATRIX, LEAN
 from irt.rig import PARAMETERS
 from irt.rollouts import Engine
 
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TIME = PARAMETERS.index("time_scale")
-#: The effect that is another pair of angles in each recording.
-LEAN = "lean"
 #: Gauss-Newton steps for start states alone.
 STATE_ITERATIONS = 8
 #: How often a fit looks around the best point found for a better one, at most.
@@ -284,7 +283,7 @@ class Problem:
             parameters[TIME] = np.nan, np.nan, time_scale
         for name, value in (fixed or {}).items():
             parameters[PARAMETERS.index(name)] = np.nan, np.nan, value
-        infos = [effect(one.name) for one in effects]
+        infos = [_in_units_of(rig, effect(one.name)) for one in effects]
         named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
         pairs = list(zip(infos, named, strict=True))
         all_of_effects = [one for info, names in pairs for one in info.used(names)]
@@ -430,6 +429,14 @@ def noise_in(observed: Iterable[Array]) -> float:
     reads pixels errs alike as long as the marble stays within one: it is told by the rows in which it moves.
     """
     return _labsim.tracker_noise([np.ascontiguousarray(one) for one in observed])
+
+
+def _in_units_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
+    """Return an effect with the ranges that a rig's commands give it: gears are in rad per unit of these."""
+    if info.name != GEAR_MATRIX:
+        return info
+    most = max(abs(end) for name in ("gear_x", "gear_y") for end in rig.ranges[name])
+    return replace(info, parameters=tuple(replace(one, low=-most, high=most) for one in info.parameters))
 
 
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:

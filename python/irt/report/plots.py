@@ -105,6 +105,41 @@ def plot_fit(
         both[1].set_xlabel(unit)
 
 
+def plot_tilt(path: PathLike, recording: Recording, predicted: Array) -> None:
+    """Draw the measured tilt as dots and the one that the commands predict as lines, over time.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    recording : Recording
+        One with a measured tilt.
+    predicted : (n, 2) array
+        Angles about x and y [rad], a row for each of the recording.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    assert recording.tilt is not None, recording.name
+    time, unit = _time(recording)
+    with style.drawing(path, style.WIDTH, 3.5) as figure:
+        both = figure.subplots(2, sharex=True)
+        for axis, axes in enumerate(both):
+            measured, line = 1000.0 * recording.tilt[:, axis], 1000.0 * predicted[:, axis]
+            axes.plot(time, measured, ".", color=style.RECORDED, clip_on=False)
+            axes.plot(time, line, color=style.TUNED, zorder=3)
+            axes.set_ylabel(f"tilt about {'xy'[axis]}  [mrad]")
+            axes.yaxis.set_major_locator(MaxNLocator(5))
+            ends = [(_last(line), "predicted", style.TUNED)]
+            if np.isfinite(measured).any():
+                ends.insert(0, (_last(measured), "measured", style.RECORDED))
+            style.label_ends(axes, ends)
+        both[0].set_xlim(time[0], time[-1])
+        both[1].set_xlabel(unit)
+
+
 def plot_paths(path: PathLike, panels: Sequence[tuple[Recording, Prediction]]) -> None:
     """Draw the board from above, two panels to a row: recorded dots, the predicted path, and the rim.
 
@@ -250,8 +285,8 @@ def plot_evaluation(
             for rows in np.split(np.arange(len(time)), run.window_rows):
                 axes.plot(time[rows], windowed[rows], color=style.SECOND)
             axes.set_xlim(time[0], time[-1])
-            axes.set_title(recording.name)
-            ends = [(_last(free), "free run", style.TUNED)]
+            axes.set_title(recording.name if run.free_run is not None else f"{recording.name}: no marble")
+            ends = [] if run.free_run is None else [(_last(free), "free run", style.TUNED)]
             if run.windowed is not None:
                 ends.append((_last(windowed), f"{evaluation.window_s:g} s windows", style.SECOND))
             if noise is not None:

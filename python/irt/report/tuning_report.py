@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from irt.catalogue import effect
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
@@ -22,6 +23,7 @@ from irt.report.plots import (
     plot_history,
     plot_parameters,
     plot_paths,
+    plot_tilt,
 )
 from irt.report.words import UNITS, percent, versions, with_interval
 from irt.residual import Evaluation, RunEvaluation, evaluate
@@ -131,13 +133,24 @@ def write_tuning_report(
     folder = make_folder(folder)
     shown = _contend(rig, rig, results)
     unseen = _contend(rig, heldout, results) if heldout is not None else []
-    page = Page(title, lead(shown, unseen, tracker_noise(segments(heldout or rig))))
+    has_marble = any(recording.has_marble for recording in rig.recordings)
+    if has_marble:
+        answer = lead(shown, unseen, tracker_noise(segments(heldout or rig)))
+    else:
+        answer = (
+            "No marble was seen in these recordings: what was tuned is the way from the commands to the tilt."
+        )
+    page = Page(title, answer)
     add_warnings(page, warnings)
-    _add_fit(page, folder, rig, shown)
+    if has_marble:
+        _add_fit(page, folder, rig, shown)
+    if rig.has_tilt:
+        _add_tilt(page, folder, heldout or rig, (unseen or shown)[1])
     if heldout is not None:
         _add_heldout(page, folder, heldout, unseen)
     _add_parameters(page, folder, results)
-    _add_history(page, folder, rig, results)
+    if has_marble:
+        _add_history(page, folder, rig, results)
     page.heading("To do the same again")
     page.facts({**settings, **versions()})
     path = folder / "report.html"
@@ -200,8 +213,9 @@ def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Conten
 
 def _add_fit(page: Page, folder: Path, rig: Rig, contenders: Sequence[Contender]) -> None:
     """Add the pictures before and after, of one recording."""
-    recording = rig.recordings[0]
-    predictions = [contenders[0].prediction(0), contenders[1].prediction(0, "tuned")]
+    run = next(run for run, recording in enumerate(rig.recordings) if recording.has_marble)
+    recording = rig.recordings[run]
+    predictions = [contenders[0].prediction(run), contenders[1].prediction(run, "tuned")]
     seen = [recording.marble, *(prediction.marble for prediction in predictions)]
     limit = 1.05 * max(float(np.nanmax(np.abs(marble))) for marble in seen)
     over_time, from_above = [], []
@@ -209,7 +223,7 @@ def _add_fit(page: Page, folder: Path, rig: Rig, contenders: Sequence[Contender]
         fit, paths = folder / f"fit-{prediction.label}.svg", folder / f"paths-{prediction.label}.svg"
         plot_fit(fit, recording, [prediction], limit=limit)
         plot_paths(paths, [(recording, prediction)])
-        caption = f"{prediction.label.capitalize()}: {percent(contender.run_mae(0))} of the edge off."
+        caption = f"{prediction.label.capitalize()}: {percent(contender.run_mae(run))} of the edge off."
         over_time.append(Picture(fit, caption))
         from_above.append(Picture(paths, f"{prediction.label.capitalize()}, from above."))
     page.heading("Before and after")
@@ -221,6 +235,44 @@ def _add_fit(page: Page, folder: Path, rig: Rig, contenders: Sequence[Contender]
     )
     page.pictures(*over_time)
     page.pictures(*from_above)
+
+
+def _add_tilt(page: Page, folder: Path, rig: Rig, tuned: Contender) -> None:
+    """Add the tilt that the commands predict beside the measured one, of the recording where it is worst."""
+    measured = [
+        (recording, run.tilt_prediction, run.tilt, run.played)
+        for recording, run in zip(rig.recordings, tuned.evaluation.runs, strict=True)
+        if run.tilt is not None and run.tilt_prediction is not None
+    ]
+    if not measured:
+        return
+    rows = []
+    for name, errors, played in (
+        *((recording.name, errors, played) for recording, _, errors, played in measured),
+        ("all", tuned.evaluation.tilt, tuned.evaluation.played),
+    ):
+        assert errors is not None, name
+        angles = [
+            "-" if one is None else f"{1000 * one:.2f} mrad" for one in (errors.mae_x_rad, errors.mae_y_rad)
+        ]
+        rows.append([name, *angles, "-" if played is None else percent(played.mae)])
+    recording, predicted, _, _ = max(
+        measured, key=lambda one: (one[2].mae_x_rad or 0.0) + (one[2].mae_y_rad or 0.0)
+    )
+    picture = folder / "tilt.svg"
+    plot_tilt(picture, recording, predicted)
+    page.heading("The tilt")
+    page.paragraph(
+        "The tilt is predicted from the commands alone. Where the measured tilt is played in their place, "
+        f"windows of {tuned.evaluation.window_s:g} s show what the board and the marble leave by themselves."
+    )
+    page.table(
+        "Mean absolute error of the tilt, and of the marble with the measured tilt played",
+        ["recording", "about x", "about y", "marble, tilt played"],
+        rows,
+        total=True,
+    )
+    page.pictures(Picture(picture, f"{recording.name}, the recording with the largest error of the tilt."))
 
 
 def _add_heldout(page: Page, folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> None:
@@ -276,7 +328,8 @@ def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> N
                 *(with_interval(result.model.parameters[name]) for result in results),
             ]
             for name in PARAMETERS
-        ],
+        ]
+        + list(_effect_rows(results)),
     )
     for title, told in (
         ("What these recordings cannot pin down:", [result.unidentifiable for result in results]),
@@ -285,6 +338,17 @@ def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> N
         if any(told):
             page.paragraph(title)
             page.bullets(_attributed(names, told))
+
+
+def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
+    """Yield a row for each parameter of the effects that some method fitted."""
+    for name in dict.fromkeys(name for result in results for name in result.effects):
+        for known in effect(name).parameters:
+            fitted = [result.effects.get(name, {}).get(known.name) for result in results]
+            if any(one is not None for one in fitted):
+                unit = f" [{known.unit}]" if known.unit else ""
+                values = ["-" if one is None else with_interval(one) for one in fitted]
+                yield [f"{name}, {known.name}{unit}", known.searched, *values]
 
 
 def _attributed(names: Sequence[str], told: Sequence[Sequence[str]]) -> list[str]:
