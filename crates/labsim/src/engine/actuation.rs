@@ -7,7 +7,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use pulp::Simd;
+use pulp::{NullaryFnOnce, Simd};
 
 use super::agenda::Timeline;
 use super::arrivals::Arrivals;
@@ -168,11 +168,8 @@ impl<S: Simd> Actuation<S> {
             self.command = [command(0), command(1)];
             if let Some(ramp) = &mut self.ramp {
                 let next = |axis| Lanes::from_fn(simd, |lane| job(lane).command(row + 1)[axis]);
-                // Apart, so that rollouts without are as fast as if there were no ramps.
-                simd.vectorize(|| {
-                    ramp.ends = [self.command, [0, 1].map(next)];
-                    ramp.share = 1.0 / f64::from(job(0).clock.step(row).substeps);
-                });
+                ramp.ends = [self.command, [next(0), next(1)]];
+                ramp.share = 1.0 / f64::from(job(0).clock.step(row).substeps);
             }
         }
         if !self.moves() {
@@ -193,8 +190,8 @@ impl<S: Simd> Actuation<S> {
         }
         if let Some(Ramp { ends, share }) = &self.ramp {
             let part = (f64::from(substep) + 0.5) * share;
-            self.command =
-                [0, 1].map(|axis| ends[0][axis] + part * (ends[1][axis] - ends[0][axis]));
+            let command = |axis: usize| ends[0][axis] + part * (ends[1][axis] - ends[0][axis]);
+            self.command = [command(0), command(1)];
         }
         if self.moves || arrived.is_some() || substep == 0 {
             let turned = self.turned;
@@ -209,8 +206,12 @@ impl<S: Simd> Actuation<S> {
     /// Where the knobs are under a command, on average over a substep.
     #[inline(always)]
     fn answer(&mut self, mut knob: Pair<S>) -> Pair<S> {
-        for effect in &mut self.knobs {
-            effect.turn(&mut knob, self.length);
+        if !self.knobs.is_empty() {
+            self.length.simd().vectorize(Turning {
+                effects: &mut self.knobs,
+                knob: &mut knob,
+                length: self.length,
+            });
         }
         self.turned = knob;
         knob
@@ -229,9 +230,11 @@ impl<S: Simd> Actuation<S> {
             let length = self.length.like(PEEK_S);
             // Of copies, since an effect remembers every angle that it is asked for.
             self.peeked.clone_from(&self.knobs);
-            for effect in &mut self.peeked {
-                effect.turn(&mut knob, length);
-            }
+            length.simd().vectorize(Turning {
+                effects: &mut self.peeked,
+                knob: &mut knob,
+                length,
+            });
             tilt = self.tilted(knob);
         }
         for effect in &self.gauges {
@@ -273,6 +276,24 @@ impl<S: Simd> Actuation<S> {
             grip: self.sliding_friction * (normal * length),
             damping: self.damping,
             length,
+        }
+    }
+}
+
+/// Where effects turn knobs, as a function of its own: the loop over substeps is slow where it holds all effects.
+struct Turning<'a, S: Simd> {
+    effects: &'a mut [Any<S>],
+    knob: &'a mut Pair<S>,
+    length: Lanes<S>,
+}
+
+impl<S: Simd> NullaryFnOnce for Turning<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for effect in self.effects {
+            effect.turn(self.knob, self.length);
         }
     }
 }

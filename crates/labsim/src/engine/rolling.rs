@@ -11,7 +11,7 @@
 mod contact;
 mod impact;
 
-use pulp::{Arch, Scalar, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
 
 use self::contact::substep;
 use super::actuation::Actuation;
@@ -19,7 +19,7 @@ use super::camera::Camera;
 use super::{Job, Setup, Sink};
 use crate::effects::Any;
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Push, Rims};
+use crate::motion::{Marbles, Pair, Push, Rims};
 
 /// The most rollouts to a group.
 pub(crate) const GROUP: usize = 32;
@@ -262,9 +262,11 @@ impl<S: Simd> Register<S> {
         out: &mut [Sink<'_>],
     ) {
         if out.iter().any(|out| !out.tilt.is_empty()) {
-            // Apart, so that rollouts without are as fast as if there were no tilt.
-            let simd = self.rims.reach_x.simd();
-            simd.vectorize(|| self.gauge(row, company, out));
+            let [x, y] = self.actuation.gauged();
+            let (x, y) = (x.to_array(), y.to_array());
+            for (lane, (job, out)) in company.jobs.iter().zip(&mut *out).enumerate() {
+                out.tilt[row - job.first] = [x[lane], y[lane]];
+            }
         }
         if row > company.filler.first && self.camera.agenda.is_some() {
             return;
@@ -282,15 +284,6 @@ impl<S: Simd> Register<S> {
         }
     }
 
-    /// Writes down what the tilt sensor reports as a row begins.
-    #[inline(always)]
-    fn gauge(&mut self, row: usize, company: Company<'_, '_>, out: &mut [Sink<'_>]) {
-        let [x, y] = self.actuation.gauged().map(Lanes::to_array);
-        for (lane, (job, out)) in company.jobs.iter().zip(out).enumerate() {
-            out.tilt[row - job.first] = [x[lane], y[lane]];
-        }
-    }
-
     #[inline(always)]
     pub(super) fn substep(
         &mut self,
@@ -303,9 +296,14 @@ impl<S: Simd> Register<S> {
             self.actuation.substep(row, index);
         }
         let mut push = self.actuation.push;
-        for effect in &mut self.forces {
-            effect.pass(&self.actuation.tilt, push.length);
-            effect.act(marbles, &mut push);
+        if !self.forces.is_empty() {
+            let simd = self.rims.reach_x.simd();
+            simd.vectorize(Acting {
+                effects: &mut self.forces,
+                tilt: &self.actuation.tilt,
+                marbles,
+                push: &mut push,
+            });
         }
         let end = f64::from(index) + 1.0;
         if !self.camera.is_due(end) {
@@ -325,6 +323,27 @@ impl<S: Simd> Register<S> {
             self.camera
                 .expose(row, stretch, motion, &self.actuation, write);
         });
+    }
+}
+
+/// What effects do to marbles in a substep, as a function of its own: the loop over substeps is slow where it
+/// holds all effects.
+struct Acting<'a, S: Simd> {
+    effects: &'a mut [Any<S>],
+    tilt: &'a Pair<S>,
+    marbles: &'a Marbles<S>,
+    push: &'a mut Push<S>,
+}
+
+impl<S: Simd> NullaryFnOnce for Acting<'_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for effect in self.effects {
+            effect.pass(self.tilt, self.push.length);
+            effect.act(self.marbles, self.push);
+        }
     }
 }
 
