@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt import catalogue
 from irt.errors import IrtError
-from irt.model import LEAN, TILT_SENSOR, Model, Parameter
-from irt.recording import KNOBS, Recording
+from irt.measured_tilt import as_played, begun_at_tilt
+from irt.model import LEAN, Model
+from irt.recording import Recording
 from irt.segments import LEAD_ROWS, Segment, check_length, guess, inputs_of, row_seconds, rows_of, segment_of
-from irt.start_state import Inputs, estimate_start_states, simulate, simulate_tilt
+from irt.start_state import estimate_start_states, simulate, simulate_tilt
 
 Array = NDArray[np.float64]
 
@@ -228,7 +228,7 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
         raise IrtError("no recording to evaluate the model on")
     check_length(window_s)
     idle = _idle_axes(recordings)
-    recordings = [_begun(model, recording) for recording in recordings]
+    recordings = [begun_at_tilt(model, recording) for recording in recordings]
     observed = [recording.marble for recording in recordings]
     free = [_free_run(model, recording) for recording in recordings]
     windowed, firsts = _windowed(model, recordings, window_s)
@@ -256,63 +256,6 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
         tilt=_tilt_errors(tilts, recordings),
         played=_errors(played, observed, idle),
     )
-
-
-def as_played(model: Model, recording: Recording) -> tuple[Model, Recording] | None:
-    """Return model and recording in which the measured tilt moves the board, in the place of the commands.
-
-    What acts between command and tilt is left out of the model. Between rows the tilt runs straight, and so
-    it does across rows where it was not measured. None where it was not measured about both axes.
-    """
-    if not has_both_tilts(recording):
-        return None
-    sensor = next((one.parameters for one in model.effects if one.name == TILT_SENSOR), {})
-    zero = np.array([sensor.get("zero_x_rad", 0.0), sensor.get("zero_y_rad", 0.0)])
-    gain = np.array([sensor.get("gain_x", 1.0), sensor.get("gain_y", 1.0)])
-    parameters = {**model.parameters, "gear_x": Parameter(1.0), "gear_y": Parameter(1.0)}
-    kept = tuple(one for one in model.effects if not catalogue.effect(one.name).moves_board)
-    return replace(model, parameters=parameters, effects=kept), play_tilt(recording, zero, gain)
-
-
-def has_both_tilts(recording: Recording) -> bool:
-    """Whether the tilt was measured about both axes, if only in some rows."""
-    return recording.tilt is not None and bool(np.isfinite(recording.tilt).any(axis=0).all())
-
-
-def play_tilt(recording: Recording, zero: Array, gain: Array) -> Recording:
-    """Return a recording whose commands are its measured tilt, less (2,) zeros, over (2,) gains [rad].
-
-    They run straight from row to row, and across rows where the tilt was not measured.
-    """
-    assert recording.tilt is not None, recording.name
-    rows = np.arange(len(recording.tilt))
-    columns = [np.interp(rows, rows[np.isfinite(tilt)], tilt[np.isfinite(tilt)]) for tilt in recording.tilt.T]
-    return replace(
-        recording,
-        knobs=(np.stack(columns, axis=1) - zero) / gain,
-        tilt=None,
-        hold="first",
-        before=None,
-        columns=KNOBS,
-    )
-
-
-def _begun(model: Model, recording: Recording) -> Recording:
-    """Return a recording in motion with the commands before row 0 that led to the tilt measured there.
-
-    As the marble's place in row 0, this is the state that a prediction starts from: what was commanded before
-    the recording begins is not known, and an actuator's delay and lag remember it.
-    """
-    if model.start != "moving" or recording.tilt is None or not np.isfinite(recording.tilt[0]).all():
-        return recording
-    rest = Inputs.of_whole(np.zeros((1, 1, 2)))
-    slope = np.array([model.parameters[name].value for name in ("gear_x", "gear_y")])
-    sensor = next((one.parameters for one in model.effects if one.name == TILT_SENSOR), {})
-    slope *= [sensor.get("gain_x", 1.0), sensor.get("gain_y", 1.0)]
-    level = simulate_tilt(model, replace(rest, before=np.zeros((1, 2))))[0, 0]
-    if not slope.all():
-        return recording
-    return replace(recording, before=(recording.tilt[0] - level) / slope)
 
 
 def _free_run(model: Model, recording: Recording) -> Array:

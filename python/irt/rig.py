@@ -192,7 +192,7 @@ class Rig:
         return any(recording.has_tilt for recording in self.recordings)
 
     def of_marbles(self) -> Rig:
-        """Return the recordings in which the marble was seen, without the tilt: for what looks at places alone.
+        """Return the rig of the recordings with a marble, without the tilt: for what looks at places alone.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class Rig:
             return self
         if not kept:
             raise IrtError(
-                f"{self.path}: no recording has a marble, which this needs; 'irt tune' fits commands to tilt alone"
+                f"{self.path}: no recording has a marble, which this needs; 'irt tune' fits the tilt alone"
             )
         return replace(self, recordings=kept)
 

@@ -25,6 +25,7 @@ LAYERS = (
     "check",
     "fitting",
     "residual",
+    "measured_tilt",
     "segments",
     "start_state",
     "rollouts",

@@ -20,9 +20,9 @@ from irt.catalogue import effects as catalogue
 from irt.fitting.identifiability import with_intervals
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem, Solution
+from irt.measured_tilt import has_both_tilts, play_tilt
 from irt.model import TILT_SENSOR, Effect, Parameter
 from irt.recording import Recording
-from irt.residual import has_both_tilts, play_tilt
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import Engine
 from irt.segments import segments

@@ -25,8 +25,8 @@ from irt.fitting.fit import Estimate, FitResult, Iteration, Progress
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem
+from irt.measured_tilt import has_both_tilts
 from irt.model import GEAR_MATRIX, TILT_SENSOR, Effect, Model, Parameter
-from irt.residual import has_both_tilts
 from irt.rig import PARAMETERS, Rig
 from irt.rollouts import SUBSTEP_S, Engine
 from irt.segments import segments

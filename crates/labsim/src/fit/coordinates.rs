@@ -13,9 +13,12 @@
 //! Effects' parameters have logarithms where they are scales, and otherwise count in their ranges.
 
 mod bounds;
+mod shrunk;
 
+pub(super) use self::shrunk::Group;
+use self::shrunk::groups_of_effects;
 use super::axis::{Axis, Shape, base_axis, effect_axis};
-use super::problem::{Hypothesis, LEAN, Problem, Sought};
+use super::problem::{Problem, Sought};
 use crate::error::Result;
 
 pub(super) const GEAR_X: usize = 0;
@@ -26,11 +29,6 @@ pub(super) const SCALE: usize = 4;
 
 /// A logarithm needs a smallest value: this share of the largest that is allowed.
 pub(super) const SMALLEST: f64 = 1e-4;
-
-/// The size with which a map is let go, over the half width of its coefficients' range.
-const OPEN: f64 = 0.3;
-/// Precision (in coordinates) with which one that is held at zero is known.
-const HELD: f64 = 1e12;
 
 /// The map between values (the five parameters and then the effects', in their own units) and the
 /// coordinates z of the free ones.
@@ -46,20 +44,6 @@ pub(super) struct Coordinates {
     /// Where the leans begin among the axes, and how many values the problem itself has.
     tail: usize,
     own: usize,
-}
-
-/// Coordinates that are drawn from one normal distribution about zero.
-#[derive(Debug, Clone)]
-pub(super) struct Group {
-    /// The effect whose they are.
-    pub(super) effect: &'static str,
-    pub(super) axes: Vec<usize>,
-    /// The distribution's standard deviation, in the parameters' unit; zero holds them at zero.
-    pub(super) size: f64,
-    /// How often residuals repeat each other, which would else outweigh the distribution.
-    repetition: f64,
-    /// The value that reports the size.
-    slot: Option<usize>,
 }
 
 impl Coordinates {
@@ -113,131 +97,6 @@ impl Coordinates {
         Ok(coordinates)
     }
 
-    /// Adds a pair of coordinates for each recording: its lean.
-    fn add_leans(&mut self, problem: &Problem<'_>, slot: usize) -> Result<()> {
-        for _ in problem.recordings {
-            for axis in 0..2 {
-                let Some((effect, parameter)) = problem.effect_parameter(slot + axis) else {
-                    continue;
-                };
-                let place = self.held.len();
-                let range = match problem.sought().nth(slot + axis) {
-                    Some(Sought::Free { range, .. }) => range,
-                    _ => parameter.range,
-                };
-                self.axes
-                    .push(effect_axis(effect, parameter, place, range)?);
-                self.held.push(0.0);
-            }
-        }
-        let axes: Vec<usize> = (self.tail..self.axes.len()).collect();
-        let size = axes.first().map_or(0.0, |&i| self.axes[i].half_width());
-        self.groups.push(Group {
-            effect: LEAN,
-            axes,
-            size,
-            repetition: 1.0,
-            slot: Some(slot + 2),
-        });
-        Ok(())
-    }
-
-    /// Those that are shrunk towards zero.
-    pub(super) fn groups(&self) -> &[Group] {
-        &self.groups
-    }
-
-    /// Sets the size of a group; residuals repeat each other so often.
-    pub(super) fn resize(&mut self, group: usize, size: f64, repetition: f64) {
-        let group = &mut self.groups[group];
-        (group.size, group.repetition) = (size, repetition);
-        if let Some(slot) = group.slot {
-            self.held[slot] = size;
-        }
-    }
-
-    /// Takes the sizes that values report or have.
-    pub(super) fn take_sizes(&mut self, values: &[f64]) {
-        for group in &mut self.groups {
-            match group.slot {
-                Some(slot) if values[slot] > 0.0 => {
-                    group.size = values[slot];
-                    self.held[slot] = values[slot];
-                }
-                Some(_) => {}
-                None => {
-                    let squares = group
-                        .axes
-                        .iter()
-                        .map(|&i| values[self.axes[i].slot].powi(2));
-                    group.size = (squares.sum::<f64>() / group.axes.len() as f64).sqrt();
-                }
-            }
-        }
-    }
-
-    /// Lets the maps that are held at zero go, with a size that shrinks them little; false where there are none.
-    pub(super) fn open_maps(&mut self) -> bool {
-        let mut opened = false;
-        for group in &mut self.groups {
-            if group.is_map() && group.size == 0.0 {
-                group.size = OPEN * self.axes[group.axes[0]].half_width();
-                opened = true;
-            }
-        }
-        opened
-    }
-
-    /// The sizes of all groups.
-    pub(super) fn sizes(&self) -> Vec<f64> {
-        self.groups.iter().map(|group| group.size).collect()
-    }
-
-    /// Coordinates with those of groups of no size at zero.
-    pub(super) fn shrunk(&self, mut z: Vec<f64>) -> Vec<f64> {
-        for group in self.groups.iter().filter(|group| group.size == 0.0) {
-            for &i in &group.axes {
-                z[i] = 0.0;
-            }
-        }
-        z
-    }
-
-    /// Whether a coordinate is held at zero, being of a group without a size.
-    pub(super) fn is_held(&self, i: usize) -> bool {
-        let mut groups = self.groups.iter();
-        groups.any(|group| group.size == 0.0 && group.axes.contains(&i))
-    }
-
-    /// What each coordinate's square costs, twice: its precision before anything was seen; nothing where it is
-    /// held.
-    pub(super) fn precisions(&self) -> Vec<f64> {
-        let mut precisions = vec![0.0; self.axes.len()];
-        for group in &self.groups {
-            for &i in &group.axes {
-                if group.size > 0.0 {
-                    precisions[i] = group.repetition * (self.unit(i) / group.size).powi(2);
-                }
-            }
-        }
-        precisions
-    }
-
-    /// How well each coordinate was known before anything was seen: its precision.
-    pub(super) fn known_before(&self) -> Vec<f64> {
-        let mut precisions = self.precisions();
-        for group in &self.groups {
-            for &i in &group.axes {
-                precisions[i] = if group.size > 0.0 {
-                    precisions[i] / group.repetition
-                } else {
-                    HELD
-                };
-            }
-        }
-        precisions
-    }
-
     /// The first coordinate of the leans: a pair for each recording from there on.
     pub(super) fn tail(&self) -> usize {
         self.tail
@@ -270,15 +129,6 @@ impl Coordinates {
     /// Whether two coordinates are leans of different recordings, which no residual ties together.
     pub(super) fn are_apart(&self, i: usize, j: usize) -> bool {
         i.min(j) >= self.tail && (i - self.tail) / 2 != (j - self.tail) / 2
-    }
-
-    fn is_shrunk(&self, i: usize) -> bool {
-        self.groups.iter().any(|group| group.axes.contains(&i))
-    }
-
-    /// How many coordinates a draw is over.
-    pub(super) fn drawn_axes(&self) -> usize {
-        (0..self.len()).filter(|&i| !self.is_shrunk(i)).count()
     }
 
     /// How many coordinates there are.
@@ -486,195 +336,9 @@ impl Coordinates {
     }
 }
 
-/// Those of effects whose parameters are shrunk, each of which is one group.
-fn groups_of_effects(problem: &Problem<'_>, axes: &[Axis]) -> Vec<Group> {
-    let effects = problem.effects.iter().zip(problem.slots_of_effects());
-    let group = |(one, slots): (&Hypothesis, std::ops::Range<usize>)| {
-        let is_own = |&i: &usize| slots.contains(&axes[i].slot);
-        let own: Vec<usize> = (0..axes.len()).filter(is_own).collect();
-        (one.effect.shrunk && !own.is_empty()).then_some(Group {
-            effect: one.effect.name,
-            // A map can explain any single run: it is at zero until it predicts others.
-            size: 0.0,
-            axes: own,
-            repetition: 1.0,
-            slot: None,
-        })
-    };
-    effects.filter_map(group).collect()
-}
-
-impl Group {
-    /// Whether its coefficients are those of a map, the same in all recordings.
-    pub(super) fn is_map(&self) -> bool {
-        self.slot.is_none()
-    }
-}
-
 fn rms(a: f64, b: f64) -> f64 {
     (0.5 * (a * a + b * b)).sqrt()
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::board::Rig;
-    use crate::effects::effect;
-    use crate::engine::{Engine, Hold};
-    use crate::fit::{Hypothesis, Sought};
-
-    /// The optional difference of the lags about x and y, and the time of the break-away, are held.
-    const VALUES: [f64; 11] = [
-        0.06, 0.03, 4e-4, 20.0, 1.05, 0.3, 0.0, 0.002, -0.003, 3.0, 0.0,
-    ];
-    const FREE: usize = 9;
-
-    /// The five over their ranges, and a lag, a bias and a ratio.
-    fn coordinates() -> Coordinates {
-        let ranges = [
-            (0.0, 0.1),
-            (0.0, 0.1),
-            (0.0, 0.001),
-            (0.0, 50.0),
-            (0.8, 1.2),
-        ];
-        let names = ["lag", "tilt_bias", "static_friction"];
-        let effects = names.map(|name| Hypothesis::free(effect(name).unwrap()));
-        let problem = Problem {
-            rig: &Rig::default(),
-            parameters: ranges.map(|range| Sought::Free { range, start: None }),
-            effects: &effects,
-            recordings: &[],
-            stretches: &[],
-            noise: None,
-            tilt_noise: None,
-            engine: Engine::Rolling,
-            hold: Hold::Zero,
-            threads: None,
-        };
-        Coordinates::new(&problem, [1.0; 2]).unwrap()
-    }
-
-    fn assert_near(one: &[f64], other: &[f64], tolerance: f64) {
-        for (one, other) in one.iter().zip(other) {
-            assert!(
-                (one - other).abs() <= tolerance * (1.0 + other.abs()),
-                "{one} {other}"
-            );
-        }
-    }
-
-    #[test]
-    fn values_come_back() {
-        let coordinates = coordinates();
-        assert_near(
-            &coordinates.to_values(&coordinates.to_z(&VALUES)),
-            &VALUES,
-            1e-12,
-        );
-    }
-
-    #[test]
-    fn along_the_symmetries_products_stand_still() {
-        let coordinates = coordinates();
-        let z = coordinates.to_z(&VALUES);
-        let moved = coordinates.to_values(&coordinates.along_time(&z, 25.0).unwrap());
-        let slower = 25.0 / VALUES[TIME];
-        let push = slower.powi(-2);
-        let effects = [
-            VALUES[5] * slower,
-            0.0,
-            VALUES[7] * push,
-            VALUES[8] * push,
-            VALUES[9],
-        ];
-        assert_near(&moved[3..5], &[25.0, VALUES[SCALE]], 1e-12);
-        assert_near(&moved[5..], &effects, 1e-12);
-        let scaled = coordinates.to_values(&coordinates.shifted(&z, SCALE, 0.01));
-        for i in 0..3 {
-            let time = |values: &[f64]| values[i] * values[TIME] * values[TIME];
-            assert_near(&[time(&moved)], &[time(&VALUES)], 1e-12);
-            assert_near(
-                &[scaled[i] * scaled[SCALE]],
-                &[VALUES[i] * VALUES[SCALE]],
-                1e-12,
-            );
-        }
-    }
-
-    #[test]
-    fn a_gear_moves_without_the_friction() {
-        let coordinates = coordinates();
-        let z = coordinates.to_z(&VALUES);
-        let moved = coordinates.to_values(&coordinates.shifted(&z, GEAR_X, 0.1));
-        assert_near(&moved[1..], &VALUES[1..], 1e-12);
-        // To first order the direction is the one that slopes are unwound by.
-        let step = 1e-6;
-        let along = coordinates.along(&z, GEAR_X);
-        let shifted = coordinates.shifted(&z, GEAR_X, step);
-        for (i, rate) in along {
-            assert_near(&[(shifted[i] - z[i]) / step], &[rate], 1e-5);
-        }
-    }
-
-    #[test]
-    fn derivatives_are_those_of_the_maps() {
-        let coordinates = coordinates();
-        for values in [
-            VALUES,
-            [
-                0.15, 0.05, 0.002, 60.0, 0.7, 1.2, 0.0, 0.013, 0.0, 11.0, 0.0,
-            ],
-        ] {
-            let z = coordinates.to_z(&values);
-            let (derivative, slope) = (coordinates.derivative(&z), coordinates.excess_slope(&z));
-            for j in 0..z.len() {
-                let beside = |step: f64| {
-                    let mut z = z.clone();
-                    z[j] += step;
-                    z
-                };
-                let (ahead, behind) = (beside(1e-6), beside(-1e-6));
-                let difference = |of: &dyn Fn(&[f64]) -> Vec<f64>| -> Vec<f64> {
-                    let pairs = of(&ahead).into_iter().zip(of(&behind));
-                    pairs
-                        .map(|(ahead, behind)| (ahead - behind) / 2e-6)
-                        .collect()
-                };
-                let column =
-                    |matrix: &[Vec<f64>]| matrix.iter().map(|row| row[j]).collect::<Vec<_>>();
-                assert_near(
-                    &difference(&|z| {
-                        let values = coordinates.to_values(z);
-                        coordinates
-                            .slots()
-                            .iter()
-                            .map(|&slot| values[slot])
-                            .collect()
-                    }),
-                    &column(&derivative),
-                    1e-6,
-                );
-                assert_near(
-                    &difference(&|z| coordinates.excess(z)),
-                    &column(&slope),
-                    1e-4,
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn whatever_a_step_proposes_stays_within_reach() {
-        let coordinates = coordinates();
-        for far in [-20.0, 20.0] {
-            let clipped = coordinates.clip(&[far; FREE]);
-            assert_near(&coordinates.clip(&clipped), &clipped, 1e-12);
-            let values = coordinates.to_values(&clipped);
-            assert!((0.0..=0.3 + 1e-9).contains(&values[GEAR_X]));
-            assert!((0.5..=150.0 + 1e-9).contains(&values[TIME]));
-            assert!(values[5] >= 0.0, "{values:?}");
-            assert!(values[9] >= 1.0, "{values:?}");
-        }
-    }
-}
+mod tests;
