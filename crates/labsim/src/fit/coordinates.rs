@@ -121,6 +121,17 @@ impl Coordinates {
         }
     }
 
+    /// Standard deviation of a coordinate that lies anywhere in its range.
+    pub(super) fn spread_of_range(&self, i: usize) -> f64 {
+        let axis = &self.axes[i];
+        let width = match axis.shape {
+            Shape::Logarithm => (axis.high / axis.low.max(axis.lower)).ln(),
+            Shape::Friction => 1.0,
+            Shape::Linear(unit) => (axis.high - axis.low) / unit,
+        };
+        width / 12f64.sqrt()
+    }
+
     /// The value of a linear coordinate.
     pub(super) fn value(&self, z: &[f64], i: usize) -> f64 {
         z[i] * self.unit(i)

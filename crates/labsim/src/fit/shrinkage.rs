@@ -140,11 +140,13 @@ pub(super) fn evidence(
                 matrix[(rows[i], columns[j])]
             })
         };
-        // What the other coordinates can take up is no evidence.
+        // What the other coordinates can take up within their ranges is no evidence. Without the ranges they could
+        // take up all: pushes of any size look the same at another scale of the picture.
         let mut of_others = part(&others, &others);
         let largest = of_others.diagonal().amax().max(f64::MIN_POSITIVE);
         for (i, &other) in others.iter().enumerate() {
-            of_others[(i, i)] += prior[other] + 1e-9 * largest;
+            let range = repetition / coordinates.spread_of_range(other).powi(2);
+            of_others[(i, i)] += prior[other] + range + 1e-9 * largest;
         }
         let pulled = DVector::from_fn(others.len(), |i, _| {
             gradient[others[i]] + prior[others[i]] * point.z[others[i]]
