@@ -38,7 +38,7 @@ def run(command: list[str], folder: Path) -> str:
 
 
 def test_commands(folder: Path) -> None:
-    for line in code("sh", "irt tune").splitlines():
+    for line in code("sh", "irt tune my-rig --out tuned").splitlines():
         if line.startswith("irt "):
             run(["sh", "-c", line], folder)
 

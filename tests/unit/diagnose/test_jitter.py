@@ -134,7 +134,7 @@ def test_delays_that_differ_are_looked_for_beside_what_else_is_missing(plant, mo
 
 def neutral(search, names):
     """Return the base model's values, and of effects those without effect, (1, n)."""
-    values = [one.neutral for name in names for one in effect(name).parameters]
+    values = [one.neutral for name in names for one in effect(name).parameters if not one.optional]
     return np.array([[*search.base.values, *values]])
 
 
