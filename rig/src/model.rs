@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use labsim::effects::effect;
-use labsim::{About, Chosen, Live, Parameters, PerRollout, Rig};
+use labsim::{EffectInstance, EffectSpec, Live, Parameters, PerRollout, Rig};
 use serde::Deserialize;
 
 use crate::error::{Error, Result};
@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 pub struct Model {
     rig: Rig,
     parameters: Parameters,
-    effects: Vec<(&'static About, Vec<f64>)>,
+    effects: Vec<(&'static EffectSpec, Vec<f64>)>,
 }
 
 #[derive(Deserialize)]
@@ -104,10 +104,10 @@ impl Model {
     /// # Errors
     /// [`Error::Refused`] for what the engine refuses.
     pub fn live(&self, start: [f64; 2], rows: (usize, f64), seed: u64) -> Result<Live> {
-        let effects: Vec<Chosen<'_>> = self
+        let effects: Vec<EffectInstance<'_>> = self
             .effects
             .iter()
-            .map(|(effect, values)| Chosen {
+            .map(|(effect, values)| EffectInstance {
                 effect,
                 values: PerRollout::Shared(values),
             })
@@ -119,7 +119,7 @@ impl Model {
 
 fn read_effect(
     table: &BTreeMap<String, toml::Value>,
-) -> std::result::Result<(&'static About, Vec<f64>), String> {
+) -> std::result::Result<(&'static EffectSpec, Vec<f64>), String> {
     let name = table
         .get("name")
         .and_then(toml::Value::as_str)

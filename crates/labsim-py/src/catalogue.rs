@@ -1,6 +1,6 @@
 //! The engine's catalogue of effects as plain Python values.
 
-use labsim::Chosen;
+use labsim::EffectInstance;
 use labsim::effects::{apart, effect, effects};
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
@@ -29,7 +29,7 @@ type Parameter = (
 type Flags = (bool, bool, bool, bool, bool);
 
 /// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, flags.
-type About = (
+type EffectSpec = (
     &'static str,
     String,
     &'static str,
@@ -43,7 +43,7 @@ type About = (
 
 /// The catalogue of effects, in the order in which they act, and what stands apart; see `irt.effects`.
 #[pyfunction(name = "effects")]
-pub(crate) fn catalogue() -> Vec<About> {
+pub(crate) fn catalogue() -> Vec<EffectSpec> {
     let listed = effects().iter().map(|about| (about, true));
     let apart = apart().iter().map(|about| (about, false));
     listed
@@ -87,7 +87,7 @@ pub(crate) fn catalogue() -> Vec<About> {
 }
 
 /// Effects by name with the values of their parameters, `(1 or n, p)` each.
-pub(crate) struct Values(Vec<(&'static labsim::About, Vec<f64>)>);
+pub(crate) struct Values(Vec<(&'static labsim::EffectSpec, Vec<f64>)>);
 
 impl Values {
     pub(crate) fn new(named: &[(String, PyReadonlyArray2<'_, f64>)]) -> PyResult<Self> {
@@ -98,10 +98,10 @@ impl Values {
         named.iter().map(of_one).collect::<PyResult<_>>().map(Self)
     }
 
-    pub(crate) fn chosen(&self, rollouts: usize) -> Vec<Chosen<'_>> {
+    pub(crate) fn chosen(&self, rollouts: usize) -> Vec<EffectInstance<'_>> {
         self.0
             .iter()
-            .map(|(effect, values)| Chosen {
+            .map(|(effect, values)| EffectInstance {
                 effect,
                 values: arrays::shared_or_each(values, effect.parameters.len(), rollouts),
             })

@@ -2,7 +2,7 @@
 
 use labsim::effects::effect;
 use labsim::error::Error;
-use labsim::fit::{Hypothesis, Information, Problem, Recording, Settings, Sought, Stretch};
+use labsim::fit::{Hypothesis, Information, ParameterSpec, Problem, Recording, Settings, Stretch};
 use labsim::{Engine, Hold, Rig};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
@@ -17,7 +17,7 @@ type Vector<'py> = PyReadonlyArray1<'py, f64>;
 /// A problem in Rust's own words, which need neither Python nor its arrays.
 struct Owned {
     rig: Rig,
-    parameters: [Sought; 5],
+    parameters: [ParameterSpec; 5],
     effects: Vec<Hypothesis>,
     recordings: Vec<OwnedRecording>,
     stretches: Vec<Stretch>,
@@ -73,27 +73,28 @@ impl Owned {
     fn new(asked: &Asked<'_>) -> PyResult<Self> {
         let sought = |[low, high, start]: [f64; 3]| {
             if low.is_nan() {
-                Sought::Held(start)
+                ParameterSpec::Held(start)
             } else {
                 let start = Some(start).filter(|start| !start.is_nan());
-                Sought::Free {
+                ParameterSpec::Free {
                     range: (low, high),
                     start,
                 }
             }
         };
-        let all = |matrix: &Matrix<'_>| -> PyResult<Vec<Sought>> {
+        let all = |matrix: &Matrix<'_>| -> PyResult<Vec<ParameterSpec>> {
             Ok(arrays::rows::<3>(matrix)?.into_iter().map(sought).collect())
         };
-        let parameters = all(&asked.parameters)?
-            .try_into()
-            .map_err(|all: Vec<Sought>| {
-                errors::to_python(Error::Invalid {
-                    what: "parameters".to_owned(),
-                    expected: "5".to_owned(),
-                    got: all.len().to_string(),
-                })
-            })?;
+        let parameters =
+            all(&asked.parameters)?
+                .try_into()
+                .map_err(|all: Vec<ParameterSpec>| {
+                    errors::to_python(Error::Invalid {
+                        what: "parameters".to_owned(),
+                        expected: "5".to_owned(),
+                        got: all.len().to_string(),
+                    })
+                })?;
         let effects = asked.effects.iter().map(|(name, values)| {
             Ok(Hypothesis {
                 effect: effect(name).map_err(errors::to_python)?,

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use criterion::{Criterion, SamplingMode, Throughput, criterion_group, criterion_main};
-use labsim::{About, Batch, Chosen, Engine, PerRollout, Rig, effects, paper_drive};
+use labsim::{Batch, EffectInstance, EffectSpec, Engine, PerRollout, Rig, effects, paper_drive};
 
 mod paper;
 
@@ -14,7 +14,7 @@ const ROLLOUTS: usize = 2048;
 
 /// Values in the middle of the plausible ones, a little different for each rollout, as in a search; choices
 /// are answered as usual, or the other way.
-fn values(effect: &About, is_usual: bool) -> Vec<f64> {
+fn values(effect: &EffectSpec, is_usual: bool) -> Vec<f64> {
     (0..ROLLOUTS)
         .flat_map(|rollout| {
             let place = 0.4 + 0.2 * rollout as f64 / ROLLOUTS as f64;
@@ -36,7 +36,7 @@ fn cost_of_effects(criterion: &mut Criterion) {
         .sample_size(10)
         .warm_up_time(Duration::from_millis(300))
         .measurement_time(Duration::from_secs(1));
-    let mut measure = |name: &str, chosen: &[Chosen<'_>]| {
+    let mut measure = |name: &str, chosen: &[EffectInstance<'_>]| {
         let batch = Batch {
             effects: chosen,
             ..Batch::new(&rig, &parameters, &commands)
@@ -50,7 +50,7 @@ fn cost_of_effects(criterion: &mut Criterion) {
     for effect in effects() {
         let mut measure = |name: &str, values: &[f64]| {
             let values = PerRollout::Each(values);
-            measure(name, &[Chosen { effect, values }]);
+            measure(name, &[EffectInstance { effect, values }]);
         };
         measure(effect.name, &values(effect, true));
         if let Some(choice) = effect.parameters.iter().find(|one| one.is_choice()) {

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use criterion::{BatchSize, Criterion, SamplingMode, criterion_group, criterion_main};
 use labsim::effects::effect;
-use labsim::fit::{Hypothesis, Problem, Recording, Settings, Sought, Stretch};
-use labsim::{Batch, Chosen, Engine, Hold, Parameters, PerRollout, Rig, TimeBase};
+use labsim::fit::{Hypothesis, ParameterSpec, Problem, Recording, Settings, Stretch};
+use labsim::{Batch, EffectInstance, Engine, Hold, Parameters, PerRollout, Rig, TimeBase};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -65,9 +65,9 @@ fn fits(criterion: &mut Criterion) {
         .sample_size(10)
         .measurement_time(Duration::from_secs(10));
     for (name, effects) in cases {
-        let chosen: Vec<Chosen<'_>> = effects
+        let chosen: Vec<EffectInstance<'_>> = effects
             .iter()
-            .map(|(name, values)| Chosen {
+            .map(|(name, values)| EffectInstance {
                 effect: effect(name).expect("it is of the catalogue"),
                 values: PerRollout::Shared(values),
             })
@@ -118,7 +118,7 @@ fn fits(criterion: &mut Criterion) {
             .collect();
         let problem = Problem {
             rig: &rig,
-            parameters: RANGES.map(|range| Sought::Free { range, start: None }),
+            parameters: RANGES.map(|range| ParameterSpec::Free { range, start: None }),
             effects: &hypotheses,
             recordings: &recordings,
             stretches: &stretches,

@@ -15,15 +15,15 @@ pub mod error;
 pub mod fit;
 mod lanes;
 mod motion;
+mod orientation;
 pub mod parameters;
 pub mod rollout;
-mod turning;
 
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;
-pub use effects::{About, Chosen, effects};
+pub use effects::{EffectInstance, EffectSpec, effects};
 pub use engine::{Engine, Hold, Live};
 pub use error::{Error, Result};
+pub use orientation::turned;
 pub use parameters::Parameters;
 pub use rollout::{Batch, Observed, PerRollout, TimeBase};
-pub use turning::turned;

@@ -1,6 +1,6 @@
 //! A batch of rollouts over the threads: the only parallel code of the engine.
 
-mod company;
+mod lane_packing;
 
 use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_2;
@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::board::Rig;
-use crate::effects::{Chosen, in_order};
+use crate::effects::{EffectInstance, in_order};
 use crate::engine::{Clock, Engine, Hold, Job, Setup, Sink, Step, rapier, rolling};
 use crate::error::{Error, Result};
 use crate::parameters::Parameters;
@@ -94,7 +94,7 @@ pub struct Batch<'a> {
     /// One set of parameters a rollout.
     pub parameters: &'a [Parameters],
     /// What the five parameters leave out; the order of naming does not matter.
-    pub effects: &'a [Chosen<'a>],
+    pub effects: &'a [EffectInstance<'a>],
     /// Rows observed of each rollout, the start included.
     pub rows: usize,
     /// Commands, a pair a row; command i counts from row i to row i + 1. Knob angles (rad), or in any other
@@ -372,18 +372,20 @@ impl<'a> Batch<'a> {
             })
             .collect();
         let jobs: Vec<&Job<'_>> = places.iter().flatten().map(|(job, _)| job).collect();
-        let order = company::order(&jobs, &self.rig.board, self.rows);
+        let order = lane_packing::order(&jobs, &self.rig.board, self.rows);
         // A small batch makes smaller groups, two for each thread: the long and the short ones.
         let share = places.len().div_ceil(2 * workers.max(1));
         let most = match engine {
             Engine::Rapier => share.min(rapier::GROUP),
             Engine::Rolling => share
-                .next_multiple_of(company::REGISTER)
+                .next_multiple_of(lane_packing::REGISTER)
                 .min(rolling::GROUP),
         };
         let together = |a: &usize, b: &usize| match engine {
             Engine::Rapier => true,
-            Engine::Rolling => company::may_share(jobs[*a], jobs[*b], self.rows, setup.is_plain()),
+            Engine::Rolling => {
+                lane_packing::may_share(jobs[*a], jobs[*b], self.rows, setup.is_plain())
+            }
         };
         let groups: Vec<&[usize]> = order
             .chunk_by(together)

@@ -4,7 +4,9 @@ use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
 use labsim::effects::{Parameter, known};
-use labsim::{About, Batch, Chosen, Engine, Live, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{
+    Batch, EffectInstance, EffectSpec, Engine, Live, Parameters, PerRollout, Rig, TimeBase,
+};
 use proptest::prelude::*;
 
 const ROWS: usize = 60;
@@ -34,7 +36,7 @@ fn parameters() -> [Parameters; 3] {
 
 fn run(
     engine: Engine,
-    effects: &[Chosen<'_>],
+    effects: &[EffectInstance<'_>],
     threads: usize,
     change: impl Fn(&mut Batch<'_>),
 ) -> Vec<[f64; 2]> {
@@ -51,8 +53,8 @@ fn run(
         .expect("the inputs are physical")
 }
 
-fn chosen<'a>(effect: &'static About, values: &'a [f64]) -> Chosen<'a> {
-    Chosen {
+fn chosen<'a>(effect: &'static EffectSpec, values: &'a [f64]) -> EffectInstance<'a> {
+    EffectInstance {
         effect,
         values: PerRollout::Shared(values),
     }
@@ -60,7 +62,7 @@ fn chosen<'a>(effect: &'static About, values: &'a [f64]) -> Chosen<'a> {
 
 /// Values at a place of a box, 0 to 1 along each side; choices are made by halves.
 fn values(
-    effect: &About,
+    effect: &EffectSpec,
     ends: fn(&Parameter) -> (f64, f64),
     place: impl Fn(usize) -> f64,
 ) -> Vec<f64> {
@@ -76,12 +78,12 @@ fn values(
 }
 
 /// Values at a place of the box of plausible ones.
-fn within(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
+fn within(effect: &EffectSpec, place: impl Fn(usize) -> f64) -> Vec<f64> {
     values(effect, |one| one.range, place)
 }
 
 /// Values at a place of the box of allowed ones.
-fn allowed(effect: &About, place: impl Fn(usize) -> f64) -> Vec<f64> {
+fn allowed(effect: &EffectSpec, place: impl Fn(usize) -> f64) -> Vec<f64> {
     values(effect, |one| (one.allowed.0, one.allowed.1.min(1e6)), place)
 }
 
@@ -100,8 +102,8 @@ fn at_neutral_values_a_rollout_keeps_every_bit() {
                 let same = run(engine, &[chosen(effect, &effect.neutral())], 1, change);
                 assert_eq!(same, base, "{} in {engine:?}", effect.name);
             }
-            let neutral: Vec<Vec<f64>> = known().map(About::neutral).collect();
-            let all: Vec<Chosen<'_>> = known()
+            let neutral: Vec<Vec<f64>> = known().map(EffectSpec::neutral).collect();
+            let all: Vec<EffectInstance<'_>> = known()
                 .zip(&neutral)
                 .map(|(effect, values)| chosen(effect, values))
                 .collect();
@@ -128,7 +130,7 @@ fn neighbours_that_are_not_neutral_do_not_matter() {
                     _ => within(effect, |_| 0.1 * (rollout % 10) as f64),
                 })
                 .collect();
-            let each = [Chosen {
+            let each = [EffectInstance {
                 effect,
                 values: PerRollout::Each(&values),
             }];
@@ -214,7 +216,7 @@ fn company_and_threads_do_not_matter() {
         .flat_map(|engine| [(engine, 0.4), (engine, 0.6)])
     {
         let values: Vec<Vec<f64>> = known().map(|effect| within(effect, |_| place)).collect();
-        let all: Vec<Chosen<'_>> = known()
+        let all: Vec<EffectInstance<'_>> = known()
             .zip(&values)
             .map(|(effect, values)| chosen(effect, values))
             .collect();
@@ -224,7 +226,7 @@ fn company_and_threads_do_not_matter() {
             together,
             "{engine:?} with two threads"
         );
-        let backwards: Vec<Chosen<'_>> = all.iter().rev().copied().collect();
+        let backwards: Vec<EffectInstance<'_>> = all.iter().rev().copied().collect();
         assert_eq!(
             run(engine, &backwards, 1, |_| ()),
             together,

@@ -86,7 +86,7 @@ impl Drawn {
     }
 }
 
-/// Bits that must not depend on company: symptoms were contacts of one marble that changed order.
+/// Bits that must not depend on the neighbours: symptoms were contacts of one marble that changed order.
 #[test]
 fn company_and_threads_leave_every_bit() {
     let drawn = Drawn::new(130);

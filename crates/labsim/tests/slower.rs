@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use labsim::effects::{Parameter, effects};
-use labsim::{About, Batch, Board, Chosen, Engine, Parameters, PerRollout, Rig};
+use labsim::{Batch, Board, EffectInstance, EffectSpec, Engine, Parameters, PerRollout, Rig};
 use proptest::prelude::*;
 
 const ROWS: usize = 40;
@@ -33,7 +33,7 @@ fn commands() -> Vec<[f64; 2]> {
 }
 
 /// Where the marble goes on a board without end, its motion so many times slower.
-fn path(effect: &'static About, values: &[f64], slower: f64) -> Vec<[f64; 2]> {
+fn path(effect: &'static EffectSpec, values: &[f64], slower: f64) -> Vec<[f64; 2]> {
     let rig = Rig {
         board: Board {
             edge_x_m: 20.0,
@@ -53,7 +53,7 @@ fn path(effect: &'static About, values: &[f64], slower: f64) -> Vec<[f64; 2]> {
     .into()];
     let (commands, chosen) = (
         commands(),
-        [Chosen {
+        [EffectInstance {
             effect,
             values: PerRollout::Shared(values),
         }],
@@ -78,7 +78,7 @@ fn apart(one: &[[f64; 2]], other: &[[f64; 2]]) -> f64 {
 }
 
 /// Values at places of an effect's ranges, and the same where all of the motion runs slower.
-fn slowed(effect: &About, places: &[f64]) -> (Vec<f64>, Vec<f64>) {
+fn slowed(effect: &EffectSpec, places: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let at = |(one, place): (&Parameter, &f64)| {
         let (low, high) = one.range;
         let within = low + place * (high - low);

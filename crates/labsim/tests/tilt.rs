@@ -3,7 +3,10 @@
 use std::sync::atomic::AtomicBool;
 
 use labsim::effects::{effect, known};
-use labsim::{About, Batch, Chosen, Engine, Hold, Observed, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{
+    Batch, EffectInstance, EffectSpec, Engine, Hold, Observed, Parameters, PerRollout, Rig,
+    TimeBase,
+};
 
 const ROWS: usize = 40;
 const ROW_S: f64 = 0.05;
@@ -30,7 +33,7 @@ fn parameters() -> Vec<Parameters> {
 
 fn run(
     engine: Engine,
-    effects: &[(&'static About, Vec<f64>)],
+    effects: &[(&'static EffectSpec, Vec<f64>)],
     change: impl Fn(&mut Batch<'_>),
 ) -> Observed {
     run_on(engine, effects, &commands(), 2, change)
@@ -38,7 +41,7 @@ fn run(
 
 fn run_on(
     engine: Engine,
-    effects: &[(&'static About, Vec<f64>)],
+    effects: &[(&'static EffectSpec, Vec<f64>)],
     commands: &[[f64; 2]],
     threads: usize,
     change: impl Fn(&mut Batch<'_>),
@@ -67,29 +70,29 @@ fn run_on(
     observed
 }
 
-fn chosen<'a>(effects: &'a [(&'static About, Vec<f64>)]) -> Vec<Chosen<'a>> {
+fn chosen<'a>(effects: &'a [(&'static EffectSpec, Vec<f64>)]) -> Vec<EffectInstance<'a>> {
     effects
         .iter()
-        .map(|(effect, values)| Chosen {
+        .map(|(effect, values)| EffectInstance {
             effect,
             values: PerRollout::Shared(values),
         })
         .collect()
 }
 
-fn one(name: &str, values: &[f64]) -> Vec<(&'static About, Vec<f64>)> {
+fn one(name: &str, values: &[f64]) -> Vec<(&'static EffectSpec, Vec<f64>)> {
     vec![(effect(name).expect("it is known"), values.to_vec())]
 }
 
 /// Neutral but for the first parameter.
-fn first(effect: &About, value: f64) -> Vec<f64> {
+fn first(effect: &EffectSpec, value: f64) -> Vec<f64> {
     let mut values = effect.neutral();
     values[0] = value;
     values
 }
 
 /// Values at a place of the box of plausible ones; choices are made by halves.
-fn within(effect: &'static About, place: f64) -> (&'static About, Vec<f64>) {
+fn within(effect: &'static EffectSpec, place: f64) -> (&'static EffectSpec, Vec<f64>) {
     let at = |one: &labsim::effects::Parameter| {
         if one.is_choice() {
             return place.round();

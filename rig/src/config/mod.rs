@@ -85,9 +85,9 @@ pub enum Services {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arms {
-    /// About x.
+    /// EffectSpec x.
     pub x: Arm,
-    /// About y.
+    /// EffectSpec y.
     pub y: Arm,
 }
 

@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push, TINY};
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "anisotropic_friction",
     stage: Stage::Contact,
-    acts: Acts::OnMarble(Memory::None),
+    acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
     equation: "resistance = rolling_friction g |(v_along, ratio × v_across)|/|v|, along and across the grain",

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -21,10 +21,10 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "board_warp",
     stage: Stage::Board,
-    acts: Acts::OnMarble(Memory::None),
+    acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
     equation: "height = (c_xx x² + 2 c_xy x y + c_yy y²)/2, acceleration = -g grad(height)",

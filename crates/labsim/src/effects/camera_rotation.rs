@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "camera_rotation",
     stage: Stage::Sensing,
-    acts: Acts::OnPicture,
+    acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
     equation: "seen = (x cos a - y sin a, x sin a + y cos a)",

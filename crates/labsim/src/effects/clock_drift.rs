@@ -2,14 +2,14 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "clock_drift",
     stage: Stage::Timing,
-    acts: Acts::OnClock,
+    acts: Hook::OnClock,
     hypothesis: true,
     shrunk: false,
     equation: "row length = command length × (1 + drift (part of the recording that has passed - 1/2))",

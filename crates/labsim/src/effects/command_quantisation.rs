@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -10,10 +10,10 @@ use crate::motion::Pair;
 /// Steps below this (rad) are no steps: a command divided by them would not be a finite number.
 const FINEST: f64 = 1e-12;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "command_quantisation",
     stage: Stage::Actuation,
-    acts: Acts::OnKnob { moves: false },
+    acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
     equation: "knob = step × round(command/step)",

@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage, by_axis};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "dead_band",
     stage: Stage::Actuation,
-    acts: Acts::OnKnob { moves: false },
+    acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
     equation: "knob = command - clamp(command, -b, b)",
@@ -28,7 +28,7 @@ pub(super) const ABOUT: About = About {
         },
         Parameter::y_minus_x("y_minus_x_rad", "rad", 0.1, 20.0, 0),
     ],
-    does: "About zero the knob turns without moving the board, beyond that the board follows by so much less: a slack cord \
+    does: "EffectSpec zero the knob turns without moving the board, beyond that the board follows by so much less: a slack cord \
            with springs that hold the board level, or a controller that ignores small errors.",
     matters: "When commands are not much larger than the band; half the drive is lost where they are twice as large.",
     looks: "Drive is missing about zero, by a fixed angle beyond it, and the same way up and down: no memory, which a backlash has.",

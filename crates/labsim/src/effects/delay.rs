@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage, by_axis};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "delay",
     stage: Stage::Actuation,
-    acts: Acts::OnArrival,
+    acts: Hook::OnArrival,
     hypothesis: true,
     shrunk: false,
     equation: "knob(t) = command(t - delay)",

@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "delay_jitter",
     stage: Stage::Timing,
-    acts: Acts::OnArrival,
+    acts: Hook::OnArrival,
     hypothesis: true,
     shrunk: false,
     equation: "knob(t + late_i) = command_i, late_i = max(0, delay + sd × N(0, 1))",

@@ -4,15 +4,15 @@ use std::f64::consts::FRAC_PI_2;
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::{Lanes, Mask};
 use crate::motion::{Marbles, Push, Rolled, length};
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "eccentric_marble",
     stage: Stage::Contact,
-    acts: Acts::OnMarble(Memory::Turning),
+    acts: Hook::OnMarble(Memory::Turning),
     hypothesis: true,
     shrunk: false,
     equation: "acceleration = 5/7 offset (g e + (e · v) v/R), e the horizontal part of the direction of the heavy side, \

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -10,10 +10,10 @@ use crate::motion::{Marbles, Push};
 /// Half the width over which the resistance passes from one to the other (m).
 const HALF_RIM_M: f64 = 1e-3;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "frame_friction",
     stage: Stage::Contact,
-    acts: Acts::OnMarble(Memory::None),
+    acts: Hook::OnMarble(Memory::None),
     hypothesis: false,
     shrunk: false,
     equation: "resistance = rolling_friction g × factor where the marble is closer to the rim than width",

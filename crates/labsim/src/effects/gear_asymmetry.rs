@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -21,10 +21,10 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "gear_asymmetry",
     stage: Stage::Actuation,
-    acts: Acts::OnKnob { moves: false },
+    acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
     equation: "tilt = gear × (θ + a |θ|)",

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -21,10 +21,10 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "gear_matrix",
     stage: Stage::Board,
-    acts: Acts::OnTilt,
+    acts: Hook::OnTilt,
     hypothesis: false,
     shrunk: false,
     equation: "tilt_x = gear_x θ_x + a θ_y, tilt_y = gear_y θ_y + b θ_x",

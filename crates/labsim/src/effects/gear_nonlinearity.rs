@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage, by_axis};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "gear_nonlinearity",
     stage: Stage::Actuation,
-    acts: Acts::OnKnob { moves: false },
+    acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
     equation: "tilt = gear × (θ + b θ³)",

@@ -2,14 +2,14 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "latency",
     stage: Stage::Sensing,
-    acts: Acts::OnExposure,
+    acts: Hook::OnExposure,
     hypothesis: true,
     shrunk: false,
     equation: "seen(t) = marble(t - latency)",

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -21,10 +21,10 @@ const fn parameter(name: &'static str, range: (f64, f64), means: &'static str) -
     }
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "lean",
     stage: Stage::Board,
-    acts: Acts::OnTilt,
+    acts: Hook::OnTilt,
     hypothesis: false,
     shrunk: true,
     equation: "tilt = gear × knob + lean of this run, lean ~ size × N(0, 1)",

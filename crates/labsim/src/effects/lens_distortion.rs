@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -11,10 +11,10 @@ use crate::motion::Pair;
 /// corners, and before the strongest barrel folds the picture over at 1/(3 |k|).
 const OUTSIDE: f64 = 0.5;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "lens_distortion",
     stage: Stage::Sensing,
-    acts: Acts::OnPicture,
+    acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
     equation: "seen = position × (1 + k r²), r in board edges from the centre",

@@ -15,12 +15,12 @@
     reason = "code that is not inlined into the dispatched function runs without its SIMD registers"
 )]
 
-mod about;
+mod spec;
 
 use pulp::Simd;
 
-pub use self::about::{About, Parameter, Stage};
-pub(crate) use self::about::{Acts, Memory};
+pub use self::spec::{EffectSpec, Parameter, Stage};
+pub(crate) use self::spec::{Hook, Memory};
 use crate::board::Rig;
 use crate::error::{Error, Result};
 use crate::lanes::Lanes;
@@ -29,10 +29,10 @@ use crate::rollout::PerRollout;
 
 /// An effect and the values of its parameters.
 #[derive(Debug, Clone, Copy)]
-pub struct Chosen<'a> {
+pub struct EffectInstance<'a> {
     /// Which one.
-    pub effect: &'static About,
-    /// In the order of [`About::parameters`].
+    pub effect: &'static EffectSpec,
+    /// In the order of [`EffectSpec::parameters`].
     pub values: PerRollout<'a, f64>,
 }
 
@@ -40,67 +40,67 @@ pub struct Chosen<'a> {
 ///
 /// An effect acts in one place, which its `ABOUT` names, and implements the method of that place.
 pub(crate) trait Effect<S: Simd>: Clone {
-    /// `values` are in the order of [`About::parameters`].
+    /// `values` are in the order of [`EffectSpec::parameters`].
     fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self;
 
-    /// [`Acts::OnArrival`]: seconds by which a command comes late about x and about y; `draw` is standard
+    /// [`Hook::OnArrival`]: seconds by which a command comes late about x and about y; `draw` is standard
     /// normal, another for each call and rollout.
     fn late(&self, _draw: impl FnMut() -> Lanes<S>) -> Option<Pair<S>> {
         None
     }
 
-    /// [`Acts::OnClock`]: factor of a row's duration, the middle of which is `part` of the recording after
+    /// [`Hook::OnClock`]: factor of a row's duration, the middle of which is `part` of the recording after
     /// its middle; commands keep to the clock that the factor is of.
     #[inline(always)]
     fn pace(&self, part: Lanes<S>) -> Lanes<S> {
         part.like(1.0)
     }
 
-    /// [`Acts::OnKnob`]: the knob's angles (rad) on average over the next `length` seconds; the first call,
+    /// [`Hook::OnKnob`]: the knob's angles (rad) on average over the next `length` seconds; the first call,
     /// of zero seconds, asks where it settles if the angles have long been what they are. A copy that is asked
     /// for a vanishing length ([`crate::engine::PEEK_S`]) says where the knob is now.
     #[inline(always)]
     fn turn(&mut self, _knob: &mut Pair<S>, _length: Lanes<S>) {}
 
-    /// [`Acts::OnTilt`]: the board's angles (rad), and the knob's, which they come from.
+    /// [`Hook::OnTilt`]: the board's angles (rad), and the knob's, which they come from.
     #[inline(always)]
     fn tilt(&self, _tilt: &mut Pair<S>, _knob: &Pair<S>) {}
 
-    /// [`Acts::OnMarble`]: how the board is tilted (rad) in the next seconds, first those of which there are
+    /// [`Hook::OnMarble`]: how the board is tilted (rad) in the next seconds, first those of which there are
     /// none, before row 0; then while the marbles are held, and in each substep before [`Effect::act`].
     #[inline(always)]
     fn pass(&mut self, _tilt: &Pair<S>, _length: Lanes<S>) {}
 
-    /// [`Acts::OnMarble`]: the marbles are let go, and have rolled before.
+    /// [`Hook::OnMarble`]: the marbles are let go, and have rolled before.
     fn let_go(&mut self, _before: &Rolled<S>) {}
 
-    /// [`Acts::OnMarble`]: what acts on the marbles in the next substep.
+    /// [`Hook::OnMarble`]: what acts on the marbles in the next substep.
     #[inline(always)]
     fn act(&mut self, _marbles: &Marbles<S>, _push: &mut Push<S>) {}
 
-    /// [`Acts::OnRims`].
+    /// [`Hook::OnRims`].
     #[inline(always)]
     fn rims(&self, _rims: &mut Rims<S>) {}
 
-    /// [`Acts::OnPicture`]: where the camera sees a marble (board edges) while the board is tilted.
+    /// [`Hook::OnPicture`]: where the camera sees a marble (board edges) while the board is tilted.
     #[inline(always)]
     fn see(&self, _seen: &mut Pair<S>, _tilt: &Pair<S>) {}
 
-    /// [`Acts::OnExposure`]: seconds by which a picture is older than its row.
+    /// [`Hook::OnExposure`]: seconds by which a picture is older than its row.
     #[inline(always)]
     fn age(&self) -> Option<Lanes<S>> {
         None
     }
 
-    /// [`Acts::OnGauge`]: the board's angles (rad) as the tilt sensor reports them.
+    /// [`Hook::OnGauge`]: the board's angles (rad) as the tilt sensor reports them.
     #[inline(always)]
     fn gauge(&self, _tilt: &mut Pair<S>) {}
 }
 
 macro_rules! catalogue {
     ($($module:ident: $Type:ident),* ; apart: $($apart:ident: $Apart:ident),*) => {
-        static CATALOGUE: &[&About] = &[$(&$module::ABOUT),*];
-        static APART: &[&About] = &[$(&$apart::ABOUT),*];
+        static CATALOGUE: &[&EffectSpec] = &[$(&$module::ABOUT),*];
+        static APART: &[&EffectSpec] = &[$(&$apart::ABOUT),*];
 
         any! { $($module: $Type,)* $($apart: $Apart),* }
     };
@@ -117,7 +117,7 @@ macro_rules! any {
         }
 
         impl<S: Simd> Any<S> {
-            fn new(simd: S, rig: &Rig, about: &About, values: &[Lanes<S>]) -> Self {
+            fn new(simd: S, rig: &Rig, about: &EffectSpec, values: &[Lanes<S>]) -> Self {
                 $(if about.name == $module::ABOUT.name {
                     return Self::$Type($module::$Type::new(simd, rig, values));
                 })*
@@ -221,17 +221,17 @@ catalogue! {
 }
 
 /// The catalogue, in the order in which effects act: the hypotheses about a rig.
-pub fn effects() -> &'static [&'static About] {
+pub fn effects() -> &'static [&'static EffectSpec] {
     CATALOGUE
 }
 
 /// What simulates like an effect of the catalogue and is no hypothesis; it acts after those of its place.
-pub fn apart() -> &'static [&'static About] {
+pub fn apart() -> &'static [&'static EffectSpec] {
     APART
 }
 
 /// Every effect that the engine knows, in the order in which they act.
-pub fn known() -> impl Iterator<Item = &'static About> + Clone {
+pub fn known() -> impl Iterator<Item = &'static EffectSpec> + Clone {
     CATALOGUE.iter().chain(APART).copied()
 }
 
@@ -239,7 +239,7 @@ pub fn known() -> impl Iterator<Item = &'static About> + Clone {
 ///
 /// # Errors
 /// [`Error::Unknown`] lists the names that exist.
-pub fn effect(name: &str) -> Result<&'static About> {
+pub fn effect(name: &str) -> Result<&'static EffectSpec> {
     let found = known().find(|about| about.name == name);
     found.ok_or_else(|| Error::Unknown {
         kind: "effect",
@@ -259,8 +259,8 @@ fn by_axis<S: Simd>(mean: Lanes<S>, y_minus_x: Lanes<S>) -> Pair<S> {
 }
 
 /// Effects sorted by when they act.
-pub(crate) fn in_order<'a>(chosen: &[Chosen<'a>]) -> Vec<Chosen<'a>> {
-    let place = |one: &Chosen<'_>| known().position(|about| about.name == one.effect.name);
+pub(crate) fn in_order<'a>(chosen: &[EffectInstance<'a>]) -> Vec<EffectInstance<'a>> {
+    let place = |one: &EffectInstance<'_>| known().position(|about| about.name == one.effect.name);
     let mut sorted = chosen.to_vec();
     sorted.sort_by_key(place);
     sorted
@@ -270,8 +270,8 @@ pub(crate) fn in_order<'a>(chosen: &[Chosen<'a>]) -> Vec<Chosen<'a>> {
 pub(crate) fn acting<S: Simd>(
     simd: S,
     rig: &Rig,
-    chosen: &[Chosen<'_>],
-    places: impl Fn(Acts) -> bool,
+    chosen: &[EffectInstance<'_>],
+    places: impl Fn(Hook) -> bool,
     rollout: impl Fn(usize) -> usize,
 ) -> Vec<Any<S>> {
     let of_place = chosen.iter().filter(|one| places(one.effect.acts));

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -24,10 +24,10 @@ const fn parameter(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "perspective",
     stage: Stage::Sensing,
-    acts: Acts::OnPicture,
+    acts: Hook::OnPicture,
     hypothesis: true,
     shrunk: false,
     equation: "seen = position/(1 + p · position), in board edges from the centre",

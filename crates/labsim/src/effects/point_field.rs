@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -24,10 +24,10 @@ const fn place(name: &'static str, means: &'static str) -> Parameter {
 /// How far below the board, or above, the point lies (m).
 const DEPTH_M: f64 = 0.03;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "point_field",
     stage: Stage::Field,
-    acts: Acts::OnMarble(Memory::None),
+    acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
     equation: "acceleration = k d/(|d|² + (30 mm)²)^(3/2), d along the board from the marble to the point",

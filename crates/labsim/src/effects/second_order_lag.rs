@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage, by_axis};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage, by_axis};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "second_order_lag",
     stage: Stage::Actuation,
-    acts: Acts::OnKnob { moves: true },
+    acts: Hook::OnKnob { moves: true },
     hypothesis: false,
     shrunk: false,
     equation: "T² d²θ/dt² + 2 ζ T dθ/dt + θ = command",

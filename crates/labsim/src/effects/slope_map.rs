@@ -4,7 +4,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -44,10 +44,10 @@ const fn slope(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "slope_map",
     stage: Stage::Board,
-    acts: Acts::OnMarble(Memory::None),
+    acts: Hook::OnMarble(Memory::None),
     hypothesis: false,
     shrunk: true,
     equation: "height = Σ slope_ij n_ij cos(i π (x/edge_x + ½)) cos(j π (y/edge_y + ½)), acceleration = -g grad(height)",

@@ -2,15 +2,15 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::{Lanes, Mask};
 use crate::motion::Pair;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "spring_hysteresis",
     stage: Stage::Actuation,
-    acts: Acts::OnKnob { moves: false },
+    acts: Hook::OnKnob { moves: false },
     hypothesis: true,
     shrunk: false,
     equation: "θ = command + strength × z, dz = dcommand - (|dcommand| z + dcommand |z|)/(2 width): in one step a change if \

@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Push};
@@ -10,10 +10,10 @@ use crate::motion::{Marbles, Push};
 /// Speed along either axis below which a marble is at rest (m/s).
 const REST: f64 = 1e-6;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "static_friction",
     stage: Stage::Contact,
-    acts: Acts::OnMarble(Memory::None),
+    acts: Hook::OnMarble(Memory::None),
     hypothesis: true,
     shrunk: false,
     equation: "resistance = rolling_friction g × (1 + (ratio - 1)(1 - exp(-rest/rest_time)) at rest, 1 in motion)",

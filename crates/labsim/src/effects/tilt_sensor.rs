@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
@@ -35,10 +35,10 @@ const fn gain(name: &'static str, means: &'static str) -> Parameter {
     }
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "tilt_sensor",
     stage: Stage::Sensing,
-    acts: Acts::OnGauge,
+    acts: Hook::OnGauge,
     hypothesis: false,
     shrunk: false,
     equation: "measured tilt = gain × tilt + zero",

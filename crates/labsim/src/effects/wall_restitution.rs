@@ -2,7 +2,7 @@
 
 use pulp::Simd;
 
-use super::{About, Acts, Effect, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Parameter, Stage};
 use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Rims;
@@ -10,10 +10,10 @@ use crate::motion::Rims;
 /// A rim that is not perfect already does not become so.
 const LIVELIEST: f64 = 0.95;
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "wall_restitution",
     stage: Stage::Contact,
-    acts: Acts::OnRims,
+    acts: Hook::OnRims,
     hypothesis: true,
     shrunk: false,
     equation: "v_n after = -clamp(wall_restitution + increase, 0, 0.95) × v_n before",

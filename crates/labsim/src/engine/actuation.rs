@@ -9,11 +9,11 @@ use std::f64::consts::FRAC_PI_2;
 
 use pulp::{NullaryFnOnce, Simd};
 
-use super::agenda::Timeline;
-use super::arrivals::Arrivals;
+use super::command_delay::CommandDelay;
+use super::schedule::Timeline;
 use super::{Hold, Job, PEEK_S, Setup};
 use crate::board::GRAVITY;
-use crate::effects::{Acts, Any};
+use crate::effects::{Any, Hook};
 use crate::lanes::Lanes;
 use crate::motion::{Pair, Push};
 
@@ -30,7 +30,7 @@ pub(super) struct Actuation<S: Simd> {
     tilts: Vec<Any<S>>,
     gauges: Vec<Any<S>>,
     /// Commands that do not come as rows begin, and when rows do.
-    arrivals: Option<(Arrivals<S>, Timeline)>,
+    command_delay: Option<(CommandDelay<S>, Timeline)>,
     /// Whether knobs move within rows.
     moves: bool,
     /// How the commands of this row go to the next ones.
@@ -64,7 +64,7 @@ impl<S: Simd> Actuation<S> {
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
         let lanes = |value: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| value(job(lane)));
-        let effects = |places: fn(Acts) -> bool| setup.acting(simd, places, &job);
+        let effects = |places: fn(Hook) -> bool| setup.acting(simd, places, &job);
         let zero = Lanes::splat(simd, 0.0);
         let before = [
             lanes(&|job| job.knobs_before[0]),
@@ -78,13 +78,13 @@ impl<S: Simd> Actuation<S> {
             rolling_friction: lanes(&|job| job.parameters.rolling_friction),
             sliding_friction: setup.rig.board.sliding_friction,
             damping_per_s: setup.rig.marble.damping_per_s,
-            clock: effects(|acts| acts == Acts::OnClock),
-            knobs: effects(|acts| matches!(acts, Acts::OnKnob { .. })),
+            clock: effects(|acts| acts == Hook::OnClock),
+            knobs: effects(|acts| matches!(acts, Hook::OnKnob { .. })),
             peeked: Vec::new(),
-            tilts: effects(|acts| acts == Acts::OnTilt),
-            gauges: effects(|acts| acts == Acts::OnGauge),
-            arrivals: None,
-            moves: setup.any(|acts| acts == Acts::OnKnob { moves: true })
+            tilts: effects(|acts| acts == Hook::OnTilt),
+            gauges: effects(|acts| acts == Hook::OnGauge),
+            command_delay: None,
+            moves: setup.any(|acts| acts == Hook::OnKnob { moves: true })
                 || setup.hold == Hold::First,
             ramp: None,
             command: before,
@@ -94,14 +94,14 @@ impl<S: Simd> Actuation<S> {
             tilt: [zero; 2],
             push: still(zero),
         };
-        let late = effects(|acts| acts == Acts::OnArrival);
+        let late = effects(|acts| acts == Hook::OnArrival);
         // Where rows have a clock of their own, commands keep to theirs.
         if !late.is_empty() || !actuation.clock.is_empty() {
             let rows = actuation.timeline(setup, &job);
             let issued = timeline(setup, &job, |row| clock_length(simd, row, &job));
             let times = [&issued, &rows];
-            let arrivals = Arrivals::new(simd, setup.hold, &late, times, before, &job);
-            actuation.arrivals = Some((arrivals, rows));
+            let command_delay = CommandDelay::new(simd, setup.hold, &late, times, before, &job);
+            actuation.command_delay = Some((command_delay, rows));
         } else if setup.hold == Hold::First {
             let ends = [before; 2];
             actuation.ramp = Some(Ramp { ends, share: 1.0 });
@@ -113,14 +113,14 @@ impl<S: Simd> Actuation<S> {
 
     /// Says what the command of a row is (rad), in the first lane, where it was not known from the start.
     pub(super) fn issue(&mut self, row: usize, command: [f64; 2]) {
-        if let Some((arrivals, _)) = &mut self.arrivals {
-            arrivals.issue(row, command);
+        if let Some((command_delay, _)) = &mut self.command_delay {
+            command_delay.issue(row, command);
         }
     }
 
     /// Whether the board moves within a row.
     pub(super) fn moves(&self) -> bool {
-        self.moves || self.arrivals.is_some()
+        self.moves || self.command_delay.is_some()
     }
 
     /// Seconds that each of a row's substeps lasts.
@@ -157,13 +157,13 @@ impl<S: Simd> Actuation<S> {
     #[inline(always)]
     pub(super) fn begin_row<'a, 'b: 'a>(&mut self, row: usize, job: impl Fn(usize) -> &'a Job<'b>) {
         let simd = self.length.simd();
-        self.length = match &self.arrivals {
+        self.length = match &self.command_delay {
             Some((_, timeline)) => Lanes::load(simd, timeline.lengths(row)),
             None => self.length(row, &job),
         };
         let one = self.length.like(1.0);
         self.damping = one.over(one + self.damping_per_s * self.length);
-        if self.arrivals.is_none() {
+        if self.command_delay.is_none() {
             let command = |axis: usize| Lanes::from_fn(simd, |lane| job(lane).commands[row][axis]);
             self.command = [command(0), command(1)];
             if let Some(ramp) = &mut self.ramp {
@@ -181,8 +181,8 @@ impl<S: Simd> Actuation<S> {
     /// Moves the board, if it moves within rows, to where it is in this substep.
     #[inline(always)]
     pub(super) fn substep(&mut self, row: usize, substep: u32) {
-        let arrived = match &mut self.arrivals {
-            Some((arrivals, _)) => arrivals.substep(row, substep),
+        let arrived = match &mut self.command_delay {
+            Some((command_delay, _)) => command_delay.substep(row, substep),
             None => None,
         };
         if let Some(command) = arrived {
@@ -222,8 +222,8 @@ impl<S: Simd> Actuation<S> {
     pub(super) fn gauged(&mut self) -> Pair<S> {
         let mut tilt = self.tilt;
         if self.moves() {
-            let mut knob = match (&self.arrivals, &self.ramp) {
-                (Some((arrivals, _)), _) => arrivals.last(),
+            let mut knob = match (&self.command_delay, &self.ramp) {
+                (Some((command_delay, _)), _) => command_delay.last(),
                 (None, Some(ramp)) => ramp.ends[1],
                 (None, None) => self.command,
             };

@@ -3,9 +3,9 @@
 use pulp::Simd;
 
 use super::actuation::Actuation;
-use super::agenda::{Agenda, Moment, Timeline};
+use super::schedule::{Moment, Schedule, Timeline};
 use super::{Job, Setup};
-use crate::effects::{Acts, Any};
+use crate::effects::{Any, Hook};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair};
 
@@ -25,7 +25,7 @@ pub(super) struct Camera<S: Simd> {
     effects: Vec<Any<S>>,
     age: Lanes<S>,
     /// When pictures are taken, unless it is when rows begin.
-    pub(super) agenda: Option<Agenda<S>>,
+    pub(super) schedule: Option<Schedule<S>>,
 }
 
 #[expect(
@@ -39,14 +39,14 @@ impl<S: Simd> Camera<S> {
         actuation: &Actuation<S>,
         job: impl Fn(usize) -> &'a Job<'b>,
     ) -> Self {
-        let effects = |places: fn(Acts) -> bool| setup.acting(simd, places, &job);
-        let ages = effects(|acts| acts == Acts::OnExposure);
+        let effects = |places: fn(Hook) -> bool| setup.acting(simd, places, &job);
+        let ages = effects(|acts| acts == Hook::OnExposure);
         let zero = Lanes::splat(simd, 0.0);
         let age = ages
             .iter()
             .filter_map(Any::age)
             .fold(zero, |sum, age| sum + age);
-        let agenda = (!ages.is_empty()).then(|| {
+        let schedule = (!ages.is_empty()).then(|| {
             let timeline = actuation.timeline(setup, &job);
             let of_lane = |lane: usize| {
                 exposures(
@@ -57,15 +57,15 @@ impl<S: Simd> Camera<S> {
                     setup.rows,
                 )
             };
-            Agenda::new(simd, (0..S::F64_LANES).map(of_lane).collect())
+            Schedule::new(simd, (0..S::F64_LANES).map(of_lane).collect())
         });
         Self {
             edges_per_m: Lanes::from_fn(simd, |lane| {
                 job(lane).parameters.observation_scale / setup.rig.board.edge_x_m
             }),
-            effects: effects(|acts| acts == Acts::OnPicture),
+            effects: effects(|acts| acts == Hook::OnPicture),
             age,
-            agenda,
+            schedule,
         }
     }
 
@@ -82,7 +82,7 @@ impl<S: Simd> Camera<S> {
     /// Whether a picture is taken before so many substeps of the row have passed, or just then.
     #[inline(always)]
     pub(super) fn is_due(&self, substeps: f64) -> bool {
-        matches!(&self.agenda, Some(agenda) if agenda.is_due(substeps))
+        matches!(&self.schedule, Some(schedule) if schedule.is_due(substeps))
     }
 
     /// Takes the pictures of a stretch of a row, from one number of substeps to another, in which the
@@ -96,11 +96,11 @@ impl<S: Simd> Camera<S> {
         actuation: &Actuation<S>,
         mut write: impl FnMut(usize, usize, [f64; 2]),
     ) {
-        let Some(mut agenda) = self.agenda.take() else {
+        let Some(mut schedule) = self.schedule.take() else {
             return;
         };
         let length = (end - begin) * actuation.push.length;
-        agenda.take(row, end, |lane, picture| {
+        schedule.take(row, end, |lane, picture| {
             let at = (picture.at - begin) / (end - begin);
             let place = [
                 between(before.x, after.x, before.vx * length, at),
@@ -113,7 +113,7 @@ impl<S: Simd> Camera<S> {
                 seen.map(|values| values.to_array()[lane]),
             );
         });
-        self.agenda = Some(agenda);
+        self.schedule = Some(schedule);
     }
 
     /// Places (m) and velocities (m/s) at row 0 of marbles that are then seen at `start`, moving by

@@ -4,10 +4,10 @@ use std::sync::atomic::AtomicBool;
 
 use pulp::Scalar;
 
-use super::rolling::{Company, Register};
+use super::rolling::{LaneGroup, Register};
 use super::{Clock, Hold, Job, Setup, Sink, Step};
 use crate::board::Rig;
-use crate::effects::{Acts, Chosen, in_order};
+use crate::effects::{EffectInstance, Hook, in_order};
 use crate::error::{Error, Result};
 use crate::motion::Marbles;
 use crate::parameters::Parameters;
@@ -37,12 +37,12 @@ impl Live {
     pub fn new(
         rig: &Rig,
         parameters: Parameters,
-        effects: &[Chosen<'_>],
+        effects: &[EffectInstance<'_>],
         start: [f64; 2],
         (rows, row_s): (usize, f64),
         seed: u64,
     ) -> Result<Self> {
-        if let Some(one) = effects.iter().find(|one| one.effect.acts == Acts::OnClock) {
+        if let Some(one) = effects.iter().find(|one| one.effect.acts == Hook::OnClock) {
             return Err(Error::invalid(
                 "effects",
                 "any that need one clock only",
@@ -68,12 +68,12 @@ impl Live {
         };
         let step = Step::lasting(row_s);
         let job = job(parameters, &commands, start, step, seed);
-        let company = Company {
+        let group = LaneGroup {
             jobs: std::slice::from_ref(&job),
             filler: &job,
         };
-        let register = Register::new(Scalar, &setup, company);
-        let marbles = register.release(company);
+        let register = Register::new(Scalar, &setup, group);
+        let marbles = register.release(group);
         Ok(Self {
             marbles,
             register,
@@ -116,11 +116,11 @@ impl Live {
             self.step,
             self.seed,
         );
-        let company = Company {
+        let group = LaneGroup {
             jobs: std::slice::from_ref(&job),
             filler: &job,
         };
-        self.register.begin_row(row, company);
+        self.register.begin_row(row, group);
         let mut out = [Sink {
             marble: &mut self.seen,
             tilt: &mut [],
@@ -131,7 +131,7 @@ impl Live {
         }
         self.row += 1;
         self.register
-            .observe(self.row, &self.marbles, company, &mut out);
+            .observe(self.row, &self.marbles, group, &mut out);
         self.seen[self.row]
     }
 }

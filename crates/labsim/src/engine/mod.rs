@@ -1,12 +1,12 @@
 //! Two engines that answer one question: where is the marble seen at each row?
 
 mod actuation;
-mod agenda;
-mod arrivals;
 mod camera;
+mod command_delay;
 mod live;
 pub(crate) mod rapier;
 pub(crate) mod rolling;
+mod schedule;
 
 pub use live::Live;
 
@@ -17,7 +17,7 @@ use std::sync::atomic::{self, AtomicBool};
 use pulp::Simd;
 
 use crate::board::{Rig, SUBSTEP_S};
-use crate::effects::{Acts, Any, Chosen, acting};
+use crate::effects::{Any, EffectInstance, Hook, acting};
 use crate::error::Error;
 use crate::lanes::Lanes;
 use crate::motion::{Pair, Rims, Rolled};
@@ -176,7 +176,7 @@ pub(crate) struct Sink<'a> {
 pub(crate) struct Setup<'a> {
     pub(crate) rig: &'a Rig,
     /// In the order in which they act.
-    pub(crate) effects: &'a [Chosen<'a>],
+    pub(crate) effects: &'a [EffectInstance<'a>],
     /// How many rows are observed.
     pub(crate) rows: usize,
     pub(crate) hold: Hold,
@@ -185,7 +185,7 @@ pub(crate) struct Setup<'a> {
 
 impl Setup<'_> {
     /// Whether an effect acts in one of these places.
-    fn any(&self, places: impl Fn(Acts) -> bool) -> bool {
+    fn any(&self, places: impl Fn(Hook) -> bool) -> bool {
         self.effects.iter().any(|one| places(one.effect.acts))
     }
 
@@ -195,9 +195,9 @@ impl Setup<'_> {
             return false;
         }
         !self.any(|acts| match acts {
-            Acts::OnTilt | Acts::OnRims | Acts::OnPicture | Acts::OnGauge => false,
-            Acts::OnKnob { moves } => moves,
-            Acts::OnArrival | Acts::OnClock | Acts::OnMarble(_) | Acts::OnExposure => true,
+            Hook::OnTilt | Hook::OnRims | Hook::OnPicture | Hook::OnGauge => false,
+            Hook::OnKnob { moves } => moves,
+            Hook::OnArrival | Hook::OnClock | Hook::OnMarble(_) | Hook::OnExposure => true,
         })
     }
 
@@ -205,7 +205,7 @@ impl Setup<'_> {
     fn acting<'j, 'b: 'j, S: Simd>(
         &self,
         simd: S,
-        places: impl Fn(Acts) -> bool,
+        places: impl Fn(Hook) -> bool,
         job: impl Fn(usize) -> &'j Job<'b>,
     ) -> Vec<Any<S>> {
         acting(simd, self.rig, self.effects, places, |lane| {
@@ -216,7 +216,7 @@ impl Setup<'_> {
     /// The rims as the marbles of a register meet them.
     fn rims<'j, 'b: 'j, S: Simd>(&self, simd: S, job: impl Fn(usize) -> &'j Job<'b>) -> Rims<S> {
         let mut rims = Rims::new(simd, self.rig);
-        for effect in self.acting(simd, |acts| acts == Acts::OnRims, job) {
+        for effect in self.acting(simd, |acts| acts == Hook::OnRims, job) {
             effect.rims(&mut rims);
         }
         rims
@@ -233,7 +233,7 @@ impl Setup<'_> {
             way: Lanes::from_fn(simd, |lane| job(lane).rolled),
             turned: [0, 1, 2].map(|axis| Lanes::from_fn(simd, |lane| job(lane).turned[axis])),
         };
-        let mut forces = self.acting(simd, |acts| matches!(acts, Acts::OnMarble(_)), job);
+        let mut forces = self.acting(simd, |acts| matches!(acts, Hook::OnMarble(_)), job);
         for effect in &mut forces {
             effect.pass(tilt, Lanes::splat(simd, 0.0));
             effect.let_go(&before);

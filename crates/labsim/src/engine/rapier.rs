@@ -10,13 +10,13 @@
 //! do not change the angular momentum about the point of contact, so the rolling velocity after
 //! the substep is known before it, and a marble whose push is below the resistance rests exactly.
 //!
-//! A marble's bits do not depend on its company. Marbles share no contact, the solver computes its
+//! A marble's bits do not depend on its neighbours in a register. Marbles share no contact, the solver computes its
 //! SIMD lanes alike, and what remains is the order in which it solves the contacts of one marble:
 //! ascending by colour. A contact takes the highest colour that its marble has free when it begins;
 //! of those that begin together, the one whose bodies have the lowest indices comes first. Hence a
 //! body for each wall, inserted before the marbles, and none for the board. (Walls without bodies
 //! would follow the order in which the broad phase found them, and colours that 125 contacts or
-//! more share would be solved first: both are matters of company.)
+//! more share would be solved first: both depend on the neighbours.)
 //!
 //! The order matters for another reason. One pass over the contacts is exact for the last of them.
 //! With the board last, its friction presses a marble that still spins into the wall, which then

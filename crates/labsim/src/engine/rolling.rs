@@ -67,40 +67,40 @@ fn simulate<S: Simd, const N: usize>(
     jobs: &[Job<'_>],
     out: &mut [Sink<'_>],
 ) {
-    let companies: [Company<'_, '_>; N] = std::array::from_fn(|register| {
+    let groups: [LaneGroup<'_, '_>; N] = std::array::from_fn(|register| {
         let begin = register * S::F64_LANES;
         let end = jobs.len().min(begin + S::F64_LANES);
-        Company {
+        LaneGroup {
             jobs: jobs.get(begin..end).unwrap_or(&[]),
             filler: &jobs[0],
         }
     });
-    let mut registers = companies.map(|company| Register::new(simd, setup, company));
+    let mut registers = groups.map(|group| Register::new(simd, setup, group));
     let (first, step) = (jobs[0].first, |row: usize| jobs[0].clock.step(row).substeps);
     for row in 0..first {
-        for (register, company) in registers.iter_mut().zip(companies) {
-            register.wait(row, step(row), company);
+        for (register, group) in registers.iter_mut().zip(groups) {
+            register.wait(row, step(row), group);
         }
     }
-    let mut marbles: [Marbles<S>; N] = std::array::from_fn(|i| registers[i].release(companies[i]));
+    let mut marbles: [Marbles<S>; N] = std::array::from_fn(|i| registers[i].release(groups[i]));
     for row in first..first + setup.rows {
-        for (((register, company), marbles), out) in registers
+        for (((register, group), marbles), out) in registers
             .iter_mut()
-            .zip(companies)
+            .zip(groups)
             .zip(&marbles)
             .zip(out.chunks_mut(S::F64_LANES))
         {
-            register.observe(row, marbles, company, out);
+            register.observe(row, marbles, group, out);
         }
         if row + 1 == first + setup.rows || setup.is_cancelled() {
             break;
         }
-        for (register, company) in registers.iter_mut().zip(companies) {
-            register.begin_row(row, company);
+        for (register, group) in registers.iter_mut().zip(groups) {
+            register.begin_row(row, group);
         }
         if setup.is_plain() {
             let substeps: [Substeps<S>; N] =
-                std::array::from_fn(|i| registers[i].substeps(row, companies[i]));
+                std::array::from_fn(|i| registers[i].substeps(row, groups[i]));
             let pushes: [Push<S>; N] = std::array::from_fn(|i| registers[i].actuation.push);
             let most = substeps.iter().map(|substeps| substeps.most).max();
             for done in 0..most.unwrap_or(0) {
@@ -114,10 +114,10 @@ fn simulate<S: Simd, const N: usize>(
         } else {
             for i in 0..step(row) {
                 let mut out = out.chunks_mut(S::F64_LANES);
-                for ((register, company), marbles) in
-                    registers.iter_mut().zip(companies).zip(&mut marbles)
+                for ((register, group), marbles) in
+                    registers.iter_mut().zip(groups).zip(&mut marbles)
                 {
-                    if company.jobs.is_empty() {
+                    if group.jobs.is_empty() {
                         break;
                     }
                     register.substep(row, i, marbles, out.next().unwrap_or_default());
@@ -148,13 +148,13 @@ impl<S: Simd> Substeps<S> {
 
 /// Whose rollouts the lanes of a register are.
 #[derive(Clone, Copy)]
-pub(super) struct Company<'a, 'b> {
+pub(super) struct LaneGroup<'a, 'b> {
     pub(super) jobs: &'a [Job<'b>],
     /// What empty lanes repeat, and nobody reads.
     pub(super) filler: &'a Job<'b>,
 }
 
-impl<'a, 'b> Company<'a, 'b> {
+impl<'a, 'b> LaneGroup<'a, 'b> {
     #[inline(always)]
     fn of(self, lane: usize) -> &'a Job<'b> {
         self.jobs.get(lane).unwrap_or(self.filler)
@@ -170,8 +170,8 @@ pub(super) struct Register<S: Simd> {
 }
 
 impl<S: Simd> Register<S> {
-    pub(super) fn new(simd: S, setup: &Setup<'_>, company: Company<'_, '_>) -> Self {
-        let job = |lane: usize| company.of(lane);
+    pub(super) fn new(simd: S, setup: &Setup<'_>, group: LaneGroup<'_, '_>) -> Self {
+        let job = |lane: usize| group.of(lane);
         let actuation = Actuation::new(simd, setup, job);
         Self {
             rims: setup.rims(simd, job),
@@ -182,10 +182,10 @@ impl<S: Simd> Register<S> {
     }
 
     #[inline(always)]
-    fn substeps(&self, row: usize, company: Company<'_, '_>) -> Substeps<S> {
+    fn substeps(&self, row: usize, group: LaneGroup<'_, '_>) -> Substeps<S> {
         let (mut fewest, mut most) = (u32::MAX, 0);
         let lanes = Lanes::from_fn(self.rims.reach_x.simd(), |lane| {
-            company.jobs.get(lane).map_or(0.0, |job| {
+            group.jobs.get(lane).map_or(0.0, |job| {
                 let substeps = job.clock.step(row).substeps;
                 (fewest, most) = (fewest.min(substeps), most.max(substeps));
                 f64::from(substeps)
@@ -199,24 +199,24 @@ impl<S: Simd> Register<S> {
     }
 
     #[inline(always)]
-    pub(super) fn begin_row(&mut self, row: usize, company: Company<'_, '_>) {
-        self.actuation.begin_row(row, |lane| company.of(lane));
-        if let Some(agenda) = &mut self.camera.agenda {
-            agenda.begin_row(row);
+    pub(super) fn begin_row(&mut self, row: usize, group: LaneGroup<'_, '_>) {
+        self.actuation.begin_row(row, |lane| group.of(lane));
+        if let Some(schedule) = &mut self.camera.schedule {
+            schedule.begin_row(row);
         }
     }
 
     /// Plays the commands of a row before the marbles are let go.
     #[inline(always)]
-    fn wait(&mut self, row: usize, substeps: u32, company: Company<'_, '_>) {
-        self.begin_row(row, company);
+    fn wait(&mut self, row: usize, substeps: u32, group: LaneGroup<'_, '_>) {
+        self.begin_row(row, group);
         let moves = self.actuation.moves();
         // A board that stands still in a row is passed in one go.
         let (times, substeps) = if moves { (substeps, 1) } else { (1, substeps) };
         let length = if self.forces.is_empty() {
             Lanes::splat(self.rims.reach_x.simd(), 0.0)
         } else {
-            f64::from(substeps) * self.actuation.length(row, |lane| company.of(lane))
+            f64::from(substeps) * self.actuation.length(row, |lane| group.of(lane))
         };
         for substep in 0..times {
             if moves {
@@ -229,9 +229,9 @@ impl<S: Simd> Register<S> {
     }
 
     /// Lets the marbles go.
-    pub(super) fn release(&self, company: Company<'_, '_>) -> Marbles<S> {
+    pub(super) fn release(&self, group: LaneGroup<'_, '_>) -> Marbles<S> {
         let lanes = |value: fn(&Job<'_>) -> f64| {
-            Lanes::from_fn(self.rims.reach_x.simd(), |lane| value(company.of(lane)))
+            Lanes::from_fn(self.rims.reach_x.simd(), |lane| value(group.of(lane)))
         };
         let start = [lanes(|job| job.start[0]), lanes(|job| job.start[1])];
         let velocity = [
@@ -258,24 +258,24 @@ impl<S: Simd> Register<S> {
         &mut self,
         row: usize,
         marbles: &Marbles<S>,
-        company: Company<'_, '_>,
+        group: LaneGroup<'_, '_>,
         out: &mut [Sink<'_>],
     ) {
         if out.iter().any(|out| !out.tilt.is_empty()) {
             let [x, y] = self.actuation.gauged();
             let (x, y) = (x.to_array(), y.to_array());
-            for (lane, (job, out)) in company.jobs.iter().zip(&mut *out).enumerate() {
+            for (lane, (job, out)) in group.jobs.iter().zip(&mut *out).enumerate() {
                 out.tilt[row - job.first] = [x[lane], y[lane]];
             }
         }
-        if row > company.filler.first && self.camera.agenda.is_some() {
+        if row > group.filler.first && self.camera.schedule.is_some() {
             return;
         }
         let seen = self
             .camera
             .see([marbles.x, marbles.y], &self.actuation.tilt);
         let (x, y) = (seen[0].to_array(), seen[1].to_array());
-        for (lane, (job, out)) in company.jobs.iter().zip(out).enumerate() {
+        for (lane, (job, out)) in group.jobs.iter().zip(out).enumerate() {
             out.marble[row - job.first] = if row == job.first {
                 job.start
             } else {
@@ -354,12 +354,15 @@ mod tests {
     use super::*;
     use crate::board::Rig;
     use crate::drive::paper_drive;
-    use crate::effects::{About, Chosen, Parameter, known};
+    use crate::effects::{EffectInstance, EffectSpec, Parameter, known};
     use crate::engine::{Clock, Hold, Step};
     use crate::rollout::PerRollout;
 
     /// What 29 marbles do on every instruction set that is here; `substeps` is asked for a marble's.
-    fn on_every_set(effects: &[Chosen<'_>], substeps: fn(i32) -> u32) -> Vec<Vec<[f64; 2]>> {
+    fn on_every_set(
+        effects: &[EffectInstance<'_>],
+        substeps: fn(i32) -> u32,
+    ) -> Vec<Vec<[f64; 2]>> {
         let mut rig = Rig::default();
         rig.board.wall_restitution = 0.5;
         let commands = paper_drive(100, 0.1, false);
@@ -420,7 +423,7 @@ mod tests {
 
     #[test]
     fn every_instruction_set_gives_effects_the_same_bits() {
-        let middle = |about: &About, answer: f64| -> Vec<f64> {
+        let middle = |about: &EffectSpec, answer: f64| -> Vec<f64> {
             let value = |one: &Parameter| match one.range {
                 _ if one.is_choice() => answer,
                 (low, high) => low + 0.4 * (high - low),
@@ -428,16 +431,16 @@ mod tests {
             about.parameters.iter().map(value).collect()
         };
         // Those that ask for a choice twice, with either answer.
-        let values: Vec<(&About, Vec<f64>)> = known()
+        let values: Vec<(&EffectSpec, Vec<f64>)> = known()
             .flat_map(|about| {
                 let mut both = vec![middle(about, 0.0), middle(about, 1.0)];
                 both.dedup();
                 both.into_iter().map(move |values| (about, values))
             })
             .collect();
-        let chosen: Vec<Chosen<'_>> = values
+        let chosen: Vec<EffectInstance<'_>> = values
             .iter()
-            .map(|(effect, values)| Chosen {
+            .map(|(effect, values)| EffectInstance {
                 effect,
                 values: PerRollout::Shared(values),
             })

@@ -18,7 +18,7 @@ mod shrunk;
 pub(super) use self::shrunk::Group;
 use self::shrunk::groups_of_effects;
 use super::axis::{Axis, Shape, base_axis, effect_axis};
-use super::problem::{Problem, Sought};
+use super::problem::{ParameterSpec, Problem};
 use crate::error::Result;
 
 pub(super) const GEAR_X: usize = 0;
@@ -54,8 +54,8 @@ impl Coordinates {
         let lean = problem.lean();
         for (slot, sought) in problem.sought().enumerate() {
             held.push(match sought {
-                Sought::Held(value) => value,
-                Sought::Free {
+                ParameterSpec::Held(value) => value,
+                ParameterSpec::Free {
                     range: (low, _), ..
                 } => low,
             });
@@ -63,7 +63,7 @@ impl Coordinates {
                 held[slot] = 0.0;
                 continue;
             }
-            let Sought::Free { range, .. } = sought else {
+            let ParameterSpec::Free { range, .. } = sought else {
                 continue;
             };
             let axis = match problem.effect_parameter(slot) {

@@ -26,7 +26,7 @@ mod windows;
 use std::sync::atomic::AtomicBool;
 
 pub use self::information::Information;
-pub use self::problem::{Hypothesis, Problem, Recording, Sought, Stretch};
+pub use self::problem::{Hypothesis, ParameterSpec, Problem, Recording, Stretch};
 pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
 pub use self::shrinkage::Shrunk;
@@ -310,7 +310,7 @@ impl Problem<'_> {
     fn around(&self, values: &[f64], cancel: &AtomicBool) -> Result<(Coordinates, Windows)> {
         self.check_values(values)?;
         let sense = |slot: usize| match self.parameters[slot] {
-            Sought::Free {
+            ParameterSpec::Free {
                 range: (_, high), ..
             } if values[slot] == 0.0 && high <= 0.0 => -1.0,
             _ if values[slot] < 0.0 => -1.0,

@@ -2,14 +2,14 @@
 
 use super::coordinates::{GEAR_Y, TIME};
 use crate::board::Rig;
-use crate::effects::{About, Acts, Memory, Parameter};
+use crate::effects::{EffectSpec, Hook, Memory, Parameter};
 use crate::engine::{Engine, Hold};
 use crate::error::{Error, Result};
 use crate::parameters::{NAMES, Parameters};
 
 /// A parameter of the model: known, or to be found.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Sought {
+pub enum ParameterSpec {
     /// It has this value.
     Held(f64),
     /// It is looked for.
@@ -25,20 +25,20 @@ pub enum Sought {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hypothesis {
     /// Which one.
-    pub effect: &'static About,
-    /// In the order of [`About::parameters`].
-    pub values: Vec<Sought>,
+    pub effect: &'static EffectSpec,
+    /// In the order of [`EffectSpec::parameters`].
+    pub values: Vec<ParameterSpec>,
 }
 
 impl Hypothesis {
     /// All parameters of an effect looked for over its plausible ranges; choices as they usually are, and
     /// optional ones neutral.
-    pub fn free(effect: &'static About) -> Self {
+    pub fn free(effect: &'static EffectSpec) -> Self {
         let free = |one: &Parameter| {
             if one.is_choice() || one.optional {
-                return Sought::Held(one.neutral);
+                return ParameterSpec::Held(one.neutral);
             }
-            Sought::Free {
+            ParameterSpec::Free {
                 range: one.range,
                 start: None,
             }
@@ -90,7 +90,7 @@ pub struct Problem<'a> {
     /// Board and marble.
     pub rig: &'a Rig,
     /// The five parameters.
-    pub parameters: [Sought; 5],
+    pub parameters: [ParameterSpec; 5],
     /// What they leave out.
     pub effects: &'a [Hypothesis],
     /// All with durations, or none; with them the time scale must be held.
@@ -117,7 +117,7 @@ impl Problem<'_> {
     pub(super) fn lean(&self) -> Option<std::ops::Range<usize>> {
         let effects = self.effects.iter().zip(self.slots_of_effects());
         let is_sought = |one: &Hypothesis| {
-            let free = |sought: &Sought| matches!(sought, Sought::Free { .. });
+            let free = |sought: &ParameterSpec| matches!(sought, ParameterSpec::Free { .. });
             one.effect.name == LEAN && one.values.first().is_some_and(free)
         };
         effects
@@ -127,7 +127,7 @@ impl Problem<'_> {
     }
 
     /// All parameters, the effects' behind the five.
-    pub(super) fn sought(&self) -> impl Iterator<Item = Sought> + '_ {
+    pub(super) fn sought(&self) -> impl Iterator<Item = ParameterSpec> + '_ {
         let of_effects = self
             .effects
             .iter()
@@ -184,14 +184,14 @@ impl Problem<'_> {
 
     /// Whether what happened before a window matters to it beyond the marble's state, its way and its turning.
     pub(super) fn remembers(&self) -> bool {
-        let has_memory = |acts: Acts| {
+        let has_memory = |acts: Hook| {
             matches!(
                 acts,
-                Acts::OnArrival
-                    | Acts::OnClock
-                    | Acts::OnKnob { .. }
-                    | Acts::OnMarble(Memory::Time)
-                    | Acts::OnExposure
+                Hook::OnArrival
+                    | Hook::OnClock
+                    | Hook::OnKnob { .. }
+                    | Hook::OnMarble(Memory::Time)
+                    | Hook::OnExposure
             )
         };
         self.effects.iter().any(|one| has_memory(one.effect.acts))
@@ -206,7 +206,7 @@ impl Problem<'_> {
     pub(super) fn bends_pictures(&self) -> bool {
         self.effects
             .iter()
-            .any(|one| matches!(one.effect.acts, Acts::OnPicture | Acts::OnExposure))
+            .any(|one| matches!(one.effect.acts, Hook::OnPicture | Hook::OnExposure))
     }
 
     /// The tracker's standard deviation (board edges), given or estimated.
@@ -253,8 +253,8 @@ impl Problem<'_> {
         let mut typical = [0.0; 5];
         for (value, sought) in typical.iter_mut().zip(self.parameters) {
             *value = match sought {
-                Sought::Held(value) => value,
-                Sought::Free {
+                ParameterSpec::Held(value) => value,
+                ParameterSpec::Free {
                     range: (low, high), ..
                 } => f64::midpoint(low, high),
             };
@@ -313,10 +313,10 @@ impl Problem<'_> {
         Ok(())
     }
 
-    fn check_sought(&self, slot: usize, sought: Sought) -> Result<()> {
+    fn check_sought(&self, slot: usize, sought: ParameterSpec) -> Result<()> {
         let name = || self.name(slot);
         match sought {
-            Sought::Held(value) if !value.is_finite() => {
+            ParameterSpec::Held(value) if !value.is_finite() => {
                 let infinite = self
                     .effect_parameter(slot)
                     .is_some_and(|(_, one)| one.neutral == value);
@@ -326,12 +326,12 @@ impl Problem<'_> {
                     Err(Error::invalid(name(), "a finite number", value))
                 }
             }
-            Sought::Free { .. } if slot == TIME && self.is_stamped() => Err(Error::invalid(
+            ParameterSpec::Free { .. } if slot == TIME && self.is_stamped() => Err(Error::invalid(
                 name(),
                 "a held value, since the recordings are stamped",
                 "a free one",
             )),
-            Sought::Free {
+            ParameterSpec::Free {
                 range: (low, high),
                 start,
             } => {
@@ -358,7 +358,7 @@ impl Problem<'_> {
                     _ => Ok(()),
                 }
             }
-            Sought::Held(_) => Ok(()),
+            ParameterSpec::Held(_) => Ok(()),
         }
     }
 }

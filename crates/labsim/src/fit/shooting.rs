@@ -10,12 +10,12 @@ use super::coordinates::{Coordinates, SCALE, TIME};
 use super::problem::{LEAN, Problem};
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
-use crate::effects::Chosen;
+use crate::effects::EffectInstance;
 use crate::engine::Hold;
 use crate::error::Result;
+use crate::orientation::turned;
 use crate::parameters::Parameters;
 use crate::rollout::{Batch, Observed, PerRollout, TimeBase};
-use crate::turning::turned;
 
 /// Coordinates and the start states of all windows.
 #[derive(Debug, Clone)]
@@ -244,11 +244,11 @@ impl<'a> Shooting<'a> {
             durations.repeat(trials.len()),
         );
         let knobs = knobs.repeat(trials.len());
-        let chosen: Vec<Chosen<'_>> = problem
+        let chosen: Vec<EffectInstance<'_>> = problem
             .effects
             .iter()
             .zip(&effects)
-            .map(|(one, values)| Chosen {
+            .map(|(one, values)| EffectInstance {
                 effect: one.effect,
                 values: PerRollout::Each(values),
             })

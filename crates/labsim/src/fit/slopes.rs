@@ -3,7 +3,7 @@
 use super::coordinates::TIME;
 use super::shooting::{Point, Shooting, Trial};
 use crate::board::SUBSTEP_S;
-use crate::effects::Acts;
+use crate::effects::Hook;
 use crate::error::Result;
 
 /// Steps of the finite differences: in coordinates, and in start states (board edges, and board edges a
@@ -182,7 +182,7 @@ impl Shooting<'_> {
     /// command that has come. Along them a finite difference of less than a row sees nothing.
     fn stepped_delays(&self, look: Look) -> Vec<usize> {
         let problem = self.problem;
-        let moves = |acts: Acts| acts == Acts::OnKnob { moves: true };
+        let moves = |acts: Hook| acts == Hook::OnKnob { moves: true };
         if look == Look::Careful
             || !self.windows.channels.has_tilt()
             || problem.effects.iter().any(|one| moves(one.effect.acts))
@@ -191,7 +191,7 @@ impl Shooting<'_> {
         }
         let effects = problem.effects.iter().zip(problem.slots_of_effects());
         effects
-            .filter(|(one, _)| one.effect.acts == Acts::OnArrival)
+            .filter(|(one, _)| one.effect.acts == Hook::OnArrival)
             .flat_map(|(_, slots)| slots)
             .filter_map(|slot| self.coordinates.find(slot))
             .collect()

@@ -8,7 +8,7 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use super::Settings;
 use super::coordinates::{Coordinates, GEAR_X, GEAR_Y};
 use super::descent::{End, loss};
-use super::problem::Sought;
+use super::problem::ParameterSpec;
 use super::robust;
 use super::search::{COARSENESS, Search};
 use super::shooting::Point;
@@ -66,11 +66,11 @@ impl Search<'_> {
     /// Which signs of the gears are searched.
     fn senses(&self) -> Vec<[f64; 2]> {
         let of_gear = |slot: usize| match self.problem.parameters[slot] {
-            Sought::Held(value) => vec![if value < 0.0 { -1.0 } else { 1.0 }],
-            Sought::Free {
+            ParameterSpec::Held(value) => vec![if value < 0.0 { -1.0 } else { 1.0 }],
+            ParameterSpec::Free {
                 start: Some(start), ..
             } if start != 0.0 => vec![start.signum()],
-            Sought::Free {
+            ParameterSpec::Free {
                 range: (low, high), ..
             } => {
                 let sides = [(high > 0.0).then_some(1.0), (low < 0.0).then_some(-1.0)];
@@ -86,9 +86,11 @@ impl Search<'_> {
     /// The start point, if there is one for every free parameter.
     fn given(&self, coordinates: &Coordinates) -> Option<Vec<f64>> {
         let slots = coordinates.slots();
-        let value = |(slot, sought): (usize, Sought)| match sought {
-            Sought::Held(value) => Some(value),
-            Sought::Free { start, range } => start.or((!slots.contains(&slot)).then_some(range.0)),
+        let value = |(slot, sought): (usize, ParameterSpec)| match sought {
+            ParameterSpec::Held(value) => Some(value),
+            ParameterSpec::Free { start, range } => {
+                start.or((!slots.contains(&slot)).then_some(range.0))
+            }
         };
         let values: Option<Vec<f64>> = self.problem.sought().enumerate().map(value).collect();
         values.map(|values| coordinates.to_z(&values))
@@ -111,7 +113,7 @@ impl Search<'_> {
             let mut values = coordinates.drawn(&place);
             for (slot, sought) in self.problem.sought().enumerate() {
                 if let (
-                    Sought::Free {
+                    ParameterSpec::Free {
                         start: Some(start), ..
                     },
                     true,

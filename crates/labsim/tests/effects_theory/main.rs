@@ -10,7 +10,7 @@ mod unlisted;
 use std::sync::atomic::AtomicBool;
 
 use labsim::effects::effect;
-use labsim::{Batch, Chosen, Engine, Parameters, PerRollout, Rig, TimeBase};
+use labsim::{Batch, EffectInstance, Engine, Parameters, PerRollout, Rig, TimeBase};
 
 const EDGE: f64 = 0.276;
 const SUBSTEP: f64 = 1.0 / 240.0;
@@ -72,10 +72,10 @@ impl Trial {
 
     /// Where the marble is seen (m).
     fn run(&self, engine: Engine) -> Vec<[f64; 2]> {
-        let effects: Vec<Chosen<'_>> = self
+        let effects: Vec<EffectInstance<'_>> = self
             .effects
             .iter()
-            .map(|(name, values)| Chosen {
+            .map(|(name, values)| EffectInstance {
                 effect: effect(name).expect("it is of the catalogue"),
                 values: PerRollout::Shared(values),
             })

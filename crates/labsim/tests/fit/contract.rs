@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use labsim::Error;
-use labsim::fit::{Settings, Sought, tracker_noise};
+use labsim::fit::{ParameterSpec, Settings, tracker_noise};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
@@ -57,7 +57,7 @@ fn what_does_nothing_has_no_interval() {
         }
     }
     // A bump of no height has no place.
-    planted.effects[0].values[2] = Sought::Held(0.0);
+    planted.effects[0].values[2] = ParameterSpec::Held(0.0);
     let solution = planted.fit(2, 0).unwrap();
     let information = &solution.information;
     let deviations = information.deviations();
@@ -83,7 +83,7 @@ fn what_does_nothing_has_no_interval() {
 #[test]
 fn one_parameter_alone() {
     let mut planted = Planted::new(8, 2, &[], false, false);
-    planted.parameters = TRUTH.map(Sought::Held);
+    planted.parameters = TRUTH.map(ParameterSpec::Held);
     planted.parameters[2] = free(RANGES[2]);
     let solution = planted.fit(1, 0).unwrap();
     assert!(
@@ -195,7 +195,7 @@ fn what_cannot_be_fitted_is_refused_in_one_line() {
         "rolling_friction",
     );
     refused(
-        &|one| one.parameters[4] = Sought::Held(0.0),
+        &|one| one.parameters[4] = ParameterSpec::Held(0.0),
         "observation_scale",
     );
     refused(

@@ -3,8 +3,8 @@
 use std::sync::atomic::AtomicBool;
 
 use labsim::effects::effect;
-use labsim::fit::{Hypothesis, Problem, Recording, Settings, Solution, Sought, Stretch};
-use labsim::{Batch, Chosen, Engine, Error, Hold, Parameters, PerRollout, Rig, TimeBase};
+use labsim::fit::{Hypothesis, ParameterSpec, Problem, Recording, Settings, Solution, Stretch};
+use labsim::{Batch, EffectInstance, Engine, Error, Hold, Parameters, PerRollout, Rig, TimeBase};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -23,7 +23,7 @@ pub(crate) const RANGES: [(f64, f64); 5] = [
 /// Recordings of a truth, and what is asked of them.
 pub(crate) struct Planted {
     pub(crate) rig: Rig,
-    pub(crate) parameters: [Sought; 5],
+    pub(crate) parameters: [ParameterSpec; 5],
     pub(crate) effects: Vec<Hypothesis>,
     pub(crate) commands: Vec<Vec<[f64; 2]>>,
     pub(crate) durations: Option<Vec<f64>>,
@@ -47,8 +47,8 @@ impl Random {
     }
 }
 
-pub(crate) fn free(range: (f64, f64)) -> Sought {
-    Sought::Free { range, start: None }
+pub(crate) fn free(range: (f64, f64)) -> ParameterSpec {
+    ParameterSpec::Free { range, start: None }
 }
 
 /// Three sinusoids a knob, large enough to bring the marble to the rim.
@@ -109,9 +109,9 @@ impl Planted {
         leans: &[[f64; 2]],
     ) -> Self {
         let mut random = Random(ChaCha8Rng::seed_from_u64(seed));
-        let chosen: Vec<Chosen<'_>> = effects
+        let chosen: Vec<EffectInstance<'_>> = effects
             .iter()
-            .map(|(name, values)| Chosen {
+            .map(|(name, values)| EffectInstance {
                 effect: effect(name).unwrap(),
                 values: PerRollout::Shared(values),
             })
@@ -147,7 +147,7 @@ impl Planted {
             threads: Some(2),
         };
         if stamped {
-            planted.parameters[3] = Sought::Held(TRUTH[3]);
+            planted.parameters[3] = ParameterSpec::Held(TRUTH[3]);
         }
         for (run, commands) in planted.commands.iter().enumerate() {
             let place =
@@ -158,7 +158,7 @@ impl Planted {
             let [lean_x, lean_y] = leans.get(run).copied().unwrap_or_default();
             let lean = [lean_x, lean_y, 0.0];
             let mut effects = chosen.clone();
-            effects.push(Chosen {
+            effects.push(EffectInstance {
                 effect: effect("lean").unwrap(),
                 values: PerRollout::Shared(&lean),
             });
@@ -237,7 +237,7 @@ impl Planted {
     /// Looks first at the truth.
     pub(crate) fn starting_at_truth(mut self) -> Self {
         for (sought, truth) in self.parameters.iter_mut().zip(TRUTH) {
-            if let Sought::Free { start, .. } = sought {
+            if let ParameterSpec::Free { start, .. } = sought {
                 *start = Some(truth);
             }
         }

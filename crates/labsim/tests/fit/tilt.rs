@@ -1,6 +1,6 @@
 //! The tilt as a second signal: what was planted is found from both, and from the tilt alone.
 
-use labsim::fit::{Solution, Sought, tracker_noise};
+use labsim::fit::{ParameterSpec, Solution, tracker_noise};
 
 use crate::planted::{NOISE, Planted, ROWS, TRUTH, near};
 
@@ -40,8 +40,8 @@ fn tilt_scale(solution: &Solution) -> [f64; 2] {
 
 /// What the tilt says nothing of is held.
 fn held(mut planted: Planted) -> Planted {
-    planted.parameters[2] = Sought::Held(TRUTH[2]);
-    planted.parameters[4] = Sought::Held(TRUTH[4]);
+    planted.parameters[2] = ParameterSpec::Held(TRUTH[2]);
+    planted.parameters[4] = ParameterSpec::Held(TRUTH[4]);
     planted
 }
 
@@ -209,7 +209,7 @@ fn motor_currents_are_commands() {
         }
     }
     for axis in 0..2 {
-        planted.parameters[axis] = Sought::Free {
+        planted.parameters[axis] = ParameterSpec::Free {
             range: (-2e-4, 2e-4),
             start: None,
         };

@@ -7,7 +7,7 @@ use pulp::Simd;
 
 use self::mode::Mode;
 use self::profile::{Profile, SADDLE};
-use super::{About, Acts, Effect, Memory, Parameter, Stage};
+use super::{EffectSpec, Hook, Effect, Memory, Parameter, Stage};
 use crate::board::{GRAVITY, Rig};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair, Push, Rolled, length};
@@ -161,10 +161,10 @@ macro_rules! parameters {
     };
 }
 
-pub(super) const ABOUT: About = About {
+pub(super) const ABOUT: EffectSpec = EffectSpec {
     name: "unlisted",
     stage: Stage::Field,
-    acts: Acts::OnMarble(Memory::Time),
+    acts: Hook::OnMarble(Memory::Time),
     hypothesis: false,
     shrunk: false,
     equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \

@@ -143,8 +143,8 @@ impl<'a> Marble<'a> {
     fn begin_row(&mut self, row: usize) {
         let job = self.job;
         self.actuation.begin_row(row, |_| job);
-        if let Some(agenda) = &mut self.camera.agenda {
-            agenda.begin_row(row);
+        if let Some(schedule) = &mut self.camera.schedule {
+            schedule.begin_row(row);
         }
     }
 
@@ -161,7 +161,7 @@ impl<'a> Marble<'a> {
         }
         if row == 0 {
             out.marble[row] = self.job.start;
-        } else if self.camera.agenda.is_none() {
+        } else if self.camera.schedule.is_none() {
             let place = marble.translation();
             let place = [place.x, place.y].map(|value| Lanes::splat(Scalar::new(), value));
             out.marble[row] = self.camera.see(place, &self.actuation.tilt).map(number);
@@ -207,7 +207,7 @@ impl<'a> Marble<'a> {
         if self.done.is_multiple_of(self.parts) {
             self.turn(row, (self.done / self.parts) as u32);
         }
-        if self.camera.agenda.is_some() {
+        if self.camera.schedule.is_some() {
             self.before = Some(self.motion(marble));
         }
         if self.done > 0 && self.forces.is_empty() && !self.actuation.moves() {

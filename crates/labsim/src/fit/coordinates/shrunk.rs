@@ -3,7 +3,7 @@
 use super::Coordinates;
 use crate::error::Result;
 use crate::fit::axis::{Axis, effect_axis};
-use crate::fit::problem::{Hypothesis, LEAN, Problem, Sought};
+use crate::fit::problem::{Hypothesis, LEAN, ParameterSpec, Problem};
 
 /// The size with which a map is let go, over the half width of its coefficients' range.
 const OPEN: f64 = 0.3;
@@ -34,7 +34,7 @@ impl Coordinates {
                 };
                 let place = self.held.len();
                 let range = match problem.sought().nth(slot + axis) {
-                    Some(Sought::Free { range, .. }) => range,
+                    Some(ParameterSpec::Free { range, .. }) => range,
                     _ => parameter.range,
                 };
                 self.axes

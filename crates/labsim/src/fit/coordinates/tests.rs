@@ -2,7 +2,7 @@ use super::*;
 use crate::board::Rig;
 use crate::effects::effect;
 use crate::engine::{Engine, Hold};
-use crate::fit::{Hypothesis, Sought};
+use crate::fit::{Hypothesis, ParameterSpec};
 
 /// The optional difference of the lags about x and y, and the time of the break-away, are held.
 const VALUES: [f64; 11] = [
@@ -23,7 +23,7 @@ fn coordinates() -> Coordinates {
     let effects = names.map(|name| Hypothesis::free(effect(name).unwrap()));
     let problem = Problem {
         rig: &Rig::default(),
-        parameters: ranges.map(|range| Sought::Free { range, start: None }),
+        parameters: ranges.map(|range| ParameterSpec::Free { range, start: None }),
         effects: &effects,
         recordings: &[],
         stretches: &[],

@@ -10,21 +10,21 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::agenda::{Moment, Timeline};
+use super::schedule::{Moment, Timeline};
 use super::{Hold, Job};
 use crate::effects::Any;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
 /// The commands of the rollouts of a register, as they come.
-pub(super) enum Arrivals<S: Simd> {
+pub(super) enum CommandDelay<S: Simd> {
     /// Those of both axes at the same moments.
     Together(Course<S, 2>),
     /// Each axis' at its own.
     Apart([Course<S, 1>; 2]),
 }
 
-impl<S: Simd> Arrivals<S> {
+impl<S: Simd> CommandDelay<S> {
     /// Commands that are `issued` when the rows of that timeline begin and come late by `late`, to the
     /// rows of another; `before` came long ago. One that goes evenly to the next one is issued in steps, one a
     /// substep.

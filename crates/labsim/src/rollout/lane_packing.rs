@@ -1,7 +1,7 @@
 //! Which rollouts share a group: those that take equally long and move alike.
 //!
 //! Lanes of a register that meet a rim or stop in different substeps all pay for each; with like
-//! neighbours they do so together. The order decides only who keeps whom company, never a result.
+//! neighbours they do so together. The order decides only which marbles share a register, never a result.
 
 use crate::board::{Board, GRAVITY, SUBSTEP_S};
 use crate::engine::Job;

@@ -43,7 +43,7 @@ impl fmt::Display for Stage {
     clippy::enum_variant_names,
     reason = "an effect acts on the knob, on the tilt: so it is said"
 )]
-pub(crate) enum Acts {
+pub(crate) enum Hook {
     /// When commands arrive.
     OnArrival,
     /// How long a row lasts.
@@ -170,12 +170,12 @@ impl Parameter {
 
 /// What the catalogue says of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct About {
+pub struct EffectSpec {
     /// Its name in every file and report.
     pub name: &'static str,
     /// Where it sits.
     pub stage: Stage,
-    pub(crate) acts: Acts,
+    pub(crate) acts: Hook,
     /// Whether today's diagnosis tries it.
     pub hypothesis: bool,
     /// Whether its parameters are drawn from one normal distribution about zero, whose size is estimated: a fit
@@ -195,7 +195,7 @@ pub struct About {
     pub references: &'static [&'static str],
 }
 
-impl About {
+impl EffectSpec {
     /// The values without effect.
     pub fn neutral(&self) -> Vec<f64> {
         self.parameters.iter().map(|one| one.neutral).collect()
@@ -203,12 +203,12 @@ impl About {
 
     /// Whether it matters how the marble has been turned by its path.
     pub fn turns(&self) -> bool {
-        self.acts == Acts::OnMarble(Memory::Turning)
+        self.acts == Hook::OnMarble(Memory::Turning)
     }
 
     /// Whether it changes what is measured of the board's angles, and nothing else.
     pub fn is_of_gauge(&self) -> bool {
-        self.acts == Acts::OnGauge
+        self.acts == Hook::OnGauge
     }
 
     /// Whether it acts between the command and the board's tilt: none of it is left where a measured tilt is
@@ -216,7 +216,7 @@ impl About {
     pub fn moves_board(&self) -> bool {
         matches!(
             self.acts,
-            Acts::OnArrival | Acts::OnKnob { .. } | Acts::OnTilt
+            Hook::OnArrival | Hook::OnKnob { .. } | Hook::OnTilt
         )
     }
 

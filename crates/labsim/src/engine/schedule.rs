@@ -21,14 +21,14 @@ pub(super) struct Moment {
 }
 
 /// The moments of each lane's rollout, in order.
-pub(super) struct Agenda<S: Simd> {
+pub(super) struct Schedule<S: Simd> {
     moments: Vec<Vec<Moment>>,
     taken: Vec<usize>,
     /// When the next ones of this row come (substeps after its beginning), infinite where none does.
     next: Lanes<S>,
 }
 
-impl<S: Simd> Agenda<S> {
+impl<S: Simd> Schedule<S> {
     pub(super) fn new(simd: S, moments: Vec<Vec<Moment>>) -> Self {
         Self {
             taken: vec![0; moments.len()],
