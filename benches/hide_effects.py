@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 import irt
 from irt.catalogue import effect, hypothetical
-from irt.diagnose.case import Case
+from irt.diagnosis.case import Case
 from irt.files import write_atomic
 from irt.fitting.effect_size import size_of
 from irt.rig import PARAMETERS

@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
+from irt.tracking.blob_detector import Box
 from irt.tracking.corners import find_corners, ordered
 from irt.tracking.geometry import Lens, Pose, Size
 from irt.tracking.learning import learn, scale_of
 from irt.tracking.run import SAMPLE, board_box
-from irt.tracking.seek import Box
 from irt.tracking.tracker import Tracker
 from machine import busy_cores, machine
 from tracking.rivals import rivals

@@ -11,9 +11,9 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from irt.catalogue import EffectInfo, EffectParameter, effects
+from irt.engine import SUBSTEP_S, paper_drive, rollouts
 from irt.report import style
 from irt.rig import Board, Marble
-from irt.rollouts import SUBSTEP_S, paper_drive, rollouts
 
 DOCS = Path(__file__).resolve().parent
 PAGE = DOCS / "effects.md"

@@ -15,8 +15,8 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from irt.engine import rollouts
 from irt.rig import Board, Marble
-from irt.rollouts import rollouts
 
 #: The truth is simulated at this rate [Hz]: the engine's own.
 FINE = 240.0

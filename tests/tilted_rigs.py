@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from irt.engine import rollouts
 from irt.recording import Recording
 from irt.rig import Board, Marble, Rig
-from irt.rollouts import rollouts
 
 #: gear_x, gear_y, rolling_friction, time_scale, observation_scale; rows last time_scale / 240 s.
 VALUES = (0.9, 1.1, 0.004, 8.0, 1.0)

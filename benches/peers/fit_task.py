@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from irt.engine import rollouts
 from irt.rig import PARAMETERS, RANGES
-from irt.rollouts import rollouts
 from peers.workload import Array
 
 RECORDINGS, ROWS = 8, 120

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from irt.rollouts import rollouts
+from irt.engine import rollouts
 from peers.workload import drive, spread
 
 #: Rollouts simulated at a time: 32 MB of positions.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from irt.rollouts import Engine, rollouts
+from irt.engine import Engine, rollouts
 from peers.workload import PAPER_ROLLOUTS, Array
 
 

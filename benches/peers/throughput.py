@@ -9,7 +9,7 @@ from importlib import import_module
 
 import numpy as np
 
-from irt.rollouts import Engine
+from irt.engine import Engine
 from peers.labsim_engine import Labsim
 from peers.workload import BOARD, MARBLE, Array, Contender, drive, gentle, spread, substeps
 

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import SUBSTEP_S, paper_drive
 from irt.rig import PARAMETERS, RANGES, Board, Marble
-from irt.rollouts import SUBSTEP_S, paper_drive
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.tracking.seek import Box
+from irt.tracking.blob_detector import Box
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from irt.rollouts import rollouts
+from irt.engine import rollouts
 from tracking.board import Paint
 from tracking.scene import Finger, Look, Scene
 from tracking.view import Array, View

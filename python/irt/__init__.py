@@ -6,22 +6,20 @@ Names are resolved on first use, so that importing the package costs next to not
 from __future__ import annotations
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
     from irt.catalogue import EffectInfo, EffectParameter, effects
-    from irt.check import Check, check
-    from irt.diagnose import Diagnosis, diagnose
+    from irt.checking import Check, check
+    from irt.diagnosis import Diagnosis, diagnose
+    from irt.engine import paper_drive, rollouts
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
     from irt.residual import Evaluation, evaluate
     from irt.rig import Board, Marble, Rig, load_rig
-    from irt.rollouts import paper_drive, rollouts
-    from irt.suggest import Suggestion, suggest
+    from irt.suggestion import Suggestion, suggest
     from irt.tuning import tune
 
 __all__ = [
@@ -56,14 +54,14 @@ __all__ = [
 
 _HOMES = {
     "irt.catalogue": ("EffectInfo", "EffectParameter", "effects"),
-    "irt.check": ("Check", "check"),
-    "irt.diagnose": ("Diagnosis", "diagnose"),
+    "irt.checking": ("Check", "check"),
+    "irt.diagnosis": ("Diagnosis", "diagnose"),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
     "irt.residual": ("Evaluation", "evaluate"),
     "irt.rig": ("Board", "Marble", "Rig", "load_rig"),
-    "irt.rollouts": ("paper_drive", "rollouts"),
-    "irt.suggest": ("Suggestion", "suggest"),
+    "irt.engine": ("paper_drive", "rollouts"),
+    "irt.suggestion": ("Suggestion", "suggest"),
     "irt.tuning": ("tune",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
@@ -81,14 +79,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*__all__, "__version__"]
-
-
-class _Package(ModuleType):
-    """Keeps `irt.rollouts` the function: importing a module binds its name in the package that holds it."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _HOME and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package

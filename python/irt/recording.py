@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike, read_text, write_atomic
-from irt.way import rolled
+from irt.path_length import rolled
 
 Array = NDArray[np.float64]
 #: What a command does from its row to the next: it holds, or runs evenly to the next command.

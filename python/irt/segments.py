@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.recording import Recording
 from irt.rig import Rig
-from irt.rollouts import SUBSTEP_S
 from irt.start_state import Inputs
 
 Array = NDArray[np.float64]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
+from irt.engine import rollouts, turned
 from irt.model import Model
 from irt.recording import Hold
 from irt.rig import PARAMETERS
-from irt.rollouts import rollouts, turned
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from irt.cli.demo import data
-from irt.rollouts import rollouts
+from irt.engine import rollouts
 from simulated_rigs import STEP_S, TRUTH, drive
 
 

@@ -6,11 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
-from irt.diagnose import search
+from irt.diagnosis import search
+from irt.engine import rollouts
 from irt.model import load_model
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, load_rig
-from irt.rollouts import rollouts
 
 TRUTH = [[0.06, 0.05, 4e-4, 15.0, 1.03]]
 PARALLAX = {"name": "parallax", "height_m_per_rad": 0.5}

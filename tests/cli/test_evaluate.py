@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.model import Model, save_model
 from irt.residual import evaluate
 from irt.rig import load_rig
-from irt.rollouts import rollouts
 
 VALUES = (0.07, 0.06, 0.0005, 24.0, 1.0)
 OTHER = (0.05, 0.07, 0.0003, 24.0, 1.0)

@@ -65,7 +65,7 @@ def test_the_same_command_keeps_what_is_there(irt, proved: tuple[Path, str]) -> 
 @pytest.mark.slow
 def test_other_methods_and_another_place_for_the_page(irt, proved, monkeypatch, tmp_path: Path) -> None:
     out, _ = proved
-    contest = import_module("irt.prove.contest")
+    contest = import_module("irt.proof.contest")
     assert set(contest.METHODS) == {"alone", "single", "gaussian", "sindy", "whiteness"}
     page = tmp_path / "docs" / "card.md"
     done = irt("prove", *TINY, "--out", out, "--baselines", "--page", page)
@@ -81,14 +81,14 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     """Stopped in the second round, the page tells of the first; the same command goes on."""
     monkeypatch.chdir(tmp_path)
     words = ("--rounds", "2", "--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD, "--out", "out")
-    run = import_module("irt.prove.run").Proof.run
+    run = import_module("irt.proof.run").Proof.run
 
     def stopped(proof):
         if proof.places.out.name == "round-2":
             raise KeyboardInterrupt
         return run(proof)
 
-    monkeypatch.setattr("irt.prove.run.Proof.run", stopped)
+    monkeypatch.setattr("irt.proof.run.Proof.run", stopped)
     assert irt("prove", *words).status == 130
     page = Path("out/proof.md")
     assert "| rounds | 1 of 2 are finished, and counted here |" in page.read_text()
@@ -99,7 +99,7 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     assert second == (
         "out/round-2: not finished, and not checked: its rigs are not all hidden; the same command goes on"
     )
-    monkeypatch.setattr("irt.prove.run.Proof.run", run)
+    monkeypatch.setattr("irt.proof.run.Proof.run", run)
     done = irt("prove", *words)
     assert (done.status, done.err) == (0, "")
     assert done.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
@@ -108,7 +108,7 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
         assert f"| `keys.json`, round {number} |" in page.read_text()
     assert irt("prove", "--verify", "--out", "out").out.startswith("out: 2 rigs: ")
     # A page that tells of two rounds never tells of one again.
-    written, scorecard = [], import_module("irt.prove.scorecard")
+    written, scorecard = [], import_module("irt.proof.scorecard")
     write = scorecard.write_scorecard
     monkeypatch.setattr(
         scorecard,

@@ -6,7 +6,7 @@ import shlex
 import pytest
 
 from irt.cli import reproduce as verb
-from irt.reproduce import standin
+from irt.paper import standin
 
 
 def parsed(words):

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.model import Effect, Model, Parameter, save_model
 from irt.recording import Recording, load_recording, save_recording
 from irt.rig import PARAMETERS, RANGES, Board, Marble
-from irt.rollouts import rollouts
 
 VALUES = (0.07, 0.06, 0.0005, 24.3, 1.05)
 MODEL = Model(

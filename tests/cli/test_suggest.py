@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.model import Effect, Model, load_model, save_model
 from irt.recording import load_commands
 from irt.rig import load_rig
-from irt.rollouts import rollouts
 
 VALUES = (0.07, 0.06, 0.0005, 20.0, 1.0)
 NOISE = 0.001
@@ -41,7 +41,7 @@ def models(tmp_path: Path, rig: Path) -> tuple[Path, Path]:
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search less: how good the outcome is belongs to other tests."""
-    search = import_module("irt.suggest.search")
+    search = import_module("irt.suggestion.search")
     monkeypatch.setattr(search, "_DRAWN", 6)
     monkeypatch.setattr(search, "_ROUNDS", 2)
 
@@ -87,7 +87,7 @@ def test_without_models_it_diagnoses(irt, monkeypatch, tmp_path: Path, rig: Path
         )
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(import_module("irt.diagnose"), "diagnose", diagnose)
+    monkeypatch.setattr(import_module("irt.diagnosis"), "diagnose", diagnose)
     status, said, _ = irt("suggest", rig, "--seed", "5", "--threads", "1")
     assert status == 0
     assert (asked["rig"], asked["seed"], asked["threads"]) == (rig, 5, 1)

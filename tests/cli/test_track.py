@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.recording import load_recording
-from irt.rollouts import rollouts
 from irt.tracking.calibration import save_lens
 from irt.tracking.geometry import Lens
 from tracking.board import Paint

@@ -9,10 +9,10 @@ import pytest
 
 from irt.cli import tune as verb
 from irt.cli.demo import data
+from irt.engine import paper_drive, rollouts
 from irt.model import load_model
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, load_rig
-from irt.rollouts import paper_drive, rollouts
 from irt.tuning import METHODS, cache
 from irt.tuning import pretrain as training
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.fitting.least_squares import least_squares
 from irt.model import Effect, Model
 from irt.recording import Recording
 from irt.residual import free_run_error
 from irt.rig import RANGES, Board, Marble, Rig, load_rig
-from irt.rollouts import rollouts
 
 TRUTH = (0.06, 0.05, 4e-4, 15.0, 1.03)
 NOISE = 1e-3

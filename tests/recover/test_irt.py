@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from irt.cli.demo import data
+from irt.engine import paper_drive, rollouts
 from irt.residual import evaluate
 from irt.rig import load_rig
-from irt.rollouts import paper_drive, rollouts
 from irt.tuning import tune
 from irt.tuning.cache import SHIPPED, need
 from irt.tuning.drive import Drive

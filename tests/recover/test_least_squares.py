@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irt.engine import SUBSTEP_S, paper_drive, rollouts
 from irt.fitting.least_squares import least_squares
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, load_rig
-from irt.rollouts import SUBSTEP_S, paper_drive, rollouts
 
 NOISE = 0.001
 ROWS = 120

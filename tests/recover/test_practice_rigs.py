@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from irt.engine import SUBSTEP_S
 from irt.model import Effect, Model
 from irt.residual import free_run_error
 from irt.rig import load_rig
-from irt.rollouts import SUBSTEP_S
 
 #: Where the labels' names of a hidden effect's numbers go; some of them are counted otherwise there.
 NAMES: dict[str, dict[str, tuple[str, float]]] = {

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.rig import PARAMETERS, RANGES
-from irt.rollouts import rollouts
 from peers import throughput
 from peers.fit_task import LOW, NOISE, TRUTH, Arrival, Trace, from_unit, make_task, to_unit
 from peers.labsim_engine import Labsim

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from irt import catalogue
 from irt.catalogue import effects
+from irt.engine import SUBSTEP_S, paper_drive, rollouts
 from irt.errors import IrtError
 from irt.rig import Board, Marble
-from irt.rollouts import SUBSTEP_S, paper_drive, rollouts
 
 PAPER = np.array([[0.05, 0.06, 0.0004, 20.0, 1.0]])
 
@@ -258,7 +258,7 @@ def test_other_threads_run_during_a_batch():
 @pytest.mark.skipif(os.name != "posix", reason="sends a POSIX signal")
 def test_ctrl_c_stops_a_long_batch():
     code = (
-        "import numpy as np; from irt.rollouts import *; print('ready', flush=True);"
+        "import numpy as np; from irt.engine import *; print('ready', flush=True);"
         "rollouts(np.tile([0.05, 0.05, 0.0, 5000.0, 1.0], (3000, 1)), paper_drive(1000), threads=1)"
     )
     child = subprocess.Popen(

@@ -33,7 +33,7 @@ def test_importing_loads_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize(
-    "first", ["", "import irt.rollouts", "from irt.rollouts import paper_drive", "import irt.residual"]
+    "first", ["", "import irt.engine", "from irt.engine import paper_drive", "import irt.residual"]
 )
 def test_rollouts_is_the_function_whatever_was_imported_before(first: str) -> None:
     assert run(

@@ -15,26 +15,26 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
     "cli",
-    "reproduce",
-    "prove",
+    "paper",
+    "proof",
     "importing",
     "report",
-    "suggest",
-    "diagnose",
+    "suggestion",
+    "diagnosis",
     "tuning",
-    "check",
+    "checking",
     "fitting",
     "residual",
     "measured_tilt",
     "segments",
     "start_state",
-    "rollouts",
+    "engine",
     "model",
     "tracking",
     "rig",
     "recording",
     "conventions",
-    "way",
+    "path_length",
     "cleaning",
     "bag",
     "files",
@@ -112,7 +112,7 @@ def test_no_import_cycles() -> None:
 
 def test_three_doors_lead_to_the_engine() -> None:
     doors = {name for name, targets in GRAPH.items() if EXTENSION in targets}
-    assert doors == {"irt.rollouts", "irt.catalogue", "irt.fitting.problem"}
+    assert doors == {"irt.engine", "irt.catalogue", "irt.fitting.problem"}
 
 
 def loaded_after(statement: str) -> set[str]:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.way import rolled
+from irt.path_length import rolled
 
 
 def there_and_back(rows=160):

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.rig import PARAMETERS, load_rig
-from irt.rollouts import rollouts
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "python" / "irt" / "data"

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.model import Effect, Model
 from irt.recording import Recording
 from irt.residual import evaluate, free_run_error, predict, windowed_error
 from irt.rig import RANGES, Board, Marble, Rig, load_rig
-from irt.rollouts import rollouts
 from irt.segments import segments
 
 VALUES = (0.07, 0.06, 0.0005, 24.0, 1.0)

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts, turned
 from irt.errors import IrtError
 from irt.model import Effect, Model, Parameter
 from irt.recording import Recording
 from irt.rig import PARAMETERS, RANGES, Board, Marble
-from irt.rollouts import rollouts, turned
 from irt.segments import inputs_of, segment_of
 from irt.start_state import Inputs, estimate_start_states, simulate
 

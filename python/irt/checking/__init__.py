@@ -1,9 +1,9 @@
 """Before a fit: what is in a rig's recordings, whether it can be right, and what it could identify."""
 
-from irt.check.identify import SHOWS
-from irt.check.result import Check, Detectable, Finding, Identified, ResponseFacts, RunFacts, SignalFacts
-from irt.check.run import check
-from irt.check.text import page
+from irt.checking.identify import SHOWS
+from irt.checking.result import Check, Detectable, Finding, Identified, ResponseFacts, RunFacts, SignalFacts
+from irt.checking.run import check
+from irt.checking.text import page
 
 __all__ = [
     "SHOWS",

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from irt.check.findings import MOSTLY_LOST, MOSTLY_REST, MOSTLY_RIM
-from irt.check.result import Finding, Identified, RunFacts
+from irt.checking.findings import MOSTLY_LOST, MOSTLY_REST, MOSTLY_RIM
+from irt.checking.result import Finding, Identified, RunFacts
 from irt.rig import Rig
 
 #: Commands this strongly correlated move along one direction only.

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from irt.check.result import Finding, RunFacts
-from irt.check.runs import row_step
+from irt.checking.result import Finding, RunFacts
+from irt.checking.runs import row_step
 from irt.recording import MARBLE, STAMP
 from irt.rig import Rig
 

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import EffectInfo, EffectParameter, hypothetical
-from irt.check.responses import EXPECTED, Answer
-from irt.check.result import Detectable, Identified
-from irt.check.runs import row_step
+from irt.checking.responses import EXPECTED, Answer
+from irt.checking.result import Detectable, Identified
+from irt.checking.runs import row_step
+from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, strong_values, try_path
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem
@@ -26,7 +27,6 @@ from irt.fitting.sentences import unidentifiable
 from irt.model import Model
 from irt.recording import MARBLE
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import SUBSTEP_S
 from irt.segments import LEAD_ROWS, Segment, guess, inputs_of, segments
 from irt.start_state import estimate_start_states, simulate
 
@@ -75,7 +75,7 @@ def identify(
     noise : mapping
         Of each column [its own unit]; None of an axis that never moves.
     answers : mapping
-        Of `irt.check.responses.responses`: where the quick fit of the gears begins.
+        Of `irt.checking.responses.responses`: where the quick fit of the gears begins.
     threads : int, optional
         Of the engine; by default one for each core.
     """

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.check.result import Finding, ResponseFacts
-from irt.check.runs import row_step
+from irt.checking.result import Finding, ResponseFacts
+from irt.checking.runs import row_step
 from irt.conventions import (
     LEAST_BLOCKS,
     Convention,
@@ -19,9 +19,9 @@ from irt.conventions import (
     fit_level,
     resampled,
 )
+from irt.engine import GRAVITY
 from irt.recording import MARBLE, TILT, Recording
 from irt.rig import Rig
-from irt.rollouts import GRAVITY
 
 Array = NDArray[np.float64]
 

@@ -7,14 +7,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.check.advice import next_recording
-from irt.check.findings import run_findings
-from irt.check.identify import identify
-from irt.check.responses import response_findings, responses
-from irt.check.result import Check, Finding
-from irt.check.runs import rim_masks, run_facts
-from irt.check.signals import clean, signal_facts
-from irt.check.units import unit_findings
+from irt.checking.advice import next_recording
+from irt.checking.findings import run_findings
+from irt.checking.identify import identify
+from irt.checking.responses import response_findings, responses
+from irt.checking.result import Check, Finding
+from irt.checking.runs import rim_masks, run_facts
+from irt.checking.signals import clean, signal_facts
+from irt.checking.units import unit_findings
 from irt.files import PathLike
 from irt.recording import MARBLE
 from irt.rig import Rig, load_rig

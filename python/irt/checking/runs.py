@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.check.result import RunFacts, SignalFacts
-from irt.check.signals import held_mask
+from irt.checking.result import RunFacts, SignalFacts
+from irt.checking.signals import held_mask
 from irt.cleaning import garbage_rows, mask_spans, tilt_jumps
 from irt.recording import MARBLE, TILT, Recording
 from irt.rig import PARAMETERS, Rig

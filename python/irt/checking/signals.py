@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.check.result import SignalFacts
+from irt.checking.result import SignalFacts
 from irt.cleaning import held_rows, mask_spans, repeats_are_certain, tilt_jumps
 from irt.recording import MARBLE, TILT, Recording
 from irt.rig import Rig

@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 
-from irt.check.result import Check, Detectable, Identified, ResponseFacts, RunFacts, SignalFacts
+from irt.checking.result import Check, Detectable, Identified, ResponseFacts, RunFacts, SignalFacts
 
 #: Characters of a line.
 _WIDTH = 100

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.check.responses import EXPECTED, Answer
-from irt.check.result import Finding
-from irt.check.runs import row_step
+from irt.checking.responses import EXPECTED, Answer
+from irt.checking.result import Finding
+from irt.checking.runs import row_step
+from irt.engine import SUBSTEP_S
 from irt.recording import KNOBS, MARBLE, STAMP
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ def unit_findings(
     noise : float
         Of a position [board edges].
     answers : dict
-        Of `irt.check.responses.responses`.
+        Of `irt.checking.responses.responses`.
     """
     return [*_knobs(rig, answers.get("marble")), *_positions(rig, marbles, noise), *_stamps(rig)]
 

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Check, print the page or JSON, and raise where the recordings can identify nothing."""
-    from irt.check import check, page
+    from irt.checking import check, page
 
     found = check(args.rig, threads=args.threads)
     print(json.dumps(found.as_dict(), indent=2, allow_nan=False) if args.json else page(found))

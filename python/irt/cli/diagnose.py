@@ -13,7 +13,7 @@ from irt.cli.inputs import checked, whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
-    from irt.diagnose import Diagnosis
+    from irt.diagnosis import Diagnosis
     from irt.rig import Rig
 
 NAME = "diagnose"
@@ -81,7 +81,7 @@ def _folder(out: Path | None, name: str, *, alone: bool) -> Path:
 def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
     """Diagnose a rig in this process, with a bar that says what is tried."""
     from irt.cli.progress import progress_bar
-    from irt.diagnose import Interrupted, diagnose
+    from irt.diagnosis import Interrupted, diagnose
     from irt.files import make_folder, write_atomic
     from irt.report.diagnosed import write_diagnosis
 

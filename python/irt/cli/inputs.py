@@ -29,7 +29,7 @@ def checked(rig: Rig, threads: int | None = None) -> tuple[str, ...]:
     IrtError
         If the recordings can identify nothing.
     """
-    from irt.check import check
+    from irt.checking import check
 
     found = check(rig, threads=threads)
     found.require()

@@ -15,10 +15,10 @@ from irt.cli.inputs import whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
-    from irt.prove.chain import Places
-    from irt.prove.results import Results
-    from irt.prove.rounds import Rounds
-    from irt.prove.run import Progress
+    from irt.proof.hash_chain import Places
+    from irt.proof.results import Results
+    from irt.proof.rounds import Rounds
+    from irt.proof.run import Progress
 
 NAME = "prove"
 HELP = "hide effects in rigs of another engine, diagnose them blind, open the seals, score"
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--world",
         metavar="COMMAND",
-        help="another program that makes the rigs, over the lines of JSON that irt.prove.sealing describes",
+        help="another program that makes the rigs, over the lines of JSON that irt.proof.sealing describes",
     )
     parser.add_argument(
         "--cluster",
@@ -101,7 +101,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Prove, write the scorecard, and print what came of it."""
-    from irt.prove.rounds import verify_all
+    from irt.proof.rounds import verify_all
 
     if args.verify:
         checked = verify_all(args.out)
@@ -110,7 +110,7 @@ def run(args: argparse.Namespace) -> None:
         if checked.unfinished:
             print(checked.unfinished)
         return
-    from irt.prove.scorecard import verdict
+    from irt.proof.scorecard import verdict
 
     results, page = _proved(args)
     print(verdict(results))
@@ -125,11 +125,11 @@ def run(args: argparse.Namespace) -> None:
 def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     """Go through the rounds, from where it was left; return the scores of all, and their page."""
     from irt.cli.progress import progress_bar
-    from irt.prove.chain import unfinished
-    from irt.prove.made import Made, note
-    from irt.prove.results import Results
-    from irt.prove.run import Proof
-    from irt.prove.scorecard import write_scorecard
+    from irt.proof.hash_chain import unfinished
+    from irt.proof.provenance import Made, note
+    from irt.proof.results import Results
+    from irt.proof.run import Proof
+    from irt.proof.scorecard import write_scorecard
     from irt.workers.choice import make_workers
 
     earlier = Results(()) if args.onto is None else _earlier(args)
@@ -208,7 +208,7 @@ def _recorder(args: argparse.Namespace) -> str:
 
     if args.world is not None:
         return f"`{args.world}`"
-    return f"PyBullet {version('pybullet')} (`irt.prove.concealed`), a process apart"
+    return f"PyBullet {version('pybullet')} (`irt.proof.pybullet_world`), a process apart"
 
 
 def _earlier(args: argparse.Namespace) -> Results:
@@ -222,8 +222,8 @@ def _earlier(args: argparse.Namespace) -> Results:
         If there is no such page, or another proof has been added to it since.
     """
     from irt.files import make_folder, write_atomic
-    from irt.prove.chain import read_json
-    from irt.prove.results import Results
+    from irt.proof.hash_chain import read_json
+    from irt.proof.results import Results
 
     if args.page is not None:
         raise IrtError("--onto names the page: leave --page out")
@@ -241,7 +241,7 @@ def _earlier(args: argparse.Namespace) -> Results:
 
 
 def _rounds(args: argparse.Namespace, before: int) -> Rounds:
-    from irt.prove.rounds import Rounds
+    from irt.proof.rounds import Rounds
 
     hidden, nulls = _FULL if args.full else _QUICK
     return Rounds(
@@ -262,9 +262,9 @@ def _world() -> list[str]:
     IrtError
         If a package that it needs is missing.
     """
-    from irt.prove.seal import EXTRA
+    from irt.proof.seal import EXTRA
 
     for name in _NEEDED:
         if importlib.util.find_spec(name) is None:
             raise IrtError(f"a proof needs the package {name}: {EXTRA}")
-    return [sys.executable, "-m", "irt.prove.concealed", "--tracker", "irt.tracking:positions", _WATCHED]
+    return [sys.executable, "-m", "irt.proof.pybullet_world", "--tracker", "irt.tracking:positions", _WATCHED]

@@ -12,7 +12,7 @@ from irt.cli.inputs import whole
 
 if TYPE_CHECKING:
     from irt.fitting.fit import Progress
-    from irt.reproduce.setting import Setting
+    from irt.paper.setting import Setting
 
 NAME = "reproduce"
 HELP = "do the paper's experiments again, with intervals, and write its figures, its table and a page"
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> None:
     """Do the experiments that are needed, draw, and print the tables."""
     from irt.cli.progress import progress_bar
     from irt.files import make_folder
-    from irt.reproduce.setting import Setting
+    from irt.paper.setting import Setting
 
     counts = _counts(args)
     setting = Setting(
@@ -121,13 +121,13 @@ def _done(
     import json
 
     from irt.files import make_folder, write_atomic
-    from irt.reproduce import drawn, tables
-    from irt.reproduce.contenders import available
-    from irt.reproduce.page import Results, write_page
-    from irt.reproduce.recorded import judge
-    from irt.reproduce.simulated import experiment1
-    from irt.reproduce.standin import experiment2
-    from irt.reproduce.switches import switched
+    from irt.paper import render, tables
+    from irt.paper.ablations import switched
+    from irt.paper.contenders import available
+    from irt.paper.page import Results, write_page
+    from irt.paper.recorded import judge
+    from irt.paper.simulated import experiment1
+    from irt.paper.standin import experiment2
 
     folder = make_folder(page.with_suffix(""))
     lines = (
@@ -141,18 +141,18 @@ def _done(
     real = judge(setting, args.real, progress) if args.real is not None else []
     if first is not None:
         for name in sorted(items & set(_OF_FIRST)):
-            drawn.OF_FIRST[name](folder, first)
+            render.OF_FIRST[name](folder, first)
         numbers["experiment_1"] = first.as_dict()
         lines += [*tables.of_methods(first), ""]
     if second is not None:
-        for name in sorted(items & set(drawn.OF_SECOND)):
-            drawn.OF_SECOND[name](folder, second)
+        for name in sorted(items & set(render.OF_SECOND)):
+            render.OF_SECOND[name](folder, second)
         numbers["experiment_2"] = second.as_dict()
         lines += [*tables.table1(second), "", *tables.of_diagnoses(second.diagnosed), ""]
     for name, switch in other.items():
         numbers[f"experiment_1, {name}"] = switch.as_dict()
     if "symmetry" in items:
-        drawn.symmetries(folder, setting)
+        render.symmetries(folder, setting)
     if numbers:
         write_atomic(folder / "results.json", json.dumps(numbers, indent=1) + "\n")
     if first is None or second is None or items != set(ITEMS):

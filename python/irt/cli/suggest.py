@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> None:
     from irt.cli.progress import progress_bar
     from irt.files import atomic_path
     from irt.rig import load_rig
-    from irt.suggest import suggest
+    from irt.suggestion import suggest
 
     rig = load_rig(args.rig).of_marbles()
     if args.out.resolve().parent == args.rig.resolve():
@@ -70,7 +70,7 @@ def _hypotheses(
     rig: Rig, args: argparse.Namespace, progress: Progress
 ) -> tuple[list[str], list[Model], float]:
     """Return what a diagnosis says, the models to tell apart, and the tracker's noise [board edges]."""
-    from irt.diagnose import diagnose
+    from irt.diagnosis import diagnose
     from irt.fitting.problem import tracker_noise
     from irt.model import load_model
     from irt.segments import segments

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
+from irt.engine import SUBSTEP_S
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
 from irt.fitting.problem import Problem, Refined, Solution, tracker_noise
 from irt.fitting.robust import deviation, student_t
 from irt.model import Effect, Model
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import SUBSTEP_S
 from irt.segments import Segment, segments
 
 Array = NDArray[np.float64]

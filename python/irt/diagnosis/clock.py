@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.diagnose.case import Case, Fitted
+from irt.diagnosis.case import Case, Fitted
 from irt.fitting.information import FLAT, Information
 from irt.rig import PARAMETERS
 

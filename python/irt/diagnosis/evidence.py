@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from irt.catalogue import hypothetical
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.colour import carried, fresh, memory, seeming
-from irt.diagnose.screen import Screen
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.colour import carried, fresh, memory, seeming
+from irt.diagnosis.screen import Screen
 from irt.fitting.robust import OF_NORMAL, deviation
 
 #: An effect must explain this share of what noise alone would make, or it is too small to be told from the

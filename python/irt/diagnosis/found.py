@@ -10,23 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.diagnose import words
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.clock import without_clock
-from irt.diagnose.diagnosis import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
-from irt.diagnose.evidence import Evidence, is_explained, is_lost
-from irt.diagnose.heldout import HeldOut
-from irt.diagnose.jitter import with_clock
-from irt.diagnose.power import power
-from irt.diagnose.resampled import with_scatter
-from irt.diagnose.rivals import reason
-from irt.diagnose.search import Search
+from irt.diagnosis import words
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.clock import without_clock
+from irt.diagnosis.evidence import Evidence, is_explained, is_lost
+from irt.diagnosis.heldout import HeldOut
+from irt.diagnosis.jitter import with_clock
+from irt.diagnosis.power import power
+from irt.diagnosis.resampled import with_scatter
+from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
+from irt.diagnosis.rivals import reason
+from irt.diagnosis.search import Search
+from irt.engine import SUBSTEP_S
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
 from irt.model import Model, Parameter
 from irt.residual import evaluate
 from irt.rig import PARAMETERS
-from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 

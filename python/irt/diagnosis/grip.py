@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from irt.diagnose.case import Case, Fitted
+from irt.diagnosis.case import Case, Fitted
 from irt.rig import Board
 
 #: Coefficients of friction beside the rig's own: one that no impact overcomes.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.case import Case, Fitted
+from irt.diagnosis.case import Case, Fitted
 
 Array = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ def hypotheses() -> list[str]:
     """Return the names of the effects that the same commands always bring about alike.
 
     What is drawn anew for each command cannot be predicted: fitted, it would be one draw among all, and not
-    that of the recordings (`irt.diagnose.jitter` looks for it in another way).
+    that of the recordings (`irt.diagnosis.jitter` looks for it in another way).
     """
     return [info.name for info in hypothetical() if _repeats(info.name)]
 

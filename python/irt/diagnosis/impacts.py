@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.evidence import Evidence, is_noise
-from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts
-from irt.diagnose.stretches import FREE, SHORTEST, runs
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.evidence import Evidence, is_noise
+from irt.diagnosis.hypotheses import acts_on_impacts_alone, is_law_of_impacts
+from irt.diagnosis.stretches import FREE, SHORTEST, runs
+from irt.path_length import bridged
 from irt.segments import Segment
-from irt.way import bridged
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.latent import JITTER, Leftover
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.latent import JITTER, Leftover
 from irt.model import Parameter
 
 #: By so many nats a differing delay must explain the leftover better than any other variable.

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, cholesky, solve_triangular
 
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.colour import seeming
-from irt.diagnose.screen import EARLIER
-from irt.diagnose.stretches import LONGEST, SHORTEST, integrator, stretches
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.colour import seeming
+from irt.diagnosis.screen import EARLIER
+from irt.diagnosis.stretches import LONGEST, SHORTEST, integrator, stretches
 
 Array = NDArray[np.float64]
 #: One for x and one for y.

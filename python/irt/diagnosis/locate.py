@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import Finding, Kind
-from irt.diagnose.latent import Source
-from irt.diagnose.library import Term
-from irt.diagnose.screen import ROWS, Screen
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.latent import Source
+from irt.diagnosis.library import Term
+from irt.diagnosis.result import Finding, Kind
+from irt.diagnosis.screen import ROWS, Screen
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

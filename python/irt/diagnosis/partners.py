@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.evidence import Evidence, excess
-from irt.diagnose.heldout import hold_out, is_supported
-from irt.diagnose.hypotheses import PLACE, acts_on_impacts_alone, hypotheses
-from irt.diagnose.impacts import refitted
-from irt.diagnose.screen import ROWS, Screen, drawn_values
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.evidence import Evidence, excess
+from irt.diagnosis.heldout import hold_out, is_supported
+from irt.diagnosis.hypotheses import PLACE, acts_on_impacts_alone, hypotheses
+from irt.diagnosis.impacts import refitted
+from irt.diagnosis.screen import ROWS, Screen, drawn_values
 
 Array = NDArray[np.float64]
 

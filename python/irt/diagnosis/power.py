@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect, hypothetical
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import Power
-from irt.diagnose.evidence import Evidence
-from irt.diagnose.hypotheses import acts_on_impacts_alone, is_law_of_impacts
-from irt.diagnose.impacts import LEAST_OF_IMPACTS, between_impacts
-from irt.diagnose.screen import Screen
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.evidence import Evidence
+from irt.diagnosis.hypotheses import acts_on_impacts_alone, is_law_of_impacts
+from irt.diagnosis.impacts import LEAST_OF_IMPACTS, between_impacts
+from irt.diagnosis.result import Power
+from irt.diagnosis.screen import Screen
 from irt.fitting.effect_size import size_of
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import stdtrit
 
-from irt.diagnose.heldout import HeldOut
+from irt.diagnosis.heldout import HeldOut
 from irt.fitting.information import CONFIDENCE, Information
 
 #: Recordings from which on leaving one out says something.

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect, hypothetical
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.search import Search
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.search import Search
 
 Array = NDArray[np.float64]
 

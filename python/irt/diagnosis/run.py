@@ -9,21 +9,21 @@ from dataclasses import dataclass, replace
 from threadpoolctl import threadpool_limits
 
 from irt.catalogue import effect
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import UNLISTED, Diagnosis, Finding, NamedEffect
-from irt.diagnose.evidence import is_explained, is_most_left
-from irt.diagnose.found import Found
-from irt.diagnose.grip import grips
-from irt.diagnose.heldout import hold_out
-from irt.diagnose.hypotheses import ALIKE, hypotheses
-from irt.diagnose.jitter import kicks, matters, spread
-from irt.diagnose.latent import Leftover
-from irt.diagnose.library import Term
-from irt.diagnose.locate import locate, stages, variables
-from irt.diagnose.partners import Report
-from irt.diagnose.rivals import rivals
-from irt.diagnose.search import MOST_EFFECTS, Search
-from irt.diagnose.unlisted import MANY, Library
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.evidence import is_explained, is_most_left
+from irt.diagnosis.found import Found
+from irt.diagnosis.grip import grips
+from irt.diagnosis.heldout import hold_out
+from irt.diagnosis.hypotheses import ALIKE, hypotheses
+from irt.diagnosis.jitter import kicks, matters, spread
+from irt.diagnosis.latent import Leftover
+from irt.diagnosis.library import Term
+from irt.diagnosis.locate import locate, stages, variables
+from irt.diagnosis.partners import Report
+from irt.diagnosis.result import UNLISTED, Diagnosis, Finding, NamedEffect
+from irt.diagnosis.rivals import rivals
+from irt.diagnosis.search import MOST_EFFECTS, Search
+from irt.diagnosis.unlisted import MANY, Library
 from irt.files import PathLike
 from irt.fitting.effect_size import size_of
 from irt.fitting.fit import Progress

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.hypotheses import is_rough
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.hypotheses import is_rough
+from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of
 from irt.fitting.robust import deviation
 from irt.rig import PARAMETERS, RANGES
-from irt.rollouts import SUBSTEP_S
 from irt.segments import Segment, inputs_of
 from irt.start_state import Inputs, estimate_start_states, simulate
 

@@ -10,17 +10,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.evidence import Evidence, excess, is_explained, is_trusted
-from irt.diagnose.heldout import HeldOut, hold_out, is_supported
-from irt.diagnose.hypotheses import ALIKE, acts_on_impacts_alone, has_place, hypotheses
-from irt.diagnose.impacts import (
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.evidence import Evidence, excess, is_explained, is_trusted
+from irt.diagnosis.heldout import HeldOut, hold_out, is_supported
+from irt.diagnosis.hypotheses import ALIKE, acts_on_impacts_alone, has_place, hypotheses
+from irt.diagnosis.impacts import (
     between_impacts,
     is_explained_between,
     shows,
 )
-from irt.diagnose.partners import WORTH, Report, likeliest_partner, moved_in, seeds
+from irt.diagnosis.partners import WORTH, Report, likeliest_partner, moved_in, seeds
+from irt.diagnosis.result import UNLISTED
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]

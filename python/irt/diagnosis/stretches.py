@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.screen import EARLIER, Screen, Window
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.screen import EARLIER, Screen, Window
+from irt.engine import GRAVITY
 from irt.rig import PARAMETERS
-from irt.rollouts import GRAVITY
 
 Array = NDArray[np.float64]
 

@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irt.catalogue import effect
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.evidence import Evidence, excess, is_explained, is_most_left, is_trusted
-from irt.diagnose.heldout import hold_out, is_supported
-from irt.diagnose.impacts import shows
-from irt.diagnose.library import BRAKE, GEARS, PROFILES, PUSH, VECTORS, Term, in_slots, of_slot
-from irt.diagnose.profiles import BOUNDED, ROUND, SHAPES
-from irt.diagnose.search import Search
-from irt.diagnose.view import View, likely_terms, motion_seen
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.evidence import Evidence, excess, is_explained, is_most_left, is_trusted
+from irt.diagnosis.heldout import hold_out, is_supported
+from irt.diagnosis.impacts import shows
+from irt.diagnosis.library import BRAKE, GEARS, PROFILES, PUSH, VECTORS, Term, in_slots, of_slot
+from irt.diagnosis.profiles import BOUNDED, ROUND, SHAPES
+from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.search import Search
+from irt.diagnosis.view import View, likely_terms, motion_seen
 from irt.rig import PARAMETERS
 
 #: A further term must take away this share of what was left beyond noise.
@@ -64,7 +64,7 @@ Learned = tuple[Case, tuple[Term, ...], Fitted]
 def learn(case: Case, base: Fitted, seen: View | None) -> Iterator[Learned]:
     """Fit the likeliest term of the library inside the simulator, then with it the likeliest of what is left.
 
-    What is learned is taken from `seen`, the motion as it was observed (`irt.diagnose.view.motion_seen`).
+    What is learned is taken from `seen`, the motion as it was observed (`irt.diagnosis.view.motion_seen`).
 
     Yields
     ------

@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.latent import Leftover
-from irt.diagnose.library import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
-from irt.diagnose.profiles import (
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.latent import Leftover
+from irt.diagnosis.library import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
+from irt.diagnosis.profiles import (
     LOCAL,
     POLYNOMIALS,
     ROUND,
@@ -26,7 +26,7 @@ from irt.diagnose.profiles import (
     spots,
     waves,
 )
-from irt.diagnose.stretches import LONGEST, PULL
+from irt.diagnosis.stretches import LONGEST, PULL
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from irt.diagnose.case import Case, Fitted
-from irt.diagnose.diagnosis import UNLISTED, NamedEffect
-from irt.diagnose.unlisted import formula, variables
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.result import UNLISTED, NamedEffect
+from irt.diagnosis.unlisted import formula, variables
 from irt.model import Parameter
 
 #: Mean absolute value of a normal variable over its standard deviation.

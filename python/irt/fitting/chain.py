@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.catalogue import effects as catalogue
+from irt.engine import Engine
 from irt.fitting.identifiability import with_intervals
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem, Solution
@@ -24,7 +25,6 @@ from irt.measured_tilt import has_both_tilts, play_tilt
 from irt.model import TILT_SENSOR, Effect, Parameter
 from irt.recording import Recording
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import Engine
 from irt.segments import segments
 
 Array = NDArray[np.float64]

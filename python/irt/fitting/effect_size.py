@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.rollouts import rollouts
+from irt.engine import rollouts
 
 Array = NDArray[np.float64]
 

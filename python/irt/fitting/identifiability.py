@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
+from irt.engine import Engine
 from irt.fitting import sentences
 from irt.fitting.information import Information
 from irt.fitting.problem import Problem
 from irt.fitting.sentences import SMALL
 from irt.model import Model, Parameter
 from irt.rig import PARAMETERS
-from irt.rollouts import Engine
 from irt.segments import Segment
 
 Array = NDArray[np.float64]

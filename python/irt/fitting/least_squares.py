@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import SUBSTEP_S, Engine
 from irt.errors import IrtError, located
 from irt.fitting.chain import (
     Stage,
@@ -28,7 +29,6 @@ from irt.fitting.problem import Problem
 from irt.measured_tilt import has_both_tilts
 from irt.model import GEAR_MATRIX, TILT_SENSOR, Effect, Model, Parameter
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import SUBSTEP_S, Engine
 from irt.segments import segments
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from irt import _labsim
 from irt.catalogue import EffectInfo, EffectParameter, effect
+from irt.engine import Engine
 from irt.errors import IrtError, unknown_name
 from irt.model import GEAR_MATRIX, LEAN
 from irt.rig import PARAMETERS
-from irt.rollouts import Engine
 
 if TYPE_CHECKING:
     from irt.model import Effect, Model

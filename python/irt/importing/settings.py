@@ -6,9 +6,9 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from irt.engine import SUBSTEP_S
 from irt.importing.axes import Axes
 from irt.rig import Board, Commands, Marble
-from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 

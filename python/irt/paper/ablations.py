@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from irt.fitting.fit import Progress
-from irt.reproduce.setting import Setting, within
-from irt.reproduce.simulated import Experiment1, experiment1
+from irt.paper.setting import Setting, within
+from irt.paper.simulated import Experiment1, experiment1
 
 #: The paper's method, its main rival, and the two that this project puts beside them.
 SWITCHED = ("irt-paper", "cma-es", "least-squares", "irt+")

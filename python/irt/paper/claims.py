@@ -9,10 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.reproduce import networks
-from irt.reproduce.setting import PAPERS_TRIALS, Setting
-from irt.reproduce.simulated import Experiment1
-from irt.reproduce.standin import PAPERS_TABLE, Experiment2
+from irt.paper import networks
+from irt.paper.setting import PAPERS_TRIALS, Setting
+from irt.paper.simulated import Experiment1
+from irt.paper.standin import PAPERS_TABLE, Experiment2
 from irt.tuning.iterate import STEP_DECAY, Tuner
 
 Array = NDArray[np.float64]

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from irt.fitting.fit import Progress
-from irt.reproduce import networks
-from irt.reproduce.setting import ROLLOUTS, Setting
+from irt.paper import networks
+from irt.paper.setting import ROLLOUTS, Setting
 from irt.tuning.direct import suggested
 from irt.tuning.drive import Drive
 from irt.tuning.evolution import STRATEGIES

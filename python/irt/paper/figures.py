@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from irt.files import PathLike, write_atomic
+from irt.paper.contenders import METHODS
+from irt.paper.setting import ROLLOUTS
+from irt.paper.symmetry import Symmetry
 from irt.report import style
 from irt.report.plots import FLOOR, PERCENT, make_logarithmic
-from irt.reproduce.contenders import METHODS
-from irt.reproduce.setting import ROLLOUTS
-from irt.reproduce.symmetry import Symmetry
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -240,7 +240,7 @@ def plot_symmetry(path: PathLike, found: Symmetry) -> None:
     path : path
         ``.svg`` or ``.png`` file to write.
     found : Symmetry
-        From `irt.reproduce.symmetry.symmetry`.
+        From `irt.paper.symmetry.symmetry`.
 
     Raises
     ------

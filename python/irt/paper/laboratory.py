@@ -1,9 +1,9 @@
-"""`python -m irt.reproduce.laboratory`: a stand-in for the paper's laboratory, in another engine (PyBullet).
+"""`python -m irt.paper.laboratory`: a stand-in for the paper's laboratory, in another engine (PyBullet).
 
     {"record": {"rig": 3, "seed": 7, "folder": "rigs/rig-003", "whole": true}}
     {"truth": {"gear_x": ..., "effects": [{"name": "lag", ...}, ...], "sigma": ...}}
 
-A process of its own, on the physics of `irt.prove.concealed`, which shares no line with this package's
+A process of its own, on the physics of `irt.proof.pybullet_world`, which shares no line with this package's
 simulator. Every rig has what the paper names of its real one (section 7): friction with a grain, delays of
 the motor that differ from command to command, and a marble that is not quite round; and besides a controller
 that lags, a board that lies above its axes, so that the picture shifts as it tilts, and a camera with noise.
@@ -28,17 +28,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.files import make_folder, write_atomic
-from irt.prove.concealed import noise
-from irt.prove.concealed.effects import EFFECTS
-from irt.prove.concealed.engine import play
-from irt.prove.concealed.record import RIG_TOML
-from irt.prove.concealed.spec import Spec
+from irt.proof.pybullet_world import noise
+from irt.proof.pybullet_world.effects import EFFECTS
+from irt.proof.pybullet_world.engine import play
+from irt.proof.pybullet_world.record import RIG_TOML
+from irt.proof.pybullet_world.spec import Spec
 from irt.recording import save_recording
 
 Array = NDArray[np.float64]
 
-#: What every rig has, and between which strengths of `irt.prove.concealed` it is drawn: from hardly there to
-#: what the marble shows at once.
+#: What every rig has, and between which strengths of `irt.proof.pybullet_world` it is drawn: from hardly there
+#: to what the marble shows at once.
 EFFECTS_DRAWN = {
     "delay_jitter": (0.2, 0.6),
     "lag": (0.5, 0.9),
@@ -50,7 +50,7 @@ EFFECTS_DRAWN = {
 SIGMA = (0.0007, 0.003)
 #: The paper's drive: rows and amplitude [rad].
 ROWS, AMPLITUDE = 100, 0.1
-#: Runs of other drives, and how the kinds of `irt.prove.concealed.drives` are drawn for them.
+#: Runs of other drives, and how the kinds of `irt.proof.pybullet_world.drives` are drawn for them.
 OTHERS = 6
 _RUNS = ("paper-1", "paper-2", *(f"other-{run + 1}" for run in range(OTHERS)))
 _HELDOUT = "paper-3"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.fitting.fit import Progress
-from irt.reproduce.setting import Setting, within
+from irt.paper.setting import Setting, within
 from irt.tuning import cache
 from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.pairs import simulate_pairs

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.files import write_atomic
+from irt.paper import claims, tables
+from irt.paper.contenders import METHODS
+from irt.paper.recorded import WINDOW_S, Judged
+from irt.paper.setting import Setting
+from irt.paper.simulated import Experiment1
+from irt.paper.standin import FEW, PAPERS_TABLE, Experiment2
+from irt.paper.symmetry import floor
 from irt.report.words import versions
-from irt.reproduce import claims, tables
-from irt.reproduce.contenders import METHODS
-from irt.reproduce.recorded import WINDOW_S, Judged
-from irt.reproduce.setting import Setting
-from irt.reproduce.simulated import Experiment1
-from irt.reproduce.standin import FEW, PAPERS_TABLE, Experiment2
-from irt.reproduce.symmetry import floor
 
 #: Methods that IRT+ is to be ahead of at every number of rollouts.
 _RIVALS = ("cma-es", "es", "direct", "npe")
@@ -226,7 +226,7 @@ def _second(second: Experiment2, folder: str) -> Iterator[str]:
         "The paper's recordings are not public. In their place stands a rigid-body world in PyBullet, apart "
         "from this package's simulator, with the effects that the paper names: anisotropic friction, motor "
         "delays that differ from command to command, an uneven marble; besides controller lag, parallax and "
-        "camera noise (`irt.reproduce.laboratory` has the sizes). It is no copy of the paper's rig: how far "
+        "camera noise (`irt.paper.laboratory` has the sizes). It is no copy of the paper's rig: how far "
         "that one's physics is from five parameters is not known."
     )
     yield ""

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from irt.diagnose.run import diagnose
+from irt.diagnosis.run import diagnose
 from irt.errors import IrtError
 from irt.files import read_text, write_atomic
 from irt.fitting.fit import Progress
 from irt.model import Model
+from irt.paper.setting import Setting, within
 from irt.report.tuning_report import untuned
-from irt.reproduce.setting import Setting, within
 from irt.residual import evaluate
 from irt.rig import Rig, load_rig
 from irt.tuning import tune

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.reproduce import figures, networks
-from irt.reproduce.setting import PAPERS_TRIALS, Setting
-from irt.reproduce.simulated import Experiment1
-from irt.reproduce.standin import PAPERS_TABLE, Experiment2
-from irt.reproduce.symmetry import floor, symmetry
+from irt.paper import figures, networks
+from irt.paper.setting import PAPERS_TRIALS, Setting
+from irt.paper.simulated import Experiment1
+from irt.paper.standin import PAPERS_TABLE, Experiment2
+from irt.paper.symmetry import floor, symmetry
 from irt.tuning.iterate import Tuner
 
 Array = NDArray[np.float64]

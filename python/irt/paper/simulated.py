@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from irt.fitting.fit import Progress
 from irt.fitting.least_squares import least_squares
+from irt.paper import errors
+from irt.paper.contenders import METHODS, Held, Trials, available
+from irt.paper.setting import ROLLOUTS, Setting, digest, within
 from irt.recording import Recording
-from irt.reproduce import errors
-from irt.reproduce.contenders import METHODS, Held, Trials, available
-from irt.reproduce.setting import ROLLOUTS, Setting, digest, within
 from irt.rig import PARAMETERS, Rig
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Experiment1:
     trials : Trials
         Their observations, and the random proposals.
     held : dict of Held
-        What each method held, by its key in `irt.reproduce.contenders.METHODS`.
+        What each method held, by its key in `irt.paper.contenders.METHODS`.
     engine : Held
         What the engine's least squares ends with on the first e targets, whatever it takes.
     engine_rollouts : (e,) array

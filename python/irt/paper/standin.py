@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.run import diagnose
+from irt.diagnosis.run import diagnose
 from irt.errors import IrtError
 from irt.files import read_text, write_atomic
 from irt.fitting.fit import Progress
 from irt.fitting.least_squares import least_squares
 from irt.model import Effect, Model
-from irt.prove.pipe import Pipe
-from irt.reproduce.contenders import METHODS, Held, Trials, available
-from irt.reproduce.errors import median_interval
-from irt.reproduce.setting import ROLLOUTS, Setting, digest, within
+from irt.paper.contenders import METHODS, Held, Trials, available
+from irt.paper.errors import median_interval
+from irt.paper.setting import ROLLOUTS, Setting, digest, within
+from irt.proof.pipe import Pipe
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, Rig, load_rig
 
@@ -36,7 +36,7 @@ _STARTS = 7
 #: An effect of the laboratory that is drawn for every run: there is nothing to be fitted.
 _BY_CHANCE = "delay_jitter"
 #: The process that records the rigs.
-LABORATORY = (sys.executable, "-m", "irt.reproduce.laboratory")
+LABORATORY = (sys.executable, "-m", "irt.paper.laboratory")
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.reproduce import errors
-from irt.reproduce.setting import Setting
+from irt.paper import errors
+from irt.paper.setting import Setting
 from irt.rig import PARAMETERS
 from irt.tuning.drive import Drive
 

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.reproduce.contenders import METHODS
-from irt.reproduce.setting import ROLLOUTS
-from irt.reproduce.simulated import SHOWN, Experiment1
-from irt.reproduce.standin import PAPERS_TABLE, Diagnosed, Experiment2
-from irt.reproduce.switches import SWITCHED
+from irt.paper.ablations import SWITCHED
+from irt.paper.contenders import METHODS
+from irt.paper.setting import ROLLOUTS
+from irt.paper.simulated import SHOWN, Experiment1
+from irt.paper.standin import PAPERS_TABLE, Diagnosed, Experiment2
 
 #: Rollouts after which drives are compared.
 _FEW = (0, 5, 20)

@@ -1,6 +1,6 @@
 """The diagnosis as a process of its own, which is given a rig's recordings and nothing else.
 
-    python -m irt.prove.blind FOLDER OUT
+    python -m irt.proof.blind FOLDER OUT
 
 FOLDER is a copy of a rig's folder under a name that says nothing. OUT gets ``diagnosis.json``, ``base.toml``,
 ``model.toml``, a ``rival-N.toml`` for each model that does as well, and ``seconds.json``. But for the last,
@@ -16,7 +16,7 @@ from pathlib import Path
 
 from irt.errors import IrtError
 from irt.files import write_atomic
-from irt.prove.seal import canonical
+from irt.proof.seal import canonical
 
 #: Seconds of one core, which is no part of what must be the same for the same recordings.
 SECONDS = "seconds.json"
@@ -24,7 +24,7 @@ SECONDS = "seconds.json"
 
 def main(words: Sequence[str]) -> int:
     """Diagnose the rig of one folder into another; return the exit status."""
-    from irt.diagnose.run import diagnose  # noqa: PLC0415
+    from irt.diagnosis.run import diagnose  # noqa: PLC0415
     from irt.model import save_model  # noqa: PLC0415
 
     folder, out = (Path(word) for word in words)

@@ -1,6 +1,6 @@
 """Other methods as a process of their own, which is given what a diagnosis was and the commands to predict.
 
-    python -m irt.prove.contest FOLDER OUT
+    python -m irt.proof.contest FOLDER OUT
 
 FOLDER holds the recordings, ``models/base.toml`` and ``tests/*.csv``: of these the commands, and the rows
 where a prediction starts. OUT gets ``baselines.json``.
@@ -18,9 +18,9 @@ import numpy as np
 
 from irt.errors import IrtError
 from irt.files import write_atomic
-from irt.prove.baselines import alone, gaussian, sindy, single, whiteness
-from irt.prove.baselines.entry import Entry, Method, Task
-from irt.prove.seal import canonical
+from irt.proof.baselines import alone, gaussian, sindy, single, whiteness
+from irt.proof.baselines.entry import Entry, Method, Task
+from irt.proof.seal import canonical
 
 #: By name, in the order of the tables.
 METHODS: dict[str, tuple[str, Method]] = {

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.prove.chain import read_json
-from irt.prove.score import RigScore, held_out, label_of
-from irt.prove.tally import Quantity, Rate, nulls, of_catalogue
+from irt.proof.hash_chain import read_json
+from irt.proof.metrics import Quantity, Rate, nulls, of_catalogue
+from irt.proof.score import RigScore, held_out, label_of
 from irt.recording import Recording
 from irt.workers import FAILED
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from irt.diagnose.diagnosis import UNLISTED
-from irt.prove.score import RigScore
+from irt.diagnosis.result import UNLISTED
+from irt.proof.score import RigScore
 
 #: What was hidden in the rigs of a group, in words.
 GROUPS = {

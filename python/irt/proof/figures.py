@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.ticker import PercentFormatter
 
-from irt.diagnose.diagnosis import UNLISTED
+from irt.diagnosis.result import UNLISTED
 from irt.files import PathLike
-from irt.prove.score import NOTHING, RigScore
-from irt.prove.tally import CLEAR, Bin, Rate, confusion, coverage, gaps, of_catalogue, power
+from irt.proof.metrics import CLEAR, Bin, Rate, confusion, coverage, gaps, of_catalogue, power
+from irt.proof.score import NOTHING, RigScore
 from irt.report import style
 
 #: Last in the order of a confusion matrix: what is no effect of the catalogue.

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.prove.chain import read_json
-from irt.prove.pipe import Pipe
-from irt.prove.propose import RANDOM, SUGGESTED
-from irt.prove.score import RigScore, naming
+from irt.proof.hash_chain import read_json
+from irt.proof.pipe import Pipe
+from irt.proof.propose import RANDOM, SUGGESTED
+from irt.proof.score import RigScore, naming
 from irt.workers import FAILED, Files, Workers
 from irt.workers.processes import files_of
 
-BLIND, PROPOSE = "irt.prove.blind", "irt.prove.propose"
+BLIND, PROPOSE = "irt.proof.blind", "irt.proof.propose"
 KINDS = (SUGGESTED, RANDOM)
 #: Name of the run that is added.
 _NEXT = "train-next.csv"

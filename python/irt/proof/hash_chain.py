@@ -16,7 +16,7 @@ from typing import Any
 
 from irt.errors import IrtError
 from irt.files import make_folder, read_text, read_toml, write_atomic
-from irt.prove.seal import Key, Seal, canonical, digest, digests, open_seal
+from irt.proof.seal import Key, Seal, canonical, digest, digests, open_seal
 from irt.rig import read_start
 
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irt.diagnose.diagnosis import UNLISTED
-from irt.prove.plan import NULLS
-from irt.prove.score import NOTHING, RigScore, matched
+from irt.diagnosis.result import UNLISTED
+from irt.proof.plan import NULLS
+from irt.proof.score import NOTHING, RigScore, matched
 
 #: Quantile of the normal distribution for two-sided 95 %.
 _Z = 1.959963984540054

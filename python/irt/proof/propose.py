@@ -1,6 +1,6 @@
 """The next run for a diagnosis that ends in a tie, as a process of its own: one suggested, one drawn blindly.
 
-    python -m irt.prove.propose FOLDER OUT
+    python -m irt.proof.propose FOLDER OUT
 
 FOLDER holds the recordings and what the diagnosis wrote, under ``models/``. OUT gets the commands of two
 runs, with the marble's start in row 0: ``suggested.csv`` by `irt suggest`, ``random.csv`` out of the same
@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
+from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.fitting.least_squares import stamped_time_scale
 from irt.model import load_model
-from irt.prove.chain import read_json
+from irt.proof.hash_chain import read_json
 from irt.recording import save_recording
 from irt.rig import Rig, load_rig
-from irt.rollouts import SUBSTEP_S
-from irt.suggest import suggest
-from irt.suggest.excitations import FAMILIES, GENES, Limits, draw
+from irt.suggestion import suggest
+from irt.suggestion.excitations import FAMILIES, GENES, Limits, draw
 
 SUGGESTED, RANDOM = "suggested", "random"
 

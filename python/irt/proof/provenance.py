@@ -10,7 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from irt.files import make_folder, write_atomic
-from irt.prove.chain import Places, read_json
+from irt.proof.hash_chain import Places, read_json
 
 #: What the package runs: its modules, and the engine.
 _CODE = ("*.py", "*.so", "*.pyd")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from irt.errors import IrtError
 from irt.files import write_atomic
-from irt.prove.chain import Places
+from irt.proof.hash_chain import Places
 
 #: The files of a round that are copied, and what each holds: by that it is known again.
 HOLDS = {

@@ -9,14 +9,14 @@ from typing import Any
 
 from irt.errors import IrtError
 from irt.files import write_atomic
-from irt.prove.chain import Places, read_json
-from irt.prove.contest import METHODS
-from irt.prove.contested import Contestant, Standing, contestants, is_ahead, of_diagnosis, standing
-from irt.prove.further import Resolved, all_resolved
-from irt.prove.made import Made
-from irt.prove.score import RigScore, score_rig
-from irt.prove.seal import canonical
-from irt.prove.tally import Floor, floors
+from irt.proof.contest import METHODS
+from irt.proof.contested import Contestant, Standing, contestants, is_ahead, of_diagnosis, standing
+from irt.proof.further import Resolved, all_resolved
+from irt.proof.hash_chain import Places, read_json
+from irt.proof.metrics import Floor, floors
+from irt.proof.provenance import Made
+from irt.proof.score import RigScore, score_rig
+from irt.proof.seal import canonical
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from irt.errors import IrtError
-from irt.prove.chain import Places, unfinished, verify
-from irt.prove.plan import Plan, seed_of_round
+from irt.proof.hash_chain import Places, unfinished, verify
+from irt.proof.plan import Plan, seed_of_round
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,20 @@ import numpy as np
 
 from irt.errors import IrtError
 from irt.files import make_folder, write_atomic
-from irt.prove import further, sealing
-from irt.prove.chain import Places, check_answers, commitments, manifest, open_all, read_json, write_folder
-from irt.prove.pipe import Pipe
-from irt.prove.plan import Plan
-from irt.prove.score import held_out, label_of
-from irt.prove.seal import canonical
+from irt.proof import further, sealing
+from irt.proof.hash_chain import (
+    Places,
+    check_answers,
+    commitments,
+    manifest,
+    open_all,
+    read_json,
+    write_folder,
+)
+from irt.proof.pipe import Pipe
+from irt.proof.plan import Plan
+from irt.proof.score import held_out, label_of
+from irt.proof.seal import canonical
 from irt.recording import Recording
 from irt.segments import LEAD_ROWS
 from irt.workers import Files, Workers
@@ -30,8 +38,8 @@ from irt.workers.processes import files_of
 
 Progress = Callable[[int, int, str], None]
 
-BLIND = "irt.prove.blind"
-CONTEST = "irt.prove.contest"
+BLIND = "irt.proof.blind"
+CONTEST = "irt.proof.contest"
 #: What a step of each kind takes for one rig, relative to the others, for the progress bar alone.
 _WEIGHTS = {"hidden": 1, "diagnosed": 40, "contested": 20}
 

@@ -9,19 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from irt.diagnose.diagnosis import UNLISTED
+from irt.diagnosis.result import UNLISTED
 from irt.files import make_folder, write_atomic
-from irt.prove import figures
-from irt.prove.cases import GROUPS, counted, failures, short_unread, told_left_out, told_unread
-from irt.prove.chain import Places
-from irt.prove.further import KINDS
-from irt.prove.made import Made
-from irt.prove.plan import NULLS
-from irt.prove.publish import named, publish, published, withdraw
-from irt.prove.results import Results
-from irt.prove.score import CHANCE, RigScore
-from irt.prove.seal import digest
-from irt.prove.tally import (
+from irt.proof import figures
+from irt.proof.failures import GROUPS, counted, failures, short_unread, told_left_out, told_unread
+from irt.proof.further import KINDS
+from irt.proof.hash_chain import Places
+from irt.proof.metrics import (
     CLEAR,
     GAP_CLOSED,
     Floor,
@@ -35,6 +29,12 @@ from irt.prove.tally import (
     of_catalogue,
     power,
 )
+from irt.proof.plan import NULLS
+from irt.proof.provenance import Made
+from irt.proof.publish import named, publish, published, withdraw
+from irt.proof.results import Results
+from irt.proof.score import CHANCE, RigScore
+from irt.proof.seal import digest
 from irt.rig import Board
 
 #: The paper's board, for noise in millimetres.
@@ -259,7 +259,7 @@ def _methods(results: Results) -> Iterator[str]:
     yield ""
     tried, all_of_them = len({one.rig for one in results.entries}), len(results.scores)
     few = f" They tried {tried} of {all_of_them} rigs." if tried < all_of_them else ""
-    yield f"Medians over all rigs that hide something. The methods are in `python/irt/prove/baselines/`.{few}"
+    yield f"Medians over all rigs that hide something. The methods are in `python/irt/proof/baselines/`.{few}"
 
 
 def _one_more(results: Results) -> Iterator[str]:

@@ -1,8 +1,8 @@
 """The process that hides: it has rigs made, seals their labels, and gives the keys out for a manifest alone.
 
-    python -m irt.prove.sealing VAULT PLAN SEED GENERATOR...
+    python -m irt.proof.sealing VAULT PLAN SEED GENERATOR...
 
-Requests and answers are lines of JSON on standard input and output (`irt.prove.pipe`):
+Requests and answers are lines of JSON on standard input and output (`irt.proof.pipe`):
 
 ``{"begin": {}}``
     is answered once the vault is there.
@@ -41,10 +41,10 @@ from typing import Any
 
 from irt.errors import IrtError
 from irt.files import make_folder, write_atomic
-from irt.prove.chain import read_json
-from irt.prove.pipe import Pipe, serve
-from irt.prove.plan import Plan, seed_of
-from irt.prove.seal import Key, canonical, close, digest, digests
+from irt.proof.hash_chain import read_json
+from irt.proof.pipe import Pipe, serve
+from irt.proof.plan import Plan, seed_of
+from irt.proof.seal import Key, canonical, close, digest, digests
 
 
 class Vault:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.diagnosis import RunProof
+from irt.diagnosis.result import RunProof
 from irt.model import Model
 from irt.report.diagnosis_plots import Side, thinned
 from irt.report.page import Page, Picture, figure

@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from irt.check import check
-from irt.diagnose.diagnosis import Diagnosis
-from irt.diagnose.run import diagnose
+from irt.checking import check
+from irt.diagnosis.result import Diagnosis
+from irt.diagnosis.run import diagnose
 from irt.errors import IrtError
 from irt.files import write_atomic
 from irt.model import save_model

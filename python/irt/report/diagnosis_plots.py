@@ -12,7 +12,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from irt.diagnose.diagnosis import Candidate, Diagnosis, RunProof
+from irt.diagnosis.result import Candidate, Diagnosis, RunProof
 from irt.files import PathLike
 from irt.model import Model
 from irt.report import style

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from irt.diagnose.diagnosis import UNLISTED, Diagnosis, RunProof
+from irt.diagnosis.result import UNLISTED, Diagnosis, RunProof
 from irt.files import PathLike, make_folder
 from irt.report import diagnosis_tables as tables
 from irt.report.animation import add_animation

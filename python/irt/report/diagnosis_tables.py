@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 
 from irt.catalogue import EffectInfo, EffectParameter, effect, effects
-from irt.diagnose.diagnosis import UNLISTED, Diagnosis, NamedEffect
-from irt.diagnose.words import LEARNED
+from irt.diagnosis.result import UNLISTED, Diagnosis, NamedEffect
+from irt.diagnosis.words import LEARNED
 from irt.model import Effect, Parameter
 from irt.report.page import Page
 from irt.report.plots import mean_absolute

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.files import PathLike
 from irt.fitting.fit import Progress
@@ -16,14 +17,13 @@ from irt.fitting.least_squares import stamped_time_scale
 from irt.model import Model
 from irt.recording import save_recording
 from irt.rig import Rig
-from irt.rollouts import SUBSTEP_S
 from irt.segments import segments
-from irt.suggest.criterion import Criterion
-from irt.suggest.excitations import Excitation, Limits, as_recorded
-from irt.suggest.hypothesis import Hypothesis
-from irt.suggest.search import Found, Search
-from irt.suggest.separation import Separation
-from irt.suggest.words import sentences
+from irt.suggestion.criterion import Criterion
+from irt.suggestion.excitations import Excitation, Limits, as_recorded
+from irt.suggestion.hypothesis import Hypothesis
+from irt.suggestion.search import Found, Search
+from irt.suggestion.separation import Separation
+from irt.suggestion.words import sentences
 
 Array = NDArray[np.float64]
 

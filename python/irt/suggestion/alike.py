@@ -14,9 +14,9 @@ from irt.fitting.problem import Problem
 from irt.recording import Recording
 from irt.rig import PARAMETERS, Rig
 from irt.segments import segments
-from irt.suggest.criterion import Criterion
-from irt.suggest.excitations import Excitation
-from irt.suggest.hypothesis import Hypothesis
+from irt.suggestion.criterion import Criterion
+from irt.suggestion.excitations import Excitation
+from irt.suggestion.hypothesis import Hypothesis
 
 Array = NDArray[np.float64]
 

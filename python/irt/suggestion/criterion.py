@@ -20,10 +20,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import SUBSTEP_S
 from irt.fitting.robust import student_t
-from irt.rollouts import SUBSTEP_S
-from irt.suggest.excitations import Excitation
-from irt.suggest.hypothesis import Expected, Hypothesis
+from irt.suggestion.excitations import Excitation
+from irt.suggestion.hypothesis import Expected, Hypothesis
 
 Array = NDArray[np.float64]
 

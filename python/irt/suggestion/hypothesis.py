@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.fitting.problem import Problem
 from irt.model import Model
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import rollouts
 from irt.segments import Segment
-from irt.suggest.excitations import Excitation
+from irt.suggestion.excitations import Excitation
 
 Array = NDArray[np.float64]
 

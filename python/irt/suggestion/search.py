@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from irt.fitting.fit import Progress
 from irt.rig import Rig
-from irt.suggest.alike import alike
-from irt.suggest.criterion import Criterion
-from irt.suggest.excitations import FAMILIES, GENES, Excitation, Limits, draw
+from irt.suggestion.alike import alike
+from irt.suggestion.criterion import Criterion
+from irt.suggestion.excitations import FAMILIES, GENES, Excitation, Limits, draw
 
 Array = NDArray[np.float64]
 

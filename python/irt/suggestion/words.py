@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from irt.catalogue import effect
-from irt.diagnose.diagnosis import UNLISTED
-from irt.suggest.excitations import Excitation, Limits
-from irt.suggest.separation import Separation
+from irt.diagnosis.result import UNLISTED
+from irt.suggestion.excitations import Excitation, Limits
+from irt.suggestion.separation import Separation
 
 #: Less evidence than this leaves two models tied [nats].
 TIED = 3.0

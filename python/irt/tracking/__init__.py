@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.tracking.blob_detector import Box
 from irt.tracking.corners import find_corners
 from irt.tracking.geometry import Plane, Size
 from irt.tracking.learning import NoMarbleError, learn, scale_of
-from irt.tracking.seek import Box
 from irt.tracking.tracker import Tracker
 
 __all__ = ["positions"]

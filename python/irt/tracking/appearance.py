@@ -5,7 +5,7 @@ About the marble's middle each pixel is the marble's own light and a share of th
     picture(p) = gain [ own(p - c) + passed(p - c) board(p) ]
 
 with `passed` 0 where the marble covers the board, 1 far from it, and between these in its shadow. Both are
-learned (`irt.tracking.portrait`), with how much pictures scatter about them. The middle c is found by least
+learned (`irt.tracking.template`), with how much pictures scatter about them. The middle c is found by least
 squares over all pixels about it (Lucas and Kanade, 1981), with weights that let go of what does not fit: a
 finger before the marble, the mirror image of a lamp that has moved.
 """

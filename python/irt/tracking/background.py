@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.tracking.blob_detector import Box
+from irt.tracking.edge_fit import Values
 from irt.tracking.opencv import opencv
-from irt.tracking.rim import Values
-from irt.tracking.seek import Box
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

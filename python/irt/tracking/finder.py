@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.tracking.blob_detector import COARSE_FROM, Box, seek
 from irt.tracking.colour import ColourModel
 from irt.tracking.opencv import opencv
-from irt.tracking.seek import COARSE_FROM, Box, seek
 
 Picture = NDArray[np.uint8]
 

@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
+from irt.tracking.background import Underlay
+from irt.tracking.blob_detector import Box, seek
 from irt.tracking.colour import ColourModel, shades_of
+from irt.tracking.edge_fit import Rim, Values, fit_rim
 from irt.tracking.finder import Finder, greatest
 from irt.tracking.geometry import Geometry
 from irt.tracking.opencv import opencv
-from irt.tracking.portrait import View, learn_appearance
-from irt.tracking.rim import Rim, Values, fit_rim
-from irt.tracking.seek import Box, seek
+from irt.tracking.template import View, learn_appearance
 from irt.tracking.tracker import MANY, MARGIN, Learned, Tracker
-from irt.tracking.underlay import Underlay
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
+from irt.tracking.blob_detector import Box
 from irt.tracking.corners import checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import Clue, learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
 from irt.tracking.opencv import opencv
 from irt.tracking.partial import Partial
-from irt.tracking.seek import Box
 from irt.tracking.source import Frame, Picture, Source
 from irt.tracking.tracker import Learned, Sighting, Tracker
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.tracking.appearance import FINE, REACH, Appearance, Values
+from irt.tracking.edge_fit import COS, RAYS, SIN, changes, look
 from irt.tracking.opencv import opencv
-from irt.tracking.rim import COS, RAYS, SIN, changes, look
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.tracking.appearance import Appearance, Match
+from irt.tracking.background import Underlay
+from irt.tracking.blob_detector import Box
 from irt.tracking.finder import Finder
-from irt.tracking.seek import Box
-from irt.tracking.underlay import Underlay
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

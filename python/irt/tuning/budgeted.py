@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import Engine
 from irt.files import PathLike
 from irt.fitting.fit import FitResult, Progress
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import Engine
 from irt.tuning import cache
 from irt.tuning.direct import predicted
 from irt.tuning.evolution import STRATEGIES

@@ -13,11 +13,11 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, TypeVar
 
+from irt.engine import Engine
 from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
 from irt.rig import Rig
-from irt.rollouts import Engine
 from irt.segments import Segment, segments
 from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive, is_paper_drive

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import Engine, TimeStep, paper_drive, rollouts
 from irt.fitting.least_squares import stamped_time_scale
 from irt.rig import PARAMETERS, RANGES, Board, Marble, Rig, Start
-from irt.rollouts import Engine, TimeStep, paper_drive, rollouts
 from irt.segments import Segment
 
 Array = NDArray[np.float64]

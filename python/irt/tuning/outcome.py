@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.fitting.fit import Estimate, FitResult, Iteration
 from irt.fitting.identifiability import estimates
@@ -16,7 +17,6 @@ from irt.fitting.problem import tracker_noise
 from irt.fitting.robust import deviation
 from irt.model import Model, Parameter
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import SUBSTEP_S
 from irt.tuning.cache import Need
 from irt.tuning.drive import Drive
 from irt.tuning.search import Path, compare

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from irt.engine import Engine
 from irt.files import PathLike
 from irt.fitting.fit import FitResult, Progress
 from irt.rig import PARAMETERS, Rig
-from irt.rollouts import Engine
 from irt.tuning import cache
 from irt.tuning.iterate import Tuner, without_spikes
 from irt.tuning.outcome import checked, concluded

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.recording import Recording
 from irt.rig import Rig
-from irt.rollouts import rollouts
 from simulated_rigs import NOISE, STEP_S, TRUTH, drive, rig_of
 
 MakeRig = Callable[..., Rig]

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import irt
-from irt.check import check
+from irt.checking import check
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.recording import Recording
 from irt.rig import load_rig
-from irt.rollouts import rollouts
 from simulated_rigs import NOISE, STEP_S, TRUTH, rig_of
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irt.check import check
+from irt.checking import check
 from simulated_rigs import STEP_S
 
 

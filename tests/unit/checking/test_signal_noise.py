@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from irt.check.signals import held_mask, noise_of_runs, resolution
+from irt.checking.signals import held_mask, noise_of_runs, resolution
 
 
 def path(rows, period=60.0):

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irt.check import check
+from irt.checking import check
 from irt.conventions import CONVENTIONS
+from irt.engine import SUBSTEP_S, rollouts
 from irt.recording import KNOBS, MARBLE, TILT
-from irt.rollouts import SUBSTEP_S, rollouts
 from simulated_rigs import STEP_S, TRUTH
 
 WRONG = [one for one in CONVENTIONS if not one.is_declared]

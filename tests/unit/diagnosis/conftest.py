@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irt.diagnose.case import Case
+from irt.diagnosis.case import Case
+from irt.engine import rollouts
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
-from irt.rollouts import rollouts
 
 TRUTH = (0.06, 0.05, 4e-4, 15.0, 1.03)
 NOISE = 1e-3

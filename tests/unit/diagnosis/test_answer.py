@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import pytest
 
 from irt import catalogue
-from irt.diagnose.diagnosis import UNLISTED, NamedEffect
-from irt.diagnose.run import is_doubtful, may_be_absent
-from irt.diagnose.words import suggestion, summary
+from irt.diagnosis.result import UNLISTED, NamedEffect
+from irt.diagnosis.run import is_doubtful, may_be_absent
+from irt.diagnosis.words import suggestion, summary
 from irt.model import Parameter
 
 

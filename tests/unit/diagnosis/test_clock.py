@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnose.case import Fitted
-from irt.diagnose.clock import _power, without_clock
-from irt.diagnose.diagnosis import UNLISTED
+from irt.diagnosis.case import Fitted
+from irt.diagnosis.clock import _power, without_clock
+from irt.diagnosis.result import UNLISTED
+from irt.engine import rollouts
 from irt.fitting.identifiability import intervals
 from irt.fitting.information import Information
 from irt.rig import PARAMETERS
-from irt.rollouts import rollouts
 
 DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
 TRUTH = (0.06, 0.05, 4e-4, 20.0, 1.0)

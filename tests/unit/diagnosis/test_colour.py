@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.diagnose.case import Fitted
-from irt.diagnose.colour import MOST_CARRIED, carried, fresh, memory, seeming
-from irt.diagnose.evidence import excess, is_lost, is_noise
+from irt.diagnosis.case import Fitted
+from irt.diagnosis.colour import MOST_CARRIED, carried, fresh, memory, seeming
+from irt.diagnosis.evidence import excess, is_lost, is_noise
 from irt.fitting.problem import noise_in
 
 SCALE = 1e-3

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from irt.diagnose import run
-from irt.diagnose.diagnosis import NamedEffect
+from irt.diagnosis import run
+from irt.diagnosis.result import NamedEffect
 from irt.model import Parameter
 
 HEIGHTS = {"there": (1e-4, 3e-4), "may be absent": (-1e-4, 3e-4)}

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.diagnose.case import Fitted
-from irt.diagnose.colour import memory
-from irt.diagnose.evidence import Evidence, is_explained
-from irt.diagnose.heldout import HeldOut, is_supported
+from irt.diagnosis.case import Fitted
+from irt.diagnosis.colour import memory
+from irt.diagnosis.evidence import Evidence, is_explained
+from irt.diagnosis.heldout import HeldOut, is_supported
 
 
 def fitted(residuals, effects=(), free=0):

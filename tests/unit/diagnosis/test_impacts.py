@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from irt.catalogue import hypothetical
-from irt.diagnose.hypotheses import acts_on_impacts_alone
-from irt.diagnose.impacts import between_impacts, shows
+from irt.diagnosis.hypotheses import acts_on_impacts_alone
+from irt.diagnosis.impacts import between_impacts, shows
 
 TRUTH = np.array([0.06, 0.05, 4e-4, 15.0, 1.03])
 DRAG = {"name": "viscous_drag", "rate_per_s": 0.4}

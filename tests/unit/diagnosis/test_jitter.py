@@ -9,14 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from irt.catalogue import effect
-from irt.diagnose import run
-from irt.diagnose.case import Case
-from irt.diagnose.jitter import kicks, matters, spread, with_clock
-from irt.diagnose.latent import Leftover
-from irt.diagnose.search import Search
-from irt.diagnose.stretches import Arrivals, stretches
+from irt.diagnosis import run
+from irt.diagnosis.case import Case
+from irt.diagnosis.jitter import kicks, matters, spread, with_clock
+from irt.diagnosis.latent import Leftover
+from irt.diagnosis.search import Search
+from irt.diagnosis.stretches import Arrivals, stretches
+from irt.engine import rollouts
 from irt.model import Parameter
-from irt.rollouts import rollouts
 
 
 def searched(case):

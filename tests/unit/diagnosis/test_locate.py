@@ -1,6 +1,6 @@
 """Where the base model and recordings disagree."""
 
-from irt.diagnose.locate import locate
+from irt.diagnosis.locate import locate
 
 
 def found_in(case):

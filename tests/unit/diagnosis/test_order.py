@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from irt.diagnose import run
-from irt.diagnose.search import MOST_EFFECTS
+from irt.diagnosis import run
+from irt.diagnosis.search import MOST_EFFECTS
 
 
 class Scripted:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnose import partners
-from irt.diagnose.impacts import between_impacts
-from irt.diagnose.partners import likeliest_partner, moved_in, seeds
-from irt.diagnose.screen import Draws
+from irt.diagnosis import partners
+from irt.diagnosis.impacts import between_impacts
+from irt.diagnosis.partners import likeliest_partner, moved_in, seeds
+from irt.diagnosis.screen import Draws
 
 BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0004, "bias_y_rad": -0.0003}
 LAG = {"name": "lag", "time_constant_s": 0.4}

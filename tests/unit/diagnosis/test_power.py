@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from irt.diagnose.evidence import Evidence
-from irt.diagnose.impacts import between_impacts, shows
-from irt.diagnose.power import power
+from irt.diagnosis.evidence import Evidence
+from irt.diagnosis.impacts import between_impacts, shows
+from irt.diagnosis.power import power
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.diagnose.case import Fitted
-from irt.diagnose.heldout import HeldOut
-from irt.diagnose.resampled import with_scatter
+from irt.diagnosis.case import Fitted
+from irt.diagnosis.heldout import HeldOut
+from irt.diagnosis.resampled import with_scatter
 from irt.fitting.information import FLAT, Information
 
 

@@ -7,8 +7,8 @@ import pytest
 
 import irt
 from irt.catalogue import effect
-from irt.diagnose.hypotheses import hypotheses, is_rough
-from irt.diagnose.screen import Screen
+from irt.diagnosis.hypotheses import hypotheses, is_rough
+from irt.diagnosis.screen import Screen
 from irt.fitting.effect_size import size_of
 
 

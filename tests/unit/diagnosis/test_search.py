@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from irt.diagnose import search
-from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.rivals import rivals
-from irt.diagnose.search import Search
+from irt.diagnosis import search
+from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.rivals import rivals
+from irt.diagnosis.search import Search
 
 
 @pytest.fixture

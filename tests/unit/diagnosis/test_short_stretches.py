@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irt.diagnose.case import Case
+from irt.diagnosis.case import Case
+from irt.engine import rollouts
 from irt.recording import Recording
 from irt.rig import Board, Marble, Rig
-from irt.rollouts import rollouts
 
 #: A plate seen at 5 Hz, whose ball goes fast: what the first rows tell of its speed is rough.
 TRUTH = (0.9, 0.95, 2e-3, 48.0, 1.0)

@@ -3,7 +3,7 @@
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from irt.diagnose.run import Interrupted, diagnose
+from irt.diagnosis.run import Interrupted, diagnose
 
 
 def blas_threads():

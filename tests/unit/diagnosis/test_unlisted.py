@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnose import unlisted
-from irt.diagnose.diagnosis import UNLISTED
-from irt.diagnose.latent import Leftover
-from irt.diagnose.library import Term, of_slot
-from irt.diagnose.search import Search
-from irt.diagnose.unlisted import Library, _refined, formula, learn, variables
-from irt.diagnose.view import likely_terms, motion_seen
+from irt.diagnosis import unlisted
+from irt.diagnosis.latent import Leftover
+from irt.diagnosis.library import Term, of_slot
+from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.search import Search
+from irt.diagnosis.unlisted import Library, _refined, formula, learn, variables
+from irt.diagnosis.view import likely_terms, motion_seen
 
 
 def wave(**changes):

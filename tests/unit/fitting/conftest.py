@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import SUBSTEP_S, rollouts
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
-from irt.rollouts import SUBSTEP_S, rollouts
 
 TRUTH = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
 

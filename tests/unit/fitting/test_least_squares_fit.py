@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.fitting.least_squares import least_squares
 from irt.model import Effect
 from irt.residual import predict
-from irt.rollouts import rollouts
 from irt.segments import segments
 
 TRUTH = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from irt.reproduce import networks, standin
-from irt.reproduce.setting import Setting
+from irt.paper import networks, standin
+from irt.paper.setting import Setting
 
 
 @pytest.fixture(scope="package")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from irt.engine import paper_drive, rollouts
 from irt.recording import save_recording
-from irt.rollouts import paper_drive, rollouts
 
 for line in sys.stdin:
     asked = json.loads(line)["record"]

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irt.reproduce.errors import (
+from irt.paper.errors import (
     Summary,
     combination_error,
     combinations,

@@ -5,9 +5,9 @@ import pytest
 from few_trials import QUICK
 
 from irt.errors import IrtError
-from irt.reproduce import contenders, drawn, networks, tables
-from irt.reproduce.setting import ROLLOUTS, Setting
-from irt.reproduce.simulated import experiment1
+from irt.paper import contenders, networks, render, tables
+from irt.paper.setting import ROLLOUTS, Setting
+from irt.paper.simulated import experiment1
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +95,9 @@ def test_variants_keep_their_results_apart(setting):
     assert len(folders) == 4
 
 
-@pytest.mark.parametrize("name", drawn.OF_FIRST)
+@pytest.mark.parametrize("name", render.OF_FIRST)
 def test_figures_are_small_files(first, tmp_path, name):
-    drawn.OF_FIRST[name](tmp_path, first)
+    render.OF_FIRST[name](tmp_path, first)
     files = list(tmp_path.iterdir())
     assert files
     for file in files:

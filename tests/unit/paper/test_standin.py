@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from few_trials import QUICK
 
+from irt.engine import paper_drive
 from irt.errors import IrtError
+from irt.paper import laboratory, page, render, standin, tables
+from irt.paper.recorded import judge
+from irt.paper.simulated import experiment1
+from irt.paper.standin import Diagnosed, Row, experiment2
 from irt.recording import load_recording
-from irt.reproduce import drawn, laboratory, page, standin, tables
-from irt.reproduce.recorded import judge
-from irt.reproduce.simulated import experiment1
-from irt.reproduce.standin import Diagnosed, Row, experiment2
-from irt.rollouts import paper_drive
 
 
 @pytest.fixture(scope="module")
@@ -60,9 +60,9 @@ def test_no_pybullet_takes_one_line(setting, monkeypatch, tmp_path):
         experiment2(replace(setting, out=tmp_path), QUICK)
 
 
-@pytest.mark.parametrize("name", drawn.OF_SECOND)
+@pytest.mark.parametrize("name", render.OF_SECOND)
 def test_figures_are_small_files(second, tmp_path, name):
-    drawn.OF_SECOND[name](tmp_path, second)
+    render.OF_SECOND[name](tmp_path, second)
     assert 5_000 < (tmp_path / f"{name}.png").stat().st_size < 150_000
 
 

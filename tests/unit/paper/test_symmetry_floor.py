@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irt.reproduce.errors import share_of_the_way
-from irt.reproduce.setting import Setting
-from irt.reproduce.symmetry import _alike, floor, symmetry
+from irt.paper.errors import share_of_the_way
+from irt.paper.setting import Setting
+from irt.paper.symmetry import _alike, floor, symmetry
 from irt.tuning.drive import Drive
 
 DRIVE = Drive.paper()

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from irt.model import Effect, Model, save_model
-from irt.prove.chain import Places, write_folder
-from irt.prove.plan import Plan
-from irt.prove.run import Proof
-from irt.prove.score import Errors, RigScore
+from irt.proof.hash_chain import Places, write_folder
+from irt.proof.plan import Plan
+from irt.proof.run import Proof
+from irt.proof.score import Errors, RigScore
 from irt.rig import load_rig
 from irt.workers import Files
 
@@ -50,7 +50,7 @@ class Hat:
         self.place, self.stop, self.asked = place, stop, list[str]()
 
     def each(self, module: str, inputs: Mapping[str, Files]) -> Iterator[tuple[str, Files]]:
-        assert module == "irt.prove.blind"
+        assert module == "irt.proof.blind"
         for name, files in inputs.items():
             if len(self.asked) == self.stop:
                 raise KeyboardInterrupt

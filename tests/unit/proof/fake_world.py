@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from irt.engine import rollouts
 from irt.recording import Recording, load_commands, save_recording
-from irt.rollouts import rollouts
 
 ROWS, TRAIN, TEST = 50, 3, 2
 NOISE = 1e-3

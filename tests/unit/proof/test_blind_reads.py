@@ -14,7 +14,7 @@ import irt
 from irt.workers import processes as workers
 from irt.workers.processes import LocalWorkers, environment, files_of, run_module
 
-BLIND = "irt.prove.blind"
+BLIND = "irt.proof.blind"
 
 #: Runs the module with an ear on every file that is opened, listed, linked or sent for.
 WATCHED = """
@@ -29,7 +29,7 @@ log = sys.argv.pop(1)
 sys.argv[0] = sys.argv.pop(1)
 sys.addaudithook(hear)
 try:
-    runpy.run_module("irt.prove.blind", run_name="__main__")
+    runpy.run_module("irt.proof.blind", run_name="__main__")
 except SystemExit as stop:
     assert not stop.code, stop.code
 with open(log, "w") as file:

@@ -13,12 +13,12 @@ import pytest
 
 from irt.errors import IrtError
 from irt.model import Effect, Model, save_model
-from irt.prove import further, propose
-from irt.prove.chain import write_folder
-from irt.prove.further import all_resolved, in_a_tie, recorded
-from irt.prove.pipe import Pipe
-from irt.prove.plan import Plan
-from irt.prove.sealing import command
+from irt.proof import further, propose
+from irt.proof.further import all_resolved, in_a_tie, recorded
+from irt.proof.hash_chain import write_folder
+from irt.proof.pipe import Pipe
+from irt.proof.plan import Plan
+from irt.proof.sealing import command
 from irt.recording import load_commands, load_recording
 from irt.rig import load_rig
 
@@ -50,7 +50,7 @@ def tied(places, tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search less: how good the outcome is belongs to other tests."""
-    search = import_module("irt.suggest.search")
+    search = import_module("irt.suggestion.search")
     monkeypatch.setattr(search, "_DRAWN", 4)
     monkeypatch.setattr(search, "_ROUNDS", 1)
 
@@ -138,10 +138,10 @@ def test_a_proof_with_a_tie_gets_one_more_run(prove, answered, tmp_path: Path) -
                 asked.append((module.rpartition(".")[2], name))
                 folder = tmp_path / f"hat-{len(asked)}"
                 write_folder(folder, files)
-                if module == "irt.prove.propose":
+                if module == "irt.proof.propose":
                     csv = files["train-1.csv"]
                     yield name, {"suggested.csv": csv, "random.csv": csv}
-                elif module == "irt.prove.contest":
+                elif module == "irt.proof.contest":
                     yield name, {"failed.json": b'{"error": "not asked"}'}
                 else:
                     answer = answered(folder)
@@ -159,9 +159,9 @@ def test_a_proof_with_a_tie_gets_one_more_run(prove, answered, tmp_path: Path) -
         "rig-0002 random",
         "rig-0002 suggested",
     ]
-    results = import_module("irt.prove.results").Results.of(places, ["rig-0001", "rig-0002"])
+    results = import_module("irt.proof.results").Results.of(places, ["rig-0001", "rig-0002"])
     assert [one.exact for one in results.ties] == [{"suggested": True, "random": False}] * 2
-    page = import_module("irt.prove.scorecard").write_scorecard(tmp_path / "p.md", results, [places], {})
+    page = import_module("irt.proof.scorecard").write_scorecard(tmp_path / "p.md", results, [places], {})
     assert "| suggested | 100.0 % (34.2 to 100.0) of 2 | 2.00 | 1.00 |" in page.read_text()
     count = len(asked)
     prove(Tied(), contest=True, plan=Plan(single=2))

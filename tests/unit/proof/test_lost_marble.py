@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 
 from irt.errors import IrtError
-from irt.prove.chain import Places, verify, write_folder
-from irt.prove.concealed import camera
-from irt.prove.concealed.__main__ import serve
-from irt.prove.concealed.physics import EDGE_X_M
-from irt.prove.plan import Plan
-from irt.prove.results import Results
-from irt.prove.run import Proof
-from irt.prove.scorecard import verdict, write_scorecard
+from irt.proof.hash_chain import Places, verify, write_folder
+from irt.proof.plan import Plan
+from irt.proof.pybullet_world import camera
+from irt.proof.pybullet_world.__main__ import serve
+from irt.proof.pybullet_world.physics import EDGE_X_M
+from irt.proof.results import Results
+from irt.proof.run import Proof
+from irt.proof.scorecard import verdict, write_scorecard
 from irt.rig import load_rig
 from irt.workers import FAILED, Files
 
@@ -111,7 +111,7 @@ def test_a_tracker_that_is_broken_is_no_tracker_that_loses(
 
 
 class Diagnoses:
-    """Workers that answer as `irt.prove.blind` does: with an answer, or with why there is none."""
+    """Workers that answer as `irt.proof.blind` does: with an answer, or with why there is none."""
 
     def __init__(self, place: Path, answered: Callable[[Path], Files]) -> None:
         self._place, self._answered = place, answered

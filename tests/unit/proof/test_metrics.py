@@ -6,9 +6,9 @@ import math
 
 import pytest
 
-from irt.prove.contested import Contestant, is_ahead, of_diagnosis, standing
-from irt.prove.score import Errors
-from irt.prove.tally import BINS, Quantity, Rate, confusion, coverage, floors, gaps, power
+from irt.proof.contested import Contestant, is_ahead, of_diagnosis, standing
+from irt.proof.metrics import BINS, Quantity, Rate, confusion, coverage, floors, gaps, power
+from irt.proof.score import Errors
 
 
 def errors(signal: float = 8.0, final: float = 0.0011) -> Errors:

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from irt.catalogue import effect
+from irt.engine import rollouts
 from irt.model import Model
-from irt.prove import contest
-from irt.prove.baselines import alone, gaussian, sindy, single, whiteness
-from irt.prove.baselines.entry import Entry, Task
-from irt.prove.run import commands_alone
+from irt.proof import contest
+from irt.proof.baselines import alone, gaussian, sindy, single, whiteness
+from irt.proof.baselines.entry import Entry, Task
+from irt.proof.run import commands_alone
 from irt.recording import Recording, load_recording
 from irt.rig import RANGES, Board, Marble, Rig
-from irt.rollouts import rollouts
 
 VALUES = (0.06, 0.05, 1e-4, 15.0, 1.0)
 NOISE = 2e-4

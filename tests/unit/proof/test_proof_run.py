@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from irt.errors import IrtError
-from irt.prove.chain import Places, manifest, verify
-from irt.prove.pipe import Pipe
-from irt.prove.plan import Plan
-from irt.prove.seal import canonical
-from irt.prove.sealing import command
+from irt.proof.hash_chain import Places, manifest, verify
+from irt.proof.pipe import Pipe
+from irt.proof.plan import Plan
+from irt.proof.seal import canonical
+from irt.proof.sealing import command
 
 
 def test_the_chain_holds(places: Places) -> None:
@@ -106,7 +106,7 @@ def test_nothing_goes_on_behind_a_stop(prove, hat) -> None:
 
     with pytest.raises(KeyboardInterrupt) as stopped:
         prove(Watching(), progress=stop)
-    assert ended == ["irt.prove.blind"]
+    assert ended == ["irt.proof.blind"]
     assert stopped.value is not None
 
 

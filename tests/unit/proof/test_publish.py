@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from irt.prove.chain import Places
-from irt.prove.publish import publish, withdraw
+from irt.proof.hash_chain import Places
+from irt.proof.publish import publish, withdraw
 
 NAMES = ("commitments", "keys", "manifest")
 

@@ -10,14 +10,14 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from irt.prove.concealed import camera
-from irt.prove.concealed.__main__ import serve
-from irt.prove.concealed.beyond import BEYOND
-from irt.prove.concealed.effects import EFFECTS
-from irt.prove.concealed.engine import Played
-from irt.prove.concealed.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, acts
-from irt.prove.concealed.record import record
-from irt.prove.concealed.spec import Spec
+from irt.proof.pybullet_world import camera
+from irt.proof.pybullet_world.__main__ import serve
+from irt.proof.pybullet_world.effects import EFFECTS
+from irt.proof.pybullet_world.engine import Played
+from irt.proof.pybullet_world.out_of_catalogue import BEYOND
+from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, acts
+from irt.proof.pybullet_world.record import record
+from irt.proof.pybullet_world.spec import Spec
 from irt.tracking import positions
 from irt.tracking.corners import find_corners
 

@@ -9,10 +9,10 @@ import pytest
 
 import irt
 from irt.catalogue import effect, hypothetical
-from irt.prove.concealed.effects import EFFECTS
-from irt.prove.concealed.engine import Base, Played, play
-from irt.prove.concealed.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
-from irt.prove.concealed.spec import made
+from irt.proof.pybullet_world.effects import EFFECTS
+from irt.proof.pybullet_world.engine import Base, Played, play
+from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
+from irt.proof.pybullet_world.spec import made
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels up to Python 3.11 only: pip install pybullet")
 

@@ -13,22 +13,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irt.prove import concealed
-from irt.prove.concealed import drives, noise
-from irt.prove.concealed import spec as specs
-from irt.prove.concealed.__main__ import _is_watched, further, make, serve
-from irt.prove.concealed.beyond import BEYOND
-from irt.prove.concealed.effects import EFFECTS
-from irt.prove.concealed.engine import play
-from irt.prove.concealed.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
-from irt.prove.concealed.record import Recorded, record
-from irt.prove.concealed.spec import Spec, draw, made
+from irt.proof import pybullet_world
+from irt.proof.pybullet_world import drives, noise
+from irt.proof.pybullet_world import spec as specs
+from irt.proof.pybullet_world.__main__ import _is_watched, further, make, serve
+from irt.proof.pybullet_world.effects import EFFECTS
+from irt.proof.pybullet_world.engine import play
+from irt.proof.pybullet_world.out_of_catalogue import BEYOND
+from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
+from irt.proof.pybullet_world.record import Recorded, record
+from irt.proof.pybullet_world.spec import Spec, draw, made
 from irt.recording import load_recording
 from irt.rig import load_rig
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels up to Python 3.11 only: pip install pybullet")
 
-FOLDER = Path(concealed.__file__).parent
+FOLDER = Path(pybullet_world.__file__).parent
 LAG = {"name": "lag", "time_constant_s": 0.3}
 
 
@@ -191,7 +191,7 @@ def test_labels_name_what_is_hidden() -> None:
 
 
 def specs_kind(spec: Spec) -> object:
-    from irt.prove.concealed.record import kind  # noqa: PLC0415
+    from irt.proof.pybullet_world.record import kind  # noqa: PLC0415
 
     return kind(spec)
 
@@ -221,7 +221,7 @@ def test_server_answers_each_request_by_a_line(tmp_path: Path) -> None:
     request = {"index": 3, "kind": "none", "folder": f"{tmp_path / 'rig-003'}", "seed": 7}
     lines = [json.dumps({"make": request}), json.dumps({"make": {**request, "kind": "odd"}}), "[", "{}"]
     ran = subprocess.run(
-        [sys.executable, "-m", "irt.prove.concealed"],
+        [sys.executable, "-m", "irt.proof.pybullet_world"],
         input="\n".join(lines),
         capture_output=True,
         text=True,

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.model import Effect, Model, save_model
-from irt.prove.score import Errors, group_of, intervals, matched, naming, score_rig
+from irt.proof.score import Errors, group_of, intervals, matched, naming, score_rig
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
-from irt.rollouts import rollouts
 
 VALUES = (0.06, 0.05, 4e-4, 15.0, 1.0)
 BIAS = {"name": "tilt_bias", "bias_x_rad": 0.002, "bias_y_rad": -0.001}

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from irt.errors import IrtError
-from irt.prove.chain import Places
-from irt.prove.results import Results
-from irt.prove.rounds import Checked, Rounds, verify_all
+from irt.proof.hash_chain import Places
+from irt.proof.results import Results
+from irt.proof.rounds import Checked, Rounds, verify_all
 
 
 def test_rounds_share_neither_a_folder_nor_a_name_nor_a_seed(tmp_path: Path) -> None:

@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from irt.errors import IrtError
-from irt.prove.contest import METHODS
-from irt.prove.contested import Contestant
-from irt.prove.further import Resolved
-from irt.prove.made import Made
-from irt.prove.results import Results
-from irt.prove.scorecard import verdict, write_scorecard
-from irt.prove.seal import digest
+from irt.proof.contest import METHODS
+from irt.proof.contested import Contestant
+from irt.proof.further import Resolved
+from irt.proof.provenance import Made
+from irt.proof.results import Results
+from irt.proof.scorecard import verdict, write_scorecard
+from irt.proof.seal import digest
 
 PICTURES = ("confusion.png", "coverage.png", "gaps.png", "power.png")
 SETTINGS = {"command": "`irt prove`", "seed": "drawn"}

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from irt.errors import IrtError
-from irt.prove.seal import Key, canonical, close, open_seal
+from irt.proof.seal import Key, canonical, close, open_seal
 
 LABEL = {"kind": "delay", "truth": {"delay_s": 0.1}, "tests": [1.5, "text"]}
 

@@ -7,7 +7,7 @@ import numpy as np
 
 import irt
 from irt.catalogue import effect
-from irt.diagnose.diagnosis import (
+from irt.diagnosis.result import (
     UNLISTED,
     Candidate,
     Diagnosis,
@@ -17,10 +17,10 @@ from irt.diagnose.diagnosis import (
     RunProof,
     units,
 )
-from irt.diagnose.words import LEARNED
+from irt.diagnosis.words import LEARNED
+from irt.engine import rollouts
 from irt.model import Effect, Model, Parameter
 from irt.rig import load_rig
-from irt.rollouts import rollouts
 
 NOISE = 0.0012
 TRUE = np.array([0.042, 0.058, 4e-4, 20.0, 1.03])

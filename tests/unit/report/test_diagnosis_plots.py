@@ -5,7 +5,7 @@ import pytest
 from matplotlib.collections import QuadMesh
 from matplotlib.text import Text
 
-from irt.diagnose.diagnosis import Candidate, RunProof
+from irt.diagnosis.result import Candidate, RunProof
 from irt.report import diagnosis_plots as plots
 from irt.report import style
 from irt.report.diagnosis_plots import Side

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from irt.catalogue import effect
-from irt.diagnose.diagnosis import RunProof
-from irt.diagnose.words import LEARNED
+from irt.diagnosis.result import RunProof
+from irt.diagnosis.words import LEARNED
 from irt.errors import IrtError
 from irt.report.diagnosis_report import answers, write_diagnosis_report
 from irt.report.words import percent, times_less, with_interval

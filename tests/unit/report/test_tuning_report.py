@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.model import Model
 from irt.recording import Recording
@@ -17,7 +18,6 @@ from irt.report.tuning_report import (
 from irt.report.words import percent
 from irt.residual import evaluate
 from irt.rig import PARAMETERS
-from irt.rollouts import rollouts
 
 
 @pytest.fixture

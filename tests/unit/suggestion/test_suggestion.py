@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.fitting.least_squares import least_squares
 from irt.model import Effect, Model
 from irt.recording import Recording, load_commands
 from irt.rig import RANGES, Board, Marble, Rig
-from irt.rollouts import rollouts
-from irt.suggest import Suggestion, suggest
-from irt.suggest.excitations import FAMILIES, GENES, Limits, as_recorded, draw
+from irt.suggestion import Suggestion, suggest
+from irt.suggestion.excitations import FAMILIES, GENES, Limits, as_recorded, draw
 
 VALUES = (0.07, 0.06, 0.0005, 20.0, 1.0)
 NOISE = 0.001
@@ -68,7 +68,7 @@ def told(lagging: Rig, lag_or_delay: tuple[Model, Model]) -> Suggestion:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search less where the outcome does not depend on how good it is."""
-    search = import_module("irt.suggest.search")
+    search = import_module("irt.suggestion.search")
     monkeypatch.setattr(search, "_DRAWN", 6)
     monkeypatch.setattr(search, "_ROUNDS", 2)
 

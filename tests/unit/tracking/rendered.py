@@ -26,7 +26,7 @@ def board() -> np.ndarray:
     return cover * np.array(BOARD) + (1 - cover) * np.array(GROUND)
 
 
-def drawn(
+def rendered(
     *marbles: tuple[float, float], noise: float = 3.0, seed: int = 0, colour: tuple[int, ...] = MARBLE
 ) -> np.ndarray:
     """Draw the board and marbles, blue first."""

@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from drawn import CORNERS, HEIGHT, RADIUS, WIDTH, drawn, path
+from rendered import CORNERS, HEIGHT, RADIUS, WIDTH, path, rendered
 
 from irt.errors import IrtError
 from irt.tracking import positions
@@ -22,12 +22,12 @@ def red_first(picture: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def empty() -> np.ndarray:
-    return red_first(drawn())
+    return red_first(rendered())
 
 
 def read(empty: np.ndarray, places: list, *, light: float = 1.0) -> np.ndarray:
     run = [
-        np.rint(light * red_first(drawn(*([place] if place is not None else []), seed=10 + index))).astype(
+        np.rint(light * red_first(rendered(*([place] if place is not None else []), seed=10 + index))).astype(
             np.uint8
         )
         for index, place in enumerate(places)
@@ -41,11 +41,11 @@ def expected(places: np.ndarray) -> np.ndarray:
 
 
 def test_corners_are_found_to_a_tenth_of_a_pixel() -> None:
-    np.testing.assert_allclose(find_corners(drawn()), CORNERS, atol=0.1)
+    np.testing.assert_allclose(find_corners(rendered()), CORNERS, atol=0.1)
 
 
 def test_dark_board_on_bright_ground_is_found() -> None:
-    np.testing.assert_allclose(find_corners(255 - drawn()), CORNERS, atol=0.1)
+    np.testing.assert_allclose(find_corners(255 - rendered()), CORNERS, atol=0.1)
 
 
 def test_positions_are_right_to_a_tenth_of_a_pixel(empty: np.ndarray) -> None:
@@ -75,10 +75,10 @@ def test_a_run_without_any_marble_is_lost_throughout(empty: np.ndarray) -> None:
 
 
 def test_a_small_marble_between_two_pixels_is_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules["drawn"], "RADIUS", 2.6)
-    empty = red_first(drawn())
+    monkeypatch.setattr(sys.modules["rendered"], "RADIUS", 2.6)
+    empty = red_first(rendered())
     places = np.floor(path(30)) + np.array([0.5, 0.0])
-    run = [red_first(drawn(tuple(place), seed=10 + index)) for index, place in enumerate(places)]
+    run = [red_first(rendered(tuple(place), seed=10 + index)) for index, place in enumerate(places)]
     seen = positions(empty, empty, run, (SIZE.along_x, SIZE.along_y), 2.6 / 178)
     missed = (seen - expected(places)) * 178
     assert np.sqrt((missed**2).mean()) < 0.2

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from irt.tracking.portrait import View, learn_appearance
+from irt.tracking.template import View, learn_appearance
 
 SIDE, RADIUS, NOISE, FINE = 49, 6.5, 3.0, 6
 BOARD = np.array([90.0, 130.0, 165.0])

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.errors import IrtError
-from irt.rollouts import rollouts
 from irt.tracking.timing import align, at_commands, find_gaps
 
 

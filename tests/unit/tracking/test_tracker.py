@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drawn import CORNERS, HEIGHT, MARBLE, RADIUS, WIDTH, drawn, path
+from rendered import CORNERS, HEIGHT, MARBLE, RADIUS, WIDTH, path, rendered
 
+from irt.tracking.blob_detector import Box
 from irt.tracking.geometry import Plane, Size
 from irt.tracking.learning import learn, scale_of
-from irt.tracking.seek import Box
 from irt.tracking.tracker import Tracker
 
 SIZE = Size(1.0, 0.8, RADIUS / 178)
@@ -17,7 +17,7 @@ PLANE = Plane.of(CORNERS, SIZE)
 
 @pytest.fixture(scope="module")
 def learned():
-    pictures = [drawn(place, seed=index) for index, place in enumerate(path(40))]
+    pictures = [rendered(place, seed=index) for index, place in enumerate(path(40))]
     return learn(pictures, PLANE, Box(0, 0, WIDTH, HEIGHT))
 
 
@@ -28,17 +28,17 @@ def tracker(learned) -> Tracker:
 
 def test_a_window_is_enough_for_a_marble_that_rolls(tracker: Tracker) -> None:
     places = path(30, seed=4)
-    seen = [tracker.see(drawn(place, seed=50 + index)) for index, place in enumerate(places)]
+    seen = [tracker.see(rendered(place, seed=50 + index)) for index, place in enumerate(places)]
     assert np.abs([[one.x, one.y] for one in seen] - places).max() < 0.3
     assert all(one.in_window for one in seen[2:])
 
 
 def test_a_marble_that_jumps_is_kept_once_the_next_picture_agrees(tracker: Tracker) -> None:
     for index in range(4):
-        tracker.see(drawn((60.0 + index, 60.0), seed=index))
-    jumped = tracker.see(drawn((170.0, 120.0), seed=10))
+        tracker.see(rendered((60.0 + index, 60.0), seed=index))
+    jumped = tracker.see(rendered((170.0, 120.0), seed=10))
     assert not jumped.seen
-    after = tracker.see(drawn((171.0, 121.0), seed=11))
+    after = tracker.see(rendered((171.0, 121.0), seed=11))
     assert (after.x, after.y) == pytest.approx((171.0, 121.0), abs=0.3)
     assert after.confirms is not None
     assert (after.confirms.x, after.confirms.y) == pytest.approx((170.0, 120.0), abs=0.3)
@@ -47,25 +47,25 @@ def test_a_marble_that_jumps_is_kept_once_the_next_picture_agrees(tracker: Track
 def test_a_flash_in_one_picture_is_no_marble(tracker: Tracker) -> None:
     """What is there once, and elsewhere the next time, is believed neither time."""
     for index in range(4):
-        tracker.see(drawn((60.0 + index, 60.0), seed=index))
+        tracker.see(rendered((60.0 + index, 60.0), seed=index))
     for index, place in enumerate([(170.0, 120.0), (100.0, 130.0), (180.0, 60.0)]):
-        seen = tracker.see(drawn(place, seed=20 + index))
+        seen = tracker.see(rendered(place, seed=20 + index))
         assert not seen.seen
         assert seen.confirms is None
 
 
 def test_two_alike_far_from_where_it_was_are_not_chosen_between(tracker: Tracker) -> None:
     for index in range(4):
-        tracker.see(drawn((60.0, 60.0 + index), seed=index))
+        tracker.see(rendered((60.0, 60.0 + index), seed=index))
     for index in range(3):
-        assert not tracker.see(drawn((170.0, 120.0), (100.0, 130.0), seed=30 + index)).seen
+        assert not tracker.see(rendered((170.0, 120.0), (100.0, 130.0), seed=30 + index)).seen
 
 
 def test_a_ball_of_another_colour_is_not_it(tracker: Tracker) -> None:
     for index in range(4):
-        tracker.see(drawn((60.0, 60.0 + index), seed=index))
+        tracker.see(rendered((60.0, 60.0 + index), seed=index))
     for index in range(4):
-        assert not tracker.see(drawn((61.0, 64.0), seed=40 + index, colour=(40, 160, 60))).seen
+        assert not tracker.see(rendered((61.0, 64.0), seed=40 + index, colour=(40, 160, 60))).seen
 
 
 def test_one_frame_after_another_gives_the_same_bits(learned) -> None:
@@ -73,15 +73,15 @@ def test_one_frame_after_another_gives_the_same_bits(learned) -> None:
     runs = []
     for _ in range(2):
         tracker = Tracker(learned, scale_of(PLANE, learned.finder.middle))
-        runs.append([tracker.see(drawn(place, seed=index)) for index, place in enumerate(places)])
+        runs.append([tracker.see(rendered(place, seed=index)) for index, place in enumerate(places)])
     assert [(one.x, one.y) for one in runs[0]] == [(one.x, one.y) for one in runs[1]]
 
 
 def test_what_is_dark_and_covers_the_marble_is_no_dim_marble(tracker: Tracker) -> None:
     """A finger of the marble's colour in less light was followed as the marble that it hid."""
     for index in range(4):
-        tracker.see(drawn((60.0, 60.0 + index), seed=index))
+        tracker.see(rendered((60.0, 60.0 + index), seed=index))
     for index in range(12):
-        picture = drawn(seed=60 + index)
+        picture = rendered(seed=60 + index)
         picture[35:110, 45 : 100 + index] = np.array(MARBLE) * 0.4
         assert not tracker.see(picture).seen

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.rig import load_rig
-from irt.rollouts import rollouts
 from irt.tuning import cache
 from irt.tuning.cache import cache_folder, need, obtain
 from irt.tuning.checkpoint import checkpoint_path

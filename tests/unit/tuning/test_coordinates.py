@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from irt.engine import rollouts
 from irt.rig import Marble
-from irt.rollouts import rollouts
 from irt.tuning.coordinates import Coordinates
 from irt.tuning.drive import Drive
 

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from irt.engine import paper_drive, rollouts
 from irt.rig import PARAMETERS, RANGES, load_rig
-from irt.rollouts import paper_drive, rollouts
 from irt.tuning import drive as drive_module
 from irt.tuning.cache import need
 from irt.tuning.drive import Drive, Run, is_paper_drive

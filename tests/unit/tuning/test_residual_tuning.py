@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
+from irt.engine import rollouts
 from irt.fitting.fit import Iteration
 from irt.model import Parameter
 from irt.rig import RANGES, load_rig
-from irt.rollouts import rollouts
 from irt.tuning.outcome import spread, widened
 from irt.tuning.residual_tuning import irt
 

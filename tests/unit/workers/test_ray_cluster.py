@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from irt.engine import paper_drive, rollouts
 from irt.errors import IrtError
-from irt.rollouts import paper_drive, rollouts
 from irt.tuning.drive import Drive
 from irt.tuning.pairs import simulate_pairs
 from irt.workers.choice import make_workers
@@ -60,7 +60,7 @@ def rigs(write_rig):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("module", ["irt.prove.blind", "irt.report.diagnosed"])
+@pytest.mark.parametrize("module", ["irt.proof.blind", "irt.report.diagnosed"])
 def test_a_cluster_diagnoses_the_same_bit_for_bit(local_ray: str, rigs, module: str) -> None:
     inputs = {path.name: files_of(path) for path in rigs}
     if module == "irt.report.diagnosed":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from irt.prove.baselines.entry import Entry, Task, predicted
+from irt.proof.baselines.entry import Entry, Task, predicted
 
 TITLE = "base refit alone"
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnose.case import Case
+from irt.diagnosis.case import Case
+from irt.engine import SUBSTEP_S
 from irt.model import Model, load_model
 from irt.recording import Recording, load_recording
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, Rig, load_rig
-from irt.rollouts import SUBSTEP_S
 
 Array = NDArray[np.float64]
 

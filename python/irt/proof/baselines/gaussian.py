@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.model import Model, Parameter
-from irt.prove.baselines.entry import Entry, Task, by_name, predicted
-from irt.prove.baselines.smooth import WINDOW, Smoothed, smoothed
+from irt.proof.baselines.entry import Entry, Task, by_name, predicted
+from irt.proof.baselines.smooth import WINDOW, Smoothed, smoothed
 from irt.recording import Recording
 from irt.start_state import Inputs, simulate
 

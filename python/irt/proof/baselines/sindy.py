@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.prove.baselines.entry import Entry, Task, by_name
-from irt.prove.baselines.smooth import DEGREE, WINDOW
+from irt.proof.baselines.entry import Entry, Task, by_name
+from irt.proof.baselines.smooth import DEGREE, WINDOW
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import EffectParameter, effect, hypothetical
-from irt.diagnose.case import Case, Fitted
-from irt.prove.baselines.entry import Entry, Task, predicted
+from irt.diagnosis.case import Case, Fitted
+from irt.proof.baselines.entry import Entry, Task, predicted
 
 Array = NDArray[np.float64]
 

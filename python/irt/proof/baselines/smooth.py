@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.prove.baselines.entry import Task
+from irt.path_length import bridged
+from irt.proof.baselines.entry import Task
 from irt.recording import Recording
-from irt.way import bridged
 
 Array = NDArray[np.float64]
 

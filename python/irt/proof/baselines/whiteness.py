@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.prove.baselines.entry import Entry, Task
+from irt.proof.baselines.entry import Entry, Task
 from irt.residual import evaluate
 
 Array = NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""`python -m irt.prove.concealed`: makes rigs on request, one line of JSON in, one line out.
+"""`python -m irt.proof.pybullet_world`: makes rigs on request, one line of JSON in, one line out.
 
     {"make": {"index": 3, "kind": "single", "folder": "rigs/rig-003", "seed": 7}}
     {"made": "rig-003", "label": {...}}
@@ -116,7 +116,7 @@ def _answered(verb: str, asked: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Serve standard input; PyBullet's greeting on standard output must not reach the one who asks."""
-    parser = argparse.ArgumentParser(prog="python -m irt.prove.concealed")
+    parser = argparse.ArgumentParser(prog="python -m irt.proof.pybullet_world")
     parser.add_argument(
         "--tracker", nargs=2, metavar=("MODULE:FUNCTION", "SHARE"), help="of rigs seen through a camera"
     )

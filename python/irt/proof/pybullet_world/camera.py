@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .beyond import Yaw
 from .effects.camera import Parallax
 from .engine import Played, bullet
+from .out_of_catalogue import Yaw
 from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array
 from .spec import Spec
 

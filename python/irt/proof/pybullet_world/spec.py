@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from . import drives, noise
-from .beyond import BEYOND
 from .effects import EFFECTS
 from .engine import Base, Played, play
+from .out_of_catalogue import BEYOND
 from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Physics
 
 TRAIN, TEST = 8, 4
