@@ -25,7 +25,7 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
-demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (under three minutes)
+demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
 	$(BIN)/irt demo
 
 .PHONY: test
