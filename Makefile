@@ -50,7 +50,7 @@ fmt: $(PACKAGES) components ## format the sources
 	$(BIN)/ruff format $(PYTHON_SOURCES)
 
 .PHONY: bench
-bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in README.md
+bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in docs/benchmarks.md
 	rm -rf target/criterion target/peers.json
 	cargo bench $(LOCKED) --package labsim --bench engine --bench effects
 	$(BIN)/python benches/compare.py

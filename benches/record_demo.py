@@ -24,7 +24,7 @@ from irt.recording import save_recording
 from irt.suggestion.first_runs import first_runs
 
 FOLDER = Path(__file__).resolve().parents[1] / "python" / "irt" / "data" / "demo-rig"
-TRUTH = Base(gear_x=0.075, gear_y=0.085, rolling_friction=0.0004, time_scale=12.0, observation_scale=1.03)
+TRUTH = Base(gear_x=0.09, gear_y=0.098, rolling_friction=0.0003, time_scale=12.0, observation_scale=1.03)
 BACKLASH = {"name": "backlash", "width_x_rad": 0.04, "width_y_rad": 0.06}
 #: Rows of a run: 8 s at the 20 Hz of `TRUTH.time_scale`.
 ROWS = 160

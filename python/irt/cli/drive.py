@@ -86,8 +86,8 @@ def run(args: argparse.Namespace) -> None:
     print(
         f"\nPut the marble at rest in the centre of the level board and play a file at {args.rate:g} rows a "
         "second. Write the\nposition that the camera sees when each command is sent into marble_x and "
-        "marble_y, and its time into t_s.\nIf the marble spends most of a run at the rim, make the drive again "
-        "with a smaller --amplitude.\nThen: irt check FOLDER, with the recordings in one folder."
+        "marble_y, and its time into t_s.\nIf the marble spends most of a run at the rim, use a smaller "
+        "--amplitude.\nThen: irt check FOLDER, with the recordings in one folder."
     )
     if args.unit is not None:
         print(f'Add a rig.toml beside them with the lines\n[commands]\nunit = "{args.unit}"')
