@@ -1,4 +1,4 @@
-"""Write what was measured between the markers of docs/benchmarks.md, ``<!-- bench:NAME -->`` to ``<!-- /bench -->``.
+"""Write what was measured into docs/benchmarks.md, between ``<!-- bench:NAME -->`` and ``<!-- /bench -->``.
 
 Run by ``make bench``. NAME says what stands there:
 

@@ -1,7 +1,9 @@
-"""Draw the picture of README.md, a diagnosis of the example rig: run by `make pictures`."""
+"""Draw the diagnosis of the example rig for README.md and docs/diagnosis.md: run by `make pictures`."""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +12,23 @@ import numpy as np
 from irt.cli.demo import data
 from irt.diagnosis import Diagnosis, diagnose
 from irt.report import style
+from irt.report.diagnosed import write_diagnosis
 from irt.report.diagnosis_plots import Side, sides
 from irt.report.plots import TICKS, draw_rim, mean_absolute, rim_of
 from irt.report.words import percent, plain
-from irt.rig import load_rig
+from irt.rig import Rig, load_rig
 
 DOCS = Path(__file__).resolve().parent
 #: Size of the picture [inches].
 WIDTH, HEIGHT = 7.4, 4.0
+#: Width and height of the report's top [pixels].
+TOP = 1100, 1100
+#: The first of these that is there renders the report.
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
-def draw_diagnosis() -> Path:
+def draw_diagnosis(found: Diagnosis) -> Path:
     """Draw the run that five parameters predict worst, before and after, and where the error goes."""
-    found = diagnose(load_rig(data("demo-rig")))
     path = DOCS / "diagnosis.png"
     with style.drawing(path, WIDTH, HEIGHT) as figure:
         axes: Any = figure.subplot_mosaic(
@@ -82,5 +88,33 @@ def _names(found: Diagnosis) -> str:
     return " and ".join(plain(one.name) for one in found.effects)
 
 
+def draw_report(rig: Rig, found: Diagnosis) -> Path | None:
+    """Render the top of the report; None where there is no browser."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        return None
+    path = DOCS / "report-top.png"
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
+        report = write_diagnosis(Path(folder), rig, found)
+        chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+        page = chromium.new_page(viewport={"width": TOP[0], "height": TOP[1]}, color_scheme="light")
+        page.goto(report.as_uri())
+        page.locator(".run").select_option(label="run-2")
+        page.locator(".time").fill("119")
+        page.screenshot(path=path)
+        chromium.close()
+    return path
+
+
+def main() -> None:
+    """Draw all pictures, and name them."""
+    rig = load_rig(data("demo-rig"))
+    found = diagnose(rig)
+    for path in (draw_diagnosis(found), draw_report(rig, found)):
+        print(f"wrote {path}" if path else f"not drawn: none of {', '.join(BROWSERS)} is installed")
+
+
 if __name__ == "__main__":
-    print(f"wrote {draw_diagnosis()}")
+    main()
