@@ -11,9 +11,9 @@ from irt.suggestion.excitations import GENES, Excitation, Limits, draw
 
 #: Family of each run, and its two genes of shape; a seventh run begins at the front again, with other phases
 #: and levels. Sines show gears and friction, steps show delays and lags, holds with reversals show backlash,
-#: chirps show what depends on frequency, coasting shows the board and the air, and creep shows what holds the
-#: marble or the knobs at small angles. The genes give periods and holds of a twelfth to a half of the run: slow
-#: enough for the marble to cross the board, fast enough to bring it back.
+#: chirps show what depends on frequency, coasting shows the board and the air, and creep shows what holds
+#: the marble or the knobs at small angles. The genes give periods and holds of a twelfth to a half of the
+#: run: slow enough for the marble to cross the board, fast enough to bring it back.
 RUNS = (
     ("multisine", 0.25, 0.5),
     ("steps", 0.6, 0.75),
