@@ -3,12 +3,9 @@
 mod actuation;
 mod camera;
 mod command_delay;
-mod live;
 pub(crate) mod rapier;
 pub(crate) mod rolling;
 mod schedule;
-
-pub use live::Live;
 
 use std::cmp::Ordering;
 use std::str::FromStr;
@@ -159,9 +156,6 @@ impl FromStr for Hold {
         })
     }
 }
-
-/// A time (s) in which no knob moves: it asks an effect on the knob where that is now.
-pub(crate) const PEEK_S: f64 = 1e-12;
 
 /// Where the results of a rollout go, a pair a row.
 pub(crate) struct Sink<'a> {

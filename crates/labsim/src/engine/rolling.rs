@@ -148,10 +148,10 @@ impl<S: Simd> Substeps<S> {
 
 /// Whose rollouts the lanes of a register are.
 #[derive(Clone, Copy)]
-pub(super) struct LaneGroup<'a, 'b> {
-    pub(super) jobs: &'a [Job<'b>],
+pub(crate) struct LaneGroup<'a, 'b> {
+    pub(crate) jobs: &'a [Job<'b>],
     /// What empty lanes repeat, and nobody reads.
-    pub(super) filler: &'a Job<'b>,
+    pub(crate) filler: &'a Job<'b>,
 }
 
 impl<'a, 'b> LaneGroup<'a, 'b> {
@@ -162,15 +162,15 @@ impl<'a, 'b> LaneGroup<'a, 'b> {
 }
 
 /// The rollouts of a register, as far as they have come.
-pub(super) struct Register<S: Simd> {
+pub(crate) struct Register<S: Simd> {
     rims: Rims<S>,
-    pub(super) actuation: Actuation<S>,
+    pub(crate) actuation: Actuation<S>,
     camera: Camera<S>,
     forces: Vec<Any<S>>,
 }
 
 impl<S: Simd> Register<S> {
-    pub(super) fn new(simd: S, setup: &Setup<'_>, group: LaneGroup<'_, '_>) -> Self {
+    pub(crate) fn new(simd: S, setup: &Setup<'_>, group: LaneGroup<'_, '_>) -> Self {
         let job = |lane: usize| group.of(lane);
         let actuation = Actuation::new(simd, setup, job);
         Self {
@@ -199,7 +199,7 @@ impl<S: Simd> Register<S> {
     }
 
     #[inline(always)]
-    pub(super) fn begin_row(&mut self, row: usize, group: LaneGroup<'_, '_>) {
+    pub(crate) fn begin_row(&mut self, row: usize, group: LaneGroup<'_, '_>) {
         self.actuation.begin_row(row, |lane| group.of(lane));
         if let Some(schedule) = &mut self.camera.schedule {
             schedule.begin_row(row);
@@ -229,7 +229,7 @@ impl<S: Simd> Register<S> {
     }
 
     /// Lets the marbles go.
-    pub(super) fn release(&self, group: LaneGroup<'_, '_>) -> Marbles<S> {
+    pub(crate) fn release(&self, group: LaneGroup<'_, '_>) -> Marbles<S> {
         let lanes = |value: fn(&Job<'_>) -> f64| {
             Lanes::from_fn(self.rims.reach_x.simd(), |lane| value(group.of(lane)))
         };
@@ -254,7 +254,7 @@ impl<S: Simd> Register<S> {
 
     /// Writes down what the camera sees, and the tilt sensor, as a row begins.
     #[inline(always)]
-    pub(super) fn observe(
+    pub(crate) fn observe(
         &mut self,
         row: usize,
         marbles: &Marbles<S>,
@@ -285,7 +285,7 @@ impl<S: Simd> Register<S> {
     }
 
     #[inline(always)]
-    pub(super) fn substep(
+    pub(crate) fn substep(
         &mut self,
         row: usize,
         index: u32,
@@ -356,7 +356,7 @@ mod tests {
     use crate::drive::paper_drive;
     use crate::effects::{EffectInstance, EffectSpec, Parameter, known};
     use crate::engine::{Clock, Hold, Step};
-    use crate::rollout::PerRollout;
+    use crate::per_rollout::PerRollout;
 
     /// What 29 marbles do on every instruction set that is here; `substeps` is asked for a marble's.
     fn on_every_set(

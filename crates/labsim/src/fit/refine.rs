@@ -3,10 +3,10 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::Problem;
 use super::channels::Channels;
 use super::coordinates::Coordinates;
 use super::descent::{End, Pace, loss, minimise};
+use super::problem::Problem;
 use super::robust;
 use super::shooting::{Point, Shooting};
 use super::shrinkage::evidence;
@@ -120,11 +120,9 @@ impl Problem<'_> {
     ) -> Result<Channels> {
         let shooting = Shooting::new(self, coordinates, whole, 1.0, cancel);
         let residuals = shooting.residuals(points)?;
-        let loss = |residual: &Vec<f64>| whole.channels.loss(whole, residual);
+        let loss = |residual: &Vec<f64>| whole.loss(residual);
         let best = residuals.iter().min_by(|a, b| loss(a).total_cmp(&loss(b)));
-        Ok(best.map_or(whole.channels, |best| {
-            whole.channels.reweighted(whole, best)
-        }))
+        Ok(best.map_or(whole.channels, |best| whole.reweighted(best)))
     }
 
     /// Points with the start states that the first rows tell, then some more: a guess that is a little off

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 
 use super::channels::MARBLE;
-use super::coordinates::{Coordinates, SCALE, TIME};
+use super::coordinates::Coordinates;
 use super::problem::{LEAN, Problem};
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
@@ -14,8 +14,9 @@ use crate::effects::EffectInstance;
 use crate::engine::Hold;
 use crate::error::Result;
 use crate::orientation::turned;
-use crate::parameters::Parameters;
-use crate::rollout::{Batch, Observed, PerRollout, TimeBase};
+use crate::parameters::{Parameters, SCALE, TIME};
+use crate::per_rollout::PerRollout;
+use crate::rollout::{Batch, Observed, TimeBase};
 
 /// Coordinates and the start states of all windows.
 #[derive(Debug, Clone)]
