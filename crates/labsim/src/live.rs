@@ -125,6 +125,7 @@ impl Live {
         let mut out = [Sink {
             marble: &mut self.seen,
             tilt: &mut [],
+            variance: &mut [],
         }];
         for substep in 0..self.step.substeps {
             self.register
@@ -156,5 +157,6 @@ fn job(
         turned: [0.0; 3],
         clock: Clock::Even(step),
         seed,
+        measured: None,
     }
 }

@@ -9,11 +9,14 @@
 )]
 
 mod contact;
+mod estimator;
 mod impact;
 
 use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
 
 use self::contact::substep;
+use self::estimator::Estimator;
+pub(crate) use self::estimator::TAIL;
 use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup, Sink};
@@ -83,6 +86,8 @@ fn simulate<S: Simd, const N: usize>(
         }
     }
     let mut marbles: [Marbles<S>; N] = std::array::from_fn(|i| registers[i].release(groups[i]));
+    let mut estimators: [Option<Estimator<S>>; N] =
+        std::array::from_fn(|i| registers[i].estimator(&marbles[i], groups[i]));
     for row in first..first + setup.rows {
         for (((register, group), marbles), out) in registers
             .iter_mut()
@@ -91,6 +96,12 @@ fn simulate<S: Simd, const N: usize>(
             .zip(out.chunks_mut(S::F64_LANES))
         {
             register.observe(row, marbles, group, out);
+        }
+        let each = estimators.iter_mut().zip(&mut marbles);
+        for (i, (estimator, out)) in each.zip(out.chunks_mut(S::F64_LANES)).enumerate() {
+            if let (Some(estimator), marbles) = estimator {
+                estimator.correct(row, &registers[i].rims, marbles, groups[i], out);
+            }
         }
         if row + 1 == first + setup.rows || setup.is_cancelled() {
             break;
@@ -252,6 +263,10 @@ impl<S: Simd> Register<S> {
         }
     }
 
+    fn estimator(&self, marbles: &Marbles<S>, group: LaneGroup<'_, '_>) -> Option<Estimator<S>> {
+        Estimator::new(&self.rims, self.camera.edges_per_m, marbles, group)
+    }
+
     /// Writes down what the camera sees, and the tilt sensor, as a row begins.
     #[inline(always)]
     pub(crate) fn observe(
@@ -372,6 +387,7 @@ mod tests {
                 knobs_before: [0.0; 2],
                 first: 10,
                 seed: i as u64,
+                measured: None,
                 parameters: [0.003 * f64::from(i), 0.09, 0.0004, 23.0, 1.1].into(),
                 commands: &commands,
                 start: [0.01 * f64::from(i), -0.2],
@@ -388,7 +404,11 @@ mod tests {
             let mut out: Vec<Sink<'_>> = all
                 .chunks_mut(rows)
                 .zip(tilts.chunks_mut(rows))
-                .map(|(marble, tilt)| Sink { marble, tilt })
+                .map(|(marble, tilt)| Sink {
+                    marble,
+                    tilt,
+                    variance: &mut [],
+                })
                 .collect();
             dispatch(Group {
                 setup: &Setup {

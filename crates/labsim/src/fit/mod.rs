@@ -32,6 +32,7 @@ pub use self::problem::{Hypothesis, ParameterSpec, Problem, Recording, Stretch};
 pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
 pub use self::settings::{Progress, Settings};
+pub use self::shooting::Filtered;
 pub use self::shrinkage::Shrunk;
 
 use self::channels::{MARBLE, TILT};
