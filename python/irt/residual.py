@@ -10,10 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import arguments
 from irt.errors import IrtError
+from irt.files import PathLike
 from irt.measured_tilt import as_played, begun_at_tilt
-from irt.model import LEAN, Model
+from irt.model import LEAN, Model, as_model
 from irt.recording import Recording
+from irt.rig import Rig, as_recordings
 from irt.segments import LEAD_ROWS, Segment, check_length, guess, inputs_of, row_seconds, rows_of, segment_of
 from irt.start_state import estimate_start_states, simulate, simulate_tilt
 
@@ -202,7 +205,10 @@ def windowed_error(model: Model, recording: Recording, seconds: float) -> float:
     return errors.mae
 
 
-def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.0) -> Evaluation:
+@arguments.entry
+def evaluate(
+    model: Model | PathLike, recordings: Rig | PathLike | Sequence[Recording], window_s: float = 2.0
+) -> Evaluation:
     """Measure a model against recordings: in free runs and in windows.
 
     A free run starts in row 0: at rest, or for a model of recordings that start in motion, from the state
@@ -212,10 +218,10 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
 
     Parameters
     ----------
-    model : Model
-        The simulator.
-    recordings : sequence of Recording
-        At least one.
+    model : Model or path
+        The simulator, or its file.
+    recordings : Rig, path or sequence of Recording
+        A rig, its folder, or recordings: at least one; tables with the columns of one will do.
     window_s : float
         Length of a window [s], of simulated time where the recordings have no stamps.
 
@@ -224,9 +230,9 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
     IrtError
         If there is nothing to evaluate, or the model cannot be simulated.
     """
-    if not recordings:
-        raise IrtError("no recording to evaluate the model on")
-    check_length(window_s)
+    model = as_model(model)
+    check_length(arguments.number("window_s", window_s))
+    recordings = as_recordings(recordings)
     idle = _idle_axes(recordings)
     recordings = [begun_at_tilt(model, recording) for recording in recordings]
     observed = [recording.marble for recording in recordings]

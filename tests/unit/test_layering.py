@@ -28,11 +28,14 @@ LAYERS = (
     "measured_tilt",
     "segments",
     "start_state",
-    "engine",
     "model",
+    "engine",
     "tracking",
     "rig",
+    "dimensions",
     "recording",
+    "validity",
+    "columns",
     "conventions",
     "path_length",
     "cleaning",
@@ -40,6 +43,7 @@ LAYERS = (
     "files",
     "catalogue",
     "workers",
+    "arguments",
     "errors",
 )
 EXTENSION = "irt._labsim"

@@ -29,21 +29,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
-    import numpy as np
-
     from irt.files import write_atomic
     from irt.model import load_model
     from irt.recording import Recording, load_commands
-    from irt.start_state import Inputs, simulate, simulate_tilt
 
     model = load_model(args.model)
     commands = load_commands(args.commands)
-    state = np.zeros((1, 4))
-    if commands.start is not None:
-        state[0, :2] = commands.start
-    durations = None if commands.durations is None else commands.durations[None]
-    inputs = Inputs.of_whole(commands.knobs[None], durations)
-    marble, tilt = simulate(model, inputs, state)[0], simulate_tilt(model, inputs)[0]
+    marble, tilt = model.predict(commands, tilt=True)
     name, path, columns = args.commands.stem, args.commands, commands.columns
     recording = Recording(name, path, commands.knobs, marble, commands.stamps, tilt, columns)
     if args.out is None:

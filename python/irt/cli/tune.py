@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import checked, whole
-from irt.errors import IrtError
 
 if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
@@ -25,13 +24,8 @@ HELP = "fit the simulator's five parameters to recordings"
 
 #: In the order of `irt.tuning.METHODS`, which loading all verbs must not import.
 METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
-#: Which methods an option belongs to.
-_BELONGS = {
-    "starts": METHODS[:-1],
-    "iterations": ("irt",),
-    "rollouts": ("irt+", "cma-es", "es"),
-    "network": ("irt+", "irt", "direct"),
-}
+#: Options that not all methods have; see `irt.tuning.BELONGS`.
+_OF_SOME = ("starts", "iterations", "rollouts", "network")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -138,18 +132,13 @@ def run(args: argparse.Namespace) -> None:
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
     """Return what was asked for, as options of the method."""
-    options = {"seed": args.seed, "engine": args.engine, "threads": args.threads}
+    from irt.tuning import check_options
+
+    options = {name: getattr(args, name) for name in _OF_SOME if getattr(args, name) is not None}
     if args.effect:
-        if args.method != "least-squares":
-            raise IrtError("--effect belongs to --method least-squares; leave it out")
         options["effects"] = _effects(args.effect)
-    for name, methods in _BELONGS.items():
-        value = getattr(args, name)
-        if value is not None and args.method not in methods:
-            raise IrtError(f"--{name} belongs to --method {' or '.join(methods)}; leave it out")
-        if value is not None:
-            options[name] = value
-    return options
+    check_options(args.method, list(options), prefix="--")
+    return {**options, "seed": args.seed, "engine": args.engine, "threads": args.threads}
 
 
 def _effects(names: Sequence[str]) -> list[Effect]:
@@ -172,7 +161,9 @@ def _effects(names: Sequence[str]) -> list[Effect]:
 
 def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
     """Say so where there is no network for a rig yet; return the checkpoint of its training."""
-    if args.method not in _BELONGS["network"]:
+    from irt.tuning import BELONGS
+
+    if args.method not in BELONGS["network"]:
         return None
     from irt.tuning.cache import need, training_data
     from irt.tuning.checkpoint import checkpoint_path
@@ -277,7 +268,7 @@ def _command(args: argparse.Namespace) -> str:
     words = ["irt", "tune", args.rig, "--method", args.method, "--seed", args.seed, "--engine", args.engine]
     for name in args.effect:
         words += ["--effect", name]
-    for name in _BELONGS:
+    for name in _OF_SOME:
         if getattr(args, name) is not None:
             words += [f"--{name}", getattr(args, name)]
     return shlex.join(str(word) for word in words)
