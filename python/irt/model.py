@@ -8,12 +8,12 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, get_args, overload
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irt import arguments, catalogue
+from irt import arguments, catalogue, display
 from irt.engine import TimeStep, rollouts
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml, write_atomic
@@ -33,6 +33,9 @@ from irt.rig import (
     read_signals,
     read_start,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 #: The effect that says what the measured tilt reads; every model of recordings with a tilt has it.
 TILT_SENSOR = "tilt_sensor"
@@ -231,30 +234,6 @@ class Model:
         """The parameters' values, (5,), in the order of `PARAMETERS`."""
         return np.array([self.parameters[name].value for name in PARAMETERS])
 
-    @overload
-    def predict(
-        self,
-        commands: Any,
-        start: ArrayLike | None = None,
-        *,
-        t: ArrayLike | None = None,
-        start_velocity: ArrayLike | None = None,
-        seed: int = 0,
-        threads: int | None = None,
-        tilt: Literal[False] = False,
-    ) -> NDArray[np.float64]: ...
-    @overload
-    def predict(
-        self,
-        commands: Any,
-        start: ArrayLike | None = None,
-        *,
-        t: ArrayLike | None = None,
-        start_velocity: ArrayLike | None = None,
-        seed: int = 0,
-        threads: int | None = None,
-        tilt: Literal[True],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
     @arguments.entry
     def predict(
         self,
@@ -265,11 +244,11 @@ class Model:
         start_velocity: ArrayLike | None = None,
         seed: int = 0,
         threads: int | None = None,
-        tilt: bool = False,
-    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
+    ) -> NDArray[np.float64]:
         """Predict where the marble rolls under commands, with all effects of the model.
 
-        The numbers are those of ``irt simulate``. Many parameters at once are simulated by `irt.rollouts`.
+        The numbers are those of ``irt simulate``. `irt.rollouts` takes models, too, and returns the board's
+        tilt with the positions.
 
         Parameters
         ----------
@@ -286,13 +265,11 @@ class Model:
             Of effects that draw random numbers.
         threads : int, optional
             Of the engine; by default one for each core.
-        tilt : bool
-            Return the tilt that a sensor reads as well.
 
         Returns
         -------
-        (steps, 2) or (n, steps, 2) array, or two of them with ``tilt``
-            Positions as a camera sees them [board edges], the start in row 0; then tilts [rad].
+        (steps, 2) or (n, steps, 2) array
+            Positions as a camera sees them [board edges], the start in row 0.
 
         Raises
         ------
@@ -315,10 +292,40 @@ class Model:
             durations=durations(stamps),
             seed=seed,
             threads=threads,
-            tilt=True,
         )
-        marble, angles = (one[0] if given.knobs.ndim == 2 else one for one in found)
-        return (marble, angles) if arguments.flag("tilt", tilt) else marble
+        return found[0] if given.knobs.ndim == 2 else found
+
+    def plot(self) -> Figure:
+        """Draw where the parameters lie in the ranges searched; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        return pictures.spans(
+            [
+                pictures.Span(
+                    name=name,
+                    text=display.interval(one.value, one.low, one.high),
+                    value=one.value,
+                    interval=(one.value, one.value) if one.low is None else (one.low, one.high or one.low),
+                    range=self.ranges[name],
+                )
+                for name, one in self.parameters.items()
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, display.interval(one.value, one.low, one.high), "{:g} to {:g}".format(*self.ranges[name]))
+            for name, one in self.parameters.items()
+        ]
+        effects = [
+            (effect.name, ", ".join(f"{name} {value:.4g}" for name, value in effect.parameters.items()))
+            for effect in self.effects
+        ]
+        return display.page(
+            "Model",
+            display.table(("parameter", "value (95 % interval)", "searched"), rows),
+            display.table(("effect", "parameters"), effects),
+        )
 
     @property
     def reach(self) -> NDArray[np.float64]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irt import arguments
+from irt import arguments, display
 from irt.errors import IrtError
 from irt.files import PathLike
 from irt.measured_tilt import as_played, begun_at_tilt
@@ -19,6 +19,9 @@ from irt.recording import Recording
 from irt.rig import Rig, as_recordings
 from irt.segments import LEAD_ROWS, Segment, check_length, guess, inputs_of, row_seconds, rows_of, segment_of
 from irt.start_state import estimate_start_states, simulate, simulate_tilt
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -135,6 +138,34 @@ class Evaluation:
     def mae(self) -> float:
         """Mean absolute error of the free runs [board edges]; NaN where no recording has a marble."""
         return math.nan if self.free_run is None else self.free_run.mae
+
+    def plot(self) -> Figure:
+        """Draw the mean errors of each run; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        kinds = {"free run": "free_run", self._windows: "windowed", "measured tilt played": "played"}
+        groups = {
+            label: [
+                math.nan if (errors := getattr(run, name)) is None else 100.0 * errors.mae
+                for run in self.runs
+            ]
+            for label, name in kinds.items()
+            if getattr(self, name) is not None
+        }
+        return pictures.bars([run.recording for run in self.runs], groups, "mean error  [% of edge]")
+
+    def _repr_html_(self) -> str:
+        runs: list[tuple[str, RunEvaluation | Evaluation]] = [(run.recording, run) for run in self.runs]
+        rows = []
+        for name, run in (*runs, ("all runs", self)):
+            errors = (run.free_run, run.windowed, run.played)
+            rows.append((name, *(display.percent(None if one is None else one.mae) for one in errors)))
+        head = ("run", "free run", self._windows, "the same, measured tilt played")
+        return display.page("Mean errors, of the board's long edge", display.table(head, rows))
+
+    @property
+    def _windows(self) -> str:
+        return f"windows of {self.window_s:g} s"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the errors, without the predictions, as JSON takes them."""

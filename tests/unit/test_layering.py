@@ -43,6 +43,8 @@ LAYERS = (
     "files",
     "catalogue",
     "workers",
+    "pictures",
+    "display",
     "arguments",
     "errors",
 )

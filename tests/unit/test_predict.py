@@ -72,10 +72,10 @@ def test_observation_scale_is_part_of_what_is_seen():
     )
 
 
-def test_the_tilt_comes_along():
-    marble, tilt = model().predict(KNOBS, tilt=True)
-    assert marble.shape == tilt.shape == (80, 2)
-    np.testing.assert_array_equal(marble, model().predict(KNOBS))
+def test_the_tilt_comes_with_rollouts():
+    marble, tilt = irt.rollouts(model(), KNOBS, tilt=True)
+    assert marble.shape == tilt.shape == (1, 80, 2)
+    np.testing.assert_array_equal(marble[0], model().predict(KNOBS))
 
 
 def test_a_moving_start_holds_the_first_command_before():

@@ -35,7 +35,7 @@ ENTRIES = {
     "paper_drive": (irt.paper_drive, {"steps": 10, "amplitude": 0.1, "literal": False}),
     "predict": (
         MODEL.predict,
-        {"commands": drive(9, 1), "start": [0.0, 0.0], "seed": 0, "threads": 1, "tilt": True},
+        {"commands": drive(9, 1), "start": [0.0, 0.0], "seed": 0, "threads": 1},
     ),
     "rollouts": (
         irt.rollouts,

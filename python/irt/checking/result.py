@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from irt import display
 from irt.errors import IrtError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Severity = Literal["error", "warning", "note"]
 
@@ -244,6 +248,27 @@ class Check:
         """Raise `IrtError` where the recordings can identify nothing."""
         for one in self.of("error"):
             raise IrtError(f"{self.rig}: {one.what}; {one.advice}")
+
+    def plot(self) -> Figure:
+        """Draw in which share of its rows each run has lost the marble, or sees it at rest or at the rim."""
+        from irt import pictures  # noqa: PLC0415
+
+        kinds = {"lost": "lost", "at rest": "at_rest", "at the rim": "at_rim"}
+        groups = {label: [100.0 * getattr(run, name) for run in self.runs] for label, name in kinds.items()}
+        return pictures.bars([run.name for run in self.runs], groups, "share of the rows  [%]")
+
+    def _repr_html_(self) -> str:
+        findings = [(one.severity, one.where, one.what, one.advice) for one in self.findings]
+        runs = [
+            (run.name, f"{run.rows}", "-" if run.rate_hz is None else f"{run.rate_hz:.3g}", f"{run.lost:.1%}")
+            for run in self.runs
+        ]
+        return display.page(
+            f"Check of {self.rig}",
+            display.table(("", "where", "what", "what to do"), findings),
+            display.table(("run", "rows", "rows a second", "marble lost"), runs),
+            display.paragraph(self.next_recording),
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON takes it; an infinite number of runs becomes None."""

@@ -29,15 +29,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
+    from irt.engine import rollouts
     from irt.files import write_atomic
     from irt.model import load_model
     from irt.recording import Recording, load_commands
 
     model = load_model(args.model)
     commands = load_commands(args.commands)
-    marble, tilt = model.predict(commands, tilt=True)
+    marble, tilt = rollouts(
+        model, commands.knobs, start=commands.start, durations=commands.durations, tilt=True
+    )
     name, path, columns = args.commands.stem, args.commands, commands.columns
-    recording = Recording(name, path, commands.knobs, marble, commands.stamps, tilt, columns)
+    recording = Recording(name, path, commands.knobs, marble[0], commands.stamps, tilt[0], columns)
     if args.out is None:
         sys.stdout.write(recording.to_csv())
     else:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irt import arguments
+from irt import arguments, display
 from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.files import PathLike
@@ -26,6 +27,9 @@ from irt.suggestion.hypothesis import Hypothesis
 from irt.suggestion.search import Found, Search
 from irt.suggestion.separation import Separation
 from irt.suggestion.words import sentences
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -69,6 +73,21 @@ class Suggestion:
     at_wall: float
     tried: int
     sentences: tuple[str, ...]
+
+    def plot(self) -> Figure:
+        """Draw the commands over time; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        rows = np.arange(len(self.commands), dtype=np.float64)
+        times, unit = (rows, "row") if self.stamps is None else (self.stamps - self.stamps[0], "time  [s]")
+        panels = {
+            f"command {axis}": [pictures.Line("", self.commands[:, index], pictures.COLOURS[index])]
+            for index, axis in enumerate("xy")
+        }
+        return pictures.over_time(times, unit, panels)
+
+    def _repr_html_(self) -> str:
+        return display.page("The next run to record", display.items(self.sentences))
 
     def save(self, path: PathLike) -> None:
         """Write the commands as a CSV file ready to play, the start in row 0.

@@ -1,0 +1,61 @@
+"""How results show themselves in a notebook: small HTML tables, and numbers as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from html import escape
+
+#: Rows of a table that are shown; a notebook cell is no report.
+_MOST_ROWS = 30
+
+
+def interval(value: float, low: float | None, high: float | None) -> str:
+    """Return a value and its 95 % interval as text, to the digits that the interval leaves meaning."""
+    if low is None or high is None:
+        return f"{value:.4g}"
+    if math.isinf(low) or math.isinf(high):
+        if math.isinf(low) and math.isinf(high):
+            return f"{value:.4g}  (not pinned down)"
+        return f"{value:.4g}  ({f'at most {high:.4g}' if math.isinf(low) else f'at least {low:.4g}'})"
+    digits = max(0, 1 - magnitude(high - low)) if high > low else 6
+    told, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))
+    return f"{told}  ({bottom} to {top})"
+
+
+def magnitude(value: float) -> int:
+    """Return the power of ten of the first digit of a number."""
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
+def percent(error: float | None) -> str:
+    """Return an error in board edges as percent of the edge; a dash where there is none."""
+    return "-" if error is None or math.isnan(error) else f"{100.0 * error:.3g} %"
+
+
+def page(title: str, *parts: str) -> str:
+    """Return a heading with parts below it, all HTML but the heading."""
+    return f"<div><strong>{escape(title)}</strong>{''.join(parts)}</div>"
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph."""
+    return f"<p>{escape(text)}</p>" if text else ""
+
+
+def items(sentences: Iterable[str]) -> str:
+    """Return a list of sentences; nothing of none."""
+    written = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    return f"<ul>{written}</ul>" if written else ""
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table with a heading row; the first rows of a long one."""
+    if not rows:
+        return ""
+    cells = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows[:_MOST_ROWS]
+    )
+    more = paragraph(f"and {len(rows) - _MOST_ROWS} more") if len(rows) > _MOST_ROWS else ""
+    return f"<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>{more}"
