@@ -106,9 +106,12 @@ def check_marble(name: str, marble: Array, where: Where, *, alone: bool = False)
             f"cut the rows until it is seen ({first}) and count the steps from 0 again"
         )
     if np.median(np.abs(marble[seen]).max(axis=1)) > _MOST_EDGES:
+        low, high = marble[seen].min(axis=0), marble[seen].max(axis=0)
         raise IrtError(
-            f"{where(0, MARBLE[0])}: most positions lie more than {_MOST_EDGES:g} edges off the centre; "
-            "positions are in units of the long edge: divide millimetres by the edge in millimetres"
+            f"{where(0, MARBLE[0])}: positions go from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, "
+            f"{high[1]:.4g}, most of them more than {_MOST_EDGES:g} edges off the centre; positions are from "
+            "the board's centre in units of its long edge: of pixels or millimetres subtract the centre's, "
+            "then divide both by the length of the long edge in pixels or millimetres"
         )
 
 

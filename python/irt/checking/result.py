@@ -21,7 +21,8 @@ class Finding:
     Attributes
     ----------
     severity : {"error", "warning", "note"}
-        An error leaves nothing to fit, a warning makes a fit wrong or much worse, a note explains a limit.
+        An error leaves nothing to fit, or certainly makes a fit wrong; a warning probably makes it wrong or
+        much worse; a note explains a limit.
     what : str
         What was found, in one sentence without its full stop.
     where : str
@@ -245,7 +246,7 @@ class Check:
         return tuple(str(one) for one in self.of("warning"))
 
     def require(self) -> None:
-        """Raise `IrtError` where the recordings can identify nothing."""
+        """Raise `IrtError` where the recordings can identify nothing, or are certainly wrong."""
         for one in self.of("error"):
             raise IrtError(f"{self.rig}: {one.what}; {one.advice}")
 

@@ -5,11 +5,11 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from made_up import make_diagnosis, sample_rig
 from matplotlib.figure import Figure
 
 import irt
 from irt.model import Model
-from made_up import make_diagnosis, sample_rig
 from simulated_rigs import STEP_S, TRUTH, drive
 
 
