@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -201,6 +201,11 @@ class Recording:
     @cached_property
     def _rolled(self) -> tuple[Array, Array]:
         return rolled(self.marble)
+
+    def cut(self, rows: int) -> Recording:
+        """Return the recording of its first rows."""
+        arrays = {name: getattr(self, name) for name in ("knobs", "marble", "stamps", "tilt")}
+        return replace(self, **{name: one[:rows] for name, one in arrays.items() if one is not None})
 
     def to_csv(self) -> str:
         """Return the recording as CSV text that reads back bit for bit."""

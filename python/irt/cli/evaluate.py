@@ -40,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Evaluate the model, print the errors of each run, and write them beside a plot."""
-    from irt.files import make_folder, write_atomic
+    from irt.cli.inputs import results_folder
+    from irt.files import write_atomic
     from irt.model import load_model
     from irt.report.plots import plot_evaluation
     from irt.residual import evaluate
@@ -48,7 +49,7 @@ def run(args: argparse.Namespace) -> None:
 
     model = load_model(args.model)
     rig = load_rig(args.rig)
-    folder = make_folder(args.out)
+    folder = results_folder(args.out, ("evaluation.json", "evaluation.svg"))
     evaluation = evaluate(model, rig.recordings, args.window)
     for line in _table(evaluation):
         print(line)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -19,6 +20,46 @@ def whole(least: int) -> Callable[[str], int]:
         return int(text)
 
     return read
+
+
+def for_a_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
+    """Return the rows of a rig that a fit takes, and a note on that, which is printed unless `quiet`."""
+    from irt.rig import MOST_ROWS
+
+    short = rig.first_rows(MOST_ROWS)
+    if short is rig:
+        return rig, ()
+    longest = max(len(one.knobs) for one in short.recordings)
+    note = (
+        f"{rig.path}: all {rig.rows:,} rows would take {rig.rows / MOST_ROWS:.0f} times as long as the "
+        f"{MOST_ROWS:,} that a fit needs, which take minutes: the first {longest:,} of each run are used; "
+        "leave only the rows that you want in the folder to choose others"
+    )
+    if not quiet:
+        print(f"note: {note}", flush=True)
+    return short, (note,)
+
+
+def results_folder(path: Path, names: Sequence[str]) -> Path:
+    """Make the folder for results, and say which files of an earlier run these will replace.
+
+    Raises
+    ------
+    IrtError
+        If nothing can be written there.
+    """
+    from irt.files import make_folder
+
+    folder = make_folder(path)
+    say_replaced([folder / name for name in names])
+    return folder
+
+
+def say_replaced(paths: Sequence[Path]) -> None:
+    """Say which files are there already and will be replaced."""
+    there = [f"{path}" for path in paths if path.is_file()]
+    if there:
+        print(f"note: this replaces {', '.join(there)}", flush=True)
 
 
 def checked(rig: Rig, threads: int | None = None) -> tuple[str, ...]:

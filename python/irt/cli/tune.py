@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import checked, whole
+from irt.cli.inputs import checked, for_a_fit, results_folder, whole
 
 if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Tune, write model, numbers and a page with pictures, and print a short table."""
     from irt.cli.progress import progress_bar
-    from irt.files import make_folder, write_atomic
+    from irt.files import write_atomic
     from irt.fitting.chain import without_held_marbles
     from irt.model import save_model
     from irt.report.tuning_report import untuned, write_tuning_report
@@ -99,9 +99,10 @@ def run(args: argparse.Namespace) -> None:
     from irt.tuning import tune
 
     options = _options(args)
-    rig = load_rig(args.rig)
-    warnings = checked(rig, args.threads)
-    folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
+    rig, notes = for_a_fit(load_rig(args.rig))
+    warnings = (*notes, *checked(rig, args.threads))
+    folder = args.out or Path(f"irt-tune-{args.rig.resolve().name}")
+    folder = results_folder(folder, ("model.toml", "fit.json", "report.html"))
     training = _announce_training(rig, args) if args.network is None else None
     try:
         with progress_bar() as progress:

@@ -21,7 +21,7 @@ from irt.errors import IrtError
 from irt.files import write_atomic
 from irt.model import save_model
 from irt.report.diagnosis_report import write_diagnosis_report
-from irt.rig import Rig, load_rig
+from irt.rig import MOST_ROWS, Rig, load_rig
 
 
 def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, warnings: Sequence[str] = ()) -> Path:
@@ -56,7 +56,7 @@ def main(words: Sequence[str]) -> int:
     folder, out, seed = Path(words[0]), Path(words[1]), int(words[2])
     try:
         path = Path((folder / "path").read_text(encoding="utf-8"))
-        rig = replace(load_rig(folder / "rig"), path=path)
+        rig = replace(load_rig(folder / "rig"), path=path).first_rows(MOST_ROWS)
         checked = check(rig, threads=1)
         checked.require()
         rig = rig.of_marbles()
