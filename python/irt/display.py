@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 
+#: Seconds in a unit, with their power.
+_SECOND = re.compile(r"\bs(?=([²³])?(?:\W|$))")
+_SUPERSCRIPTS = str.maketrans("²³", "23")
 #: Rows of a table that are shown; a notebook cell is no report.
 _MOST_ROWS = 30
 
@@ -21,6 +25,37 @@ def interval(value: float, low: float | None, high: float | None) -> str:
     digits = max(0, 1 - magnitude(high - low)) if high > low else 6
     told, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))
     return f"{told}  ({bottom} to {top})"
+
+
+def in_rows(
+    value: float, low: float | None, high: float | None, unit: str, row_s: float
+) -> tuple[float, float | None, float | None, str]:
+    """Return a value with its interval and its unit, seconds replaced by rows.
+
+    Without stamps the interval of such a value is that of the time scale: none is returned then.
+
+    Parameters
+    ----------
+    value : float
+        In SI units.
+    low, high : float, optional
+        Its 95 % interval.
+    unit : str
+        Such as "s", "m/s²" or "rad/s".
+    row_s : float
+        What a row lasts in the simulation [s].
+    """
+    above, _, below = unit.partition("/")
+    power = _seconds(above) - _seconds(below)
+    if power == 0:
+        return value, low, high, unit
+    return value * row_s**-power, None, None, "rows" if unit == "s" else _SECOND.sub("row", unit)
+
+
+def _seconds(unit: str) -> int:
+    """Return with which power a unit without a fraction holds seconds."""
+    found = _SECOND.search(unit)
+    return 0 if found is None else int((found.group(1) or "1").translate(_SUPERSCRIPTS))
 
 
 def magnitude(value: float) -> int:

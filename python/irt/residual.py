@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt import arguments, display
+from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.files import PathLike
 from irt.measured_tilt import as_played, begun_at_tilt
@@ -114,7 +115,7 @@ class Evaluation:
     Attributes
     ----------
     window_s : float
-        Length of the windows [s].
+        Length of the windows [s]; of simulated time where the recordings have no stamps.
     runs : tuple of RunEvaluation
         One for each recording.
     free_run : Errors or None
@@ -125,6 +126,8 @@ class Evaluation:
         Of the tilt in all recordings; None where it was never measured.
     played : Errors or None
         Of all windows with the measured tilt played.
+    window_length_rows : int or None
+        Rows of a window of recordings without stamps: how many seconds these last is not known.
     """
 
     window_s: float
@@ -133,6 +136,7 @@ class Evaluation:
     windowed: Errors | None
     tilt: TiltErrors | None = None
     played: Errors | None = None
+    window_length_rows: int | None = None
 
     @property
     def mae(self) -> float:
@@ -143,7 +147,7 @@ class Evaluation:
         """Draw the mean errors of each run; return a matplotlib figure."""
         from irt import pictures  # noqa: PLC0415
 
-        kinds = {"free run": "free_run", self._windows: "windowed", "measured tilt played": "played"}
+        kinds = {"free run": "free_run", self.windows: "windowed", "measured tilt played": "played"}
         groups = {
             label: [
                 math.nan if (errors := getattr(run, name)) is None else 100.0 * errors.mae
@@ -160,12 +164,14 @@ class Evaluation:
         for name, run in (*runs, ("all runs", self)):
             errors = (run.free_run, run.windowed, run.played)
             rows.append((name, *(display.percent(None if one is None else one.mae) for one in errors)))
-        head = ("run", "free run", self._windows, "the same, measured tilt played")
+        head = ("run", "free run", self.windows, "the same, measured tilt played")
         return display.page("Mean errors, of the board's long edge", display.table(head, rows))
 
     @property
-    def _windows(self) -> str:
-        return f"windows of {self.window_s:g} s"
+    def windows(self) -> str:
+        """What was predicted in windows, in words: seconds where recordings have stamps, else rows."""
+        rows = self.window_length_rows
+        return f"windows of {self.window_s:g} s" if rows is None else f"windows of {rows} rows"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the errors, without the predictions, as JSON takes them."""
@@ -181,7 +187,8 @@ class Evaluation:
 
         return {
             "unit": "board edges",
-            "window_s": self.window_s,
+            "window_s": self.window_s if self.window_length_rows is None else None,
+            "window_rows": self.window_length_rows,
             "overall": shown(self),
             "runs": [{"recording": run.recording, **shown(run)} for run in self.runs],
         }
@@ -271,6 +278,8 @@ def evaluate(
     windowed, firsts = _windowed(model, recordings, window_s)
     tilts = [_tilt(model, recording) for recording in recordings]
     played = [_played(model, recording, window_s) for recording in recordings]
+    step_s = _substeps(model) * SUBSTEP_S
+    unstamped = step_s > 0.0 and all(recording.stamps is None for recording in recordings)
     runs = tuple(
         RunEvaluation(
             recording=recording.name,
@@ -292,6 +301,7 @@ def evaluate(
         windowed=_errors(windowed, observed, idle),
         tilt=_tilt_errors(tilts, recordings),
         played=_errors(played, observed, idle),
+        window_length_rows=rows_of(window_s, step_s) if unstamped else None,
     )
 
 

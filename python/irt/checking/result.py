@@ -164,7 +164,7 @@ class Detectable:
     Attributes
     ----------
     effect, parameter, unit : str
-        The effect, and the parameter that is its size.
+        The effect, the parameter that is its size, and its unit, which without stamps has rows for seconds.
     smallest : float or None
         Smallest distance from the neutral value that changes the marble's path by `irt.check.SHOWS` standard
         errors, over what start states and the five parameters could change as well; None where no plausible
@@ -197,7 +197,8 @@ class Identified:
     unidentifiable : tuple of str
         Sentences on parameters and combinations that cannot be identified.
     effects : tuple of Detectable
-        One for each effect and size of the catalogue, but for effects that draw random numbers.
+        One for each effect and size of the catalogue, but for effects that draw random numbers, and without
+        stamps those whose size depends on how long a row lasts.
     """
 
     intervals: dict[str, float | None]

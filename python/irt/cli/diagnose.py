@@ -9,7 +9,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import checked, for_a_fit, results_folder, whole
+from irt.cli.inputs import (
+    TIME_UNKNOWN,
+    checked,
+    for_a_fit,
+    parameter_line,
+    results_folder,
+    row_seconds,
+    whole,
+)
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -96,7 +104,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
         print("irt: nothing was written: the same command begins anew", file=sys.stderr)
         raise
     page = write_diagnosis(folder, rig, found, warnings)
-    for line in _answer(found):
+    for line in _answer(found, row_seconds(rig, found.model)):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
 
@@ -178,17 +186,18 @@ def _or_rivals(effect: Mapping[str, Any]) -> str:
     return " or ".join(names)
 
 
-def _answer(found: Diagnosis) -> Iterator[str]:
-    """Yield what a user wants to know first."""
-    from irt.report.words import with_interval
-
+def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
+    """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
     yield found.summary
     for effect in found.effects:
         yield f"\n{effect.name}"
         for name, parameter in effect.parameters.items():
-            yield f"  {name:<22} {with_interval(parameter)} {effect.units.get(name, '')}".rstrip()
+            label, value = parameter_line(name, parameter, effect.units.get(name, ""), row_s)
+            yield f"  {label:<22} {value}"
         if effect.reason:
             yield f"  {effect.reason}"
+    if row_s is not None:
+        yield f"\n{TIME_UNKNOWN}"
     if found.where:
         yield "\nwhere the mismatch lives"
         yield from (f"- {one.kind}: {one.what} ({100 * one.strength:.0f} %)" for one in found.where)

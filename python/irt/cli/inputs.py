@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from irt.model import Model, Parameter
     from irt.rig import Rig
+
+#: What to know of any answer for recordings without stamps.
+TIME_UNKNOWN = (
+    "time scale unknown: without stamps (a column t_s) nothing says how long a row lasts; times are in rows, "
+    "and gears, tilts and pushes hold for the model's time_scale alone"
+)
 
 
 def whole(least: int) -> Callable[[str], int]:
@@ -20,6 +27,39 @@ def whole(least: int) -> Callable[[str], int]:
         return int(text)
 
     return read
+
+
+def parameter_line(name: str, value: Parameter, unit: str, row_s: float | None) -> tuple[str, str]:
+    """Return the name of an effect's parameter, and its value with interval and unit.
+
+    Parameters
+    ----------
+    name, unit : str
+        As the catalogue has them.
+    value : Parameter
+        In SI units.
+    row_s : float, optional
+        What a row lasts in the simulation [s], where the recordings have no stamps: then rows stand for
+        seconds.
+    """
+    from irt.display import in_rows, interval
+
+    number, low, high = value.value, value.low, value.high
+    if row_s is not None:
+        in_seconds = unit
+        number, low, high, unit = in_rows(number, low, high, unit, row_s)
+        if unit != in_seconds:
+            name = name.removesuffix("_s") if unit == "rows" else name.replace("_per_s", "_per_row")
+    return name, f"{interval(number, low, high)} {unit}".rstrip()
+
+
+def row_seconds(rig: Rig, model: Model) -> float | None:
+    """Return what a row lasts in a model of recordings without stamps [s], None where they have stamps."""
+    from irt.engine import SUBSTEP_S
+
+    if all(one.stamps is not None for one in rig.recordings):
+        return None
+    return model.parameters["time_scale"].value * SUBSTEP_S
 
 
 def for_a_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:

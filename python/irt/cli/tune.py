@@ -11,11 +11,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import checked, for_a_fit, results_folder, whole
+from irt.cli.inputs import (
+    TIME_UNKNOWN,
+    checked,
+    for_a_fit,
+    parameter_line,
+    results_folder,
+    row_seconds,
+    whole,
+)
 
 if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
-    from irt.model import Effect
+    from irt.model import Effect, Model
     from irt.residual import Errors, Evaluation, TiltErrors
     from irt.rig import Rig
 
@@ -112,7 +120,9 @@ def run(args: argparse.Namespace) -> None:
             print("irt: the same command again goes on with the training", file=sys.stderr)
         raise
     rig = without_held_marbles(rig)
-    before, after = (evaluate(model, rig.recordings) for model in (untuned(rig), result.model))
+    after = evaluate(result.model, rig.recordings)
+    row_s = row_seconds(rig, result.model)
+    before = _evaluate_as(after, untuned(rig), rig, row_s)
     save_model(folder / "model.toml", result.model)
     numbers = json.dumps(
         {**_numbers(args, result, before, after), "warnings": warnings}, indent=2, allow_nan=False
@@ -126,9 +136,19 @@ def run(args: argparse.Namespace) -> None:
         settings={"command": _command(args), "seed": f"{args.seed}", "time": f"{result.seconds:.1f} s"},
         warnings=warnings,
     )
-    for line in _table(result, before, after):
+    for line in _table(result, before, after, row_s):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'fit.json'} and {page}")
+
+
+def _evaluate_as(other: Evaluation, model: Model, rig: Rig, row_s: float | None) -> Evaluation:
+    """Evaluate a model in windows of as many rows as another evaluation had; `row_s` is of its model."""
+    from irt.residual import evaluate
+
+    own = row_seconds(rig, model)
+    if not own or not row_s:
+        return evaluate(model, rig.recordings, other.window_s)
+    return evaluate(model, rig.recordings, other.window_s * own / row_s)
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
@@ -203,6 +223,7 @@ def _numbers(
             }
             for name, of_effect in result.effects.items()
         },
+        "time_base": "unknown: no stamps" if after.window_length_rows is not None else "stamps",
         "noise": _finite(result.noise),
         "before": before.as_dict(),
         "after": after.as_dict(),
@@ -222,8 +243,8 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator[str]:
-    """Yield what a user wants to know first."""
+def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: float | None) -> Iterator[str]:
+    """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
     from irt.catalogue import effect
     from irt.report.words import with_interval
 
@@ -235,13 +256,15 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator
         yield name
         for known in effect(name).parameters:
             if known.name in of_effect:
-                unit = f" {known.unit}" if known.unit else ""
-                yield f"  {known.name:<16}  {with_interval(of_effect[known.name])}{unit}"
+                label, value = parameter_line(known.name, of_effect[known.name], known.unit, row_s)
+                yield f"  {label:<16}  {value}"
+    if row_s is not None:
+        yield TIME_UNKNOWN
     yield "\nmean error in % of the board's long edge, untuned -> tuned"
     if before.free_run is not None and after.free_run is not None:
         yield f"free run            {_change(before.free_run, after.free_run)}"
     if before.windowed is not None and after.windowed is not None:
-        yield f"windows of {after.window_s:g} s      {_change(before.windowed, after.windowed)}"
+        yield f"{after.windows:<18}  {_change(before.windowed, after.windowed)}"
     if before.played is not None and after.played is not None:
         yield f"the same, measured tilt played  {_change(before.played, after.played)}"
     if after.tilt is not None:

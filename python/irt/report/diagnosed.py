@@ -46,7 +46,13 @@ def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, warnings: Sequence
     save_model(folder / "model.toml", found.model)
     page = write_diagnosis_report(folder, rig, found, warnings)
     # The numbers come last: where they are, the rest is whole.
-    numbers = json.dumps({**found.as_dict(), "warnings": warnings}, indent=2, allow_nan=False)
+    stamped = all(recording.stamps is not None for recording in rig.recordings)
+    content = {
+        **found.as_dict(),
+        "time_base": "stamps" if stamped else "unknown: no stamps",
+        "warnings": warnings,
+    }
+    numbers = json.dumps(content, indent=2, allow_nan=False)
     write_atomic(folder / "diagnosis.json", f"{numbers}\n")
     return page
 
