@@ -14,29 +14,37 @@ if TYPE_CHECKING:
     from irt.catalogue import EffectInfo, EffectParameter, effects
     from irt.checking import Check, check
     from irt.diagnosis import Diagnosis, diagnose
+    from irt.dimensions import Board, Commands, Marble, TiltSensor
     from irt.engine import paper_drive, rollouts
+    from irt.fitting.fit import Estimate, FitResult, Iteration
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
-    from irt.residual import Evaluation, evaluate
-    from irt.rig import Board, Marble, Rig, load_rig
+    from irt.residual import Errors, Evaluation, evaluate
+    from irt.rig import Rig, load_rig
     from irt.suggestion import Suggestion, suggest
     from irt.tuning import tune
 
 __all__ = [
     "Board",
     "Check",
+    "Commands",
     "Diagnosis",
     "Effect",
     "EffectInfo",
     "EffectParameter",
+    "Errors",
+    "Estimate",
     "Evaluation",
+    "FitResult",
     "IrtError",
+    "Iteration",
     "Marble",
     "Model",
     "Parameter",
     "Recording",
     "Rig",
     "Suggestion",
+    "TiltSensor",
     "check",
     "diagnose",
     "effects",
@@ -56,11 +64,13 @@ _HOMES = {
     "irt.catalogue": ("EffectInfo", "EffectParameter", "effects"),
     "irt.checking": ("Check", "check"),
     "irt.diagnosis": ("Diagnosis", "diagnose"),
+    "irt.dimensions": ("Board", "Commands", "Marble", "TiltSensor"),
+    "irt.engine": ("paper_drive", "rollouts"),
+    "irt.fitting.fit": ("Estimate", "FitResult", "Iteration"),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
-    "irt.residual": ("Evaluation", "evaluate"),
-    "irt.rig": ("Board", "Marble", "Rig", "load_rig"),
-    "irt.engine": ("paper_drive", "rollouts"),
+    "irt.residual": ("Errors", "Evaluation", "evaluate"),
+    "irt.rig": ("Rig", "load_rig"),
     "irt.suggestion": ("Suggestion", "suggest"),
     "irt.tuning": ("tune",),
 }

@@ -7,6 +7,7 @@ import platform
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 
+from irt import display
 from irt.model import Parameter
 
 #: Units of the parameters that have one.
@@ -22,7 +23,7 @@ def percent(error: float) -> str:
     if math.isnan(error):
         return "-"
     value = 100 * error
-    return f"{value:.{max(0, min(3, 1 - _magnitude(value)))}f}{_NO_BREAK}%"
+    return f"{value:.{max(0, min(3, 1 - display.magnitude(value)))}f}{_NO_BREAK}%"
 
 
 def millimetres(error: float, edge_m: float) -> str:
@@ -41,16 +42,7 @@ def times_less(before: float, after: float) -> str:
 
 def with_interval(parameter: Parameter) -> str:
     """Return a value and its 95 % interval as text, to the digits that the interval leaves meaning."""
-    value, low, high = parameter.value, parameter.low, parameter.high
-    if low is None or high is None:
-        return f"{value:.4g}"
-    if math.isinf(low) or math.isinf(high):
-        if math.isinf(low) and math.isinf(high):
-            return f"{value:.4g}  (not pinned down)"
-        return f"{value:.4g}  ({f'at most {high:.4g}' if math.isinf(low) else f'at least {low:.4g}'})"
-    digits = max(0, 1 - _magnitude(high - low)) if high > low else 6
-    told, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))
-    return f"{told}  ({bottom} to {top})"
+    return display.interval(parameter.value, parameter.low, parameter.high)
 
 
 def quantity(value: float, unit: str) -> str:
@@ -111,8 +103,3 @@ def _ratio(value: float) -> str:
 def _round(value: float) -> int:
     """Return a number to two digits."""
     return round(float(f"{value:.2g}"))
-
-
-def _magnitude(value: float) -> int:
-    """Return the power of ten of the first digit of a number."""
-    return math.floor(math.log10(abs(value))) if value else 0
