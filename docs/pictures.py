@@ -22,7 +22,7 @@ DOCS = Path(__file__).resolve().parent
 #: Size of the picture [inches].
 WIDTH, HEIGHT = 7.4, 4.0
 #: Width of the report, and height of its top [pixels].
-WIDE, TOP = 1000, 1090
+WIDE, TOP = 1000, 1042
 #: Sections of the report that get a picture: by a part of their heading.
 SECTIONS = {"effect": "What was left out", "hypotheses": "ypotheses"}
 #: Space above a heading [pixels].
