@@ -51,7 +51,7 @@ def test_commands(folder: Path) -> None:
 
 def test_python(folder: Path) -> None:
     printed = run([sys.executable, "-c", code("python", "import irt")], folder)
-    assert printed.splitlines()[-1] == "(1, 100, 2)"
+    assert printed.splitlines()[-1] == "(100, 2)"
 
 
 def test_recording(folder: Path) -> None:
