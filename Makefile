@@ -59,7 +59,7 @@ bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and wri
 	$(BIN)/python benches/write_table.py
 
 .PHONY: pictures
-pictures: $(EXTENSION) ## draw the pictures of README.md and docs/, write docs/effects.md
+pictures: $(EXTENSION) ## draw the pictures of README.md, write docs/effects.md
 	$(BIN)/python docs/pictures.py
 	$(BIN)/python docs/effects.py
 
@@ -119,10 +119,6 @@ $(PACKAGES): requirements.lock | $(BIN)/python
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement requirements.lock
 	@touch $@
 
-$(DOCS): docs/requirements.txt | .venv-docs/bin/python
-	.venv-docs/bin/python -m pip install --disable-pip-version-check --requirement $<
-	@touch $@
-
 # Other engines and optimisers, for `make bench` alone.
 $(PEERS): benches/requirements.txt $(PACKAGES)
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
@@ -130,4 +126,8 @@ $(PEERS): benches/requirements.txt $(PACKAGES)
 
 $(EXTENSION): $(PACKAGES) $(EXTENSION_SOURCES)
 	$(BIN)/maturin develop $(LOCKED) --release
+	@touch $@
+
+$(DOCS): docs/requirements.txt | .venv-docs/bin/python
+	.venv-docs/bin/python -m pip install --disable-pip-version-check --requirement $<
 	@touch $@
