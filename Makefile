@@ -7,6 +7,8 @@ PYTHON ?= python3.13 python3.12 python3.11 python3
 BIN := .venv/bin
 PACKAGES := .venv/.packages
 PEERS := .venv/.peers
+# The docs site has an environment of its own: it reads the sources and installs nothing of the product.
+DOCS := .venv-docs/.packages
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
 PYTHON_SOURCES := python tests benches docs
@@ -25,7 +27,7 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
-demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (under three minutes)
+demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
 	$(BIN)/irt demo
 
 .PHONY: test
@@ -50,16 +52,20 @@ fmt: $(PACKAGES) components ## format the sources
 	$(BIN)/ruff format $(PYTHON_SOURCES)
 
 .PHONY: bench
-bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in README.md
+bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in docs/benchmarks.md
 	rm -rf target/criterion target/peers.json
 	cargo bench $(LOCKED) --package labsim --bench engine --bench effects
 	$(BIN)/python benches/compare.py
 	$(BIN)/python benches/write_table.py
 
 .PHONY: pictures
-pictures: $(EXTENSION) ## draw the pictures of README.md, write docs/effects.md
+pictures: $(EXTENSION) ## draw the pictures of README.md and docs/, write docs/effects.md
 	$(BIN)/python docs/pictures.py
 	$(BIN)/python docs/effects.py
+
+.PHONY: docs
+docs: $(DOCS) ## build the docs site into site/, links checked
+	PYTHONPATH=docs $(dir $(DOCS))bin/zensical build --clean --strict
 
 .PHONY: wheel
 wheel: $(PACKAGES) ## build the wheel into dist/
@@ -70,7 +76,7 @@ build: $(EXTENSION) ## only the set-up: .venv, pinned packages, extension
 
 .PHONY: clean
 clean: ## remove all that was built, .venv included
-	rm -rf .venv target dist .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
+	rm -rf .venv .venv-docs target dist site .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
 	find python tests benches docs -name __pycache__ -prune -exec rm -rf {} +
 
 .PHONY: tools
@@ -100,9 +106,10 @@ components: tools
 		{ echo "make: rustfmt or clippy is missing: run 'rustup component add rustfmt clippy'" >&2; exit 1; }
 
 $(BIN)/python: | tools
+$(BIN)/python .venv-docs/bin/python:
 	@for python in $(PYTHON); do \
 		if $$python -c 'import ensurepip, sys; assert sys.version_info >= (3, 11)' >/dev/null 2>&1; then \
-			echo "$$python -m venv .venv"; exec $$python -m venv .venv; \
+			echo "$$python -m venv $(@:/bin/python=)"; exec $$python -m venv $(@:/bin/python=); \
 		fi; \
 	done; \
 	echo "make: no Python 3.11 or newer with venv runs as any of: $(PYTHON): install one (Debian, Ubuntu: python3 and python3-venv), or name one with PYTHON=" >&2; \
@@ -110,6 +117,10 @@ $(BIN)/python: | tools
 
 $(PACKAGES): requirements.lock | $(BIN)/python
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement requirements.lock
+	@touch $@
+
+$(DOCS): docs/requirements.txt | .venv-docs/bin/python
+	.venv-docs/bin/python -m pip install --disable-pip-version-check --requirement $<
 	@touch $@
 
 # Other engines and optimisers, for `make bench` alone.
