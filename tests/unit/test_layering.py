@@ -40,6 +40,7 @@ LAYERS = (
     "files",
     "catalogue",
     "workers",
+    "extras",
     "errors",
 )
 EXTENSION = "irt._labsim"

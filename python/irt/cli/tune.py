@@ -107,8 +107,8 @@ def run(args: argparse.Namespace) -> None:
     options = _options(args)
     rig = load_rig(args.rig)
     warnings = checked(rig, args.threads)
-    folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
     training = _announce_training(rig, args) if args.network is None else None
+    folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
     try:
         with progress_bar() as progress:
             result = tune(rig, args.method, progress=progress, **options)
@@ -174,12 +174,13 @@ def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
     """Say so where there is no network for a rig yet; return the checkpoint of its training."""
     if args.method not in _BELONGS["network"]:
         return None
-    from irt.tuning.cache import need, training_data
-    from irt.tuning.checkpoint import checkpoint_path
+    from irt.tuning.cache import need, require_training, training_data
+    from irt.tuning.tensors import checkpoint_path
 
     path = need(rig, args.engine).path(args.method)
     if path.exists():
         return None
+    require_training(args.method)
     print(
         f"There is no network for this rig's drive yet: training one on {training_data(args.method)}, a "
         f"matter of minutes. It stays in {path}.",
