@@ -31,9 +31,15 @@ demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (
 	$(BIN)/irt demo
 
 .PHONY: test
-test: $(EXTENSION) $(PACKAGES) browser ## every test, Rust and Python
-	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
+test: | $(BIN)/python browser ## every test, Rust and Python
+# On a fresh machine the packages come down while Rust compiles.
+	$(MAKE) --jobs=2 $(PACKAGES) test-rust
+	$(MAKE) $(EXTENSION)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile ci
+
+.PHONY: test-rust
+test-rust: tools ## the tests of Rust alone
+	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
 
 .PHONY: lint
 lint: $(EXTENSION) $(PACKAGES) components ## formatting, lints, types, and the extension against its stub
