@@ -8,7 +8,7 @@ use labsim::fit::{Hypothesis, Probable};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::planted::{NOISE, Planted, Random, TRUTH, near};
+use super::planted::{NOISE, Planted, Random, TRUTH, near};
 
 /// Standard deviation of the random angle (rad) that the knobs take in each row, a tenth of the drive.
 const PUSH_RAD: f64 = 0.015;
