@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from irt.fitting.fit import Estimate, FitResult, Iteration
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
+    from irt.report.diagnosis_report import write_diagnosis_report
+    from irt.report.tracked import Tracked, track
+    from irt.report.tuning_report import write_tuning_report
     from irt.residual import Errors, Evaluation, evaluate
     from irt.rig import Rig, load_rig
     from irt.suggestion import Suggestion, suggest
@@ -45,6 +48,7 @@ __all__ = [
     "Rig",
     "Suggestion",
     "TiltSensor",
+    "Tracked",
     "check",
     "diagnose",
     "effects",
@@ -57,7 +61,10 @@ __all__ = [
     "save_model",
     "save_recording",
     "suggest",
+    "track",
     "tune",
+    "write_diagnosis_report",
+    "write_tuning_report",
 ]
 
 _HOMES = {
@@ -69,6 +76,9 @@ _HOMES = {
     "irt.fitting.fit": ("Estimate", "FitResult", "Iteration"),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
+    "irt.report.diagnosis_report": ("write_diagnosis_report",),
+    "irt.report.tracked": ("Tracked", "track"),
+    "irt.report.tuning_report": ("write_tuning_report",),
     "irt.residual": ("Errors", "Evaluation", "evaluate"),
     "irt.rig": ("Rig", "load_rig"),
     "irt.suggestion": ("Suggestion", "suggest"),
