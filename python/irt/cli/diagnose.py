@@ -82,6 +82,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
     """Diagnose a rig in this process, with a bar that says what is tried."""
     from irt.cli.progress import progress_bar
     from irt.diagnosis import Interrupted, diagnose
+    from irt.engine import SUBSTEP_S
     from irt.files import make_folder, write_atomic
     from irt.report.diagnosed import write_diagnosis
 
@@ -98,7 +99,9 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
         print(f"irt: what was tried so far is in {partial}", file=sys.stderr)
         raise
     page = write_diagnosis(folder, rig, found, warnings)
-    for line in _answer(found):
+    stamped = all(recording.stamps is not None for recording in rig.recordings)
+    row_s = None if stamped else found.model.parameters["time_scale"].value * SUBSTEP_S
+    for line in _answer(found, row_s):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
 
@@ -180,13 +183,18 @@ def _or_rivals(effect: Mapping[str, Any]) -> str:
     return " or ".join(names)
 
 
-def _answer(found: Diagnosis) -> Iterator[str]:
-    """Yield what a user wants to know first."""
+def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
+    """Yield what a user wants to know first; a row's length [s] turns unknown seconds into rows."""
+    from irt.diagnosis.result import UNLISTED
+    from irt.report.learned import described
     from irt.report.words import with_interval
 
     yield found.summary
     for effect in found.effects:
         yield f"\n{effect.name}"
+        if effect.name == UNLISTED:
+            yield from (f"  {line}" for line in described(effect, row_s))
+            continue
         for name, parameter in effect.parameters.items():
             yield f"  {name:<22} {with_interval(parameter)} {effect.units.get(name, '')}".rstrip()
         if effect.reason:
