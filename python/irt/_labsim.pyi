@@ -13,6 +13,7 @@ __all__ = [
     "SUBSTEP_S",
     "__version__",
     "effects",
+    "filter",
     "fit",
     "inform",
     "paper_drive",
@@ -67,6 +68,9 @@ def rollouts(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]: ...
 def turned(path: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
+def filter(
+    problem: Mapping[str, Any], values: Sequence[Sequence[float]], noise: npt.NDArray[np.float64]
+) -> list[dict[str, Any]]: ...
 def fit(
     problem: Mapping[str, Any],
     *,

@@ -2,6 +2,7 @@
 
 import ast
 import importlib.util
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -151,3 +152,56 @@ def test_help_answers_at_once() -> None:
 
     # Processor time, and the best of several: what other programs take from the machine is not measured.
     assert min(seconds() for _ in range(5)) < 0.3
+
+
+CRATE = PACKAGE.parents[1] / "crates" / "labsim" / "src"
+
+
+def rust_module(path: Path) -> tuple[str, ...]:
+    parts = path.relative_to(CRATE).with_suffix("").parts
+    return parts[:-1] if parts[-1] in ("mod", "lib") else parts
+
+
+RUST = {rust_module(path): path for path in sorted(CRATE.rglob("*.rs")) if path.stem != "tests"}
+
+
+def paths_in(tree: str) -> Iterator[str]:
+    """Expand `a::{b, c::{d, e}}` into the paths that it names."""
+    head, brace, rest = tree.partition("{")
+    if not brace:
+        yield tree.strip()
+        return
+    depth, begin = 0, 0
+    inner = rest[: rest.rindex("}")]
+    for place, letter in enumerate([*inner, ","]):
+        depth += (letter == "{") - (letter == "}")
+        if letter == "," and depth == 0:
+            yield from (head.strip() + path for path in paths_in(inner[begin:place]))
+            begin = place + 1
+
+
+def rust_imports(module: tuple[str, ...], path: Path) -> Iterator[tuple[str, ...]]:
+    """Modules that a source file uses outside its tests."""
+    code = re.sub(r"//.*", "", path.read_text(encoding="utf-8")).split("#[cfg(test)]")[0]
+    trees = re.findall(r"\buse ((?:crate|super|self)::[^;]+);", code)
+    inline = re.findall(r"(?<!use )\b(?:crate|super)(?:::\w+)+", code)
+    for name in [name for tree in [*trees, *inline] for name in paths_in(tree)]:
+        root, *rest = re.sub(r"\s", "", name).split("::")
+        start = {"crate": (), "self": module, "super": module[:-1]}[root]
+        target = (*start, *rest)
+        while target and target not in RUST:
+            target = target[:-1]
+        yield target
+
+
+@pytest.mark.parametrize("folder", sorted({module[:-1] for module in RUST if module}), ids="::".join)
+def test_no_cycles_among_the_modules_of_a_rust_folder(folder: tuple[str, ...]) -> None:
+    graph: dict[str, set[str]] = {}
+    for module, path in RUST.items():
+        if module[: len(folder)] != folder or len(module) == len(folder):
+            continue
+        own = module[len(folder)]
+        for target in rust_imports(module, path):
+            if target[: len(folder)] == folder and len(target) > len(folder) and target[len(folder)] != own:
+                graph.setdefault(own, set()).add(target[len(folder)])
+    TopologicalSorter(graph).prepare()

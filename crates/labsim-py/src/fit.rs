@@ -3,7 +3,7 @@
 use labsim::effects::effect;
 use labsim::error::Error;
 use labsim::fit::{Hypothesis, Information, ParameterSpec, Problem, Recording, Settings, Stretch};
-use labsim::{Engine, Hold, Rig};
+use labsim::{Engine, Hold, Noise, Rig};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -310,6 +310,49 @@ pub(crate) fn refine<'py>(
         Ok(result)
     });
     told.collect()
+}
+
+/// One-step predictions at some values; see `irt.fitting.problem`.
+#[pyfunction]
+#[pyo3(signature = (problem, values, noise))]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
+pub(crate) fn filter<'py>(
+    py: Python<'py>,
+    problem: Asked<'py>,
+    values: Vec<Vec<f64>>,
+    noise: Matrix<'py>,
+) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let problem = Owned::new(&problem)?;
+    let noise: Vec<Noise> = arrays::rows::<6>(&noise)?
+        .into_iter()
+        .map(
+            |[white, lasting, lasting_s, push, restitution, start_velocity]| Noise {
+                white,
+                lasting,
+                lasting_s,
+                push,
+                restitution,
+                start_velocity,
+            },
+        )
+        .collect();
+    let filtered = interrupt::interruptible(py, |cancel| {
+        problem.with(|problem| problem.filter(&values, &noise, cancel))
+    })?;
+    let results = filtered.iter().map(|one| {
+        let result = PyDict::new(py);
+        let all = |rows: &[Vec<[f64; 2]>]| -> Vec<_> {
+            rows.iter().map(|one| arrays::matrix(py, one)).collect()
+        };
+        result.set_item("predicted", all(&one.predicted))?;
+        result.set_item("variance", all(&one.variance))?;
+        result.set_item("log_likelihood", arrays::matrix(py, &one.log_likelihood))?;
+        Ok(result)
+    });
+    results.collect()
 }
 
 /// Standard deviation of the tracker (board edges) from `(n, 2)` recordings alone.

@@ -106,6 +106,9 @@ pub(crate) struct Push<S: Simd> {
     pub(crate) length: Lanes<S>,
 }
 
+/// A time (s) in which no knob moves: it asks an effect on the knob where that is now.
+pub(crate) const PEEK_S: f64 = 1e-12;
+
 /// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
 pub(crate) const TINY: f64 = 1e-280;
 

@@ -11,6 +11,13 @@ pub const NAMES: [&str; 5] = [
     "observation_scale",
 ];
 
+/// Places in arrays of the parameters.
+pub(crate) const GEAR_X: usize = 0;
+pub(crate) const GEAR_Y: usize = 1;
+pub(crate) const FRICTION: usize = 2;
+pub(crate) const TIME: usize = 3;
+pub(crate) const SCALE: usize = 4;
+
 /// The most physics updates a timestep may hold: a hundred times the paper's range.
 pub(crate) const MOST_SUBSTEPS: f64 = 5000.0;
 

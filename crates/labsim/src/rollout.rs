@@ -12,57 +12,11 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::board::Rig;
 use crate::effects::{EffectInstance, in_order};
-use crate::engine::{Clock, Engine, Hold, Job, Setup, Sink, Step, rapier, rolling};
+use crate::engine::{Clock, Engine, Hold, Job, Measured, Setup, Sink, Step, rapier, rolling};
 use crate::error::{Error, Result};
+use crate::noise::Noise;
 use crate::parameters::Parameters;
-
-/// A quantity that every rollout shares, or of which each has its own, one behind the other.
-#[derive(Debug, Clone, Copy)]
-pub enum PerRollout<'a, T> {
-    /// One for all.
-    Shared(&'a [T]),
-    /// One each, concatenated.
-    Each(&'a [T]),
-    /// One each, wherever it lies; several rollouts may have the same.
-    Of(&'a [&'a [T]]),
-}
-
-impl<'a, T> PerRollout<'a, T> {
-    /// The entries of a rollout; `length` is how many each has if they are concatenated.
-    pub(crate) fn of(&self, rollout: usize, length: usize) -> &'a [T] {
-        match *self {
-            Self::Shared(all) => all,
-            Self::Each(all) => &all[rollout * length..(rollout + 1) * length],
-            Self::Of(all) => all[rollout],
-        }
-    }
-
-    /// How many entries a rollout has; of those that lie apart, the fewest.
-    fn length(&self, rollouts: usize) -> usize {
-        match *self {
-            Self::Shared(all) => all.len(),
-            Self::Each(all) => all.len() / rollouts.max(1),
-            Self::Of(all) => all.iter().map(|one| one.len()).min().unwrap_or(0),
-        }
-    }
-
-    fn check(&self, what: &str, rollouts: usize, length: usize) -> Result<()> {
-        let (expected, got) = match *self {
-            Self::Shared(all) => (length, all.len()),
-            Self::Each(all) => (rollouts * length, all.len()),
-            Self::Of(all) if all.len() != rollouts => (rollouts, all.len()),
-            Self::Of(all) => match all.iter().find(|one| one.len() != length) {
-                Some(wrong) => (length, wrong.len()),
-                None => return Ok(()),
-            },
-        };
-        if expected == got {
-            Ok(())
-        } else {
-            Err(Error::invalid(what, &format!("{expected} entries"), got))
-        }
-    }
-}
+use crate::per_rollout::PerRollout;
 
 /// How long a command holds.
 #[derive(Debug, Clone, Copy)]
@@ -157,7 +111,9 @@ impl<'a> Batch<'a> {
         threads: Option<usize>,
         cancel: &AtomicBool,
     ) -> Result<Vec<[f64; 2]>> {
-        Ok(self.simulate(engine, threads, cancel, false)?.marble)
+        Ok(self
+            .simulate(engine, threads, cancel, Asked::Marble)?
+            .marble)
     }
 
     /// Simulates every rollout as [`Batch::run`] does, to the same bits, and returns the board's tilt beside
@@ -171,7 +127,24 @@ impl<'a> Batch<'a> {
         threads: Option<usize>,
         cancel: &AtomicBool,
     ) -> Result<Observed> {
-        self.simulate(engine, threads, cancel, true)
+        let all = self.simulate(engine, threads, cancel, Asked::Tilt)?;
+        Ok(Observed {
+            marble: all.marble,
+            tilt: all.tilt,
+        })
+    }
+
+    /// Simulates every rollout in the rolling engine, corrected in every row by what was seen in it; returns the
+    /// predictions and their variances.
+    pub(crate) fn filtered(
+        &self,
+        (observed, noise): (PerRollout<'_, [f64; 2]>, PerRollout<'_, Noise>),
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+    ) -> Result<[Vec<[f64; 2]>; 2]> {
+        let asked = Asked::Variance(observed, noise);
+        let all = self.simulate(Engine::Rolling, threads, cancel, asked)?;
+        Ok([all.marble, all.variance])
     }
 
     fn simulate(
@@ -179,13 +152,15 @@ impl<'a> Batch<'a> {
         engine: Engine,
         threads: Option<usize>,
         cancel: &AtomicBool,
-        with_tilt: bool,
-    ) -> Result<Observed> {
+        asked: Asked<'_>,
+    ) -> Result<Simulated> {
         self.check()?;
         let count = self.parameters.len() * self.rows;
-        let mut observed = Observed {
-            marble: vec![[0.0; 2]; count],
-            tilt: vec![[0.0; 2]; if with_tilt { count } else { 0 }],
+        let rows_if = |asked: bool| vec![[0.0; 2]; if asked { count } else { 0 }];
+        let mut observed = Simulated {
+            marble: rows_if(true),
+            tilt: rows_if(matches!(asked, Asked::Tilt)),
+            variance: rows_if(matches!(asked, Asked::Variance(..))),
         };
         if count == 0 {
             return Ok(observed);
@@ -202,10 +177,14 @@ impl<'a> Batch<'a> {
         let mut work = || {
             let block = BLOCK * self.rows;
             let mut tilts = observed.tilt.chunks_mut(block);
+            let mut variances = observed.variance.chunks_mut(block);
             for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
-                let tilt = tilts.next().unwrap_or_default();
-                let block = (number * BLOCK, Sink { marble, tilt });
-                let groups = self.groups(&setup, engine, workers, block);
+                let sink = Sink {
+                    marble,
+                    tilt: tilts.next().unwrap_or_default(),
+                    variance: variances.next().unwrap_or_default(),
+                };
+                let groups = self.groups(&setup, engine, workers, (number * BLOCK, sink), asked);
                 groups.into_par_iter().for_each(|(jobs, mut out)| {
                     if !cancel.load(Ordering::Relaxed) {
                         match engine {
@@ -360,15 +339,21 @@ impl<'a> Batch<'a> {
         engine: Engine,
         workers: usize,
         (begin, observed): (usize, Sink<'b>),
+        asked: Asked<'b>,
     ) -> Vec<Group<'b>> {
         let mut tilts = observed.tilt.chunks_exact_mut(self.rows);
+        let mut variances = observed.variance.chunks_exact_mut(self.rows);
         let mut places: Vec<_> = observed
             .marble
             .chunks_exact_mut(self.rows)
             .enumerate()
             .map(|(i, marble)| {
-                let tilt = tilts.next().unwrap_or_default();
-                Some((self.job(begin + i), Sink { marble, tilt }))
+                let sink = Sink {
+                    marble,
+                    tilt: tilts.next().unwrap_or_default(),
+                    variance: variances.next().unwrap_or_default(),
+                };
+                Some((self.job(begin + i, asked), sink))
             })
             .collect();
         let jobs: Vec<&Job<'_>> = places.iter().flatten().map(|(job, _)| job).collect();
@@ -397,8 +382,16 @@ impl<'a> Batch<'a> {
             .collect()
     }
 
-    fn job(&self, rollout: usize) -> Job<'_> {
+    fn job<'b>(&'b self, rollout: usize, asked: Asked<'b>) -> Job<'b> {
+        let measured = match asked {
+            Asked::Variance(observed, noise) => Some(Measured {
+                observed: observed.of(rollout, self.rows),
+                noise: noise.of(rollout, 1)[0],
+            }),
+            _ => None,
+        };
         Job {
+            measured,
             rollout,
             parameters: self.parameters[rollout],
             commands: self.commands.of(rollout, self.issued()),
@@ -412,6 +405,22 @@ impl<'a> Batch<'a> {
             seed: self.seeds.of(rollout, 1)[0],
         }
     }
+}
+
+/// What is asked for besides the positions.
+#[derive(Clone, Copy)]
+enum Asked<'a> {
+    Marble,
+    Tilt,
+    /// Of predictions that are corrected by these observations, with this noise.
+    Variance(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
+}
+
+/// What was asked for; the rest is empty.
+struct Simulated {
+    marble: Vec<[f64; 2]>,
+    tilt: Vec<[f64; 2]>,
+    variance: Vec<[f64; 2]>,
 }
 
 /// How many rollouts are under way at once, so that memory does not grow with a batch.

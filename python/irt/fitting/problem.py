@@ -165,6 +165,25 @@ class Solution:
     rollouts: int
 
 
+@dataclass(frozen=True)
+class Filtered:
+    """One-step predictions of the marble.
+
+    Attributes
+    ----------
+    predicted : list of (n, 2) arrays
+        Positions as predicted from all rows before [board edges]; empty where the tracker saw too little.
+    variance : list of (n, 2) arrays
+        Variances about them [board edges squared]; NaN in first rows.
+    log_likelihood : (segments, 2) array
+        Of what was seen along each axis.
+    """
+
+    predicted: list[Array]
+    variance: list[Array]
+    log_likelihood: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Refined:
     """Where values have led.
@@ -358,6 +377,24 @@ class Problem:
     def judge(self, values: Array) -> list[Refined]:
         """Say what each of (k, n) values leaves over, as it is: only start states are estimated."""
         return self._refined(values, STATE_ITERATIONS, held=True)
+
+    def filter(self, values: Array, noise: Array) -> list[Filtered]:
+        """Predict each row from all rows before, at each of (k, n) values: an extended Kalman filter.
+
+        Parameters
+        ----------
+        values : (k, n) array
+            The gears of all must have the signs of the first ones.
+        noise : (k, 6) array
+            The tracker's error from row to row and its lasting error [board edges], how long that lasts [s],
+            the spectral density of the marble's random acceleration [m^2/s^3], and the standard deviations of
+            the coefficient of restitution and of the start velocity [m/s].
+        """
+        found: dict[int, Filtered] = {}
+        for asked, own in self._by_choice(values):
+            filtered = _labsim.filter(asked, self._of_engine(values[own]), np.ascontiguousarray(noise[own]))
+            found.update(zip(own, (Filtered(**one) for one in filtered), strict=True))
+        return [found[index] for index in range(len(values))]
 
     def inform(self, values: Array, noise: float) -> Information:
         """Return what the recordings tell around (n,) values, wherever they come from.

@@ -25,7 +25,7 @@ use crate::board::Rig;
 use crate::error::{Error, Result};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair, Push, Rims, Rolled};
-use crate::rollout::PerRollout;
+use crate::per_rollout::PerRollout;
 
 /// An effect and the values of its parameters.
 #[derive(Debug, Clone, Copy)]
@@ -58,7 +58,7 @@ pub(crate) trait Effect<S: Simd>: Clone {
 
     /// [`Hook::OnKnob`]: the knob's angles (rad) on average over the next `length` seconds; the first call,
     /// of zero seconds, asks where it settles if the angles have long been what they are. A copy that is asked
-    /// for a vanishing length ([`crate::engine::PEEK_S`]) says where the knob is now.
+    /// for a vanishing length ([`crate::motion::PEEK_S`]) says where the knob is now.
     #[inline(always)]
     fn turn(&mut self, _knob: &mut Pair<S>, _length: Lanes<S>) {}
 

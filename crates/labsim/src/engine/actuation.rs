@@ -11,14 +11,14 @@ use pulp::{NullaryFnOnce, Simd};
 
 use super::command_delay::CommandDelay;
 use super::schedule::Timeline;
-use super::{Hold, Job, PEEK_S, Setup};
+use super::{Hold, Job, Setup};
 use crate::board::GRAVITY;
 use crate::effects::{Any, Hook};
 use crate::lanes::Lanes;
-use crate::motion::{Pair, Push};
+use crate::motion::{PEEK_S, Pair, Push};
 
 /// The knobs, the board and its tilt, for the rollouts of a register.
-pub(super) struct Actuation<S: Simd> {
+pub(crate) struct Actuation<S: Simd> {
     gear: Pair<S>,
     rolling_friction: Lanes<S>,
     sliding_friction: f64,
@@ -112,7 +112,7 @@ impl<S: Simd> Actuation<S> {
     }
 
     /// Says what the command of a row is (rad), in the first lane, where it was not known from the start.
-    pub(super) fn issue(&mut self, row: usize, command: [f64; 2]) {
+    pub(crate) fn issue(&mut self, row: usize, command: [f64; 2]) {
         if let Some((command_delay, _)) = &mut self.command_delay {
             command_delay.issue(row, command);
         }

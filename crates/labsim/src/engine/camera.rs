@@ -21,7 +21,7 @@ const STEP: f64 = 1e-6;
 
 /// The camera that sees the rollouts of a register.
 pub(super) struct Camera<S: Simd> {
-    edges_per_m: Lanes<S>,
+    pub(super) edges_per_m: Lanes<S>,
     effects: Vec<Any<S>>,
     age: Lanes<S>,
     /// When pictures are taken, unless it is when rows begin.

@@ -3,12 +3,11 @@
 mod actuation;
 mod camera;
 mod command_delay;
-mod live;
 pub(crate) mod rapier;
 pub(crate) mod rolling;
 mod schedule;
 
-pub use live::Live;
+pub(crate) use self::rolling::TAIL;
 
 use std::cmp::Ordering;
 use std::str::FromStr;
@@ -21,6 +20,7 @@ use crate::effects::{Any, EffectInstance, Hook, acting};
 use crate::error::Error;
 use crate::lanes::Lanes;
 use crate::motion::{Pair, Rims, Rolled};
+use crate::noise::Noise;
 use crate::parameters::Parameters;
 
 /// Which physics moves the marble.
@@ -160,15 +160,14 @@ impl FromStr for Hold {
     }
 }
 
-/// A time (s) in which no knob moves: it asks an effect on the knob where that is now.
-pub(crate) const PEEK_S: f64 = 1e-12;
-
 /// Where the results of a rollout go, a pair a row.
 pub(crate) struct Sink<'a> {
     /// Observed positions (board edges).
     pub(crate) marble: &'a mut [[f64; 2]],
     /// The board's angles as the tilt sensor reports them (rad); none where nobody asks.
     pub(crate) tilt: &'a mut [[f64; 2]],
+    /// Variances of predictions (board edges squared); none where nothing corrects them.
+    pub(crate) variance: &'a mut [[f64; 2]],
 }
 
 /// What all rollouts of a batch share.
@@ -269,6 +268,16 @@ pub(crate) struct Job<'a> {
     pub(crate) clock: Clock,
     /// Of what effects draw.
     pub(crate) seed: u64,
+    /// What corrects the marble in every row; nothing in a free run.
+    pub(crate) measured: Option<Measured<'a>>,
+}
+
+/// What was seen of a marble, from the row on in which it is let go.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured<'a> {
+    /// Positions (board edges); not a number where the tracker lost the marble.
+    pub(crate) observed: &'a [[f64; 2]],
+    pub(crate) noise: Noise,
 }
 
 impl Job<'_> {

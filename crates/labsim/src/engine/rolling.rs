@@ -9,11 +9,14 @@
 )]
 
 mod contact;
+mod estimator;
 mod impact;
 
 use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
 
 use self::contact::substep;
+use self::estimator::Estimator;
+pub(crate) use self::estimator::TAIL;
 use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup, Sink};
@@ -83,6 +86,8 @@ fn simulate<S: Simd, const N: usize>(
         }
     }
     let mut marbles: [Marbles<S>; N] = std::array::from_fn(|i| registers[i].release(groups[i]));
+    let mut estimators: [Option<Estimator<S>>; N] =
+        std::array::from_fn(|i| registers[i].estimator(&marbles[i], groups[i]));
     for row in first..first + setup.rows {
         for (((register, group), marbles), out) in registers
             .iter_mut()
@@ -91,6 +96,12 @@ fn simulate<S: Simd, const N: usize>(
             .zip(out.chunks_mut(S::F64_LANES))
         {
             register.observe(row, marbles, group, out);
+        }
+        let each = estimators.iter_mut().zip(&mut marbles);
+        for (i, (estimator, out)) in each.zip(out.chunks_mut(S::F64_LANES)).enumerate() {
+            if let (Some(estimator), marbles) = estimator {
+                estimator.correct(row, &registers[i].rims, marbles, groups[i], out);
+            }
         }
         if row + 1 == first + setup.rows || setup.is_cancelled() {
             break;
@@ -148,10 +159,10 @@ impl<S: Simd> Substeps<S> {
 
 /// Whose rollouts the lanes of a register are.
 #[derive(Clone, Copy)]
-pub(super) struct LaneGroup<'a, 'b> {
-    pub(super) jobs: &'a [Job<'b>],
+pub(crate) struct LaneGroup<'a, 'b> {
+    pub(crate) jobs: &'a [Job<'b>],
     /// What empty lanes repeat, and nobody reads.
-    pub(super) filler: &'a Job<'b>,
+    pub(crate) filler: &'a Job<'b>,
 }
 
 impl<'a, 'b> LaneGroup<'a, 'b> {
@@ -162,15 +173,15 @@ impl<'a, 'b> LaneGroup<'a, 'b> {
 }
 
 /// The rollouts of a register, as far as they have come.
-pub(super) struct Register<S: Simd> {
+pub(crate) struct Register<S: Simd> {
     rims: Rims<S>,
-    pub(super) actuation: Actuation<S>,
+    pub(crate) actuation: Actuation<S>,
     camera: Camera<S>,
     forces: Vec<Any<S>>,
 }
 
 impl<S: Simd> Register<S> {
-    pub(super) fn new(simd: S, setup: &Setup<'_>, group: LaneGroup<'_, '_>) -> Self {
+    pub(crate) fn new(simd: S, setup: &Setup<'_>, group: LaneGroup<'_, '_>) -> Self {
         let job = |lane: usize| group.of(lane);
         let actuation = Actuation::new(simd, setup, job);
         Self {
@@ -199,7 +210,7 @@ impl<S: Simd> Register<S> {
     }
 
     #[inline(always)]
-    pub(super) fn begin_row(&mut self, row: usize, group: LaneGroup<'_, '_>) {
+    pub(crate) fn begin_row(&mut self, row: usize, group: LaneGroup<'_, '_>) {
         self.actuation.begin_row(row, |lane| group.of(lane));
         if let Some(schedule) = &mut self.camera.schedule {
             schedule.begin_row(row);
@@ -229,7 +240,7 @@ impl<S: Simd> Register<S> {
     }
 
     /// Lets the marbles go.
-    pub(super) fn release(&self, group: LaneGroup<'_, '_>) -> Marbles<S> {
+    pub(crate) fn release(&self, group: LaneGroup<'_, '_>) -> Marbles<S> {
         let lanes = |value: fn(&Job<'_>) -> f64| {
             Lanes::from_fn(self.rims.reach_x.simd(), |lane| value(group.of(lane)))
         };
@@ -252,9 +263,13 @@ impl<S: Simd> Register<S> {
         }
     }
 
+    fn estimator(&self, marbles: &Marbles<S>, group: LaneGroup<'_, '_>) -> Option<Estimator<S>> {
+        Estimator::new(&self.rims, self.camera.edges_per_m, marbles, group)
+    }
+
     /// Writes down what the camera sees, and the tilt sensor, as a row begins.
     #[inline(always)]
-    pub(super) fn observe(
+    pub(crate) fn observe(
         &mut self,
         row: usize,
         marbles: &Marbles<S>,
@@ -285,7 +300,7 @@ impl<S: Simd> Register<S> {
     }
 
     #[inline(always)]
-    pub(super) fn substep(
+    pub(crate) fn substep(
         &mut self,
         row: usize,
         index: u32,
@@ -356,7 +371,7 @@ mod tests {
     use crate::drive::paper_drive;
     use crate::effects::{EffectInstance, EffectSpec, Parameter, known};
     use crate::engine::{Clock, Hold, Step};
-    use crate::rollout::PerRollout;
+    use crate::per_rollout::PerRollout;
 
     /// What 29 marbles do on every instruction set that is here; `substeps` is asked for a marble's.
     fn on_every_set(
@@ -372,6 +387,7 @@ mod tests {
                 knobs_before: [0.0; 2],
                 first: 10,
                 seed: i as u64,
+                measured: None,
                 parameters: [0.003 * f64::from(i), 0.09, 0.0004, 23.0, 1.1].into(),
                 commands: &commands,
                 start: [0.01 * f64::from(i), -0.2],
@@ -388,7 +404,11 @@ mod tests {
             let mut out: Vec<Sink<'_>> = all
                 .chunks_mut(rows)
                 .zip(tilts.chunks_mut(rows))
-                .map(|(marble, tilt)| Sink { marble, tilt })
+                .map(|(marble, tilt)| Sink {
+                    marble,
+                    tilt,
+                    variance: &mut [],
+                })
                 .collect();
             dispatch(Group {
                 setup: &Setup {

@@ -2,14 +2,15 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::coordinates::{FRICTION, GEAR_Y, SMALLEST, TIME};
 use super::problem::Problem;
 use crate::effects::Parameter;
 use crate::error::{Error, Result};
-use crate::parameters::MOST_SUBSTEPS;
+use crate::parameters::{FRICTION, GEAR_Y, MOST_SUBSTEPS, TIME};
 
 /// How far beyond the ranges a fit may look, for a truth that lies a little outside.
 const REACH: f64 = 3.0;
+/// A logarithm needs a smallest value: this share of the largest that is allowed.
+pub(super) const SMALLEST: f64 = 1e-4;
 /// Below this a timestep rounds to no physics update at all, and the marble never moves.
 const SHORTEST_TIME_SCALE: f64 = 0.5;
 /// The share of a right angle by which a fit may tilt the board at most.

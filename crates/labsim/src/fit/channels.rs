@@ -6,7 +6,6 @@
 
 use super::problem::Problem;
 use super::robust::{self, signal_noise};
-use super::windows::Windows;
 
 /// Marble x, marble y, tilt x, tilt y.
 pub(super) const CHANNELS: usize = 4;
@@ -97,83 +96,14 @@ impl Channels {
         self.active[MARBLE].iter().filter(|active| **active).count()
     }
 
-    /// Weights by the scales of residuals: no channel's is smaller than its sensor's noise.
-    pub(super) fn reweighted(&self, windows: &Windows, residual: &[f64]) -> Self {
-        if !self.has_tilt() {
-            return *self;
-        }
-        let scales: [f64; CHANNELS] = std::array::from_fn(|channel| {
-            let scale = self.scale(windows, residual, channel..channel + 1);
-            scale.max(self.noise[channel])
-        });
-        let common = if self.has_marble() {
-            let marble = self.scale(windows, residual, MARBLE);
-            marble.max(self.common(self.noise))
-        } else {
-            self.common(scales)
-        };
-        self.weighted(common, scales)
-    }
-
-    /// The robust standard deviation of what some channels leave over, in their own unit; not a number where
-    /// nothing was measured.
-    pub(super) fn scale(
-        &self,
-        windows: &Windows,
-        residual: &[f64],
-        channels: std::ops::Range<usize>,
-    ) -> f64 {
-        let found: Vec<f64> = windows
-            .channels_of(channels)
-            .map(|(channel, i)| residual[i] / self.weights[channel])
-            .collect();
-        if found.is_empty() {
-            return f64::NAN;
-        }
-        robust::scale(&found, &vec![true; found.len()])
-    }
-
-    /// Residuals in common units by these channels' weights, which were in those of others.
-    pub(super) fn rescale(&self, before: &Self, windows: &Windows, residual: &mut [f64]) {
-        for (channel, i) in windows.channels_of(0..CHANNELS) {
-            residual[i] *= self.weights[channel] / before.weights[channel];
-        }
-    }
-
     /// Whether other weights are about the same.
     pub(super) fn is_settled(&self, other: &Self) -> bool {
         let same = |(one, other): (&f64, &f64)| (one / other).ln().abs() < SETTLED;
         self.weights.iter().zip(&other.weights).all(same)
     }
 
-    /// Whether residuals are no more than their sensors' noise, or so many times that.
-    pub(super) fn is_noise(&self, windows: &Windows, residual: &[f64], times: f64) -> bool {
-        if !self.has_tilt() {
-            return robust::scale(residual, &windows.known) < times * self.floor;
-        }
-        let is_noise = |channel: usize| {
-            let scale = self.scale(windows, residual, channel..channel + 1);
-            !self.active[channel] || scale < times * self.noise[channel]
-        };
-        (0..CHANNELS).all(is_noise)
-    }
-
-    /// The negative log-likelihood of residuals up to a constant, each at its sensor's noise.
-    pub(super) fn loss(&self, windows: &Windows, residual: &[f64]) -> f64 {
-        if !self.has_tilt() {
-            return robust::loss(residual, self.floor);
-        }
-        let of_channel = |channel: usize| {
-            let own: Vec<f64> = windows
-                .channels_of(channel..channel + 1)
-                .map(|(_, i)| residual[i] / self.weights[channel])
-                .collect();
-            robust::loss(&own, self.noise[channel])
-        };
-        (0..CHANNELS).map(of_channel).sum()
-    }
-
-    fn weighted(mut self, common: f64, scales: [f64; CHANNELS]) -> Self {
+    /// Weights by the channels' scales, in units of a common one.
+    pub(super) fn weighted(mut self, common: f64, scales: [f64; CHANNELS]) -> Self {
         self.floor = f64::INFINITY;
         for (channel, scale) in scales.into_iter().enumerate() {
             if self.active[channel] {
@@ -186,7 +116,7 @@ impl Channels {
     }
 
     /// The root mean square of scales: the marble's, or the tilt's where there is none.
-    fn common(&self, scales: [f64; CHANNELS]) -> f64 {
+    pub(super) fn common(&self, scales: [f64; CHANNELS]) -> f64 {
         let own = if self.has_marble() { MARBLE } else { TILT };
         let squares: Vec<f64> = own
             .filter(|&channel| self.active[channel])

@@ -17,18 +17,10 @@ mod shrunk;
 
 pub(super) use self::shrunk::Group;
 use self::shrunk::groups_of_effects;
-use super::axis::{Axis, Shape, base_axis, effect_axis};
+use super::axis::{Axis, SMALLEST, Shape, base_axis, effect_axis};
 use super::problem::{ParameterSpec, Problem};
 use crate::error::Result;
-
-pub(super) const GEAR_X: usize = 0;
-pub(super) const GEAR_Y: usize = 1;
-pub(super) const FRICTION: usize = 2;
-pub(super) const TIME: usize = 3;
-pub(super) const SCALE: usize = 4;
-
-/// A logarithm needs a smallest value: this share of the largest that is allowed.
-pub(super) const SMALLEST: f64 = 1e-4;
+use crate::parameters::{FRICTION, GEAR_X, GEAR_Y, SCALE, TIME};
 
 /// The map between values (the five parameters and then the effects', in their own units) and the
 /// coordinates z of the free ones.

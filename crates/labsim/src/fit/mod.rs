@@ -17,9 +17,11 @@ mod problem;
 mod refine;
 mod robust;
 mod search;
+mod settings;
 mod shooting;
 mod shrinkage;
 mod slopes;
+mod stages;
 mod starts;
 mod windows;
 
@@ -29,6 +31,8 @@ pub use self::information::Information;
 pub use self::problem::{Hypothesis, ParameterSpec, Problem, Recording, Stretch};
 pub use self::refine::Refined;
 pub use self::robust::tracker_noise;
+pub use self::settings::{Progress, Settings};
+pub use self::shooting::Filtered;
 pub use self::shrinkage::Shrunk;
 
 use self::channels::{MARBLE, TILT};
@@ -42,31 +46,6 @@ use crate::error::{Error, Result};
 
 /// Gauss-Newton steps for the start states, where the caller does not know them.
 const STATE_ITERATIONS: usize = 8;
-
-/// Called with how many iterations are done, how many there will be, and the rows of a window.
-pub type Progress<'a> = &'a dyn Fn(usize, usize, usize);
-
-/// How thoroughly a fit searches.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Settings {
-    /// Start points that are refined.
-    pub starts: usize,
-    /// Of the draw of start points; the same seed gives the same bits for any number of threads.
-    pub seed: u64,
-    /// How often the best one's surroundings are searched for a better one, at most: where the ground is
-    /// rough, slopes end a little above the bottom. None for a quick look.
-    pub rounds: usize,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        Self {
-            starts: 8,
-            seed: 0,
-            rounds: 3,
-        }
-    }
-}
 
 /// What a start point led to; values are those of all parameters, the five and then the effects'.
 #[derive(Debug, Clone, PartialEq)]
@@ -168,8 +147,7 @@ impl Problem<'_> {
         let common = robust::scale(&best.residual, &search.whole.known) * freed;
         let information = information::inform(&shooting, &best.point, common)?;
         let channels = search.whole.channels;
-        let scale =
-            |channels_of| channels.scale(&search.whole, &best.residual, channels_of) * freed;
+        let scale = |channels_of| search.whole.scale(&best.residual, channels_of) * freed;
         let noise_of = |channel: usize| {
             let noise = channels.noise[channel];
             if channels.active[channel] {
@@ -207,7 +185,7 @@ impl Problem<'_> {
                 noise: [noise_of(2), noise_of(3)],
                 scale: [scale(2..3), scale(3..4)],
             }),
-            loss: channels.loss(&search.whole, &best.residual),
+            loss: search.whole.loss(&best.residual),
             information,
             shrunk: shrunk.collect(),
             estimates: candidates.iter().map(estimate).collect(),
@@ -262,7 +240,7 @@ impl Problem<'_> {
         if whole.channels.has_tilt() {
             let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
             let residual = shooting.residuals(std::slice::from_ref(&point))?.remove(0);
-            whole.channels = whole.channels.reweighted(&whole, &residual);
+            whole.channels = whole.reweighted(&residual);
         }
         let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
         let found = shrinkage::evidence(&shooting, &point, least(&whole))?;

@@ -2,11 +2,12 @@
 
 use rand_chacha::ChaCha8Rng;
 
-use super::coordinates::{Coordinates, TIME};
+use super::coordinates::Coordinates;
 use super::descent::{End, search_nearby};
 use super::search::Search;
 use super::shooting::Point;
 use crate::error::Result;
+use crate::parameters::TIME;
 
 pub(super) const FAMILY_ITERATIONS: usize = 6;
 pub(super) const SETTLE_ITERATIONS: usize = 5;

@@ -1,11 +1,10 @@
 //! What is fitted to what.
 
-use super::coordinates::{GEAR_Y, TIME};
 use crate::board::Rig;
 use crate::effects::{EffectSpec, Hook, Memory, Parameter};
 use crate::engine::{Engine, Hold};
 use crate::error::{Error, Result};
-use crate::parameters::{NAMES, Parameters};
+use crate::parameters::{GEAR_Y, NAMES, Parameters, TIME};
 
 /// A parameter of the model: known, or to be found.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,16 +3,17 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::Problem;
 use super::channels::Channels;
 use super::coordinates::Coordinates;
 use super::descent::{End, Pace, loss, minimise};
+use super::problem::Problem;
 use super::robust;
-use super::shooting::{Point, Shooting};
+use super::shooting::{Filtered, Point, Shooting};
 use super::shrinkage::evidence;
 use super::slopes::Look;
-use super::windows::Windows;
+use super::windows::{State, Window, Windows};
 use crate::error::Result;
+use crate::noise::Noise;
 
 /// Start states tried with each step.
 const VARIANTS: usize = 4;
@@ -110,6 +111,43 @@ impl Problem<'_> {
         Ok(refined.collect())
     }
 
+    /// Predicts each row of whole stretches from all rows before, at values and with noise, one for each of them.
+    ///
+    /// The marble starts where it is first seen, at rest on average. The gears of all values must have the signs
+    /// of the first ones.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn filter(
+        &self,
+        values: &[Vec<f64>],
+        noise: &[Noise],
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Filtered>> {
+        self.check()?;
+        let Some(first) = values.first() else {
+            return Ok(Vec::new());
+        };
+        let (coordinates, whole) = self.around(first, cancel)?;
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let start = |window: &Window| {
+            let seen = self.recordings[window.recording].observed[window.first];
+            let place = if seen[0].is_finite() && seen[1].is_finite() {
+                seen
+            } else {
+                [window.guess[0], window.guess[1]]
+            };
+            [place[0], place[1], 0.0, 0.0]
+        };
+        let states: Vec<State> = whole.all.iter().map(start).collect();
+        let mut trials = Vec::with_capacity(values.len());
+        for values in values {
+            self.check_values(values)?;
+            trials.push(shooting.trial(&coordinates.to_z(values), &states, None));
+        }
+        shooting.filter(&trials, noise)
+    }
+
     /// The channels weighted by what the best of some points leaves over.
     fn weighted(
         &self,
@@ -120,11 +158,9 @@ impl Problem<'_> {
     ) -> Result<Channels> {
         let shooting = Shooting::new(self, coordinates, whole, 1.0, cancel);
         let residuals = shooting.residuals(points)?;
-        let loss = |residual: &Vec<f64>| whole.channels.loss(whole, residual);
+        let loss = |residual: &Vec<f64>| whole.loss(residual);
         let best = residuals.iter().min_by(|a, b| loss(a).total_cmp(&loss(b)));
-        Ok(best.map_or(whole.channels, |best| {
-            whole.channels.reweighted(whole, best)
-        }))
+        Ok(best.map_or(whole.channels, |best| whole.reweighted(best)))
     }
 
     /// Points with the start states that the first rows tell, then some more: a guess that is a little off

@@ -6,16 +6,19 @@ use std::collections::HashMap;
 use std::sync::atomic::AtomicBool;
 
 use super::channels::MARBLE;
-use super::coordinates::{Coordinates, SCALE, TIME};
+use super::coordinates::Coordinates;
 use super::problem::{LEAN, Problem};
 use super::windows::{State, Window, Windows};
 use crate::board::SUBSTEP_S;
 use crate::effects::EffectInstance;
 use crate::engine::Hold;
 use crate::error::Result;
+use crate::filter::Filter;
+use crate::noise::Noise;
 use crate::orientation::turned;
-use crate::parameters::Parameters;
-use crate::rollout::{Batch, Observed, PerRollout, TimeBase};
+use crate::parameters::{Parameters, SCALE, TIME};
+use crate::per_rollout::PerRollout;
+use crate::rollout::{Batch, Observed, TimeBase};
 
 /// Coordinates and the start states of all windows.
 #[derive(Debug, Clone)]
@@ -34,6 +37,17 @@ pub(super) struct Shooting<'a> {
     /// recordings are simulated with the engine's own all the same.
     coarseness: f64,
     rollouts: Cell<usize>,
+}
+
+/// What a filter says of each stretch at some values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filtered {
+    /// Positions as predicted from all rows before (board edges); empty where the tracker saw too little.
+    pub predicted: Vec<Vec<[f64; 2]>>,
+    /// Variances about them (board edges squared); not a number in first rows.
+    pub variance: Vec<Vec<[f64; 2]>>,
+    /// Log-likelihoods of what was seen along each axis.
+    pub log_likelihood: Vec<[f64; 2]>,
 }
 
 /// A point, and how many physics updates a row has.
@@ -181,6 +195,17 @@ impl<'a> Shooting<'a> {
         indices: &[usize],
         windows: &[&Window],
     ) -> Result<Observed> {
+        self.with_batch(trials, rows, (indices, windows), |batch| self.run(batch))
+    }
+
+    /// Does something with the rollouts of trials over windows of the same length, trial after trial.
+    fn with_batch<T>(
+        &self,
+        trials: &[&Trial],
+        rows: usize,
+        (indices, windows): (&[usize], &[&Window]),
+        work: impl FnOnce(&Batch<'_>) -> Result<T>,
+    ) -> Result<T> {
         let problem = self.problem;
         let remembers = problem.remembers();
         let begin = |window: &Window| if remembers { 0 } else { window.first };
@@ -273,7 +298,67 @@ impl<'a> Shooting<'a> {
             },
             seeds: PerRollout::Each(&seeds),
         };
-        self.run(&batch)
+        work(&batch)
+    }
+
+    /// Predicts each row of whole stretches from all rows before, with one noise for each trial.
+    pub(super) fn filter(&self, trials: &[Trial], noise: &[Noise]) -> Result<Vec<Filtered>> {
+        let none = || vec![Vec::new(); self.windows.all.len()];
+        let empty = || Filtered {
+            predicted: none(),
+            variance: none(),
+            log_likelihood: vec![[0.0; 2]; self.windows.all.len()],
+        };
+        let mut filtered: Vec<Filtered> = trials.iter().map(|_| empty()).collect();
+        let trials: Vec<&Trial> = trials.iter().collect();
+        let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
+        for ((rows, _), indices) in of_marble {
+            let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
+            let observed: Vec<&[[f64; 2]]> = windows
+                .iter()
+                .map(|window| {
+                    let seen = self.problem.recordings[window.recording].observed;
+                    &seen[window.first..window.first + rows]
+                })
+                .collect();
+            let observed = observed.repeat(trials.len());
+            let noise: Vec<Noise> = noise
+                .iter()
+                .flat_map(|noise| {
+                    windows.iter().map(|window| Noise {
+                        start_velocity: if window.at_rest {
+                            0.0
+                        } else {
+                            noise.start_velocity
+                        },
+                        ..*noise
+                    })
+                })
+                .collect();
+            self.with_batch(&trials, *rows, (indices, &windows), |batch| {
+                let filter = Filter {
+                    batch: *batch,
+                    observed: PerRollout::Of(&observed),
+                    noise: PerRollout::Each(&noise),
+                };
+                let found = filter.run(self.problem.threads, self.cancel)?;
+                let likelihoods = filter.log_likelihoods(&found);
+                let of_rollouts = found
+                    .marble
+                    .chunks_exact(*rows)
+                    .zip(found.variance.chunks_exact(*rows));
+                for (i, ((marble, variance), likelihood)) in
+                    of_rollouts.zip(likelihoods).enumerate()
+                {
+                    let (trial, window) = (i / windows.len(), indices[i % windows.len()]);
+                    filtered[trial].predicted[window] = marble.to_vec();
+                    filtered[trial].variance[window] = variance.to_vec();
+                    filtered[trial].log_likelihood[window] = likelihood;
+                }
+                Ok(())
+            })?;
+        }
+        Ok(filtered)
     }
 
     /// Simulates a batch, with the tilt where it counts.

@@ -1,10 +1,10 @@
 //! Slopes of the residuals by finite differences, all columns of all candidates in one batch.
 
-use super::coordinates::TIME;
 use super::shooting::{Point, Shooting, Trial};
 use crate::board::SUBSTEP_S;
 use crate::effects::Hook;
 use crate::error::Result;
+use crate::parameters::TIME;
 
 /// Steps of the finite differences: in coordinates, and in start states (board edges, and board edges a
 /// row). Large against the jumps of a stop that moves by one physics update, small against the

@@ -5,16 +5,17 @@ use std::cmp::Ordering;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-use super::Settings;
-use super::coordinates::{Coordinates, GEAR_X, GEAR_Y};
+use super::coordinates::Coordinates;
 use super::descent::{End, loss};
 use super::problem::ParameterSpec;
 use super::robust;
 use super::search::{COARSENESS, Search};
+use super::settings::Settings;
 use super::shooting::Point;
 use super::windows::Windows;
 use crate::effects::Parameter;
 use crate::error::Result;
+use crate::parameters::{GEAR_X, GEAR_Y};
 
 /// Rows of the windows in which start points are screened, and how many are drawn for each refined.
 const SCREEN_ROWS: usize = 24;

@@ -1,10 +1,11 @@
 //! Recordings cut into windows, each with a start state of its own.
 
 use std::cmp::Reverse;
+use std::ops::Range;
 
-use super::channels::{CHANNELS, Channels};
+use super::channels::{CHANNELS, Channels, MARBLE};
 use super::problem::{Problem, Stretch};
-use super::robust::median;
+use super::robust::{self, median};
 
 /// Position (board edges) and its rate (board edges a row).
 pub(super) type State = [f64; 4];
@@ -37,17 +38,17 @@ pub(super) struct Window {
 
 impl Window {
     /// The marble's, then the tilt's.
-    pub(super) fn residuals(&self) -> std::ops::Range<usize> {
+    pub(super) fn residuals(&self) -> Range<usize> {
         self.offset..self.offset + 2 * self.rows + self.tilts
     }
 
     /// x and y by turns.
-    pub(super) fn marble(&self) -> std::ops::Range<usize> {
+    pub(super) fn marble(&self) -> Range<usize> {
         self.offset..self.offset + 2 * self.rows
     }
 
     /// About x and y by turns; none where no recording has any.
-    pub(super) fn tilt(&self) -> std::ops::Range<usize> {
+    pub(super) fn tilt(&self) -> Range<usize> {
         self.marble().end..self.residuals().end
     }
 }
@@ -160,7 +161,7 @@ impl Windows {
     /// The channel and the place of every known residual of some channels.
     pub(super) fn channels_of(
         &self,
-        channels: std::ops::Range<usize>,
+        channels: Range<usize>,
     ) -> impl Iterator<Item = (usize, usize)> + '_ {
         let of_window = |window: &Window| {
             let marble = window.marble().map(|i| (i % 2, i));
@@ -168,6 +169,77 @@ impl Windows {
         };
         let all = self.all.iter().flat_map(of_window);
         all.filter(move |(channel, i)| channels.contains(channel) && self.known[*i])
+    }
+
+    /// Weights by the scales of residuals: no channel's is smaller than its sensor's noise.
+    pub(super) fn reweighted(&self, residual: &[f64]) -> Channels {
+        let channels = &self.channels;
+        if !channels.has_tilt() {
+            return *channels;
+        }
+        let scales: [f64; CHANNELS] = std::array::from_fn(|channel| {
+            let scale = self.scale(residual, channel..channel + 1);
+            scale.max(channels.noise[channel])
+        });
+        let common = if channels.has_marble() {
+            let marble = self.scale(residual, MARBLE);
+            marble.max(channels.common(channels.noise))
+        } else {
+            channels.common(scales)
+        };
+        channels.weighted(common, scales)
+    }
+
+    /// The robust standard deviation of the residuals of some channels, in their own unit; not a number where
+    /// nothing was measured.
+    pub(super) fn scale(&self, residual: &[f64], channels: Range<usize>) -> f64 {
+        let found = self.in_own_units(residual, channels);
+        if found.is_empty() {
+            return f64::NAN;
+        }
+        robust::scale(&found, &vec![true; found.len()])
+    }
+
+    /// Weights the channels anew, and residuals with them.
+    pub(super) fn rescale(&mut self, after: Channels, residuals: &mut [&mut [f64]]) {
+        for residual in residuals {
+            for (channel, i) in self.channels_of(0..CHANNELS) {
+                residual[i] *= after.weights[channel] / self.channels.weights[channel];
+            }
+        }
+        self.channels = after;
+    }
+
+    /// Whether residuals are no more than their sensors' noise, or so many times that.
+    pub(super) fn is_noise(&self, residual: &[f64], times: f64) -> bool {
+        let channels = &self.channels;
+        if !channels.has_tilt() {
+            return robust::scale(residual, &self.known) < times * channels.floor;
+        }
+        let is_noise = |channel: usize| {
+            let scale = self.scale(residual, channel..channel + 1);
+            !channels.active[channel] || scale < times * channels.noise[channel]
+        };
+        (0..CHANNELS).all(is_noise)
+    }
+
+    /// The negative log-likelihood of residuals up to a constant, each at its sensor's noise.
+    pub(super) fn loss(&self, residual: &[f64]) -> f64 {
+        let channels = &self.channels;
+        if !channels.has_tilt() {
+            return robust::loss(residual, channels.floor);
+        }
+        let of_channel = |channel: usize| {
+            let own = self.in_own_units(residual, channel..channel + 1);
+            robust::loss(&own, channels.noise[channel])
+        };
+        (0..CHANNELS).map(of_channel).sum()
+    }
+
+    fn in_own_units(&self, residual: &[f64], channels: Range<usize>) -> Vec<f64> {
+        self.channels_of(channels)
+            .map(|(channel, i)| residual[i] / self.channels.weights[channel])
+            .collect()
     }
 
     /// How many components of start states the windows have together.

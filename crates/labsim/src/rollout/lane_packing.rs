@@ -94,6 +94,7 @@ mod tests {
                     knobs_before: [0.0; 2],
                     first: 0,
                     seed: 0,
+                    measured: None,
                     parameters: [gear, 0.05, 0.0, f64::from(substeps), 1.0].into(),
                     commands: &commands,
                     start: [x, y],

@@ -1,7 +1,8 @@
 //! How far coordinates may go, and what it costs them to leave the ranges.
 
-use super::{Coordinates, FRICTION, SMALLEST};
-use crate::fit::axis::{Axis, Shape};
+use super::Coordinates;
+use crate::fit::axis::{Axis, SMALLEST, Shape};
+use crate::parameters::FRICTION;
 
 /// Relative distance beyond a range that counts like a residual of one standard deviation.
 const LEEWAY: f64 = 0.1;

@@ -4,14 +4,15 @@ use std::sync::atomic::AtomicBool;
 
 use pulp::Scalar;
 
-use super::rolling::{LaneGroup, Register};
-use super::{Clock, Hold, Job, Setup, Sink, Step};
 use crate::board::Rig;
 use crate::effects::{EffectInstance, Hook, in_order};
+use crate::engine::rolling::{LaneGroup, Register};
+use crate::engine::{Clock, Engine, Hold, Job, Setup, Sink, Step};
 use crate::error::{Error, Result};
 use crate::motion::Marbles;
 use crate::parameters::Parameters;
-use crate::rollout::{Batch, PerRollout, TimeBase};
+use crate::per_rollout::PerRollout;
+use crate::rollout::{Batch, TimeBase};
 
 /// A rollout of the rolling engine that is given its commands one by one.
 ///
@@ -57,7 +58,7 @@ impl Live {
             time: TimeBase::Durations(PerRollout::Shared(&vec![row_s; rows])),
             ..Batch::new(rig, &[parameters], &commands)
         }
-        .run(super::Engine::Rolling, Some(1), &AtomicBool::new(false))?;
+        .run(Engine::Rolling, Some(1), &AtomicBool::new(false))?;
         let effects = in_order(effects);
         let setup = Setup {
             rig,
@@ -124,6 +125,7 @@ impl Live {
         let mut out = [Sink {
             marble: &mut self.seen,
             tilt: &mut [],
+            variance: &mut [],
         }];
         for substep in 0..self.step.substeps {
             self.register
@@ -155,5 +157,6 @@ fn job(
         turned: [0.0; 3],
         clock: Clock::Even(step),
         seed,
+        measured: None,
     }
 }

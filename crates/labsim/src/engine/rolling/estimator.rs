@@ -1,0 +1,281 @@
+//! An extended Kalman filter in each lane: rows correct the marble by what was seen in them.
+//!
+//! The mean is the simulated marble itself, with all effects, walls and stops. The covariance goes with a
+//! marble that moves freely between two rows and is scaled by the restitution where it has met a wall. Each
+//! axis has three states: place x (m), velocity v (m/s), and the tracker's lasting error b (board edges).
+
+use pulp::{NullaryFnOnce, Simd};
+
+use super::LaneGroup;
+use crate::engine::{Job, Sink};
+use crate::lanes::{Lanes, Mask};
+use crate::motion::{Marbles, Pair, Rims};
+use crate::noise::Noise;
+
+/// Degrees of freedom of the Student-t distribution of the tracker's errors: as in least squares
+/// ([`crate::fit`]), rows beyond about three standard deviations lose their weight.
+pub(crate) const TAIL: f64 = 4.0;
+
+/// The filters of a register.
+pub(super) struct Estimator<S: Simd> {
+    axes: [Covariance<S>; 2],
+    /// Means of the tracker's lasting errors (board edges).
+    lasting: Pair<S>,
+    /// The marbles' velocities as the row began (m/s).
+    velocity: Pair<S>,
+    edges_per_m: Lanes<S>,
+    variances: Variances<S>,
+}
+
+/// Variances of the random quantities.
+struct Variances<S: Simd> {
+    white: Lanes<S>,
+    lasting: Lanes<S>,
+    push: Lanes<S>,
+    restitution: Lanes<S>,
+}
+
+/// The covariance of one axis: of place, velocity and lasting error.
+#[derive(Clone, Copy)]
+struct Covariance<S: Simd> {
+    xx: Lanes<S>,
+    xv: Lanes<S>,
+    xb: Lanes<S>,
+    vv: Lanes<S>,
+    vb: Lanes<S>,
+    bb: Lanes<S>,
+}
+
+impl<S: Simd> Estimator<S> {
+    /// Filters of marbles that are let go where they were seen; none where nothing was measured.
+    pub(super) fn new(
+        rims: &Rims<S>,
+        edges_per_m: Lanes<S>,
+        marbles: &Marbles<S>,
+        group: LaneGroup<'_, '_>,
+    ) -> Option<Self> {
+        group.jobs.first()?.measured?;
+        let simd = rims.reach_x.simd();
+        let square = |size: fn(&Noise) -> f64| {
+            Lanes::from_fn(simd, |lane| {
+                let measured = group.of(lane).measured.as_ref();
+                measured.map_or(0.0, |one| size(&one.noise).powi(2))
+            })
+        };
+        let (white, lasting) = (square(|one| one.white), square(|one| one.lasting));
+        let m_per_edge = edges_per_m.like(1.0).over(edges_per_m);
+        let start = Covariance {
+            xx: (white + lasting) * m_per_edge * m_per_edge,
+            xv: white.like(0.0),
+            xb: -lasting * m_per_edge,
+            vv: square(|one| one.start_velocity),
+            vb: white.like(0.0),
+            bb: lasting,
+        };
+        Some(Self {
+            axes: [start; 2],
+            lasting: [white.like(0.0); 2],
+            velocity: [marbles.vx, marbles.vy],
+            edges_per_m,
+            variances: Variances {
+                white,
+                lasting,
+                push: square(|one| one.push.sqrt()),
+                restitution: square(|one| one.restitution),
+            },
+        })
+    }
+
+    /// Corrects the marbles by what was seen in a row. In `out` is what the camera was predicted to see; the
+    /// tracker's lasting error is added, and the variance of the prediction written beside it.
+    pub(super) fn correct(
+        &mut self,
+        row: usize,
+        rims: &Rims<S>,
+        marbles: &mut Marbles<S>,
+        group: LaneGroup<'_, '_>,
+        out: &mut [Sink<'_>],
+    ) {
+        rims.reach_x.simd().vectorize(Correction {
+            estimator: self,
+            row,
+            rims,
+            marbles,
+            group,
+            out,
+        });
+    }
+}
+
+/// One row of all lanes, as a function of its own.
+struct Correction<'a, 'b, 'c, 'd, S: Simd> {
+    estimator: &'a mut Estimator<S>,
+    row: usize,
+    rims: &'a Rims<S>,
+    marbles: &'a mut Marbles<S>,
+    group: LaneGroup<'b, 'c>,
+    out: &'a mut [Sink<'d>],
+}
+
+impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self {
+            estimator,
+            row,
+            rims,
+            marbles,
+            group,
+            out,
+        } = self;
+        if row == group.filler.first {
+            for out in out {
+                out.variance[0] = [f64::NAN; 2];
+            }
+            return;
+        }
+        let simd = rims.reach_x.simd();
+        let of_job = |of: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| of(group.of(lane)));
+        let seconds = of_job(&|job| {
+            let step = job.clock.step(row - 1);
+            f64::from(step.substeps) * step.length_s
+        });
+        let remembered = of_job(&|job| {
+            let step = job.clock.step(row - 1);
+            let seconds = f64::from(step.substeps) * step.length_s;
+            let measured = job.measured.as_ref();
+            measured.map_or(0.0, |one| libm::exp(-seconds / one.noise.lasting_s))
+        });
+        let places = [&mut marbles.x, &mut marbles.y];
+        let velocities = [&mut marbles.vx, &mut marbles.vy];
+        let spins = [&mut marbles.sx, &mut marbles.sy];
+        let reaches = [rims.reach_x, rims.reach_y];
+        let axes = places.into_iter().zip(velocities).zip(spins).zip(reaches);
+        for (axis, (((place, velocity), spin), reach)) in axes.enumerate() {
+            let covariance = &mut estimator.axes[axis];
+            let before = estimator.velocity[axis];
+            let hit = hits(*place, before, *velocity, seconds, reach);
+            covariance.advance(seconds, remembered, &estimator.variances);
+            covariance.bounce(hit, before, rims.restitution, &estimator.variances);
+
+            let lasting = &mut estimator.lasting[axis];
+            *lasting = *lasting * remembered;
+            let seen = |lane: usize| {
+                out.get(lane)
+                    .map_or(0.0, |out| out.marble[row - group.filler.first][axis])
+            };
+            let predicted = Lanes::from_fn(simd, seen) + *lasting;
+            let measured = of_job(&|job| {
+                let measured = job.measured.as_ref();
+                measured.map_or(f64::NAN, |one| one.observed[row - job.first][axis])
+            });
+            let (variance, gain) = covariance.update(
+                measured - predicted,
+                estimator.edges_per_m,
+                &estimator.variances,
+            );
+            *place = (*place + gain[0]).clamp(reach);
+            *velocity = *velocity + gain[1];
+            *spin = *spin + gain[1];
+            *lasting = *lasting + gain[2];
+            estimator.velocity[axis] = *velocity;
+            let (predicted, variance) = (predicted.to_array(), variance.to_array());
+            for (lane, out) in out.iter_mut().enumerate().take(group.jobs.len()) {
+                out.marble[row - group.filler.first][axis] = predicted[lane];
+                out.variance[row - group.filler.first][axis] = variance[lane];
+            }
+        }
+    }
+}
+
+/// Whether marbles have met the wall that they moved towards as a row began.
+#[inline(always)]
+fn hits<S: Simd>(
+    place: Lanes<S>,
+    before: Lanes<S>,
+    after: Lanes<S>,
+    seconds: Lanes<S>,
+    reach: Lanes<S>,
+) -> Mask<S> {
+    let zero = place.like(0.0);
+    let near = (place.abs() + before.abs() * seconds).ge(reach);
+    near & (before * place).gt(zero) & (after * before).le(zero)
+}
+
+impl<S: Simd> Covariance<S> {
+    /// A marble that is pushed at random rolls freely for some seconds, of which the lasting error remembers a
+    /// part.
+    #[inline(always)]
+    fn advance(&mut self, seconds: Lanes<S>, remembered: Lanes<S>, variances: &Variances<S>) {
+        let push = variances.push * seconds;
+        self.xx = self.xx + seconds * (2.0 * self.xv + seconds * (self.vv + 1.0 / 3.0 * push));
+        self.xv = self.xv + seconds * (self.vv + 0.5 * push);
+        self.xb = remembered * (self.xb + seconds * self.vb);
+        self.vv = self.vv + push;
+        self.vb = remembered * self.vb;
+        let one = remembered.like(1.0);
+        let square = remembered * remembered;
+        self.bb = square * self.bb + (one - square) * variances.lasting;
+    }
+
+    /// A wall that was met at some speed sends back a share of all deviations, and adds one of its own.
+    #[inline(always)]
+    fn bounce(
+        &mut self,
+        hit: Mask<S>,
+        speed: Lanes<S>,
+        restitution: Lanes<S>,
+        variances: &Variances<S>,
+    ) {
+        let square = restitution * restitution;
+        let bounced = Self {
+            xx: square * self.xx,
+            xv: square * self.xv,
+            xb: -restitution * self.xb,
+            vv: square * self.vv + variances.restitution * speed * speed,
+            vb: -restitution * self.vb,
+            bb: self.bb,
+        };
+        self.xx = hit.select(bounced.xx, self.xx);
+        self.xv = hit.select(bounced.xv, self.xv);
+        self.xb = hit.select(bounced.xb, self.xb);
+        self.vv = hit.select(bounced.vv, self.vv);
+        self.vb = hit.select(bounced.vb, self.vb);
+    }
+
+    /// Takes in how far off a prediction was; returns the variance that it had, and the corrections of the states.
+    ///
+    /// Outliers count as if the tracker's error had the variance that a Student-t distribution gives them.
+    #[inline(always)]
+    fn update(
+        &mut self,
+        off: Lanes<S>,
+        edges_per_m: Lanes<S>,
+        variances: &Variances<S>,
+    ) -> (Lanes<S>, [Lanes<S>; 3]) {
+        let zero = off.like(0.0);
+        let known = !off.ne(off);
+        let off = known.select(off, zero);
+        let with = [
+            edges_per_m * self.xx + self.xb,
+            edges_per_m * self.xv + self.vb,
+            edges_per_m * self.xb + self.bb,
+        ];
+        let own = edges_per_m * with[0] + with[2];
+        let variance = own + variances.white;
+        let wild =
+            off.like(TAIL / (TAIL + 1.0)) + (1.0 / (TAIL + 1.0)) * (off * off).over(variance);
+        let counted = own + variances.white * wild.max(off.like(1.0));
+        let share = known.select(off.like(1.0).over(counted), zero);
+        let gain = with.map(|one| one * share);
+        self.xx = self.xx - gain[0] * with[0];
+        self.xv = self.xv - gain[0] * with[1];
+        self.xb = self.xb - gain[0] * with[2];
+        self.vv = self.vv - gain[1] * with[1];
+        self.vb = self.vb - gain[1] * with[2];
+        self.bb = self.bb - gain[2] * with[2];
+        (variance, gain.map(|one| one * off))
+    }
+}

@@ -1,0 +1,86 @@
+//! How likely recordings are, where the marble is also pushed at random: one-step predictions and their variances.
+//!
+//! Without random pushes a filter is a free run whose start state is estimated on the way; with large ones it
+//! predicts each row from the one before. Between them lies what can be said of a real rig, where something is
+//! always left over that never repeats.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::engine::TAIL;
+use crate::error::Result;
+use crate::noise::Noise;
+use crate::per_rollout::PerRollout;
+use crate::rollout::Batch;
+
+/// One-step predictions of rollouts, `rows` pairs each, one rollout behind the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Predictions {
+    /// Positions as they were predicted from all rows before (board edges).
+    pub marble: Vec<[f64; 2]>,
+    /// Variances of what is seen about the predictions (board edges squared); not a number in first rows, which
+    /// are the start.
+    pub variance: Vec<[f64; 2]>,
+}
+
+/// Rollouts that are corrected in every row by what was seen in it.
+#[derive(Debug, Clone, Copy)]
+pub struct Filter<'a> {
+    /// The rollouts; their `start` is where the marble was first seen.
+    pub batch: Batch<'a>,
+    /// Positions that were seen (board edges), `rows` pairs; not a number where the tracker lost the marble.
+    pub observed: PerRollout<'a, [f64; 2]>,
+    /// What is random, one for each rollout or for all.
+    pub noise: PerRollout<'a, Noise>,
+}
+
+impl Filter<'_> {
+    /// Filters every rollout in the rolling engine.
+    ///
+    /// The bits do not depend on what shares the batch, nor on the number of threads.
+    ///
+    /// # Errors
+    /// [`crate::Error::Invalid`] for values that no physics allows, [`crate::Error::Cancelled`] once `cancel` is set.
+    pub fn run(&self, threads: Option<usize>, cancel: &AtomicBool) -> Result<Predictions> {
+        let rollouts = self.batch.parameters.len();
+        self.observed.check("observed", rollouts, self.batch.rows)?;
+        self.noise.check("noise", rollouts, 1)?;
+        for rollout in 0..rollouts {
+            self.noise.of(rollout, 1)[0].check()?;
+        }
+        let measured = (self.observed, self.noise);
+        let [marble, variance] = self.batch.filtered(measured, threads, cancel)?;
+        Ok(Predictions { marble, variance })
+    }
+
+    /// The log-likelihood of what was seen along each axis, for each rollout: Student's t about the predictions.
+    pub fn log_likelihoods(&self, predictions: &Predictions) -> Vec<[f64; 2]> {
+        let rows = self.batch.rows;
+        let rollouts = 0..self.batch.parameters.len();
+        rollouts
+            .map(|rollout| {
+                let own = rollout * rows..(rollout + 1) * rows;
+                let seen = self.observed.of(rollout, rows);
+                let mut sum = [0.0; 2];
+                for (row, i) in own.enumerate() {
+                    for (axis, sum) in sum.iter_mut().enumerate() {
+                        let off = seen[row][axis] - predictions.marble[i][axis];
+                        let variance = predictions.variance[i][axis];
+                        if off.is_finite() && variance.is_finite() {
+                            *sum += log_density(off, variance);
+                        }
+                    }
+                }
+                sum
+            })
+            .collect()
+    }
+}
+
+/// Γ((ν + 1)/2) / (Γ(ν/2) √(ν π)) for ν = [`TAIL`] = 4.
+const PEAK: f64 = 0.375;
+
+/// Logarithm of the density of Student's t distribution with [`TAIL`] degrees of freedom.
+fn log_density(off: f64, variance: f64) -> f64 {
+    let ratio = off * off / (TAIL * variance);
+    PEAK.ln() - 0.5 * variance.ln() - 0.5 * (TAIL + 1.0) * ratio.ln_1p()
+}

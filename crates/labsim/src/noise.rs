@@ -1,0 +1,48 @@
+//! What no simulation repeats: the tracker's errors, and a random push on the marble.
+
+use crate::error::{Error, Result};
+
+/// The sizes of what a filter takes for random (Kristensen, Madsen and Jørgensen 2004: a stochastic grey box).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Standard deviation of the tracker's errors that differ from row to row (board edges).
+    pub white: f64,
+    /// Standard deviation of the tracker's errors that last (board edges).
+    pub lasting: f64,
+    /// How long those last (s): their autocorrelation is exp(-t / `lasting_s`).
+    pub lasting_s: f64,
+    /// Spectral density of the marble's random acceleration (m²/s³): a velocity (m/s) gains its square root
+    /// times the square root of the time.
+    pub push: f64,
+    /// Standard deviation of the coefficient of restitution from impact to impact.
+    pub restitution: f64,
+    /// Standard deviation of the start velocity (m/s); zero for a marble at rest.
+    pub start_velocity: f64,
+}
+
+impl Noise {
+    /// Refuses sizes that no random quantity has.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] names the first size that is negative, not finite, or zero where it may not be.
+    pub fn check(&self) -> Result<()> {
+        let positive = [("white", self.white), ("lasting_s", self.lasting_s)];
+        let others = [
+            ("lasting", self.lasting),
+            ("push", self.push),
+            ("restitution", self.restitution),
+            ("start_velocity", self.start_velocity),
+        ];
+        for (name, size) in positive {
+            if !(size > 0.0 && size.is_finite()) {
+                return Err(Error::invalid(name, "a number above 0", size));
+            }
+        }
+        for (name, size) in others {
+            if !(size >= 0.0 && size.is_finite()) {
+                return Err(Error::invalid(name, "a number of at least 0", size));
+            }
+        }
+        Ok(())
+    }
+}
