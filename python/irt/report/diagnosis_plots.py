@@ -30,7 +30,7 @@ _MOST_CORNERS = 800
 _BINS = 80
 #: Cells of the map along the long edge.
 _CELLS = 14
-#: Ends of the colours of the map, in multiples of the tracker's noise.
+#: Ends of the colours of the map, in multiples of the tracker noise.
 _LEVELS = (0.0, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 #: Evidence up to here is drawn in proportion, beyond it on a logarithmic scale.
 _LINEAR = 10.0

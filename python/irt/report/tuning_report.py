@@ -173,14 +173,11 @@ def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) 
         Standard deviation of the tracker [board edges].
     """
     before, after = shown[:2]
-    answer = (
-        f"Tuning by {after.name} reduced the mean error from {percent(before.mae)} to {percent(after.mae)} "
-        f"of the board's edge on {_count(after)}"
-    )
+    verb = "reduced" if after.mae < before.mae else "did not reduce"
+    answer = f"Tuning by {after.name} {verb} the mean error on {_count(after)}: {_from_to(before, after)}"
     if unseen:
         before, after = unseen[:2]
-        count = _count(after, "held-out recording")
-        answer += f", and from {percent(before.mae)} to {percent(after.mae)} on {count}"
+        answer += f"; on {_count(after, 'held-out recording')}: {_from_to(before, after)}"
     floor = mean_absolute(noise)
     if after.mae < 1.5 * floor:
         verdict = "the model explains nearly all that can be explained"
@@ -189,6 +186,10 @@ def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) 
             "the rest is physics that the model lacks, or parameters that are not right yet. Try irt diagnose"
         )
     return f"{answer}. Tracker noise alone gives {percent(floor)}: {verdict}."
+
+
+def _from_to(before: Contender, after: Contender) -> str:
+    return f"{percent(before.mae)} of the board's edge untuned, {percent(after.mae)} tuned"
 
 
 def compare(first: Contender, second: Contender) -> str:

@@ -53,17 +53,23 @@ def test_untuned_means_the_middle_of_the_ranges(rig):
 def test_lead_says_when_the_model_explains_nearly_everything(contender):
     before, after = contender("untuned", 1.5), contender("IRT", 1.0)
     assert lead([before, after], [], 1e-3) == (
-        f"Tuning by IRT reduced the mean error from {percent(before.mae)} to {percent(after.mae)} of the "
-        f"board's edge on 2 recordings. Tracker noise alone gives {percent(8e-4)}: the model explains nearly "
-        "all that can be explained."
+        f"Tuning by IRT reduced the mean error on 2 recordings: {percent(before.mae)} of the board's edge "
+        f"untuned, {percent(after.mae)} tuned. Tracker noise alone gives {percent(8e-4)}: the model explains "
+        "nearly all that can be explained."
     )
 
 
 def test_lead_says_when_physics_may_be_missing(contender):
     before, after, worse = contender("untuned", 1.5), contender("IRT", 1.0), contender("IRT", 1.2)
     text = lead([before, after], [before, worse], 1e-3)
-    assert f"and from {percent(before.mae)} to {percent(worse.mae)} on 2 held-out recordings. " in text
+    held_out = f"on 2 held-out recordings: {percent(before.mae)} of the board's edge untuned, "
+    assert f"{held_out}{percent(worse.mae)} tuned. " in text
     assert "physics that the model lacks" in text
+
+
+def test_lead_admits_that_tuning_did_not_help(contender):
+    text = lead([contender("untuned", 1.0), contender("IRT", 1.2)], [], 1e-3)
+    assert text.startswith("Tuning by IRT did not reduce the mean error")
 
 
 def test_comparison_names_the_better_one_or_a_draw(contender):
@@ -120,7 +126,7 @@ def test_a_marble_in_motion_is_judged_in_windows(tmp_path, simulated, result):
     assert "in windows of 30 rows, each from the state estimated on the rows before it" in page
     windowed = evaluate(fitted.model, moving.recordings).windowed
     assert windowed is not None
-    assert f"to {percent(windowed.mae)} of the board" in page
+    assert f"{percent(windowed.mae)} tuned" in page
 
 
 def test_unwritable_folder_is_named(tmp_path, simulated, result):
