@@ -51,6 +51,8 @@ _LEAST_NOISE = 1e-5
 _MOST_RUNS = 8
 #: Kinds of findings of which the first stands at the top of the page, and the p-value above which none does.
 _TELLING, _CLEAR = ("region", "regime", "stage"), 0.05
+#: Share of the error above which nothing is said of the rest.
+_NEARLY_ALL = 0.95
 #: Bars of hypotheses of one and of more effects.
 _MOST_BARS = 12
 
@@ -357,9 +359,10 @@ def _explanation(diagnosis: Diagnosis, floor: float) -> str:
         )
     if math.isnan(share):
         return f"{where} the error was near tracker noise before: {before} of the edge, and {after} after."
+    rest = f" The other {_share(1.0 - share)} are not explained." if share < _NEARLY_ALL else ""
     return (
         f"{where} the error falls from {before} to {after} of the edge: {_share(share)} of what exceeds "
-        f"tracker noise ({percent(floor)})."
+        f"tracker noise ({percent(floor)}).{rest}"
     )
 
 

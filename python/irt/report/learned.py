@@ -37,6 +37,7 @@ VARIABLES = {
 }
 #: Speed at which drags and pushes to the side are stated [m/s]; the engine's effect has it in its powers.
 REFERENCE_SPEED = 0.1
+_MODE = "mode of the board"
 #: Shapes of a width; lines, bowls and saddles have none.
 _OF_A_WIDTH = ("step", "bell", "ridge", "spot")
 
@@ -145,7 +146,7 @@ def terms_table(one: NamedEffect, row_s: float | None) -> Table:
     """
     return Table(
         "Terms of the correction, with 95 % intervals. Over a width the phase grows by 1 rad",
-        ["term", "depends on", "wavelength or width", "direction", "amplitude"],
+        ["term", "depends on", "wavelength, width or period", "direction", "amplitude"],
         list(_rows(one, row_s)),
         words=(4,),
     )
@@ -154,7 +155,8 @@ def terms_table(one: NamedEffect, row_s: float | None) -> Table:
 def described(one: NamedEffect, row_s: float | None) -> Iterator[str]:
     """Yield one line for each term of a learned correction, as a terminal shows it."""
     for shape, depends, size, direction, amplitude in _rows(one, row_s):
-        known = {"wavelength" if shape == "wave" else "width": size, "direction": direction}
+        length = {"wave": "wavelength", _MODE: "period"}.get(shape, "width")
+        known = {length: size, "direction": direction}
         details = [f"{name} {value}" for name, value in known.items() if value != "-"]
         yield f"{shape} over {', '.join([depends, *details])}: {amplitude}"
 
@@ -182,7 +184,7 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
         if row_s is not None:
             period, unit = in_rows(period, unit, row_s)
         amplitude = f"gain {with_interval(gain)}, damping {with_interval(damping)}"
-        yield ["mode of the board", "tilt", quantity(period.value, unit), "-", amplitude]
+        yield [_MODE, "tilt", quantity(period.value, unit), "-", amplitude]
 
 
 def _amplitude(part: str, value: Parameter, row_s: float | None) -> str:

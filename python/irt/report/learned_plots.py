@@ -161,11 +161,14 @@ def _plot_map(path: Path, field: _Field, seen: _Seen) -> None:
     grid = np.stack(np.meshgrid(*places), axis=-1)
     values = field.at(grid.reshape(-1, 2)).reshape(grid.shape[:2])
     most = float(np.abs(values).max()) or 1.0
-    levels = np.linspace(-most, most, len(style.DIVERGING) + 1)
+    # Around zero the plane keeps the colour of the paper.
+    half = len(style.DIVERGING) // 2
+    colours = (*style.DIVERGING[:half], style.PAPER, *style.DIVERGING[half:])
+    levels = np.linspace(-most, most, len(colours) + 1)
     with style.drawing(path, 3.9, 3.9) as figure:
         axes: Any = figure.subplots()
         x, y = (factor * one for one in places)
-        filled = axes.contourf(x, y, np.clip(values, -most, most), levels=levels, colors=style.DIVERGING)
+        filled = axes.contourf(x, y, np.clip(values, -most, most), levels=levels, colors=colours)
         if field.variable == "position":
             for run in seen.paths:
                 axes.plot(*(factor * run[thinned(len(run), _MOST_CORNERS)]).T, color=style.RECORDED, lw=0.7)
@@ -180,7 +183,7 @@ def _plot_map(path: Path, field: _Field, seen: _Seen) -> None:
         axes.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]))
         axes.grid(visible=False)
         axes.spines[:].set_visible(False)
-        bar = figure.colorbar(filled, orientation="horizontal", aspect=28, ticks=levels[::2], format="%.2g")
+        bar = figure.colorbar(filled, orientation="horizontal", aspect=28, ticks=levels[::3], format="%.3g")
         bar.set_label(field.label)
         bar.outline.set_visible(False)
 
