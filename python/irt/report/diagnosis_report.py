@@ -109,9 +109,9 @@ class _Report:
         self.noise = max(diagnosis.noise, _LEAST_NOISE)
         self.floor = mean_absolute(diagnosis.noise)
 
-    def stated(self, value: Parameter, unit: str) -> tuple[Parameter, str]:
-        """Return a value with its unit, in rows instead of seconds where those are unknown."""
-        return (value, unit) if self.stamped else in_rows(value, unit, self.row_s)
+    def stated(self, name: str, value: Parameter, unit: str) -> tuple[str, Parameter, str]:
+        """Return a parameter's name, value and unit, in rows instead of seconds where those are unknown."""
+        return (name, value, unit) if self.stamped else in_rows(name, value, unit, self.row_s)
 
     def answer(self) -> dict[str, Any]:
         """Return the first screen."""

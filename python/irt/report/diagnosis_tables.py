@@ -33,8 +33,8 @@ _KINDS = {
 #: Rows of the longest table; `diagnosis.json` holds all.
 MOST_CANDIDATES = 80
 
-#: Turns a value with its unit into what can be stated: without stamps that is in rows.
-Stated = Callable[[Parameter, str], tuple[Parameter, str]]
+#: Turns a parameter's name, value and unit into what can be stated: without stamps that is in rows.
+Stated = Callable[[str, Parameter, str], tuple[str, Parameter, str]]
 
 
 def rivals(diagnosis: Diagnosis, stated: Stated) -> Table | None:
@@ -61,7 +61,7 @@ def _values(one: Effect, stated: Stated) -> str:
     if one.name == UNLISTED:
         return "in model.toml"
     unit = {parameter.name: parameter.unit for parameter in effect(one.name).parameters}
-    shown = ((name, *stated(Parameter(value), unit.get(name, ""))) for name, value in one.parameters.items())
+    shown = (stated(name, Parameter(value), unit.get(name, "")) for name, value in one.parameters.items())
     return ", ".join(f"{name} {quantity(value.value, known)}" for name, value, known in shown)
 
 
@@ -72,10 +72,10 @@ def values(one: NamedEffect, info: EffectInfo, stated: Stated) -> Table | None:
     about = {parameter.name: parameter for parameter in info.parameters}
     rows = []
     for name, parameter in one.parameters.items():
-        value, unit = stated(parameter, one.units.get(name, ""))
+        shown, value, unit = stated(name, parameter, one.units.get(name, ""))
         found = about.get(name)
         known = ["-", ""] if found is None else [_searched(found, stated), found.doc]
-        rows.append([labelled(name, unit), with_interval(value), *known])
+        rows.append([labelled(shown, unit), with_interval(value), *known])
     return Table(
         "Fitted value and 95 % interval, given that the named physics is right",
         ["parameter", "value", "search range", "what it is"],
@@ -88,7 +88,7 @@ def _searched(parameter: EffectParameter, stated: Stated) -> str:
     """Return where a search looked for a parameter."""
     if parameter.is_choice:
         return parameter.searched
-    ends = (stated(Parameter(end), parameter.unit)[0].value for end in (parameter.low, parameter.high))
+    ends = (stated("", Parameter(end), parameter.unit)[1].value for end in (parameter.low, parameter.high))
     return " to ".join(f"{end:.3g}" for end in ends)
 
 
@@ -144,12 +144,12 @@ def power(diagnosis: Diagnosis, stated: Stated) -> Table | None:
         return None
     rows = []
     for one in diagnosis.power:
-        largest, unit = stated(Parameter(one.largest), one.unit)
-        least = None if one.least is None else stated(Parameter(one.least), one.unit)[0].value
+        name, largest, unit = stated(one.parameter, Parameter(one.largest), one.unit)
+        least = None if one.least is None else stated("", Parameter(one.least), one.unit)[1].value
         rows.append(
             [
                 plain(one.effect),
-                one.parameter,
+                name,
                 "not detectable" if least is None else quantity(least, unit),
                 quantity(largest.value, unit),
             ]

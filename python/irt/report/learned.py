@@ -182,7 +182,7 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
     if gain.value:
         period, unit = Parameter(2.0 * np.pi / rate.value), "s"
         if row_s is not None:
-            period, unit = in_rows(period, unit, row_s)
+            _, period, unit = in_rows("period_s", period, unit, row_s)
         amplitude = f"gain {with_interval(gain)}, damping {with_interval(damping)}"
         yield [_MODE, "tilt", quantity(period.value, unit), "-", amplitude]
 

@@ -76,13 +76,15 @@ def duration(rows: int, seconds: float | None = None) -> str:
     return counted(rows, "row") if seconds is None else f"{seconds:.1f}{_NO_BREAK}s"
 
 
-def in_rows(value: Parameter, unit: str, row_s: float) -> tuple[Parameter, str]:
-    """Return a value with its unit, seconds replaced by rows.
+def in_rows(name: str, value: Parameter, unit: str, row_s: float) -> tuple[str, Parameter, str]:
+    """Return a parameter's name, value and unit, seconds replaced by rows.
 
     Without stamps an interval of such a value is mostly that of the time scale, so it is left out.
 
     Parameters
     ----------
+    name : str
+        Such as "delay_s" or "rate_per_s": the unit in it is replaced too.
     value : Parameter
         In SI units.
     unit : str
@@ -93,8 +95,9 @@ def in_rows(value: Parameter, unit: str, row_s: float) -> tuple[Parameter, str]:
     above, _, below = unit.partition("/")
     power = _seconds_power(above) - _seconds_power(below)
     if not power:
-        return value, unit
-    return Parameter(row_s**-power * value.value), "rows" if unit == "s" else _SECOND.sub("row", unit)
+        return name, value, unit
+    name = name.removesuffix("_s") if unit == "s" else re.sub(r"_per_s(?=\d|_|$)", "_per_row", name)
+    return name, Parameter(row_s**-power * value.value), "rows" if unit == "s" else _SECOND.sub("row", unit)
 
 
 def with_interval(parameter: Parameter) -> str:

@@ -114,19 +114,19 @@ def test_without_stamps_lengths_are_rows():
 
 
 @pytest.mark.parametrize(
-    ("unit", "value", "rows"),
+    ("name", "unit", "value", "rows", "renamed"),
     [
-        ("s", 10.0, "rows"),
-        ("m/s", 0.4, "m/row"),
-        ("m/s²", 0.08, "m/row²"),
-        ("rad s/m", 10.0, "rad row/m"),
-        ("rad", 2.0, "rad"),
-        ("", 2.0, ""),
+        ("delay_s", "s", 10.0, "rows", "delay"),
+        ("limit_m_per_s", "m/s", 0.4, "m/row", "limit_m_per_row"),
+        ("push_m_per_s2", "m/s²", 0.08, "m/row²", "push_m_per_row2"),
+        ("tilt", "rad s/m", 10.0, "rad row/m", "tilt"),
+        ("width_x_rad", "rad", 2.0, "rad", "width_x_rad"),
+        ("ratio_s", "", 2.0, "", "ratio_s"),
     ],
 )
-def test_seconds_become_rows_in_every_unit(unit, value, rows):
-    shown, known = in_rows(Parameter(2.0, 1.0, 3.0), unit, 0.2)
-    assert (shown.value, known) == (pytest.approx(value), rows)
+def test_seconds_become_rows_in_every_unit(name, unit, value, rows, renamed):
+    said, shown, known = in_rows(name, Parameter(2.0, 1.0, 3.0), unit, 0.2)
+    assert (said, shown.value, known) == (renamed, pytest.approx(value), rows)
     # An interval in seconds is one of the time scale too, which rows do not need.
     assert (shown.low is None) == ("row" in rows)
 
