@@ -9,6 +9,8 @@ BIN := .venv/bin
 BASE := .venv/.base
 PACKAGES := .venv/.packages
 PEERS := .venv/.peers
+# The docs site has an environment of its own: it reads the sources and installs nothing of the product.
+DOCS := .venv-docs/.packages
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
 PYTHON_SOURCES := python tests benches docs
@@ -27,7 +29,7 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
-demo: $(EXTENSION) ## tune the shipped rig and write a page that shows the fit (under three minutes)
+demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
 	$(BIN)/irt demo
 
 .PHONY: test
@@ -58,7 +60,7 @@ fmt: $(PACKAGES) components ## format the sources
 	$(BIN)/ruff format $(PYTHON_SOURCES)
 
 .PHONY: bench
-bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in README.md
+bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and write the tables in docs/benchmarks.md
 	rm -rf target/criterion target/peers.json
 	cargo bench $(LOCKED) --package labsim --bench engine --bench effects
 	$(BIN)/python benches/compare.py
@@ -69,6 +71,10 @@ pictures: $(EXTENSION) $(PACKAGES) ## draw the pictures of README.md, write docs
 	$(BIN)/python docs/pictures.py
 	$(BIN)/python docs/effects.py
 
+.PHONY: docs
+docs: $(DOCS) ## build the docs site into site/, links checked
+	PYTHONPATH=docs $(dir $(DOCS))bin/zensical build --clean --strict
+
 .PHONY: wheel
 wheel: $(BASE) ## build the wheel into dist/
 	$(BIN)/maturin build $(LOCKED) --release --out dist
@@ -78,7 +84,7 @@ build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, 
 
 .PHONY: clean
 clean: ## remove all that was built, .venv included
-	rm -rf .venv target dist .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
+	rm -rf .venv .venv-docs target dist site .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
 	find python tests benches docs -name __pycache__ -prune -exec rm -rf {} +
 
 .PHONY: tools
@@ -108,9 +114,10 @@ components: tools
 		{ echo "make: rustfmt or clippy is missing: run 'rustup component add rustfmt clippy'" >&2; exit 1; }
 
 $(BIN)/python: | tools
+$(BIN)/python .venv-docs/bin/python:
 	@for python in $(PYTHON); do \
 		if $$python -c 'import ensurepip, sys; assert sys.version_info >= (3, 11)' >/dev/null 2>&1; then \
-			echo "$$python -m venv .venv"; exec $$python -m venv .venv; \
+			echo "$$python -m venv $(@:/bin/python=)"; exec $$python -m venv $(@:/bin/python=); \
 		fi; \
 	done; \
 	echo "make: no Python 3.11 or newer with venv runs as any of: $(PYTHON): install one (Debian, Ubuntu: python3 and python3-venv), or name one with PYTHON=" >&2; \
@@ -131,4 +138,8 @@ $(PEERS): benches/requirements.txt $(PACKAGES)
 
 $(EXTENSION): $(BASE) $(EXTENSION_SOURCES)
 	$(BIN)/maturin develop $(LOCKED) --release
+	@touch $@
+
+$(DOCS): docs/requirements.txt | .venv-docs/bin/python
+	.venv-docs/bin/python -m pip install --disable-pip-version-check --requirement $<
 	@touch $@

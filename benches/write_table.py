@@ -1,4 +1,4 @@
-"""Write what was measured between the markers of README.md, ``<!-- bench:NAME -->`` to ``<!-- /bench -->``.
+"""Write what was measured into docs/benchmarks.md, between ``<!-- bench:NAME -->`` and ``<!-- /bench -->``.
 
 Run by ``make bench``. NAME says what stands there:
 
@@ -23,6 +23,7 @@ from table.peers import fit_table, growth_table, peers_table
 from table.tracking import tracking_table
 
 ROOT = Path(__file__).resolve().parents[1]
+PAGE = ROOT / "docs" / "benchmarks.md"
 BLOCK = re.compile(r"(?P<begin><!-- bench:(?P<name>\w+) -->).*?(?P<end><!-- /bench -->)", re.DOTALL)
 
 
@@ -64,7 +65,7 @@ def main() -> int:
     parser.add_argument(
         "--tracking", type=Path, default=ROOT / "target" / "tracking.json", help="results of track.py"
     )
-    parser.add_argument("--page", type=Path, default=ROOT / "README.md", help="page to write to")
+    parser.add_argument("--page", type=Path, default=PAGE, help="page to write to")
     arguments = parser.parse_args()
     page = arguments.page.read_text(encoding="utf-8")
     names = {found["name"] for found in BLOCK.finditer(page)}

@@ -28,12 +28,12 @@ PARTS, SHOWS = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0), 0.06
 OPENING = """\
 # Physical effects
 
-What a marble on a board may do beyond the five parameters. Written by `make pictures` from the engine's
-catalogue, in the order in which effects act, from the command to the picture; `irt.effects()` tells the same
-to a program. Ranges are where a search looks, and neutral values leave every bit of a rollout as it is.
-Optional parameters stay neutral in every fit that does not name them; the diagnosis does not try effects
-marked "not a hypothesis". The pictures show the paper's drive, for 100 rows of 20 physics updates: grey
-without the effect, blue with it, at the values below them.
+The catalogue of physics beyond the five parameters, in the order in which effects act, from the command to
+the picture. `make pictures` writes this page from the engine's catalogue; `irt.effects()` returns the same
+data. A range is where a search looks. At its neutral values an effect changes no bit of a rollout. Optional
+parameters stay neutral in every fit that does not name them. The diagnosis does not try effects marked "not a
+hypothesis". The pictures show the paper's drive, 100 rows of 20 physics updates each: grey without the
+effect, blue with it, at the values given below.
 
 ```python
 irt.rollouts(parameters, irt.paper_drive(), effects=[{"name": "lag", "time_constant_s": 0.3}])

@@ -1,33 +1,138 @@
-"""Draw the pictures of README.md: run by `make pictures`."""
+"""Draw the diagnosis of the example rig for README.md and docs/diagnosis.md: run by `make pictures`."""
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from irt.cli.demo import data
+from irt.diagnosis import Diagnosis, diagnose
 from irt.report import style
-from irt.report.plots import Prediction, plot_paths
-from irt.report.tuning_report import untuned
-from irt.residual import evaluate
-from irt.rig import load_rig
-from irt.tuning import tune
+from irt.report.diagnosed import write_diagnosis
+from irt.report.diagnosis_plots import Side, sides
+from irt.report.plots import TICKS, draw_rim, mean_absolute, rim_of
+from irt.report.words import percent, plain
+from irt.rig import Rig, load_rig
 
 DOCS = Path(__file__).resolve().parent
+#: Size of the picture [inches].
+WIDTH, HEIGHT = 7.4, 4.0
+#: Width of the report, and height of its top [pixels].
+WIDE, TOP = 1000, 1090
+#: Sections of the report that get a picture: by a part of their heading.
+SECTIONS = {"effect": "What was left out", "hypotheses": "ypotheses"}
+#: Space above a heading [pixels].
+MARGIN = 30.0
+#: The first of these that is there renders the report.
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
-def draw_tuned() -> Path:
-    """Draw the sample rig from above, before and after tuning by IRT, into ``tuned.png``."""
-    rig = load_rig(data("labyrinth"))
-    recording = rig.recordings[0]
-    tuned = tune(rig, "irt", seed=0).model
-    panels = []
-    for label, model, colour in (("untuned", untuned(rig), style.UNTUNED), ("tuned", tuned, style.TUNED)):
-        run = evaluate(model, [recording]).runs[0]
-        panels.append((recording, Prediction(label, run.free_prediction, model, colour)))
-    path = DOCS / "tuned.png"
-    plot_paths(path, panels)
+def draw_diagnosis(found: Diagnosis) -> Path:
+    """Draw the run that five parameters predict worst, before and after, and where the error goes."""
+    path = DOCS / "diagnosis.png"
+    with style.drawing(path, WIDTH, HEIGHT) as figure:
+        axes: Any = figure.subplot_mosaic(
+            [["before", "after"], ["budget", "budget"]], height_ratios=(1.0, 0.13)
+        )
+        for side in sides(found):
+            _draw_path(axes[side.label], found, side)
+        _draw_budget(axes["budget"], found)
     return path
 
 
+def _draw_path(axes: Any, found: Diagnosis, side: Side) -> None:
+    """Draw the recorded and the predicted path of a run from above."""
+    run = max(found.runs, key=lambda one: one.base_mae)
+    model = found.base if side.which == "base" else found.model
+    draw_rim(axes, model)
+    axes.plot(*run.observed.T, ".", color=style.RECORDED)
+    axes.plot(*side.marble(run).T, color=style.TUNED if side.which == "final" else style.UNTUNED, zorder=3)
+    axes.plot(*run.observed[0], "o", color=style.INK, ms=6, mfc=style.PAPER, zorder=6)
+    axes.annotate(
+        "start", run.observed[0], xytext=(-7, 0), textcoords="offset points", ha="right", va="center"
+    )
+    what = "five parameters" if side.which == "base" else f"{_names(found)} added"
+    axes.set_title(f"{what}: {percent(side.mae(run))} off", color=side.colour, fontweight="bold")
+    axes.set_title("• recorded", color=style.RECORDED, loc="right")
+    half = 1.015 * rim_of(model)
+    axes.set(xlim=(-half[0], half[0]), ylim=(-half[1], half[1]), xticks=TICKS, yticks=TICKS, aspect="equal")
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(labelleft=False, labelbottom=False)
+
+
+def _draw_budget(axes: Any, found: Diagnosis) -> None:
+    """Draw the error on runs held out as one bar: what the effects explain, noise, and the remainder."""
+    noise = mean_absolute(found.noise)
+    shares = {
+        _names(found): (found.base_heldout_mae - found.final_heldout_mae, style.TUNED),
+        "tracker's noise": (min(noise, found.final_heldout_mae), style.RECORDED),
+        "unexplained": (max(0.0, found.final_heldout_mae - noise), style.UNTUNED),
+    }
+    left, legend = 0.0, []
+    for name, (width, colour) in shares.items():
+        axes.barh(0, width, left=left, color=colour, height=0.8)
+        left += width
+        legend.append((f"{name} {100 * width / found.base_heldout_mae:.0f} %", colour))
+    axes.set(xlim=(0.0, left), ylim=(-0.5, 0.5), yticks=[], xticks=[])
+    axes.set_title(f"where the error on runs held out goes ({percent(found.base_heldout_mae)} of the edge)")
+    for place, (text, colour) in zip(np.linspace(0.0, 1.0, len(legend)), legend, strict=True):
+        align = {0.0: "left", 1.0: "right"}.get(float(place), "center")
+        axes.text(place, -0.25, text, color=colour, transform=axes.transAxes, ha=align, va="top")
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
+
+
+def _names(found: Diagnosis) -> str:
+    """Return the effects in words."""
+    return " and ".join(plain(one.name) for one in found.effects)
+
+
+def draw_report(rig: Rig, found: Diagnosis) -> list[Path]:
+    """Render the top of the report and some of its sections; nothing where there is no browser."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415
+
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        return []
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
+        report = write_diagnosis(Path(folder), rig, found)
+        chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
+        page = chromium.new_page(viewport={"width": WIDE, "height": TOP}, color_scheme="light")
+        page.goto(report.as_uri())
+        page.locator(".run").select_option(label="run-2")
+        page.locator(".time").fill("119")
+        paths = [DOCS / "report-top.png"]
+        page.screenshot(path=paths[0])
+        tops = page.locator("h2").evaluate_all(
+            "all => all.map(one => [one.textContent, one.getBoundingClientRect().top])"
+        )
+        for name, heading in SECTIONS.items():
+            index = next(index for index, (text, _) in enumerate(tops) if heading in text)
+            first, last = (float(tops[index + one][1]) - MARGIN for one in (0, 1))
+            paths.append(DOCS / f"report-{name}.png")
+            page.screenshot(
+                path=paths[-1],
+                clip={"x": 0.0, "y": first, "width": WIDE, "height": last - first},
+                full_page=True,
+            )
+        chromium.close()
+    return paths
+
+
+def main() -> None:
+    """Draw all pictures, and name them."""
+    rig = load_rig(data("demo-rig"))
+    found = diagnose(rig)
+    paths = [draw_diagnosis(found), *draw_report(rig, found)]
+    print(*(f"wrote {path}" for path in paths), sep="\n")
+    if len(paths) == 1:
+        print(f"the report was not rendered: none of {', '.join(BROWSERS)} is installed")
+
+
 if __name__ == "__main__":
-    print(f"wrote {draw_tuned()}")
+    main()

@@ -14,29 +14,41 @@ if TYPE_CHECKING:
     from irt.catalogue import EffectInfo, EffectParameter, effects
     from irt.checking import Check, check
     from irt.diagnosis import Diagnosis, diagnose
+    from irt.dimensions import Board, Commands, Marble, TiltSensor
     from irt.engine import paper_drive, rollouts
+    from irt.fitting.fit import Estimate, FitResult, Iteration
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
-    from irt.residual import Evaluation, evaluate
-    from irt.rig import Board, Marble, Rig, load_rig
+    from irt.report.diagnosis_report import write_diagnosis_report
+    from irt.report.tracked import Tracked, track
+    from irt.report.tuning_report import write_tuning_report
+    from irt.residual import Errors, Evaluation, evaluate
+    from irt.rig import Rig, load_rig
     from irt.suggestion import Suggestion, suggest
     from irt.tuning import tune
 
 __all__ = [
     "Board",
     "Check",
+    "Commands",
     "Diagnosis",
     "Effect",
     "EffectInfo",
     "EffectParameter",
+    "Errors",
+    "Estimate",
     "Evaluation",
+    "FitResult",
     "IrtError",
+    "Iteration",
     "Marble",
     "Model",
     "Parameter",
     "Recording",
     "Rig",
     "Suggestion",
+    "TiltSensor",
+    "Tracked",
     "check",
     "diagnose",
     "effects",
@@ -49,18 +61,26 @@ __all__ = [
     "save_model",
     "save_recording",
     "suggest",
+    "track",
     "tune",
+    "write_diagnosis_report",
+    "write_tuning_report",
 ]
 
 _HOMES = {
     "irt.catalogue": ("EffectInfo", "EffectParameter", "effects"),
     "irt.checking": ("Check", "check"),
     "irt.diagnosis": ("Diagnosis", "diagnose"),
+    "irt.dimensions": ("Board", "Commands", "Marble", "TiltSensor"),
+    "irt.engine": ("paper_drive", "rollouts"),
+    "irt.fitting.fit": ("Estimate", "FitResult", "Iteration"),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
-    "irt.residual": ("Evaluation", "evaluate"),
-    "irt.rig": ("Board", "Marble", "Rig", "load_rig"),
-    "irt.engine": ("paper_drive", "rollouts"),
+    "irt.report.diagnosis_report": ("write_diagnosis_report",),
+    "irt.report.tracked": ("Tracked", "track"),
+    "irt.report.tuning_report": ("write_tuning_report",),
+    "irt.residual": ("Errors", "Evaluation", "evaluate"),
+    "irt.rig": ("Rig", "load_rig"),
     "irt.suggestion": ("Suggestion", "suggest"),
     "irt.tuning": ("tune",),
 }

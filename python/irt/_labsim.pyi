@@ -12,8 +12,9 @@ __all__ = [
     "PARAMETERS",
     "SUBSTEP_S",
     "__version__",
+    "ascend",
     "effects",
-    "filter",
+    "filtered",
     "fit",
     "inform",
     "paper_drive",
@@ -68,7 +69,14 @@ def rollouts(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]: ...
 def turned(path: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
-def filter(
+def ascend(
+    problem: Mapping[str, Any],
+    values: Sequence[Sequence[float]],
+    noise: npt.NDArray[np.float64],
+    *,
+    iterations: int,
+) -> list[dict[str, Any]]: ...
+def filtered(
     problem: Mapping[str, Any], values: Sequence[Sequence[float]], noise: npt.NDArray[np.float64]
 ) -> list[dict[str, Any]]: ...
 def fit(

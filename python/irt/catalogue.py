@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from irt import _labsim
+from irt import _labsim, arguments
 from irt.errors import IrtError, unknown_name
 
 Array = npt.NDArray[np.float64]
@@ -181,6 +181,8 @@ def parameter_values(chosen: Sequence[Mapping[str, Any]], count: int) -> list[tu
     IrtError
         For an unknown effect or parameter, or a value that is no number.
     """
+    if isinstance(chosen, str | Mapping) or not isinstance(chosen, Sequence):
+        raise IrtError(f"effects: expected a sequence of mappings, got {arguments.shown(chosen)}")
     return [_values(one, count) for one in chosen]
 
 

@@ -37,7 +37,7 @@ _OF_MEDIAN = 1.4826
 #: Blocks of a run are this many window widths long: residuals of different blocks are nearly independent.
 _BLOCK_WIDTHS = 2
 #: Two gains and three further columns are fitted to each output.
-_FITTED = 5
+FITTED = 5
 #: Fewer blocks than this say nothing about the scatter of a result.
 LEAST_BLOCKS = 6
 
@@ -225,7 +225,7 @@ def fit_level(runs: Sequence[Signals], delays: Sequence[float] | Array) -> Respo
 
 def _adjusted(found: Response) -> float:
     """Return the share explained, less what gains and friction explain of as many blocks of pure noise."""
-    spare = max(found.blocks - _FITTED, 1)
+    spare = max(found.blocks - FITTED, 1)
     return 1.0 - (1.0 - float(np.mean(found.explained))) * found.blocks / spare
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple
-from typing import Any, Literal, Protocol, overload
+from typing import Any, Literal, Protocol, get_args, overload, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from irt import _labsim
+from irt import _labsim, arguments
 from irt.catalogue import parameter_values
 from irt.errors import IrtError
 from irt.rig import Board, Marble
@@ -19,11 +19,15 @@ Engine = Literal["rolling", "rapier"]
 TimeStep = Literal["rounded", "continuous"]
 Hold = Literal["zero", "first"]
 
+#: The shape of commands, for messages.
+_COMMANDS = "(steps, 2) or (n, steps, 2)"
+
 SUBSTEP_S: float = _labsim.SUBSTEP_S
 #: Acceleration of free fall in the simulation [m/s^2].
 GRAVITY: float = _labsim.GRAVITY
 
 
+@runtime_checkable
 class HasBoardAndMarble(Protocol):
     """What a rollout needs to know of a rig or a model."""
 
@@ -36,9 +40,42 @@ class HasBoardAndMarble(Protocol):
         """The marble."""
 
 
+class HasParameters(Protocol):
+    """An effect: its name in the catalogue, its parameters by name."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def parameters(self) -> Mapping[str, float]:
+        """Its parameters."""
+
+
+@runtime_checkable
+class Simulator(HasBoardAndMarble, Protocol):
+    """A whole simulator: `irt.Model`."""
+
+    @property
+    def values(self) -> Array:
+        """The five parameters, (5,)."""
+
+    @property
+    def effects(self) -> Sequence[HasParameters]:
+        """What is added to the base physics."""
+
+    @property
+    def time_step(self) -> TimeStep:
+        """How a row is cut into updates."""
+
+    @property
+    def start(self) -> str:
+        """Whether the marble rests before row 0, or moves."""
+
+
 @overload
 def rollouts(
-    parameters: npt.ArrayLike,
+    parameters: npt.ArrayLike | Simulator,
     commands: npt.ArrayLike,
     *,
     rig: HasBoardAndMarble | None = None,
@@ -55,14 +92,14 @@ def rollouts(
     rolled: npt.ArrayLike = 0.0,
     turned: npt.ArrayLike | None = None,
     durations: npt.ArrayLike | None = None,
-    time_step: TimeStep = "rounded",
+    time_step: TimeStep | None = None,
     substeps: npt.ArrayLike | None = None,
     hold: Hold = "zero",
     tilt: Literal[False] = False,
 ) -> Array: ...
 @overload
 def rollouts(
-    parameters: npt.ArrayLike,
+    parameters: npt.ArrayLike | Simulator,
     commands: npt.ArrayLike,
     *,
     rig: HasBoardAndMarble | None = None,
@@ -79,13 +116,14 @@ def rollouts(
     rolled: npt.ArrayLike = 0.0,
     turned: npt.ArrayLike | None = None,
     durations: npt.ArrayLike | None = None,
-    time_step: TimeStep = "rounded",
+    time_step: TimeStep | None = None,
     substeps: npt.ArrayLike | None = None,
     hold: Hold = "zero",
     tilt: Literal[True],
 ) -> tuple[Array, Array]: ...
+@arguments.entry
 def rollouts(
-    parameters: npt.ArrayLike,
+    parameters: npt.ArrayLike | Simulator,
     commands: npt.ArrayLike,
     *,
     rig: HasBoardAndMarble | None = None,
@@ -102,7 +140,7 @@ def rollouts(
     rolled: npt.ArrayLike = 0.0,
     turned: npt.ArrayLike | None = None,
     durations: npt.ArrayLike | None = None,
-    time_step: TimeStep = "rounded",
+    time_step: TimeStep | None = None,
     substeps: npt.ArrayLike | None = None,
     hold: Hold = "zero",
     tilt: bool = False,
@@ -114,14 +152,16 @@ def rollouts(
 
     Parameters
     ----------
-    parameters : (n, 5)
+    parameters : (n, 5) or Model
         ``gear_x``, ``gear_y``, ``rolling_friction``, ``time_scale``, ``observation_scale``, in their
-        own units (paper, section 5.2).
+        own units (paper, section 5.2). A model brings its board, marble, effects and time step with it: one
+        rollout for each of the commands, with all its physics.
     commands : (steps, 2) or (n, steps, 2)
         Knob angles [rad]; command i counts from row i to row i + 1. Commands in any other unit are fine with
         gears of its inverse [rad a unit].
     rig : optional
-        Anything with a ``board`` and a ``marble`` (a rig, a model); default the paper's labyrinth.
+        Anything with a ``board`` and a ``marble`` (a rig, a model); default the paper's labyrinth. A model
+        with effects is refused here unless `effects` says which of them count: ``()`` for none.
     effects : sequence of mappings, optional
         Physical effects beyond the five parameters, in any order: each with its ``name`` in the catalogue
         (`effects`) and its parameters by name, numbers or (n,) arrays; those left out are neutral.
@@ -142,7 +182,7 @@ def rollouts(
     issued : (n,), optional
         How many of the commands are each rollout's own, where the rest fills shorter ones up; default all.
     knobs_before : (2,) or (n, 2), optional
-        Knob angles before row 0 [rad]; default level.
+        Knob angles before row 0 [rad]; default level, of a model of runs that start in motion the first ones.
     start_velocity : (2,) or (n, 2), optional
         Observed velocity at the first row [board edges per second]; default at rest.
     rolled : float or (n,), optional
@@ -152,8 +192,8 @@ def rollouts(
     durations : (steps,) or (n, steps), optional
         Seconds that each command holds, from a recording's stamps; ``time_scale`` is not used then.
     time_step : {"rounded", "continuous"}
-        "rounded": round(time_scale) updates of 1/240 s a row, as in the paper; "continuous": exactly
-        time_scale/240 s, in that many slightly longer or shorter updates, so that a fit sees a smooth
+        "rounded" (the default): round(time_scale) updates of 1/240 s a row, as in the paper; "continuous":
+        exactly time_scale/240 s, in that many slightly longer or shorter updates, so that a fit sees a smooth
         parameter.
     substeps : (n,), optional
         Fixes the updates a row of "continuous" rollouts: finite differences need the same on both sides.
@@ -175,13 +215,38 @@ def rollouts(
     IrtError
         A wrong shape, a NaN, a value no physics allows or an unknown name.
     """
-    if time_step not in ("rounded", "continuous"):
-        raise IrtError(f"time_step: expected 'rounded' or 'continuous', got {time_step!r}")
-    if hold not in ("zero", "first"):
-        raise IrtError(f"hold: expected 'zero' or 'first', got {hold!r}")
+    if isinstance(parameters, Simulator):
+        for name, own in (("rig", rig), ("effects", effects), ("time_step", time_step)):
+            if own is not None:
+                raise IrtError(
+                    f"{name}: a model brings its own; leave it out, or change it with dataclasses.replace"
+                )
+        model, rig, time_step = parameters, parameters, parameters.time_step
+        commands = _numbers_of("commands", commands, _COMMANDS)
+        commands = _array("commands", commands[None] if commands.ndim == 2 else commands, _COMMANDS, 3)
+        parameters, effects = (
+            np.tile(model.values, (len(commands), 1)),
+            [{"name": one.name, **one.parameters} for one in model.effects],
+        )
+        if knobs_before is None and model.start == "moving":
+            # Who starts in motion has held the knobs somewhere: the first command is the best guess.
+            knobs_before = commands[:, :1].reshape(-1, commands.shape[-1])
+    elif effects is None and getattr(rig, "effects", None):
+        raise IrtError(
+            "rig: this model has effects, which its parameters alone leave out; pass the model in the place "
+            "of the parameters, or say which effects count (effects=() for none)"
+        )
+    time_step = "rounded" if time_step is None else time_step
+    arguments.word("time_step", time_step, get_args(TimeStep))
+    arguments.word("hold", hold, get_args(Hold))
+    arguments.text("engine", engine)
+    arguments.flag("tilt", tilt)
+    arguments.threads(threads)
+    if rig is not None and not isinstance(rig, HasBoardAndMarble):
+        raise IrtError(f"rig: expected something with a board and a marble, got {arguments.shown(rig)}")
     values = _array("parameters", parameters, "(n, 5)", 2)
     count = len(values)
-    knobs = _per_rollout("commands", commands, "(steps, 2) or (n, steps, 2)", 3, count)
+    knobs = _per_rollout("commands", commands, _COMMANDS, 3, count)
     steps = knobs.shape[1]
     if steps == 0:
         raise IrtError("commands: expected at least one row, got none")
@@ -199,11 +264,11 @@ def rollouts(
         _pairs("start_velocity", start_velocity, count),
         _numbers("rolled", rolled, count),
         _vectors("turned", turned, count, 3),
-        rows=_whole("rows", rows, 1),
+        rows=arguments.whole("rows", rows, 1),
         first=firsts,
         issued=_lengths(issued, count, steps),
         knobs_before=_pairs("knobs_before", knobs_before, count),
-        effects=parameter_values(effects or (), count),
+        effects=parameter_values(() if effects is None else effects, count),
         seeds=_seeds(seed, count),
         board=astuple(board),
         marble=(marble.radius_m, marble.mass_kg, marble.damping_per_s),
@@ -236,6 +301,7 @@ def turned(path: Array, radius: float) -> Array:
     return _labsim.turned(path, radius)
 
 
+@arguments.entry
 def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False) -> Array:
     """Knob angles of the paper's drive (Eq. 3).
 
@@ -254,27 +320,36 @@ def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False)
     (steps, 2)
         ``knob_x_rad`` and ``knob_y_rad``.
     """
-    if steps < 1:
-        raise IrtError(f"steps: expected at least 1, got {steps}")
-    return _labsim.paper_drive(steps, amplitude, literal)
+    return _labsim.paper_drive(
+        arguments.whole("steps", steps, 1),
+        arguments.number("amplitude", amplitude),
+        arguments.flag("literal", literal),
+    )
 
 
-def _array(what: str, values: npt.ArrayLike, shape: str, axes: int) -> Array:
+def _numbers_of(what: str, values: Any, shape: str) -> Array:
     try:
-        array = np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        if np.iscomplexobj(values):
+            raise TypeError("complex numbers")
+        return np.ascontiguousarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
         raise IrtError(f"{what}: expected numbers of shape {shape} ({error})") from error
+
+
+def _array(what: str, values: object, shape: str, axes: int) -> Array:
+    # A scalar becomes an array of one axis, which no caller takes for more.
+    array = _numbers_of(what, values, shape)
     if array.ndim != axes:
-        raise IrtError(f"{what}: expected shape {shape}, got {np.shape(values)}")
+        raise IrtError(f"{what}: expected shape {shape}, got {array.shape}")
     return array
 
 
 def _per_rollout(
-    what: str, values: npt.ArrayLike, shape: str, axes: int, count: int, *, steps: int | None = None
+    what: str, values: object, shape: str, axes: int, count: int, *, steps: int | None = None
 ) -> Array:
     """Give the first axis length 1 (shared) or ``count`` (one each)."""
-    shared = np.ndim(values) == axes - 1
-    array = _array(what, [values] if shared else values, shape, axes)  # type: ignore[arg-type]
+    array = _numbers_of(what, values, shape)
+    array = _array(what, array[None] if array.ndim == axes - 1 else array, shape, axes)
     if len(array) not in (1, count):
         raise IrtError(f"{what}: expected one for each of the {count} rollouts, got {len(array)}")
     if steps is not None and array.shape[1] != steps:
@@ -304,22 +379,23 @@ def _numbers(what: str, values: npt.ArrayLike, count: int) -> Array:
     return array
 
 
+def _whole_numbers(what: str, values: object) -> npt.NDArray[Any]:
+    try:
+        return np.asarray(values)
+    except (TypeError, ValueError) as error:
+        raise IrtError(f"{what}: expected whole numbers ({error})") from error
+
+
 def _counts(values: npt.ArrayLike, count: int) -> npt.NDArray[np.uint32]:
-    array = np.asarray(values)
+    array = _whole_numbers("substeps", values)
     if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer) or (array < 1).any():
         raise IrtError(f"substeps: expected {count} whole numbers of at least 1, got {values!r}")
     return array.astype(np.uint32)
 
 
-def _whole(what: str, value: object, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-        raise IrtError(f"{what}: expected a whole number of at least {least}, got {value!r}")
-    return int(value)
-
-
 def _first_rows(first: npt.ArrayLike, count: int, steps: int) -> npt.NDArray[np.uintp]:
     """Return the first rows, one for all (1,) or one each (n,)."""
-    array = np.atleast_1d(np.asarray(first))
+    array = np.atleast_1d(_whole_numbers("first", first))
     if array.shape not in ((1,), (count,)) or not np.issubdtype(array.dtype, np.integer):
         raise IrtError(f"first: expected a row, or one for each of the {count} rollouts, got {first!r}")
     if array.size and not 0 <= array.min() <= array.max() < steps:
@@ -330,7 +406,7 @@ def _first_rows(first: npt.ArrayLike, count: int, steps: int) -> npt.NDArray[np.
 
 def _lengths(issued: npt.ArrayLike | None, count: int, steps: int) -> npt.NDArray[np.uintp]:
     """Return how many commands each rollout has (n,)."""
-    array = np.full(count, steps) if issued is None else np.asarray(issued)
+    array = np.full(count, steps) if issued is None else _whole_numbers("issued", issued)
     if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer):
         raise IrtError(f"issued: expected {count} whole numbers, got {issued!r}")
     if array.size and not 1 <= array.min() <= array.max() <= steps:
@@ -341,10 +417,10 @@ def _lengths(issued: npt.ArrayLike | None, count: int, steps: int) -> npt.NDArra
 
 def _seeds(seed: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
     """Return a seed for each rollout (n,): mixed from one number, or those given."""
-    if np.ndim(seed) == 0:
-        mixed = np.random.SeedSequence(_whole("seed", seed, 0)).generate_state(count, np.uint64)
+    array = _whole_numbers("seed", seed)
+    if array.ndim == 0:
+        mixed = np.random.SeedSequence(arguments.whole("seed", seed)).generate_state(count, np.uint64)
         return mixed.astype(np.uint64)
-    array = np.asarray(seed)
     if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer) or (array < 0).any():
         raise IrtError(
             f"seed: expected a whole number, or one for each of the {count} rollouts, got {seed!r}"

@@ -23,10 +23,15 @@ class IrtError(ValueError):
 
 @contextmanager
 def located(where: str) -> Iterator[None]:
-    """Put ``where`` (a file, a section of one) before the message of any `IrtError` raised inside."""
+    """Put ``where`` (a file, a section of one) before the message of any `IrtError` raised inside.
+
+    A message that begins with it, or with a place inside it, stays as it is.
+    """
     try:
         yield
     except IrtError as error:
+        if str(error).startswith(tuple(f"{where}{mark}" for mark in ":,/")):
+            raise
         raise IrtError(f"{where}: {error}") from error
 
 

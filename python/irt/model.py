@@ -7,14 +7,17 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from irt import catalogue
+from irt import arguments, catalogue, display
+from irt.engine import TimeStep, rollouts
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml, write_atomic
+from irt.recording import as_commands, durations
 from irt.rig import (
     PARAMETERS,
     RANGES,
@@ -31,6 +34,9 @@ from irt.rig import (
     read_start,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 #: The effect that says what the measured tilt reads; every model of recordings with a tilt has it.
 TILT_SENSOR = "tilt_sensor"
 #: The effect by which each command also tilts the board about the other axis: ``[commands] matrix``.
@@ -39,8 +45,6 @@ GEAR_MATRIX = "gear_matrix"
 LEAN = "lean"
 #: Version of the model file that this release writes, and the newest that it reads.
 FORMAT = 1
-TimeStep = Literal["rounded", "continuous"]
-
 _SECTIONS = (
     "format",
     "board",
@@ -72,6 +76,9 @@ class Parameter:
     high: float | None = None
 
     def __post_init__(self) -> None:
+        for name, value in (("value", self.value), ("low", self.low), ("high", self.high)):
+            if value is not None or name == "value":
+                arguments.number(name, value)
         if (self.low is None) != (self.high is None):
             raise IrtError("an interval needs both low and high")
         if self.low is not None and self.high is not None and not self.low <= self.high:
@@ -94,11 +101,12 @@ class Effect:
     parameters: dict[str, float]
 
     def __post_init__(self) -> None:
+        arguments.mapping("parameters", self.parameters)
         for name in (self.name, *self.parameters):
-            if not _NAME.fullmatch(name):
+            if not isinstance(name, str) or not _NAME.fullmatch(name):
                 raise IrtError(f'"{name}" is no name of an effect or of a parameter of one')
         for name, value in self.parameters.items():
-            if not math.isfinite(value):
+            if not math.isfinite(arguments.number(f"{self.name}, {name}", value)):
                 raise IrtError(f"{self.name}, {name}: expected a finite number, found {value}")
 
 
@@ -143,16 +151,28 @@ class Model:
     tilt: TiltSensor = field(default_factory=TiltSensor)
 
     def __post_init__(self) -> None:
+        for field_name, kind in (
+            ("board", Board),
+            ("marble", Marble),
+            ("commands", Commands),
+            ("tilt", TiltSensor),
+        ):
+            arguments.instance(field_name, getattr(self, field_name), kind)
+        arguments.word("start", self.start, get_args(Start))
+        arguments.mapping("parameters", self.parameters)
+        arguments.mapping("ranges", self.ranges)
+        for name, parameter in self.parameters.items():
+            arguments.instance(str(name), parameter, Parameter)
+        object.__setattr__(self, "effects", arguments.listed("effects", self.effects, Effect))
         for name in (*self.parameters, *self.ranges):
             if name not in PARAMETERS:
-                raise unknown_name("parameter", name, PARAMETERS)
+                raise unknown_name("parameter", str(name), PARAMETERS)
         for name in PARAMETERS:
             if name not in self.parameters or name not in self.ranges:
                 raise IrtError(f"{name} is missing; a model needs all of {', '.join(PARAMETERS)}")
             check_value(name, self.parameters[name].value)
-            check_range(name, *self.ranges[name])
-        if self.time_step not in get_args(TimeStep):
-            raise unknown_name("time_step", self.time_step, get_args(TimeStep))
+            check_range(name, *arguments.pair(name, self.ranges[name]))
+        arguments.word("time_step", self.time_step, get_args(TimeStep))
         object.__setattr__(self, "parameters", {name: self.parameters[name] for name in PARAMETERS})
 
     @classmethod
@@ -186,11 +206,12 @@ class Model:
             If the values are not one for each parameter.
         """
         if isinstance(values, Mapping):
-            by_name = {name: float(value) for name, value in values.items()}
+            by_name = {name: arguments.number(str(name), value) for name, value in values.items()}
         else:
             by_name = dict(
                 zip(PARAMETERS, _floats("values", values, (len(PARAMETERS),)).tolist(), strict=True)
             )
+        arguments.instance("rig", rig, Rig)
         ends = {}
         if intervals is not None:
             ends = dict(
@@ -202,7 +223,7 @@ class Model:
             start=rig.start,
             ranges=dict(rig.ranges),
             parameters={name: Parameter(value, *ends.get(name, ())) for name, value in by_name.items()},
-            effects=tuple(effects),
+            effects=arguments.listed("effects", effects, Effect),
             time_step=time_step,
             commands=rig.commands,
             tilt=rig.tilt,
@@ -212,6 +233,99 @@ class Model:
     def values(self) -> NDArray[np.float64]:
         """The parameters' values, (5,), in the order of `PARAMETERS`."""
         return np.array([self.parameters[name].value for name in PARAMETERS])
+
+    @arguments.entry
+    def predict(
+        self,
+        commands: Any,
+        start: ArrayLike | None = None,
+        *,
+        t: ArrayLike | None = None,
+        start_velocity: ArrayLike | None = None,
+        seed: int = 0,
+        threads: int | None = None,
+    ) -> NDArray[np.float64]:
+        """Predict where the marble rolls under commands, with all effects of the model.
+
+        The numbers are those of ``irt simulate``. `irt.rollouts` takes models, too, and returns the board's
+        tilt with the positions.
+
+        Parameters
+        ----------
+        commands : (steps, 2) or (n, steps, 2) array, Recording or table
+            Knob angles [rad], or in the rig's own unit. Of a recording, and of a data frame or mapping with
+            the columns of one, the stamps and the marble's first place count as well.
+        start : (2,) or (n, 2) array, optional
+            The marble's place in row 0 [board edges]; default that of the commands, or the centre.
+        t : (steps,) array, optional
+            Time of each row [s]; without it a row takes what the model's time scale says.
+        start_velocity : (2,) or (n, 2) array, optional
+            Its velocity in row 0 [board edges per second]; default at rest.
+        seed : int
+            Of effects that draw random numbers.
+        threads : int, optional
+            Of the engine; by default one for each core.
+
+        Returns
+        -------
+        (steps, 2) or (n, steps, 2) array
+            Positions as a camera sees them [board edges], the start in row 0.
+
+        Raises
+        ------
+        IrtError
+            If the commands are none, or a value is not as it must be.
+        """
+        given = as_commands(commands)
+        stamps = given.stamps if t is None else arguments.array("t", t)
+        if stamps is not None and (
+            stamps.shape != given.knobs.shape[-2:-1] or len(stamps) < 2 or (np.diff(stamps) <= 0.0).any()
+        ):
+            raise IrtError(
+                f"t: expected {given.knobs.shape[-2]} rising times, one for each row of the commands"
+            )
+        found = rollouts(
+            self,
+            given.knobs,
+            start=given.start if start is None else start,
+            start_velocity=start_velocity,
+            durations=durations(stamps),
+            seed=seed,
+            threads=threads,
+        )
+        return found[0] if given.knobs.ndim == 2 else found
+
+    def plot(self) -> Figure:
+        """Draw where the parameters lie in the ranges searched; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        return pictures.spans(
+            [
+                pictures.Span(
+                    name=name,
+                    text=display.interval(one.value, one.low, one.high),
+                    value=one.value,
+                    interval=(one.value, one.value) if one.low is None else (one.low, one.high or one.low),
+                    range=self.ranges[name],
+                )
+                for name, one in self.parameters.items()
+            ]
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, display.interval(one.value, one.low, one.high), "{:g} to {:g}".format(*self.ranges[name]))
+            for name, one in self.parameters.items()
+        ]
+        effects = [
+            (effect.name, ", ".join(f"{name} {value:.4g}" for name, value in effect.parameters.items()))
+            for effect in self.effects
+        ]
+        return display.page(
+            "Model",
+            display.table(("parameter", "value (95 % interval)", "searched"), rows),
+            display.table(("effect", "parameters"), effects),
+        )
 
     @property
     def reach(self) -> NDArray[np.float64]:
@@ -234,7 +348,7 @@ def load_model(path: PathLike) -> Model:
         If the file is no model, or one of a newer format, or names an effect that the engine does not know;
         the message names section and key.
     """
-    table = read_toml(path)
+    table = read_toml(arguments.path("path", path))
     if not table.content:
         raise IrtError(f"{path}: the file is empty")
     _check_format(table)
@@ -260,6 +374,21 @@ def load_model(path: PathLike) -> Model:
         )
 
 
+def as_model(value: Model | PathLike) -> Model:
+    """Return a model, or the one in the file named.
+
+    Raises
+    ------
+    IrtError
+        If it is neither, or the file is no model.
+    """
+    if isinstance(value, Model):
+        return value
+    if isinstance(value, str | Path):
+        return load_model(value)
+    raise IrtError(f"model: expected irt.Model or the path of a model.toml, got {arguments.shown(value)}")
+
+
 def save_model(path: PathLike, model: Model) -> None:
     """Write a model as TOML, so that `load_model` returns the same numbers bit for bit.
 
@@ -268,7 +397,8 @@ def save_model(path: PathLike, model: Model) -> None:
     IrtError
         If the file cannot be written.
     """
-    write_atomic(path, "\n".join(_lines(model)) + "\n")
+    arguments.instance("model", model, Model)
+    write_atomic(arguments.path("path", path), "\n".join(_lines(model)) + "\n")
 
 
 def _check_format(table: TomlTable) -> None:
@@ -351,10 +481,7 @@ def _by_name(array: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _floats(what: str, values: object, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (ValueError, TypeError) as error:
-        raise IrtError(f"{what} must be an array of numbers") from error
+    array = arguments.array(what, values)
     if array.shape != shape:
         raise IrtError(f"{what} must have shape {shape}, not {array.shape}")
     return array

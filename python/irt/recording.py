@@ -2,44 +2,56 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from irt import arguments
+from irt.columns import Columns, is_table
 from irt.errors import IrtError
-from irt.files import PathLike, read_text, write_atomic
+from irt.files import PathLike, write_atomic
 from irt.path_length import rolled
+from irt.validity import (
+    CMD,
+    KNOBS,
+    MARBLE,
+    STAMP,
+    STEP,
+    TILT,
+    check_commands,
+    check_marble,
+    check_steepness,
+    check_tilt,
+    first_row,
+)
+
+__all__ = [
+    "CMD",
+    "KNOBS",
+    "MARBLE",
+    "STAMP",
+    "STEP",
+    "TILT",
+    "Commands",
+    "Hold",
+    "Recording",
+    "as_commands",
+    "as_recording",
+    "durations",
+    "load_commands",
+    "load_recording",
+    "save_recording",
+]
 
 Array = NDArray[np.float64]
 #: What a command does from its row to the next: it holds, or runs evenly to the next command.
 Hold = Literal["zero", "first"]
-#: Names the place of a value in a message, from its row (from 0) and its column.
-Where = Callable[[int, str], str]
-
-STEP = "step"
-STAMP = "t_s"
-KNOBS = ("knob_x_rad", "knob_y_rad")
-#: Commands that are no angles (motor currents, servo units): the rig's ``[commands] unit`` names the unit.
-CMD = ("cmd_x", "cmd_y")
-MARBLE = ("marble_x", "marble_y")
-TILT = ("tilt_x_rad", "tilt_y_rad")
-
-#: Half of all positions beyond this many board edges: no marble on a board, but another unit.
-_MOST_EDGES = 2.0
-#: No slip of a tracker and no knob goes this far (board edges, rad); squares of larger numbers may overflow.
-_LARGEST = 1e6
-#: No board of a labyrinth tilts this far (rad): half a radian is 29 degrees.
-_STEEPEST_RAD = 0.5
-#: Longest time that one command may hold (s): 5000 physics updates, as many as the engine allows.
-_LONGEST_STEP_S = 5000 / 240
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +101,8 @@ class Recording:
     before: Array | None = None
 
     def __post_init__(self) -> None:
-        def where(row: int, column: str) -> str:
-            return f"{self.name}, row {row}, column {column}"
-
+        arguments.text("name", self.name)
+        object.__setattr__(self, "path", arguments.path("path", self.path))
         rows = len(np.atleast_1d(_owned(self.name, "knobs", self.knobs)))
         shapes = {"knobs": (rows, 2), "marble": (rows, 2), "stamps": (rows,), "tilt": (rows, 2)}
         for field, shape in shapes.items():
@@ -103,10 +114,59 @@ class Recording:
                 raise IrtError(f"{self.name}: {field} must have shape {shape}, not {array.shape}")
         if self.columns not in (KNOBS, CMD):
             raise IrtError(f"{self.name}: columns must be {KNOBS} or {CMD}, not {self.columns}")
-        _check_commands(self.name, self.knobs, self.stamps, where, self.columns)
+        check_commands(self.name, self.knobs, self.stamps, self.where, self.columns)
         if self.tilt is not None:
-            _check_tilt(self.tilt, where)
-        _check_marble(self.name, self.marble, where, alone=self.has_tilt)
+            check_tilt(self.tilt, self.where)
+        check_marble(self.name, self.marble, self.where, alone=self.has_tilt)
+
+    def where(self, row: int, column: str) -> str:
+        """Name the place of a value, for messages."""
+        return f"{self.name}, row {row}, column {column}"
+
+    @classmethod
+    @arguments.entry
+    def from_arrays(
+        cls,
+        *,
+        commands: ArrayLike,
+        marble: ArrayLike | None = None,
+        tilt: ArrayLike | None = None,
+        t: ArrayLike | None = None,
+        name: str = "run",
+        columns: tuple[str, str] = KNOBS,
+    ) -> Recording:
+        """Return a recording of arrays, without a file.
+
+        Parameters
+        ----------
+        commands : (n, 2) array
+            Knob angles [rad], or numbers in the rig's own unit (then `columns` are ``cmd_x``, ``cmd_y``).
+        marble : (n, 2) array, optional
+            Observed positions [board edges], NaN rows where the tracker lost the marble. It may be left out
+            where the tilt was measured.
+        tilt : (n, 2) array, optional
+            Measured angles of the board [rad]; NaN where not measured.
+        t : (n,) array, optional
+            Time of each row [s], rising.
+        name : str
+            What the recording is called.
+        columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
+            What kind the commands are.
+
+        Raises
+        ------
+        IrtError
+            If the arrays are no recording.
+        """
+        name = arguments.text("name", name)
+        owned = _owned(name, "commands", commands)
+        if marble is None:
+            marble = np.full(owned.shape, np.nan)
+        # The class makes its own copies of all of them, and checks these.
+        found = cls(name, Path(name), owned, marble, t, tilt, columns)  # type: ignore[arg-type]
+        if found.tilt is not None:
+            check_steepness(found.tilt, found.where)
+        return found
 
     @property
     def durations(self) -> Array | None:
@@ -141,6 +201,11 @@ class Recording:
     @cached_property
     def _rolled(self) -> tuple[Array, Array]:
         return rolled(self.marble)
+
+    def cut(self, rows: int) -> Recording:
+        """Return the recording of its first rows."""
+        arrays = {name: getattr(self, name) for name in ("knobs", "marble", "stamps", "tilt")}
+        return replace(self, **{name: one[:rows] for name, one in arrays.items() if one is not None})
 
     def to_csv(self) -> str:
         """Return the recording as CSV text that reads back bit for bit."""
@@ -214,18 +279,53 @@ def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     IrtError
         If the file is no recording; the message names line and column.
     """
-    table = _Table.read(path, _columns_of_recording)
+    path = arguments.path("path", path)
+    table = Columns.read(path, _check_recording)
+    return _recording(table, path.stem, path, begun)
+
+
+def as_recording(value: Recording | PathLike | Any, name: str = "run") -> Recording:
+    """Return a recording of what stands for one: itself, the path of a CSV file, or a table.
+
+    A table is a data frame, a mapping or a structured array whose columns have the names of a recording's;
+    ``step`` may be absent there.
+
+    Parameters
+    ----------
+    value : Recording, path or table
+        What stands for a recording.
+    name : str
+        What a table is called.
+
+    Raises
+    ------
+    IrtError
+        If it is nothing of these, or no recording.
+    """
+    if isinstance(value, Recording):
+        return value
+    if isinstance(value, str | Path):
+        return load_recording(value)
+    if is_table(value):
+        return _recording(Columns.of(value, name, _check_frame), name, Path(name), None)
+    raise IrtError(
+        f"{name}: expected irt.Recording, the path of a CSV file or a table with the columns of one, "
+        f"got {arguments.shown(value)}"
+    )
+
+
+def _recording(table: Columns, name: str, path: Path, begun: Array | None) -> Recording:
     knobs, stamps, columns = _read_commands(table)
-    tilt = _read_pair(table, TILT) if TILT[0] in table.columns else None
+    tilt = _read_pair(table, TILT) if TILT[0] in table else None
     if tilt is not None:
-        _check_tilt(tilt, table.where)
-        _check_steepness(tilt, table.where)
-    marble = _read_pair(table, MARBLE) if MARBLE[0] in table.columns else np.full_like(knobs, np.nan)
+        check_tilt(tilt, table.where)
+        check_steepness(tilt, table.where)
+    marble = _read_pair(table, MARBLE) if MARBLE[0] in table else np.full_like(knobs, np.nan)
     if begun is not None:
         marble[: len(begun)] = begun
     is_measured = tilt is not None and bool(np.isfinite(tilt).any())
-    _check_marble(f"{path}", marble, table.where, alone=is_measured)
-    return Recording(Path(path).stem, Path(path), knobs, marble, stamps, tilt, columns)
+    check_marble(table.source, marble, table.where, alone=is_measured)
+    return Recording(name, path, knobs, marble, stamps, tilt, columns)
 
 
 def load_commands(path: PathLike) -> Commands:
@@ -236,14 +336,53 @@ def load_commands(path: PathLike) -> Commands:
     IrtError
         If the file holds no commands; the message names line and column.
     """
-    table = _Table.read(path, lambda header: (STEP, *_columns_of_commands(header)))
+
+    def check(where: str, header: list[str]) -> None:
+        _check_header(where, header, (STEP, *_columns_of_commands(header)))
+
+    return _commands(Columns.read(arguments.path("path", path), check))
+
+
+def as_commands(value: Any) -> Commands:
+    """Return commands of what stands for them: an array, a recording, or a table as of `as_recording`.
+
+    Parameters
+    ----------
+    value : (n, 2) or (r, n, 2) array, Recording or table
+        The marble's first place in a recording, or in a table that has one, is the start.
+
+    Raises
+    ------
+    IrtError
+        If it is nothing of these.
+    """
+    if isinstance(value, Commands):
+        return value
+    if isinstance(value, Recording):
+        start = value.marble[0] if value.has_marble else None
+        return Commands(value.knobs, start, value.stamps, value.columns)
+    if is_table(value):
+
+        def check(where: str, header: list[str]) -> None:
+            _check_header(where, header, _columns_of_commands(header))
+
+        return _commands(Columns.of(value, "commands", check))
+    knobs = arguments.array("commands", value)
+    if knobs.ndim not in (2, 3) or knobs.shape[-1] != 2 or 0 in knobs.shape:
+        raise IrtError(f"commands: expected shape (steps, 2) or (n, steps, 2), got {knobs.shape}")
+    return Commands(knobs, None, None)
+
+
+def _commands(table: Columns) -> Commands:
     knobs, stamps, columns = _read_commands(table)
-    there = [column for column in MARBLE if column in table.columns]
+    there = [column for column in MARBLE if column in table]
     if len(there) == 1:
-        raise IrtError(f"{path}: a start needs both {' and '.join(MARBLE)}; the header has only {there[0]}")
+        raise IrtError(
+            f"{table.source}: a start needs both {' and '.join(MARBLE)}; the header has only {there[0]}"
+        )
     start = None
     if there and not np.isnan(marble := _read_pair(table, MARBLE)).all():
-        _check_marble(f"{path}", marble, table.where)
+        check_marble(table.source, marble, table.where)
         start = marble[0]
     return Commands(knobs, start, stamps, columns)
 
@@ -279,7 +418,7 @@ def save_recording(
     IrtError
         If the arrays are no recording, or the file cannot be written.
     """
-    path = Path(path)
+    path = arguments.path("path", path)
     name = path.stem
     owned_knobs, owned_marble = _owned(name, "knobs", knobs), _owned(name, "marble", marble)
     owned_stamps = None if stamps is None else _owned(name, "stamps", stamps)
@@ -288,62 +427,8 @@ def save_recording(
     write_atomic(path, recording.to_csv())
 
 
-@dataclass(frozen=True)
-class _Table:
-    """The cells of a CSV file by column, and the line of the file on which each row ends."""
-
-    path: PathLike
-    columns: dict[str, tuple[str, ...]]
-    lines: list[int]
-
-    @classmethod
-    def read(cls, path: PathLike, required: Callable[[Sequence[str]], Sequence[str]]) -> _Table:
-        """Read a file; `required` returns which columns must be there, given those that are."""
-        reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
-        rows: list[list[str]] = []
-        lines: list[int] = []
-        try:
-            for cells in reader:
-                stripped = [cell.strip() for cell in cells]
-                if any(stripped):
-                    rows.append(stripped)
-                    lines.append(reader.line_num)
-        except csv.Error as error:
-            raise IrtError(f"{path}, line {reader.line_num}: broken CSV: {error}") from error
-        if not rows:
-            raise IrtError(f"{path}: the file is empty")
-        header = rows.pop(0)
-        _check_header(f"{path}, line {lines[0]}", header, required(header))
-        for cells, line in zip(rows, lines[1:], strict=True):
-            if len(cells) != len(header):
-                raise IrtError(f"{path}, line {line}: {len(cells)} cells, but the header has {len(header)}")
-        if not rows:
-            raise IrtError(f"{path}: the file has a header, but no rows")
-        return cls(path, dict(zip(header, zip(*rows, strict=True), strict=True)), lines[1:])
-
-    def where(self, row: int, column: str) -> str:
-        return f"{self.path}, line {self.lines[row]}, column {column}"
-
-    def numbers(self, column: str, *, empty: str = "") -> Array:
-        """Return a column as numbers; ``empty`` is read where a cell is."""
-        values = np.empty(len(self.lines))
-        for row, cell in enumerate(self.columns[column]):
-            try:
-                values[row] = _number(cell or empty)
-            except ValueError:
-                found = f'found "{cell[:40]}"' if cell else "found an empty cell"
-                raise IrtError(f"{self.where(row, column)}: expected a number, {found}") from None
-        return values
-
-
-def _number(text: str) -> float:
-    # Python groups digits as in 1_000, other programs do not: there it is a slip.
-    if "_" in text:
-        raise ValueError(text)
-    return float(text)
-
-
 def _check_header(where: str, header: list[str], required: Sequence[str]) -> None:
+    """Raise unless a header has the columns required, and each of those that are read once."""
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
         raise IrtError(f"{where}: cells must be separated by commas")
     if set(CMD) & set(header) and set(KNOBS) & set(header):
@@ -366,127 +451,49 @@ def _columns_of_recording(header: Sequence[str]) -> tuple[str, ...]:
     """Return the columns that a recording needs: the marble's may be absent where the tilt was measured."""
     tilt = TILT if set(TILT) & set(header) else ()
     marble = MARBLE if set(MARBLE) & set(header) or not tilt else ()
-    return (STEP, *_columns_of_commands(header), *marble, *tilt)
+    return (*_columns_of_commands(header), *marble, *tilt)
 
 
-def _read_commands(table: _Table) -> tuple[Array, Array | None, tuple[str, str]]:
+def _check_recording(where: str, header: list[str]) -> None:
+    _check_header(where, header, (STEP, *_columns_of_recording(header)))
+
+
+def _check_frame(where: str, header: list[str]) -> None:
+    """Check the header of a table in memory, whose rows are in their order without a step."""
+    _check_header(where, header, _columns_of_recording(header))
+
+
+def _read_commands(table: Columns) -> tuple[Array, Array | None, tuple[str, str]]:
     """Return commands, stamps, and the columns that the commands stand in."""
-    columns = _columns_of_commands(list(table.columns))
-    _check_steps(table)
+    columns = _columns_of_commands(table.names)
+    if STEP in table:
+        _check_steps(table)
     knobs = _read_pair(table, columns, empty="")
-    stamps = table.numbers(STAMP) if STAMP in table.columns else None
-    _check_commands(f"{table.path}", knobs, stamps, table.where, columns)
+    stamps = table.numbers(STAMP) if STAMP in table else None
+    check_commands(table.source, knobs, stamps, table.where, columns)
     return knobs, stamps, columns
 
 
-def _read_pair(table: _Table, columns: tuple[str, str], empty: str = "nan") -> Array:
+def _read_pair(table: Columns, columns: tuple[str, str], empty: str = "nan") -> Array:
     return np.stack([table.numbers(column, empty=empty) for column in columns], axis=1)
 
 
-def _check_steps(table: _Table) -> None:
+def _check_steps(table: Columns) -> None:
     steps = table.numbers(STEP)
-    wrong = _first(steps != np.arange(len(steps)))
+    wrong = first_row(steps != np.arange(len(steps)))
     if wrong is None:
         return
-    where = f"{table.where(wrong, STEP)}: expected {wrong}, found {table.columns[STEP][wrong]}"
+    where = f"{table.where(wrong, STEP)}: expected {wrong}, found {table.cells[STEP][wrong]}"
     if steps[wrong] in steps[:wrong]:
-        raise IrtError(
-            f"{where}, which line {table.lines[int(steps[wrong])]} has already; no step may repeat"
-        )
+        first = int(steps[wrong])
+        place = f"row {first}" if table.lines is None else f"line {table.lines[first]}"
+        raise IrtError(f"{where}, which {place} has already; no step may repeat")
     hint = " (keep rows in which the marble was lost; only their positions stay empty)"
     raise IrtError(f"{where}; steps count 0, 1, 2, ...{hint if steps[wrong] > wrong else ''}")
 
 
-def _check_commands(
-    name: str, knobs: Array, stamps: Array | None, where: Where, columns: tuple[str, str]
-) -> None:
-    if len(knobs) < 2:
-        raise IrtError(f"{name}: one row only; at least two are needed, a start and what came of it")
-    expected = "a knob angle in radians" if columns == KNOBS else "a command"
-    for axis, column in enumerate(columns):
-        if (row := _first(~(np.abs(knobs[:, axis]) <= _LARGEST))) is not None:
-            place, found = where(row, column), knobs[row, axis]
-            raise IrtError(f"{place}: expected {expected}, found {found}; no command may be lost")
-    if stamps is None:
-        return
-    if (row := _first(~np.isfinite(stamps))) is not None:
-        raise IrtError(f"{where(row, STAMP)}: a stamp must be a finite number, found {stamps[row]}")
-    steps = np.diff(stamps)
-    if (row := _first(steps <= 0)) is not None:
-        found = f"{stamps[row + 1]} follows {stamps[row]}"
-        raise IrtError(f"{where(row + 1, STAMP)}: stamps must rise from row to row, but {found}")
-    if (row := _first(steps > _LONGEST_STEP_S)) is not None:
-        raise IrtError(
-            f"{where(row + 1, STAMP)}: {steps[row]:.6g} s after the row before; are the stamps in seconds? "
-            "Otherwise split the recording at this pause"
-        )
-
-
-def _check_tilt(tilt: Array, where: Where) -> None:
-    for axis, column in enumerate(TILT):
-        values = np.abs(tilt[:, axis])
-        if (row := _first(np.isinf(values))) is not None:
-            raise IrtError(
-                f"{where(row, column)}: {tilt[row, axis]} is no angle; leave the cell empty where the tilt "
-                "was not measured"
-            )
-
-
-def _check_steepness(tilt: Array, where: Where) -> None:
-    """Raise where a measured tilt is none of a labyrinth's in most rows."""
-    for axis, column in enumerate(TILT):
-        values = np.abs(tilt[:, axis])
-        measured = values[np.isfinite(values)]
-        if len(measured) and np.median(measured) > _STEEPEST_RAD:
-            raise IrtError(
-                f"{where(int(np.argmax(values > _STEEPEST_RAD)), column)}: most tilts exceed "
-                f"{_STEEPEST_RAD:g} rad (29 degrees), which no board does; tilts are in radians: "
-                "divide degrees by 57.2958"
-            )
-
-
-def _check_marble(name: str, marble: Array, where: Where, *, alone: bool = False) -> None:
-    """Raise unless positions are possible; a run in which the tilt `alone` was measured needs none."""
-    for axis, column in enumerate(MARBLE):
-        values = np.abs(marble[:, axis])
-        if (row := _first(values > _LARGEST)) is not None:
-            raise IrtError(
-                f"{where(row, column)}: {marble[row, axis]} is no position [board edges]; "
-                "leave both cells empty where the marble was lost"
-            )
-    lost = np.isnan(marble)
-    if (row := _first(lost[:, 0] != lost[:, 1])) is not None:
-        column, other = MARBLE if lost[row, 0] else MARBLE[::-1]
-        raise IrtError(f"{where(row, column)}: empty, but {other} is not; leave both empty or fill both")
-    seen = ~lost[:, 0]
-    if alone and not seen.any():
-        return
-    if not seen.any():
-        raise IrtError(f"{name}: the marble is lost in every row; there is nothing to compare with")
-    if lost[0, 0]:
-        first = int(np.argmax(seen))
-        raise IrtError(
-            f"{where(0, MARBLE[0])}: the marble is lost in the first row, where every prediction starts; "
-            f"cut the rows until it is seen ({first}) and count the steps from 0 again"
-        )
-    if np.median(np.abs(marble[seen]).max(axis=1)) > _MOST_EDGES:
-        raise IrtError(
-            f"{where(0, MARBLE[0])}: most positions lie more than {_MOST_EDGES:g} edges off the centre; "
-            "positions are in units of the long edge: divide millimetres by the edge in millimetres"
-        )
-
-
 def _owned(name: str, field: str, values: ArrayLike) -> Array:
     """Return a read-only copy, so that a recording stays what it was checked to be."""
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (ValueError, TypeError) as error:
-        raise IrtError(f"{name}: {field} must be an array of numbers") from error
+    array = arguments.array(f"{name}: {field}", values)
     array.flags.writeable = False
     return array
-
-
-def _first(wrong: NDArray[np.bool_]) -> int | None:
-    """Return the first row that is wrong."""
-    rows = np.flatnonzero(wrong)
-    return int(rows[0]) if len(rows) else None

@@ -5,17 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import arguments, display
+from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
+from irt.files import PathLike
 from irt.measured_tilt import as_played, begun_at_tilt
-from irt.model import LEAN, Model
+from irt.model import LEAN, Model, as_model
 from irt.recording import Recording
+from irt.rig import Rig, as_recordings
 from irt.segments import LEAD_ROWS, Segment, check_length, guess, inputs_of, row_seconds, rows_of, segment_of
 from irt.start_state import estimate_start_states, simulate, simulate_tilt
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -108,7 +115,7 @@ class Evaluation:
     Attributes
     ----------
     window_s : float
-        Length of the windows [s].
+        Length of the windows [s]; of simulated time where the recordings have no stamps.
     runs : tuple of RunEvaluation
         One for each recording.
     free_run : Errors or None
@@ -119,6 +126,8 @@ class Evaluation:
         Of the tilt in all recordings; None where it was never measured.
     played : Errors or None
         Of all windows with the measured tilt played.
+    window_length_rows : int or None
+        Rows of a window of recordings without stamps: how many seconds these last is not known.
     """
 
     window_s: float
@@ -127,11 +136,42 @@ class Evaluation:
     windowed: Errors | None
     tilt: TiltErrors | None = None
     played: Errors | None = None
+    window_length_rows: int | None = None
 
     @property
     def mae(self) -> float:
         """Mean absolute error of the free runs [board edges]; NaN where no recording has a marble."""
         return math.nan if self.free_run is None else self.free_run.mae
+
+    def plot(self) -> Figure:
+        """Draw the mean errors of each run; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        kinds = {"free run": "free_run", self.windows: "windowed", "measured tilt played": "played"}
+        groups = {
+            label: [
+                math.nan if (errors := getattr(run, name)) is None else 100.0 * errors.mae
+                for run in self.runs
+            ]
+            for label, name in kinds.items()
+            if getattr(self, name) is not None
+        }
+        return pictures.bars([run.recording for run in self.runs], groups, "mean error  [% of edge]")
+
+    def _repr_html_(self) -> str:
+        runs: list[tuple[str, RunEvaluation | Evaluation]] = [(run.recording, run) for run in self.runs]
+        rows = []
+        for name, run in (*runs, ("all runs", self)):
+            errors = (run.free_run, run.windowed, run.played)
+            rows.append((name, *(display.percent(None if one is None else one.mae) for one in errors)))
+        head = ("run", "free run", self.windows, "the same, measured tilt played")
+        return display.page("Mean errors, of the board's long edge", display.table(head, rows))
+
+    @property
+    def windows(self) -> str:
+        """What was predicted in windows, in words: seconds where recordings have stamps, else rows."""
+        rows = self.window_length_rows
+        return f"windows of {self.window_s:g} s" if rows is None else f"windows of {rows} rows"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the errors, without the predictions, as JSON takes them."""
@@ -147,7 +187,8 @@ class Evaluation:
 
         return {
             "unit": "board edges",
-            "window_s": self.window_s,
+            "window_s": self.window_s if self.window_length_rows is None else None,
+            "window_rows": self.window_length_rows,
             "overall": shown(self),
             "runs": [{"recording": run.recording, **shown(run)} for run in self.runs],
         }
@@ -202,7 +243,10 @@ def windowed_error(model: Model, recording: Recording, seconds: float) -> float:
     return errors.mae
 
 
-def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.0) -> Evaluation:
+@arguments.entry
+def evaluate(
+    model: Model | PathLike, recordings: Rig | PathLike | Sequence[Recording], window_s: float = 2.0
+) -> Evaluation:
     """Measure a model against recordings: in free runs and in windows.
 
     A free run starts in row 0: at rest, or for a model of recordings that start in motion, from the state
@@ -212,10 +256,10 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
 
     Parameters
     ----------
-    model : Model
-        The simulator.
-    recordings : sequence of Recording
-        At least one.
+    model : Model or path
+        The simulator, or its file.
+    recordings : Rig, path or sequence of Recording
+        A rig, its folder, or recordings: at least one; tables with the columns of one will do.
     window_s : float
         Length of a window [s], of simulated time where the recordings have no stamps.
 
@@ -224,9 +268,9 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
     IrtError
         If there is nothing to evaluate, or the model cannot be simulated.
     """
-    if not recordings:
-        raise IrtError("no recording to evaluate the model on")
-    check_length(window_s)
+    model = as_model(model)
+    check_length(arguments.number("window_s", window_s))
+    recordings = as_recordings(recordings)
     idle = _idle_axes(recordings)
     recordings = [begun_at_tilt(model, recording) for recording in recordings]
     observed = [recording.marble for recording in recordings]
@@ -234,6 +278,8 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
     windowed, firsts = _windowed(model, recordings, window_s)
     tilts = [_tilt(model, recording) for recording in recordings]
     played = [_played(model, recording, window_s) for recording in recordings]
+    step_s = _substeps(model) * SUBSTEP_S
+    unstamped = step_s > 0.0 and all(recording.stamps is None for recording in recordings)
     runs = tuple(
         RunEvaluation(
             recording=recording.name,
@@ -255,6 +301,7 @@ def evaluate(model: Model, recordings: Sequence[Recording], window_s: float = 2.
         windowed=_errors(windowed, observed, idle),
         tilt=_tilt_errors(tilts, recordings),
         played=_errors(played, observed, idle),
+        window_length_rows=rows_of(window_s, step_s) if unstamped else None,
     )
 
 

@@ -4,16 +4,39 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
+from irt import arguments
+from irt.dimensions import TILT_OFFSET_RAD, Board, Commands, Marble, TiltSensor, check_number
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml
-from irt.recording import CMD, Recording, load_recording
+from irt.recording import CMD, Recording, as_recording, load_recording
+
+__all__ = [
+    "MOST_ROWS",
+    "PARAMETERS",
+    "RANGES",
+    "Board",
+    "Commands",
+    "Marble",
+    "Rig",
+    "Start",
+    "TiltSensor",
+    "as_recordings",
+    "as_rig",
+    "check_range",
+    "check_value",
+    "load_rig",
+    "read_dimensions",
+    "read_signals",
+    "read_start",
+]
 
 #: The tuned parameters, in the order in which arrays hold them (paper, section 5.2).
 PARAMETERS = ("gear_x", "gear_y", "rolling_friction", "time_scale", "observation_scale")
@@ -27,6 +50,11 @@ RANGES = {
 }
 Start = Literal["rest", "moving"]
 
+#: Rows of all recordings that a fit takes: a minute or two of a processor's time, and at 30 rows a second
+#: more than five minutes of motion. Errors of parameters fall with the root of the rows; beyond these, what a
+#: model lacks counts for more.
+MOST_ROWS = 10_000
+
 #: Lowest and highest value that a parameter may have at all, far beyond any rig.
 _BOUNDS = {
     "gear_x": (-100.0, 100.0),
@@ -36,133 +64,15 @@ _BOUNDS = {
     "observation_scale": (0.01, 100.0),
 }
 
-#: Where the zero of a measured tilt is looked for [rad]: real rigs were 20 to 50 mrad off.
-_TILT_OFFSET_RAD = (-0.06, 0.06)
-
-#: Least that a length [m] or a mass [kg] can be: below, divisions by it overflow.
-_TINY = 1e-9
-
-
-@dataclass(frozen=True)
-class Board:
-    """The board and its rim walls; the defaults are the paper's BRIO labyrinth.
-
-    Attributes
-    ----------
-    edge_x_m, edge_y_m : float
-        Edges [m]; positions are told in units of `edge_x_m`, the long one.
-    wall_restitution : float
-        Normal speed after an impact on the rim over the speed before it, 0 to 1.
-    wall_friction : float
-        Coulomb coefficient between marble and rim.
-    sliding_friction : float
-        Coulomb coefficient between marble and board; it matters only while the marble slips, for some
-        milliseconds after it has met the rim.
-
-    Raises
-    ------
-    IrtError
-        If a value is none that a board can have.
-    """
-
-    edge_x_m: float = 0.276
-    edge_y_m: float = 0.231
-    wall_restitution: float = 0.0
-    wall_friction: float = 0.25
-    sliding_friction: float = 0.25
-
-    def __post_init__(self) -> None:
-        # No table is ten metres long, but a board given in millimetres is 276.
-        _check("edge_x_m", self.edge_x_m, _TINY, 10.0, " m")
-        _check("edge_y_m", self.edge_y_m, _TINY, 10.0, " m")
-        _check("wall_restitution", self.wall_restitution, 0.0, 1.0)
-        _check("wall_friction", self.wall_friction, 0.0, 1000.0)
-        _check("sliding_friction", self.sliding_friction, 0.0, 1000.0)
-
-
-@dataclass(frozen=True)
-class Marble:
-    """The marble; the defaults are the paper's, 13.7 mm across.
-
-    Attributes
-    ----------
-    radius_m : float
-        Radius [m].
-    mass_kg : float
-        Mass [kg].
-    damping_per_s : float
-        Rate at which speed and spin decay [1/s].
-
-    Raises
-    ------
-    IrtError
-        If a value is none that a marble can have.
-    """
-
-    radius_m: float = 0.00685
-    mass_kg: float = 0.0105
-    damping_per_s: float = 0.0
-
-    def __post_init__(self) -> None:
-        _check("radius_m", self.radius_m, _TINY, 10.0, " m")
-        _check("mass_kg", self.mass_kg, _TINY, 1000.0, " kg")
-        _check("damping_per_s", self.damping_per_s, 0.0, 1000.0, " per second")
-
-
-@dataclass(frozen=True)
-class Commands:
-    """What the commands of a rig are.
-
-    Attributes
-    ----------
-    unit : str
-        "rad" for knob angles; else a name for the reader, such as "mA": gears are in rad per unit.
-    matrix : bool
-        Whether each command may tilt the board about both axes.
-    """
-
-    unit: str = "rad"
-    matrix: bool = False
-
-
-@dataclass(frozen=True)
-class TiltSensor:
-    """What is known of the measured tilt.
-
-    Attributes
-    ----------
-    noise_rad : float or None
-        Standard deviation of a measured tilt [rad]; None where it is estimated from the recordings.
-    offset : (float, float)
-        Range of its reading when the board is level [rad].
-
-    Raises
-    ------
-    IrtError
-        If the noise is not positive, or the range is upside down.
-    """
-
-    noise_rad: float | None = None
-    offset: tuple[float, float] = _TILT_OFFSET_RAD
-
-    def __post_init__(self) -> None:
-        if self.noise_rad is not None:
-            _check("noise_rad", self.noise_rad, _TINY, 1.0, " rad")
-        low, high = self.offset
-        if low >= high:
-            raise IrtError(f"offset: the range [{low}, {high}] is upside down; expected [low, high]")
-        for end in self.offset:
-            _check("offset", end, -1.0, 1.0, " rad")
-
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """A folder of recordings of one rig.
+    """Recordings of one rig, and what is known of it: from a folder (`load_rig`), or `from_recordings`.
 
     Attributes
     ----------
     path : Path
-        The folder.
+        The folder; without one the rig's name.
     board, marble : Board, Marble
         What was measured directly.
     start : {"rest", "moving"}
@@ -175,6 +85,11 @@ class Rig:
         What the commands are.
     tilt : TiltSensor
         What is known of the measured tilt, where recordings have one.
+
+    Raises
+    ------
+    IrtError
+        If a field is of another type, a range is missing or none, or recordings differ in their commands.
     """
 
     path: Path
@@ -185,6 +100,73 @@ class Rig:
     recordings: tuple[Recording, ...]
     commands: Commands = field(default_factory=Commands)
     tilt: TiltSensor = field(default_factory=TiltSensor)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", arguments.path("path", self.path))
+        for name, kind in (
+            ("board", Board),
+            ("marble", Marble),
+            ("commands", Commands),
+            ("tilt", TiltSensor),
+        ):
+            arguments.instance(name, getattr(self, name), kind)
+        arguments.word("start", self.start, get_args(Start))
+        object.__setattr__(self, "ranges", _checked_ranges(self.ranges))
+        recordings = arguments.listed("recordings", self.recordings, Recording)
+        object.__setattr__(self, "recordings", recordings)
+        if recordings:
+            _check_columns(recordings, self.path, self.commands)
+
+    @classmethod
+    @arguments.entry
+    def from_recordings(
+        cls,
+        recordings: Sequence[Any],
+        *,
+        board: Board | None = None,
+        marble: Marble | None = None,
+        start: Start = "rest",
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+        commands: Commands | None = None,
+        tilt: TiltSensor | None = None,
+        name: str = "rig",
+    ) -> Rig:
+        """Return a rig of recordings in memory; what is left out is the paper's labyrinth.
+
+        Parameters
+        ----------
+        recordings : sequence of Recording, path or table
+            At least one; tables are data frames or mappings with the columns of a recording's file. Of
+            recordings with the same name each gets a number.
+        board, marble, start, commands, tilt : optional
+            As in `Rig`.
+        ranges : mapping, optional
+            Of the parameters that are not searched over the paper's ranges.
+        name : str
+            What the rig is called.
+
+        Raises
+        ------
+        IrtError
+            If the recordings are none, or do not belong together.
+        """
+        if isinstance(recordings, str | bytes | Mapping) or not isinstance(recordings, Sequence):
+            raise IrtError(
+                f"recordings: expected a sequence of recordings or tables, got {arguments.shown(recordings)}"
+            )
+        if not recordings:
+            raise IrtError("recordings: expected at least one, got none")
+        given: Any = {} if ranges is None else ranges
+        return cls(
+            path=Path(arguments.text("name", name)),
+            board=Board() if board is None else board,
+            marble=Marble() if marble is None else marble,
+            start=start,
+            ranges={**RANGES, **arguments.mapping("ranges", given)},
+            recordings=_with_own_names([as_recording(one) for one in recordings]),
+            commands=Commands() if commands is None else commands,
+            tilt=TiltSensor() if tilt is None else tilt,
+        )
 
     @property
     def has_tilt(self) -> bool:
@@ -210,6 +192,34 @@ class Rig:
             )
         return replace(self, recordings=kept)
 
+    @property
+    def rows(self) -> int:
+        """Rows of all recordings."""
+        return sum(len(one.knobs) for one in self.recordings)
+
+    def first_rows(self, count: int) -> Rig:
+        """Return the rig of the first rows of its recordings, at most so many in all.
+
+        Recordings that are shorter than their share stay whole.
+
+        Raises
+        ------
+        IrtError
+            If the count is less than two rows for each recording.
+        """
+        arguments.whole("count", count, 2 * len(self.recordings))
+        if self.rows <= count:
+            return self
+        lengths = sorted(len(one.knobs) for one in self.recordings)
+        share, left = 0, count
+        for index, length in enumerate(lengths):
+            share = left // (len(lengths) - index)
+            if length > share:
+                break
+            left, share = left - length, length
+        kept = tuple(one.cut(share) if len(one.knobs) > share else one for one in self.recordings)
+        return replace(self, recordings=kept)
+
     @cached_property
     def digest(self) -> str:
         """Hash (SHA-256) of all that is read from the folder, names of recordings included."""
@@ -233,7 +243,7 @@ def load_rig(folder: PathLike) -> Rig:
     IrtError
         If the folder holds no recording, or a file in it is not as it must be.
     """
-    folder = Path(folder)
+    folder = arguments.path("rig", folder)
     if not folder.is_dir():
         problem = "a rig is a folder, and this is a file" if folder.exists() else "no such folder"
         raise IrtError(f"{folder}: {problem}; give a folder with recordings (*.csv)")
@@ -248,7 +258,6 @@ def load_rig(folder: PathLike) -> Rig:
     if not paths:
         raise IrtError(f"{folder}: the rig holds no recording; put at least one *.csv into this folder")
     recordings = tuple(load_recording(path) for path in sorted(paths, key=_natural))
-    _check_columns(recordings, settings, commands)
     return Rig(
         path=folder,
         board=board,
@@ -261,7 +270,58 @@ def load_rig(folder: PathLike) -> Rig:
     )
 
 
-def _check_columns(recordings: tuple[Recording, ...], settings: Path, commands: Commands) -> None:
+def as_rig(value: Rig | PathLike) -> Rig:
+    """Return a rig, or the one in the folder named.
+
+    Raises
+    ------
+    IrtError
+        If it is neither, or the folder is no rig.
+    """
+    if isinstance(value, Rig):
+        if not value.recordings:
+            raise IrtError(f"{value.path}: the rig holds no recording")
+        return value
+    if isinstance(value, str | Path):
+        return load_rig(value)
+    raise IrtError(
+        f"rig: expected irt.Rig or the path of its folder, got {arguments.shown(value)}; "
+        "irt.Rig.from_recordings([...]) makes a rig of recordings and data frames"
+    )
+
+
+def as_recordings(value: Any) -> tuple[Recording, ...]:
+    """Return the recordings of a rig or its folder, or those of a sequence (see `Rig.from_recordings`).
+
+    Raises
+    ------
+    IrtError
+        If there is none.
+    """
+    if isinstance(value, Rig | str | Path):
+        return as_rig(value).recordings
+    if isinstance(value, Recording) or not isinstance(value, Sequence) or isinstance(value, bytes):
+        raise IrtError(
+            "recordings: expected a sequence of recordings, a rig or the path of its folder, got "
+            f"{arguments.shown(value)}"
+        )
+    if not value:
+        raise IrtError("recordings: expected at least one, got none")
+    return _with_own_names([as_recording(one) for one in value])
+
+
+def _with_own_names(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Return recordings of which those with one name are numbered: run-1, run-2."""
+    names = [one.name for one in recordings]
+    return tuple(
+        replace(one, name=f"{one.name}-{names[: index + 1].count(one.name)}")
+        if names.count(one.name) > 1
+        else one
+        for index, one in enumerate(recordings)
+    )
+
+
+def _check_columns(recordings: tuple[Recording, ...], path: Path, commands: Commands) -> None:
     """Raise unless all recordings have the same kind of commands, and the rig names the unit of its own."""
     first = recordings[0]
     for one in recordings:
@@ -272,8 +332,8 @@ def _check_columns(recordings: tuple[Recording, ...], settings: Path, commands: 
             )
     if first.columns == CMD and commands.unit == "rad":
         raise IrtError(
-            f"{settings}: recordings have {', '.join(CMD)}, commands in the rig's own unit; name it: "
-            '[commands] unit = "mA", say; or call the columns knob_x_rad, knob_y_rad if they are radians'
+            f"{path / 'rig.toml'}: recordings have {', '.join(CMD)}, commands in the rig's own unit; name "
+            'it: [commands] unit = "mA", say; or call the columns knob_x_rad, knob_y_rad if they are radians'
         )
 
 
@@ -285,7 +345,7 @@ def read_signals(table: TomlTable) -> tuple[Commands, TiltSensor]:
     matrix = section.flag("matrix") if "matrix" in section else False
     section = table.section("tilt")
     section.only("key", ("noise_rad", "offset"))
-    offset = _TILT_OFFSET_RAD
+    offset = TILT_OFFSET_RAD
     if "offset" in section:
         inner = section.inline("offset", "{ range = [low, high] }")
         inner.only("key", ("range",))
@@ -330,12 +390,36 @@ def check_range(name: str, low: float, high: float) -> None:
     check_value(name, high)
 
 
+def _checked_ranges(ranges: object) -> dict[str, tuple[float, float]]:
+    """Return the range of each of `PARAMETERS`, in this order.
+
+    Raises
+    ------
+    IrtError
+        If one is missing, unknown or none.
+    """
+    given = arguments.mapping("ranges", ranges)
+    for name in given:
+        if name not in PARAMETERS:
+            raise unknown_name("parameter", str(name), PARAMETERS)
+    missing = [name for name in PARAMETERS if name not in given]
+    if missing:
+        raise IrtError(
+            f"ranges: {', '.join(missing)} missing; all of {', '.join(PARAMETERS)} are needed "
+            "(irt.Rig.from_recordings fills in the paper's)"
+        )
+    found = {name: arguments.pair(name, given[name]) for name in PARAMETERS}
+    for name, (low, high) in found.items():
+        check_range(name, low, high)
+    return found
+
+
 def check_value(name: str, value: float) -> None:
     """Raise `IrtError` unless the parameter ``name`` exists and may have this value."""
     if name not in _BOUNDS:
         raise unknown_name("parameter", name, PARAMETERS)
     low, high = _BOUNDS[name]
-    _check(name, value, low, high)
+    check_number(name, value, low, high)
 
 
 def _read_ranges(section: TomlTable) -> dict[str, tuple[float, float]]:
@@ -349,11 +433,6 @@ def _read_ranges(section: TomlTable) -> dict[str, tuple[float, float]]:
         with located(section.where):
             check_range(name, *ranges[name])
     return ranges
-
-
-def _check(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    if not low <= value <= high:
-        raise IrtError(f"{name}: expected a number from {low:g} to {high:g}{unit}, found {value:g}")
 
 
 def _natural(path: Path) -> tuple[list[tuple[int, str]], str]:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+import irt as package
 from irt.engine import rollouts
 from irt.recording import load_recording
 from irt.tracking.calibration import save_lens
@@ -120,6 +121,44 @@ def test_bad_input_is_one_line(irt, filmed, tmp_path) -> None:
         assert said in done.err
         assert done.err.count("\n") == 1
         assert not list(out.glob("*.csv"))
+
+
+@pytest.mark.parametrize(
+    ("offset", "said"),
+    [
+        (None, "50 commands without stamps, but 110 pictures"),
+        ("500", "the commands and the pictures do not overlap"),
+    ],
+)
+def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path, offset, said) -> None:
+    pictures, knobs, _ = filmed
+    commands = write_commands(tmp_path / "knobs.csv", knobs[: 50 if offset is None else 110])
+    words = () if offset is None else ("--offset", offset)
+    if offset is None:
+        lines = [line.split(",") for line in commands.read_text().splitlines()]
+        commands.write_text("".join(f"{step},{x},{y}\n" for step, _, x, y in lines))
+    done = irt("track", pictures, "--fps", "30", "--out", tmp_path / "out", "--commands", commands, *words)
+    assert done.status == 1
+    kept = tmp_path / "out" / "run-1.partial"
+    assert said in done.err
+    assert done.err.endswith(f"; the positions seen until then are kept in {kept}\n")
+    assert done.err.count("\n") == 1
+    assert len(kept.read_text().splitlines()) == 111
+    assert not list((tmp_path / "out").glob("*.csv"))
+
+
+def test_the_package_tracks_as_the_verb_does(irt, filmed, tmp_path) -> None:
+    pictures, knobs, _ = filmed
+    commands = write_commands(tmp_path / "knobs.csv", knobs)
+    found = package.track(pictures, fps=30.0, out=tmp_path / "out", commands=commands, offset=-100.0)
+    assert found.recording is not None
+    assert found.summary.pictures == 110
+    assert found.page.exists()
+    words = ("--fps", "30", "--out", tmp_path / "again", "--commands", commands, "--offset", "-100")
+    assert irt("track", pictures, *words).status == 0
+    assert found.path.read_text() == (tmp_path / "again" / "run-1.csv").read_text()
+    with pytest.raises(package.IrtError, match='unknown option of track "colr"; did you mean "colour"'):
+        package.track(pictures, colr=(0, 0, 0))
 
 
 def test_two_marbles_are_said(irt, tmp_path) -> None:

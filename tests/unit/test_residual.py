@@ -256,7 +256,7 @@ def test_as_dict_is_json(wave) -> None:
 
 
 def test_nothing_to_evaluate() -> None:
-    with pytest.raises(IrtError, match="no recording to evaluate the model on"):
+    with pytest.raises(IrtError, match="recordings: expected at least one"):
         evaluate(model(), [])
 
 

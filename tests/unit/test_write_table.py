@@ -1,4 +1,4 @@
-"""The benchmark table of README.md is what criterion measured, and nothing else on the page changes."""
+"""A table of docs/benchmarks.md is what criterion measured, and nothing else on the page changes."""
 
 import json
 import subprocess

@@ -319,26 +319,14 @@ pub(crate) fn refine<'py>(
     clippy::needless_pass_by_value,
     reason = "the extracted views of Python's arguments are owned here"
 )]
-pub(crate) fn filter<'py>(
+pub(crate) fn filtered<'py>(
     py: Python<'py>,
     problem: Asked<'py>,
     values: Vec<Vec<f64>>,
     noise: Matrix<'py>,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let problem = Owned::new(&problem)?;
-    let noise: Vec<Noise> = arrays::rows::<6>(&noise)?
-        .into_iter()
-        .map(
-            |[white, lasting, lasting_s, push, restitution, start_velocity]| Noise {
-                white,
-                lasting,
-                lasting_s,
-                push,
-                restitution,
-                start_velocity,
-            },
-        )
-        .collect();
+    let noise = noises(&noise)?;
     let filtered = interrupt::interruptible(py, |cancel| {
         problem.with(|problem| problem.filter(&values, &noise, cancel))
     })?;
@@ -353,6 +341,64 @@ pub(crate) fn filter<'py>(
         Ok(result)
     });
     results.collect()
+}
+
+/// Where an ascent of the posterior leads from values and noise; see `irt.fitting.problem`.
+#[pyfunction]
+#[pyo3(signature = (problem, values, noise, *, iterations))]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
+pub(crate) fn ascend<'py>(
+    py: Python<'py>,
+    problem: Asked<'py>,
+    values: Vec<Vec<f64>>,
+    noise: Matrix<'py>,
+    iterations: usize,
+) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let problem = Owned::new(&problem)?;
+    let noise = noises(&noise)?;
+    let tops = interrupt::interruptible(py, |cancel| {
+        problem.with(|problem| problem.ascend(&values, &noise, iterations, cancel))
+    })?;
+    let results = tops.iter().map(|one| {
+        let result = PyDict::new(py);
+        let vector = |values: Vec<f64>| Array1::from(values).into_pyarray(py);
+        let mut deviations = vec![0.0; one.values.len()];
+        for &(slot, deviation) in &one.deviations {
+            deviations[slot] = deviation;
+        }
+        let noise = &one.noise;
+        let sizes = [
+            noise.white,
+            noise.lasting,
+            noise.lasting_s,
+            noise.push,
+            noise.restitution,
+            noise.start_velocity,
+        ];
+        result.set_item("values", vector(one.values.clone()))?;
+        result.set_item("deviations", vector(deviations))?;
+        result.set_item("noise", vector(sizes.to_vec()))?;
+        result.set_item("log_likelihood", one.log_likelihood)?;
+        result.set_item("log_evidence", one.log_evidence)?;
+        Ok(result)
+    });
+    results.collect()
+}
+
+fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
+    let rows = arrays::rows::<6>(noise)?;
+    let of = |[white, lasting, lasting_s, push, restitution, start_velocity]: [f64; 6]| Noise {
+        white,
+        lasting,
+        lasting_s,
+        push,
+        restitution,
+        start_velocity,
+    };
+    Ok(rows.into_iter().map(of).collect())
 }
 
 /// Standard deviation of the tracker (board edges) from `(n, 2)` recordings alone.

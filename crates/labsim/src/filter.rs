@@ -80,7 +80,7 @@ impl Filter<'_> {
 const PEAK: f64 = 0.375;
 
 /// Logarithm of the density of Student's t distribution with [`TAIL`] degrees of freedom.
-fn log_density(off: f64, variance: f64) -> f64 {
+pub(crate) fn log_density(off: f64, variance: f64) -> f64 {
     let ratio = off * off / (TAIL * variance);
     PEAK.ln() - 0.5 * variance.ln() - 0.5 * (TAIL + 1.0) * ratio.ln_1p()
 }

@@ -9,16 +9,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectInfo, EffectParameter, hypothetical
+from irt.catalogue import EffectInfo, EffectParameter, effect, hypothetical
 from irt.checking.responses import EXPECTED, Answer
 from irt.checking.result import Detectable, Identified
 from irt.checking.runs import row_step
+from irt.display import in_rows
 from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, strong_values, try_path
 from irt.fitting.information import Information
@@ -103,7 +104,12 @@ def identify(
         intervals=intervals,
         values=dict(zip(PARAMETERS, values.tolist(), strict=True)),
         unidentifiable=unidentifiable(information, low, high),
-        effects=tuple(one for info in hypothetical() for one in _of_effect(linear, info)),
+        effects=tuple(
+            told
+            for info in hypothetical()
+            for one in _of_effect(linear, info)
+            if (told := one if time_scale is not None else _without_time(one, values[_TIME] * SUBSTEP_S))
+        ),
     )
 
 
@@ -351,6 +357,16 @@ def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
         at_usual = float(np.exp(np.interp(np.log(usual), np.log(sizes), np.log(np.maximum(typical, 1e-9)))))
         runs = (SHOWS / at_usual) ** 2 if at_usual > 1e-6 else math.inf
         yield Detectable(info.name, one.name, one.unit, _smallest(sizes, typical), usual, runs)
+
+
+def _without_time(one: Detectable, row_s: float) -> Detectable | None:
+    """Return sizes in rows in the place of seconds; None where a time scale that is unknown changes them."""
+    known = next(p for p in effect(one.effect).parameters if p.name == one.parameter)
+    usual, _, _, unit = in_rows(one.usual, None, None, one.unit, row_s)
+    if known.time_power and unit == one.unit:
+        return None
+    smallest = None if one.smallest is None else in_rows(one.smallest, None, None, one.unit, row_s)[0]
+    return replace(one, unit=unit, usual=usual, smallest=smallest)
 
 
 def _ladder(parameters: tuple[EffectParameter, ...], index: int, *, alone: bool) -> tuple[Array, Array]:

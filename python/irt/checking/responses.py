@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from irt.checking.result import Finding, ResponseFacts
 from irt.checking.runs import row_step
 from irt.conventions import (
+    CONVENTIONS,
+    FITTED,
     LEAST_BLOCKS,
     Convention,
     Response,
@@ -37,6 +39,9 @@ _DELAYS = 16
 #: 39 practice rigs in 7 wrong conventions each, 99 of 100 pass; in right ones, and for noise alone, no other
 #: explains a hundredth more.
 _Z, _SHARE = 1.3, 0.15
+#: From so many nats on a convention is certainly wrong: another one is a million times likelier, though seven
+#: others were tried.
+_CERTAIN = float(np.log(1e6) + np.log(len(CONVENTIONS) - 1))
 #: Gains this many times off the expected one are another unit, not friction or slip.
 _FACTOR = 2.0
 #: Below this share explained a gain says nothing about units.
@@ -138,7 +143,7 @@ def correction(found: Convention, swapped: tuple[str, str], mirrored: tuple[str,
 
 
 def response_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
-    """Return warnings on axes and signs, each with the columns to change, and on gains of another unit."""
+    """Return findings on axes and signs, each with the columns to change, and on gains of another unit."""
     findings = []
     # A gear matrix or a gear of either sign makes any convention of the commands right.
     free_signs = rig.commands.matrix or any(rig.ranges[name][0] < 0.0 for name in ("gear_x", "gear_y"))
@@ -161,7 +166,7 @@ def response_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
 
 
 def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
-    """Return the warning for a response; `guilty` are the columns to change, None where nobody knows."""
+    """Return the finding for a response; `guilty` are the columns to change, None where nobody knows."""
     facts, found = answer.facts, answer.response.best
     if guilty is None:
         swap = correction(found, facts.inputs, facts.outputs)
@@ -176,14 +181,26 @@ def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
         crossed = facts.outputs == MARBLE
         names = (guilty[1], guilty[0]) if crossed else guilty
         advice = correction(found, guilty, names)
+    certain = _nats(answer.response) >= _CERTAIN and facts.best_explained >= _SURE
     return Finding(
-        "warning",
-        f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: declared axes and signs "
-        f"explain {100 * max(facts.explained, 0.0):.0f} % of the motion, others "
-        f"{100 * facts.best_explained:.0f} %",
+        "error" if certain else "warning",
+        f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: of the eight ways to name "
+        f"and turn two axes the declared one explains {100 * max(facts.explained, 0.0):.0f} % of the motion, "
+        f"another {100 * facts.best_explained:.0f} %",
         "axes",
         advice,
     )
+
+
+def _nats(response: Response) -> float:
+    """Return by how much the data are likelier under the best convention than under the declared one [nats].
+
+    The logarithm of the ratio of two normal likelihoods, each with the scatter that its convention leaves,
+    over the nearly independent blocks that the fitted columns leave spare.
+    """
+    # A share of exactly 1 is rounding.
+    left = np.maximum(1.0 - response.shares, 1e-12)
+    return float(max(response.blocks - FITTED, 0) * np.log(left[0] / left.min()))
 
 
 def _or_command(found: Convention, inputs: tuple[str, str]) -> str:

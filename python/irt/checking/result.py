@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from irt import display
 from irt.errors import IrtError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Severity = Literal["error", "warning", "note"]
 
@@ -17,7 +21,8 @@ class Finding:
     Attributes
     ----------
     severity : {"error", "warning", "note"}
-        An error leaves nothing to fit, a warning makes a fit wrong or much worse, a note explains a limit.
+        An error leaves nothing to fit, or certainly makes a fit wrong; a warning probably makes it wrong or
+        much worse; a note explains a limit.
     what : str
         What was found, in one sentence without its full stop.
     where : str
@@ -159,7 +164,7 @@ class Detectable:
     Attributes
     ----------
     effect, parameter, unit : str
-        The effect, and the parameter that is its size.
+        The effect, the parameter that is its size, and its unit, which without stamps has rows for seconds.
     smallest : float or None
         Smallest distance from the neutral value that changes the marble's path by `irt.check.SHOWS` standard
         errors, over what start states and the five parameters could change as well; None where no plausible
@@ -192,7 +197,8 @@ class Identified:
     unidentifiable : tuple of str
         Sentences on parameters and combinations that cannot be identified.
     effects : tuple of Detectable
-        One for each effect and size of the catalogue, but for effects that draw random numbers.
+        One for each effect and size of the catalogue, but for effects that draw random numbers, and without
+        stamps those whose size depends on how long a row lasts.
     """
 
     intervals: dict[str, float | None]
@@ -241,9 +247,30 @@ class Check:
         return tuple(str(one) for one in self.of("warning"))
 
     def require(self) -> None:
-        """Raise `IrtError` where the recordings can identify nothing."""
+        """Raise `IrtError` where the recordings can identify nothing, or are certainly wrong."""
         for one in self.of("error"):
             raise IrtError(f"{self.rig}: {one.what}; {one.advice}")
+
+    def plot(self) -> Figure:
+        """Draw in which share of its rows each run has lost the marble, or sees it at rest or at the rim."""
+        from irt import pictures  # noqa: PLC0415
+
+        kinds = {"lost": "lost", "at rest": "at_rest", "at the rim": "at_rim"}
+        groups = {label: [100.0 * getattr(run, name) for run in self.runs] for label, name in kinds.items()}
+        return pictures.bars([run.name for run in self.runs], groups, "share of the rows  [%]")
+
+    def _repr_html_(self) -> str:
+        findings = [(one.severity, one.where, one.what, one.advice) for one in self.findings]
+        runs = [
+            (run.name, f"{run.rows}", "-" if run.rate_hz is None else f"{run.rate_hz:.3g}", f"{run.lost:.1%}")
+            for run in self.runs
+        ]
+        return display.page(
+            f"Check of {self.rig}",
+            display.table(("", "where", "what", "what to do"), findings),
+            display.table(("run", "rows", "rows a second", "marble lost"), runs),
+            display.paragraph(self.next_recording),
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON takes it; an infinite number of runs becomes None."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import arguments
 from irt.checking.advice import next_recording
 from irt.checking.findings import run_findings
 from irt.checking.identify import identify
@@ -17,7 +18,7 @@ from irt.checking.signals import clean, signal_facts
 from irt.checking.units import unit_findings
 from irt.files import PathLike
 from irt.recording import MARBLE
-from irt.rig import Rig, load_rig
+from irt.rig import Rig, as_rig
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,7 @@ _STILL = 8.0
 _ORDER = ("error", "warning", "note")
 
 
+@arguments.entry
 def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
     """Check the recordings of a rig before a fit.
 
@@ -48,7 +50,8 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
     IrtError
         If the folder is no rig.
     """
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    arguments.threads(threads)
+    rig = as_rig(rig)
     cleaned = [clean(recording) for recording in rig.recordings]
     marbles = [marble for marble, _ in cleaned]
     signals = signal_facts(rig, cleaned)

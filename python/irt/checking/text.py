@@ -36,6 +36,10 @@ def _lines(found: Check) -> Iterator[str]:
     if found.identified is not None:
         yield ""
         yield from _identified(found.identified, len(found.runs))
+        if any(run.seconds is None for run in found.runs):
+            yield from _bullet(
+                "time scale unknown: without stamps (t_s) times are in rows, and tilts and pushes unknown"
+            )
     for severity, title in (("error", "errors"), ("warning", "warnings"), ("note", "notes")):
         chosen = [one for one in found.findings if one.severity == severity]
         if chosen:

@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 #: Knobs of a labyrinth turn a quarter of a circle at most while a marble is steered [rad].
 _MOST_KNOB = np.pi / 2.0
+#: No knob of a labyrinth turns more than once [rad].
+_FULL_TURN = 2.0 * np.pi
 #: Gears this small a share of the largest one searched are another unit, if that unit's gear is plausible.
 _SMALL_GEAR = 0.03
 #: Positions this far beyond the rim, besides noise, are no slip of the tracker [board edges].
@@ -58,7 +60,7 @@ def _knobs(rig: Rig, answer: Answer | None) -> list[Finding]:
         turn = f"{np.degrees(largest):.0f} degrees"
         return [
             Finding(
-                "warning",
+                "error" if largest > _FULL_TURN else "warning",
                 f"commands reach {largest:.3g} rad, which is {turn}",
                 "knob_x_rad, knob_y_rad",
                 advice,
@@ -97,6 +99,10 @@ def _positions(rig: Rig, marbles: Sequence[Array], noise: float) -> list[Finding
     if beyond.any():
         wrong = [name for name, is_beyond in zip(MARBLE, beyond, strict=True) if is_beyond]
         place = float(np.where(high > -low, high, low)[beyond][0])
+        # Where half of all places are none on the board, or all lie to one side of its centre and some beyond
+        # the rim, that is no slip of a tracker and no lens.
+        outside = (np.abs(together) > limit).any(axis=1)
+        certain = in_corner or bool(np.mean(outside) > 0.5)
         if in_corner:
             advice = (
                 f"the origin looks like a corner: subtract 0.5 from marble_x, "
@@ -108,7 +114,7 @@ def _positions(rig: Rig, marbles: Sequence[Array], noise: float) -> list[Finding
             advice = "check the unit of the positions, edge_x_m and edge_y_m"
         return [
             Finding(
-                "warning",
+                "error" if certain else "warning",
                 f"the marble is seen at {place:.3g} edges, beyond the rim at {reach[beyond][0]:.3g}",
                 ", ".join(wrong),
                 advice,

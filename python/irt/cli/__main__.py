@@ -21,6 +21,7 @@ from irt.errors import IrtError
 #: One list for parser, help and tests; in the order in which a user meets them.
 VERBS = (
     "demo",
+    "drive",
     "simulate",
     "evaluate",
     "check",

@@ -9,7 +9,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import checked, whole
+from irt.cli.inputs import (
+    TIME_UNKNOWN,
+    checked,
+    for_a_fit,
+    parameter_line,
+    results_folder,
+    row_seconds,
+    whole,
+)
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -51,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  irt diagnose my-rig --out diagnosed\n"
-        "  irt diagnose lab/* --out diagnosed   a folder each; the same command goes on after Ctrl-C"
+        "  irt diagnose lab/* --out diagnosed   a folder each; after Ctrl-C the same goes on"
     )
 
 
@@ -60,12 +68,14 @@ def run(args: argparse.Namespace) -> None:
     from irt.rig import load_rig
 
     # All of them first: a broken file is known before the first rig's minute.
-    rigs = {path.resolve().name: load_rig(path) for path in args.rigs}
+    rigs, notes = {}, {}
+    for path in args.rigs:
+        rigs[path.resolve().name], notes[path.resolve().name] = for_a_fit(load_rig(path))
     if len(rigs) < len(args.rigs):
         raise IrtError("two of the rigs have the same name: their answers would share a folder; rename one")
     if len(rigs) == 1 and args.cluster is None:
         ((name, rig),) = rigs.items()
-        _diagnose_one(args, rig, args.out or Path(f"irt-diagnose-{name}"))
+        _diagnose_one(args, rig, args.out or Path(f"irt-diagnose-{name}"), notes[name])
         return
     folders = {name: _folder(args.out, name, alone=len(rigs) == 1) for name in rigs}
     _diagnose_many(args, rigs, folders)
@@ -78,27 +88,23 @@ def _folder(out: Path | None, name: str, *, alone: bool) -> Path:
     return out if alone else out / name
 
 
-def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path) -> None:
+def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Sequence[str]) -> None:
     """Diagnose a rig in this process, with a bar that says what is tried."""
     from irt.cli.progress import progress_bar
-    from irt.diagnosis import Interrupted, diagnose
-    from irt.files import make_folder, write_atomic
+    from irt.diagnosis import diagnose
     from irt.report.diagnosed import write_diagnosis
 
-    warnings = checked(rig, args.threads)
+    warnings = (*notes, *checked(rig, args.threads))
     rig = rig.of_marbles()
-    make_folder(folder)
+    folder = results_folder(folder, ("model.toml", "diagnosis.json", "report.html"))
     try:
         with progress_bar() as progress:
             found = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
-    except Interrupted as stopped:
-        partial = folder / "candidates.json"
-        content = {"interrupted": True, "candidates": stopped.candidates}
-        write_atomic(partial, f"{json.dumps(content, indent=2, allow_nan=False)}\n")
-        print(f"irt: what was tried so far is in {partial}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("irt: nothing was written: the same command begins anew", file=sys.stderr)
         raise
     page = write_diagnosis(folder, rig, found, warnings)
-    for line in _answer(found):
+    for line in _answer(found, row_seconds(rig, found.model)):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
 
@@ -180,17 +186,24 @@ def _or_rivals(effect: Mapping[str, Any]) -> str:
     return " or ".join(names)
 
 
-def _answer(found: Diagnosis) -> Iterator[str]:
-    """Yield what a user wants to know first."""
-    from irt.report.words import with_interval
+def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
+    """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
+    from irt.diagnosis.result import UNLISTED
+    from irt.report.learned import described
 
     yield found.summary
     for effect in found.effects:
         yield f"\n{effect.name}"
+        if effect.name == UNLISTED:
+            yield from (f"  {line}" for line in described(effect, row_s))
+            continue
         for name, parameter in effect.parameters.items():
-            yield f"  {name:<22} {with_interval(parameter)} {effect.units.get(name, '')}".rstrip()
+            label, value = parameter_line(name, parameter, effect.units.get(name, ""), row_s)
+            yield f"  {label:<22} {value}"
         if effect.reason:
             yield f"  {effect.reason}"
+    if row_s is not None:
+        yield f"\n{TIME_UNKNOWN}"
     if found.where:
         yield "\nwhere the mismatch lives"
         yield from (f"- {one.kind}: {one.what} ({100 * one.strength:.0f} %)" for one in found.where)

@@ -40,7 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Evaluate the model, print the errors of each run, and write them beside a plot."""
-    from irt.files import make_folder, write_atomic
+    from irt.cli.inputs import TIME_UNKNOWN, results_folder
+    from irt.files import write_atomic
     from irt.model import load_model
     from irt.report.plots import plot_evaluation
     from irt.residual import evaluate
@@ -48,10 +49,12 @@ def run(args: argparse.Namespace) -> None:
 
     model = load_model(args.model)
     rig = load_rig(args.rig)
-    folder = make_folder(args.out)
+    folder = results_folder(args.out, ("evaluation.json", "evaluation.svg"))
     evaluation = evaluate(model, rig.recordings, args.window)
     for line in _table(evaluation):
         print(line)
+    if evaluation.window_length_rows is not None:
+        print(f"\n{TIME_UNKNOWN}")
     written = {"model": f"{args.model}", "rig": f"{args.rig}", **evaluation.as_dict()}
     write_atomic(folder / "evaluation.json", json.dumps(written, indent=2, allow_nan=False) + "\n")
     plot_evaluation(folder / "evaluation.svg", evaluation, rig.recordings)
@@ -74,7 +77,7 @@ def _table(evaluation: Evaluation) -> Iterator[str]:
     runs.append(("all runs", evaluation))
     width = max(len(name) for name, _ in runs)
     if evaluation.free_run is not None:
-        windows = f"windows of {evaluation.window_s:g} s"
+        windows = evaluation.windows
         yield "errors in % of the board's long edge"
         yield f"{'':{width}}               {'free run':^16}   {windows:^16}".rstrip()
         yield f"{'run':{width}}   rows   lost    mean largest      mean largest"
@@ -86,7 +89,7 @@ def _table(evaluation: Evaluation) -> Iterator[str]:
     if evaluation.free_run is not None:
         yield ""
     yield "mean error of the tilt that the commands predict, and of the marble under the measured tilt"
-    played = f"windows of {evaluation.window_s:g} s, played"
+    played = f"{evaluation.windows}, played"
     yield f"{'run':{width}}   about x    about y   {played}"
     for name, run in runs:
         x, y = (None, None) if run.tilt is None else (run.tilt.mae_x_rad, run.tilt.mae_y_rad)

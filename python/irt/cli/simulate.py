@@ -29,24 +29,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
-    import numpy as np
-
+    from irt.cli.inputs import say_replaced
+    from irt.engine import rollouts
     from irt.files import write_atomic
     from irt.model import load_model
     from irt.recording import Recording, load_commands
-    from irt.start_state import Inputs, simulate, simulate_tilt
 
     model = load_model(args.model)
     commands = load_commands(args.commands)
-    state = np.zeros((1, 4))
-    if commands.start is not None:
-        state[0, :2] = commands.start
-    durations = None if commands.durations is None else commands.durations[None]
-    inputs = Inputs.of_whole(commands.knobs[None], durations)
-    marble, tilt = simulate(model, inputs, state)[0], simulate_tilt(model, inputs)[0]
+    marble, tilt = rollouts(
+        model, commands.knobs, start=commands.start, durations=commands.durations, tilt=True
+    )
     name, path, columns = args.commands.stem, args.commands, commands.columns
-    recording = Recording(name, path, commands.knobs, marble, commands.stamps, tilt, columns)
+    recording = Recording(name, path, commands.knobs, marble[0], commands.stamps, tilt[0], columns)
     if args.out is None:
         sys.stdout.write(recording.to_csv())
     else:
+        say_replaced([args.out])
         write_atomic(args.out, recording.to_csv())

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from irt.cli.inputs import whole
+from irt.cli.inputs import for_a_fit, say_replaced, whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -50,12 +50,13 @@ def run(args: argparse.Namespace) -> None:
     from irt.rig import load_rig
     from irt.suggestion import suggest
 
-    rig = load_rig(args.rig).of_marbles()
+    rig = for_a_fit(load_rig(args.rig))[0].of_marbles()
     if args.out.resolve().parent == args.rig.resolve():
         raise IrtError(
             f"{args.out}: in the rig's folder it would be read as one of its recordings; name another place "
             "with --out"
         )
+    say_replaced([args.out])
     # Opened beforehand: a diagnosis takes minutes, and a file that cannot be written is known at once.
     with atomic_path(args.out) as beside, progress_bar() as progress:
         known, models, noise = _hypotheses(rig, args, progress)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
-    from irt.rig import Board, Marble
+    from irt.rig import Board
     from irt.tracking.recorded import Summary, Timed
-    from irt.tracking.run import Question, Track
-    from irt.tracking.source import Source
 
 NAME = "track"
 HELP = "follow the marble through a video, a folder of images or a camera, into a recording"
@@ -110,30 +107,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Track, write what was seen, and say how well."""
-    from irt.files import make_folder
+    if args.calibrate:
+        _calibrate(args)
+    else:
+        _track(args)
+
+
+def _calibrate(args: argparse.Namespace) -> None:
+    """Write the lens that the pictures show."""
+    from irt.cli.inputs import results_folder
+    from irt.cli.progress import progress_bar
+    from irt.tracking.calibration import Pattern, calibrate, save_lens
     from irt.tracking.source import open_source
 
     source = open_source(args.video, args.fps)
     try:
-        folder = make_folder(args.out or Path(f"irt-track-{source.name}"))
-        if args.calibrate:
-            _calibrate(args, source, folder)
-        else:
-            _track(args, source, folder)
+        folder = results_folder(args.out or Path(f"irt-track-{source.name}"), (_LENS,))
+        with progress_bar() as progress:
+            progress(0, 1, "reading pictures")
+            pictures = source.sample(120)
+            columns, rows = args.pattern
+            lens, count = calibrate(pictures, Pattern(columns, rows, args.charuco), progress)
     finally:
         source.close()
-
-
-def _calibrate(args: argparse.Namespace, source: Source, folder: Path) -> None:
-    """Write the lens that the pictures show."""
-    from irt.cli.progress import progress_bar
-    from irt.tracking.calibration import Pattern, calibrate, save_lens
-
-    with progress_bar() as progress:
-        progress(0, 1, "reading pictures")
-        pictures = source.sample(120)
-        columns, rows = args.pattern
-        lens, count = calibrate(pictures, Pattern(columns, rows, args.charuco), progress)
     save_lens(folder / _LENS, lens, count)
     print(
         f"{lens.size[0]} x {lens.size[1]} pixels, focal length {lens.matrix[0, 0]:.1f}; {count} of ", end=""
@@ -142,115 +138,37 @@ def _calibrate(args: argparse.Namespace, source: Source, folder: Path) -> None:
     print(f"\nwrote {folder / _LENS}")
 
 
-def _track(args: argparse.Namespace, source: Source, folder: Path) -> None:
-    """Follow the marble; keep what was seen, however the run ends."""
+def _track(args: argparse.Namespace) -> None:
+    """Follow the marble; what was seen is kept, however the run ends."""
+    from irt.cli.inputs import say_replaced
     from irt.cli.progress import progress_bar
-    from irt.recording import load_commands
-    from irt.report.tracking_report import write_tracking_report
-    from irt.tracking.overlay import ContactSheet, Overlay
-    from irt.tracking.recorded import laid_on, save_metadata, save_positions, save_timed
-    from irt.tracking.run import follow, prepare
+    from irt.report.tracked import track
 
-    board, marble = _sizes(args, folder)
-    commands = load_commands(args.commands) if args.commands else None
-    question = _question(args, folder, board, marble)
-    publisher = _publisher() if args.publish else None
-    path = folder / f"{source.name}.csv"
-    partial = folder / f"{source.name}.partial"
-    with ExitStack() as stack:
-        progress = stack.enter_context(progress_bar())
-        scene = prepare(source, question, progress)
-        sheet = ContactSheet(scene, source.expected)
-        overlay = None
-        if not source.live:
-            from irt.files import atomic_path
-
-            beside = stack.enter_context(atomic_path(folder / f"{source.name}-overlay.mp4"))
-            overlay = Overlay(beside, scene, args.fps or 30.0)
-            stack.callback(overlay.close)
-
-        def watch(frame: Any, sighting: Any, place: Any) -> None:
-            if publisher is not None and place[0] == place[0]:
-                publisher.publish(float(place[0]), float(place[1]), frame.wall)
-            sheet.add(frame, sighting)
-            if overlay is not None:
-                overlay.add(frame, sighting)
-
-        track = follow(source, scene, partial, progress, seconds=args.seconds, watch=watch)
-    timed = laid_on(track, commands, path, args.offset) if commands is not None else None
-    if timed is not None:
-        save_timed(timed)
-    else:
-        save_positions(path, track)
-    summary = _summary(track)
-    sheet.write(folder / f"{source.name}-unsure.png")
-    facts = _facts(args, source, timed)
-    save_metadata(folder / f"{source.name}.json", track, summary, facts)
-    page = write_tracking_report(folder, track, summary, timed, facts=facts, edge_m=board.edge_x_m)
-    partial.unlink(missing_ok=True)
-    for line in _answer(summary, timed, board):
+    name = Path(args.video).stem
+    say_replaced([(args.out or Path(f"irt-track-{name}")) / f"{name}.csv"])
+    with progress_bar() as progress:
+        found = track(
+            args.video,
+            out=args.out,
+            commands=args.commands,
+            offset=args.offset,
+            rig=args.rig,
+            lens=args.lens,
+            corners=args.corners,
+            marble=args.marble,
+            colour=args.colour,
+            fps=args.fps,
+            seconds=args.seconds,
+            publish=args.publish,
+            progress=progress,
+        )
+    for line in _answer(found.summary, found.timed, found.board):
         print(line)
-    if commands is None:
+    if found.timed is None:
         print("no commands are known: --commands CSV makes this a recording for irt diagnose")
-    print(f"\nwrote {path}, {page} and what they show")
-    if track.stopped:
-        raise IrtError(f"{track.stopped}: what was seen in {len(track.stamps)} pictures is kept")
-
-
-def _question(args: argparse.Namespace, folder: Path, board: Board, marble: Marble) -> Question:
-    """Return what is asked, from the command line and the folder's calibration."""
-    from irt.tracking.calibration import load_lens
-    from irt.tracking.geometry import Size
-    from irt.tracking.learning import Clue
-    from irt.tracking.run import Question
-
-    lens = args.lens or (folder / _LENS if (folder / _LENS).exists() else None)
-    edge = board.edge_x_m
-    return Question(
-        size=Size(1.0, board.edge_y_m / edge, marble.radius_m / edge),
-        lens=load_lens(lens) if lens else None,
-        corners=tuple(args.corners) if args.corners else None,
-        clue=Clue(tuple(args.marble), args.colour),
-    )
-
-
-def _sizes(args: argparse.Namespace, folder: Path) -> tuple[Board, Marble]:
-    """Return the sizes of board and marble: of a rig that was named, of the folder's, or the paper's."""
-    from irt.files import TomlTable, read_toml
-    from irt.rig import read_dimensions
-
-    named = args.rig
-    if named is not None and named.is_dir():
-        named = named / "rig.toml"
-    if named is None and (folder / "rig.toml").exists():
-        named = folder / "rig.toml"
-    return read_dimensions(read_toml(named) if named is not None else TomlTable("rig.toml", {}))
-
-
-def _publisher() -> Any:
-    from irt.tracking.live import Publisher
-
-    return Publisher()
-
-
-def _summary(track: Track) -> Summary:
-    """Return what the track is worth, its noise estimated as that of a recording is."""
-    from irt.fitting.problem import noise_in
-    from irt.tracking.recorded import summarise
-
-    return summarise(track, noise_in([track.marble]))
-
-
-def _facts(args: argparse.Namespace, source: Source, timed: Timed | None) -> dict[str, Any]:
-    """Return what the track was made from."""
-    facts: dict[str, Any] = {"video": args.video, "stamps": source.stamped_by}
-    if timed is not None:
-        facts["commands"] = str(args.commands)
-        facts["offset_s"] = timed.offset
-        if timed.alignment is not None:
-            facts["offset_error_s"] = timed.alignment.error
-            facts["explained"] = timed.alignment.explained
-    return facts
+    print(f"\nwrote {found.path}, {found.page} and what they show")
+    if found.track.stopped:
+        raise IrtError(f"{found.track.stopped}: what was seen in {len(found.track.stamps)} pictures is kept")
 
 
 def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:

@@ -11,12 +11,19 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from irt.cli.inputs import checked, whole
-from irt.errors import IrtError
+from irt.cli.inputs import (
+    TIME_UNKNOWN,
+    checked,
+    for_a_fit,
+    parameter_line,
+    results_folder,
+    row_seconds,
+    whole,
+)
 
 if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
-    from irt.model import Effect
+    from irt.model import Effect, Model
     from irt.residual import Errors, Evaluation, TiltErrors
     from irt.rig import Rig
 
@@ -25,13 +32,8 @@ HELP = "fit the simulator's five parameters to recordings"
 
 #: In the order of `irt.tuning.METHODS`, which loading all verbs must not import.
 METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
-#: Which methods an option belongs to.
-_BELONGS = {
-    "starts": METHODS[:-1],
-    "iterations": ("irt",),
-    "rollouts": ("irt+", "cma-es", "es"),
-    "network": ("irt+", "irt", "direct"),
-}
+#: Options that not all methods have; see `irt.tuning.BELONGS`.
+_OF_SOME = ("starts", "iterations", "rollouts", "network")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -96,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Tune, write model, numbers and a page with pictures, and print a short table."""
     from irt.cli.progress import progress_bar
-    from irt.files import make_folder, write_atomic
+    from irt.files import write_atomic
     from irt.fitting.chain import without_held_marbles
     from irt.model import save_model
     from irt.report.tuning_report import untuned, write_tuning_report
@@ -105,10 +107,11 @@ def run(args: argparse.Namespace) -> None:
     from irt.tuning import tune
 
     options = _options(args)
-    rig = load_rig(args.rig)
-    warnings = checked(rig, args.threads)
+    rig, notes = for_a_fit(load_rig(args.rig))
+    warnings = (*notes, *checked(rig, args.threads))
     training = _announce_training(rig, args) if args.network is None else None
-    folder = make_folder(args.out or Path(f"irt-tune-{args.rig.resolve().name}"))
+    folder = args.out or Path(f"irt-tune-{args.rig.resolve().name}")
+    folder = results_folder(folder, ("model.toml", "fit.json", "report.html"))
     try:
         with progress_bar() as progress:
             result = tune(rig, args.method, progress=progress, **options)
@@ -117,7 +120,9 @@ def run(args: argparse.Namespace) -> None:
             print("irt: the same command again goes on with the training", file=sys.stderr)
         raise
     rig = without_held_marbles(rig)
-    before, after = (evaluate(model, rig.recordings) for model in (untuned(rig), result.model))
+    after = evaluate(result.model, rig.recordings)
+    row_s = row_seconds(rig, result.model)
+    before = _evaluate_as(after, untuned(rig), rig, row_s)
     save_model(folder / "model.toml", result.model)
     numbers = json.dumps(
         {**_numbers(args, result, before, after), "warnings": warnings}, indent=2, allow_nan=False
@@ -131,25 +136,30 @@ def run(args: argparse.Namespace) -> None:
         settings={"command": _command(args), "seed": f"{args.seed}", "time": f"{result.seconds:.1f} s"},
         warnings=warnings,
     )
-    for line in _table(result, before, after):
+    for line in _table(result, before, after, row_s):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'fit.json'} and {page}")
 
 
+def _evaluate_as(other: Evaluation, model: Model, rig: Rig, row_s: float | None) -> Evaluation:
+    """Evaluate a model in windows of as many rows as another evaluation had; `row_s` is of its model."""
+    from irt.residual import evaluate
+
+    own = row_seconds(rig, model)
+    if not own or not row_s:
+        return evaluate(model, rig.recordings, other.window_s)
+    return evaluate(model, rig.recordings, other.window_s * own / row_s)
+
+
 def _options(args: argparse.Namespace) -> dict[str, Any]:
     """Return what was asked for, as options of the method."""
-    options = {"seed": args.seed, "engine": args.engine, "threads": args.threads}
+    from irt.tuning import check_options
+
+    options = {name: getattr(args, name) for name in _OF_SOME if getattr(args, name) is not None}
     if args.effect:
-        if args.method != "least-squares":
-            raise IrtError("--effect belongs to --method least-squares; leave it out")
         options["effects"] = _effects(args.effect)
-    for name, methods in _BELONGS.items():
-        value = getattr(args, name)
-        if value is not None and args.method not in methods:
-            raise IrtError(f"--{name} belongs to --method {' or '.join(methods)}; leave it out")
-        if value is not None:
-            options[name] = value
-    return options
+    check_options(args.method, list(options), prefix="--")
+    return {**options, "seed": args.seed, "engine": args.engine, "threads": args.threads}
 
 
 def _effects(names: Sequence[str]) -> list[Effect]:
@@ -172,7 +182,9 @@ def _effects(names: Sequence[str]) -> list[Effect]:
 
 def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
     """Say so where there is no network for a rig yet; return the checkpoint of its training."""
-    if args.method not in _BELONGS["network"]:
+    from irt.tuning import BELONGS
+
+    if args.method not in BELONGS["network"]:
         return None
     from irt.tuning.cache import need, require_training, training_data
     from irt.tuning.tensors import checkpoint_path
@@ -212,6 +224,7 @@ def _numbers(
             }
             for name, of_effect in result.effects.items()
         },
+        "time_base": "unknown: no stamps" if after.window_length_rows is not None else "stamps",
         "noise": _finite(result.noise),
         "before": before.as_dict(),
         "after": after.as_dict(),
@@ -231,8 +244,8 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator[str]:
-    """Yield what a user wants to know first."""
+def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: float | None) -> Iterator[str]:
+    """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
     from irt.catalogue import effect
     from irt.report.words import with_interval
 
@@ -244,13 +257,15 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation) -> Iterator
         yield name
         for known in effect(name).parameters:
             if known.name in of_effect:
-                unit = f" {known.unit}" if known.unit else ""
-                yield f"  {known.name:<16}  {with_interval(of_effect[known.name])}{unit}"
+                label, value = parameter_line(known.name, of_effect[known.name], known.unit, row_s)
+                yield f"  {label:<16}  {value}"
+    if row_s is not None:
+        yield TIME_UNKNOWN
     yield "\nmean error in % of the board's long edge, untuned -> tuned"
     if before.free_run is not None and after.free_run is not None:
         yield f"free run            {_change(before.free_run, after.free_run)}"
     if before.windowed is not None and after.windowed is not None:
-        yield f"windows of {after.window_s:g} s      {_change(before.windowed, after.windowed)}"
+        yield f"{after.windows:<18}  {_change(before.windowed, after.windowed)}"
     if before.played is not None and after.played is not None:
         yield f"the same, measured tilt played  {_change(before.played, after.played)}"
     if after.tilt is not None:
@@ -278,7 +293,7 @@ def _command(args: argparse.Namespace) -> str:
     words = ["irt", "tune", args.rig, "--method", args.method, "--seed", args.seed, "--engine", args.engine]
     for name in args.effect:
         words += ["--effect", name]
-    for name in _BELONGS:
+    for name in _OF_SOME:
         if getattr(args, name) is not None:
             words += [f"--{name}", getattr(args, name)]
     return shlex.join(str(word) for word in words)

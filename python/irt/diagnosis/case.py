@@ -12,8 +12,9 @@ from irt.catalogue import effect
 from irt.engine import SUBSTEP_S
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
-from irt.fitting.problem import Problem, Refined, Solution, tracker_noise
+from irt.fitting.problem import Problem, tracker_noise
 from irt.fitting.robust import deviation, student_t
+from irt.fitting.solution import Refined, Solution
 from irt.model import Effect, Model
 from irt.rig import PARAMETERS, Rig
 from irt.segments import Segment, segments

@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import display
 from irt.catalogue import effect
 from irt.model import Model, Parameter
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -227,6 +231,37 @@ class Diagnosis:
     def is_held_out(self) -> bool:
         """Whether errors are those on recordings that were held out: with one recording there are none."""
         return math.isfinite(self.final_heldout_mae)
+
+    def plot(self) -> Figure:
+        """Draw the run that improves most, before and after; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        run = max(self.runs, key=lambda one: one.base_mae - one.final_mae)
+        panels = {
+            f"{axis}  [edges]": [
+                pictures.Line("recorded", run.observed[:, index], pictures.MEASURED, dots=True),
+                pictures.Line("five parameters", run.base[:, index], pictures.BEFORE),
+                pictures.Line("diagnosed", run.final[:, index], pictures.AFTER),
+            ]
+            for index, axis in enumerate("xy")
+        }
+        return pictures.over_time(run.times, f"{run.recording}: time  [s]", panels)
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                effect.name,
+                f"{name} {display.interval(one.value, one.low, one.high)} {effect.units.get(name, '')}",
+            )
+            for effect in self.effects
+            for name, one in effect.parameters.items()
+        ]
+        return display.page(
+            f"Diagnosis: {self.verdict}",
+            display.paragraph(self.summary),
+            display.table(("effect", "value (95 % interval)"), rows),
+            display.items(self.unidentifiable),
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Return what ``diagnosis.json`` holds; what has no number is None."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from threadpoolctl import threadpool_limits
 
+from irt import arguments
 from irt.catalogue import effect
 from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.evidence import is_explained, is_most_left
@@ -28,7 +29,7 @@ from irt.files import PathLike
 from irt.fitting.effect_size import size_of
 from irt.fitting.fit import Progress
 from irt.model import Parameter
-from irt.rig import Rig, load_rig
+from irt.rig import Rig, as_rig
 
 #: Effects that make up for what delays that differ come late by in the mean.
 MADE_UP = ("delay", "latency", "lag")
@@ -41,6 +42,7 @@ BELIEVED = 0.85
 _STEPS = 120
 
 
+@arguments.entry
 def diagnose(
     rig: Rig | PathLike, *, seed: int = 0, threads: int | None = None, progress: Progress | None = None
 ) -> Diagnosis:
@@ -63,7 +65,10 @@ def diagnose(
         If the rig is not as it must be, some recordings are stamped and others not, or nothing was seen.
     """
     began = time.perf_counter()
-    rig = (rig if isinstance(rig, Rig) else load_rig(rig)).of_marbles()
+    arguments.whole("seed", seed)
+    arguments.threads(threads)
+    arguments.progress(progress)
+    rig = as_rig(rig).of_marbles()
     steps = 0
 
     def report(text: str) -> None:

@@ -20,7 +20,8 @@ from irt.catalogue import effects as catalogue
 from irt.engine import Engine
 from irt.fitting.identifiability import with_intervals
 from irt.fitting.information import Information
-from irt.fitting.problem import Problem, Solution
+from irt.fitting.problem import Problem
+from irt.fitting.solution import Solution
 from irt.measured_tilt import has_both_tilts, play_tilt
 from irt.model import TILT_SENSOR, Effect, Parameter
 from irt.recording import Recording

@@ -9,7 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import display
+
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from irt.model import Model, Parameter
 
 #: Called with (done, total, text) by everything that may take longer than two seconds.
@@ -109,3 +113,28 @@ class FitResult:
     def mae(self) -> float:
         """Smallest mean absolute error met on the way of the start that won, in board edges."""
         return self.estimates[0].best.mae
+
+    def plot(self) -> Figure:
+        """Draw the error over the iterations, from every start point; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        lines = [
+            pictures.Line(
+                "best start" if won else "",
+                np.array([100.0 * iteration.mae for iteration in estimate.history]),
+                pictures.AFTER if won else "#c3c8ce",
+            )
+            for won, estimate in reversed([(i == 0, one) for i, one in enumerate(self.estimates)])
+        ]
+        return pictures.curves(lines, "iteration", "mean error  [% of edge]")
+
+    def _repr_html_(self) -> str:
+        return display.page(
+            f"Fit by {self.method}",
+            display.paragraph(
+                f"Mean error {display.percent(self.mae)} of the edge, tracker's noise "
+                f"{display.percent(self.noise)}; {self.rollouts:,} rollouts in {self.seconds:.1f} s."
+            ),
+            self.model._repr_html_(),
+            display.items((*self.unidentifiable, *self.notes)),
+        )

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.fitting import problem
+from irt.fitting.problem import Problem
+from irt.fitting.solution import Curvature
 
 Array = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class Information:
     offset: Array
 
     @classmethod
-    def of(cls, asked: problem.Problem, values: Array, told: problem.Information) -> Information:
+    def of(cls, asked: Problem, values: Array, told: Curvature) -> Information:
         """Return what the engine told of a problem around (n,) values."""
         # scipy takes longer to load than `irt check`, which builds the class from its own numbers, to run.
         from scipy.special import stdtrit  # noqa: PLC0415

@@ -21,7 +21,7 @@ from irt.errors import IrtError
 from irt.files import write_atomic
 from irt.model import save_model
 from irt.report.diagnosis_report import write_diagnosis_report
-from irt.rig import Rig, load_rig
+from irt.rig import MOST_ROWS, Rig, load_rig
 
 
 def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, warnings: Sequence[str] = ()) -> Path:
@@ -46,7 +46,13 @@ def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, warnings: Sequence
     save_model(folder / "model.toml", found.model)
     page = write_diagnosis_report(folder, rig, found, warnings)
     # The numbers come last: where they are, the rest is whole.
-    numbers = json.dumps({**found.as_dict(), "warnings": warnings}, indent=2, allow_nan=False)
+    stamped = all(recording.stamps is not None for recording in rig.recordings)
+    content = {
+        **found.as_dict(),
+        "time_base": "stamps" if stamped else "unknown: no stamps",
+        "warnings": warnings,
+    }
+    numbers = json.dumps(content, indent=2, allow_nan=False)
     write_atomic(folder / "diagnosis.json", f"{numbers}\n")
     return page
 
@@ -56,7 +62,7 @@ def main(words: Sequence[str]) -> int:
     folder, out, seed = Path(words[0]), Path(words[1]), int(words[2])
     try:
         path = Path((folder / "path").read_text(encoding="utf-8"))
-        rig = replace(load_rig(folder / "rig"), path=path)
+        rig = replace(load_rig(folder / "rig"), path=path).first_rows(MOST_ROWS)
         checked = check(rig, threads=1)
         checked.require()
         rig = rig.of_marbles()

@@ -5,18 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irt import arguments, display
 from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.fitting.least_squares import stamped_time_scale
+from irt.fitting.problem import tracker_noise
 from irt.model import Model
 from irt.recording import save_recording
-from irt.rig import Rig
+from irt.rig import Rig, as_rig
 from irt.segments import segments
 from irt.suggestion.criterion import Criterion
 from irt.suggestion.excitations import Excitation, Limits, as_recorded
@@ -24,6 +27,9 @@ from irt.suggestion.hypothesis import Hypothesis
 from irt.suggestion.search import Found, Search
 from irt.suggestion.separation import Separation
 from irt.suggestion.words import sentences
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -68,6 +74,21 @@ class Suggestion:
     tried: int
     sentences: tuple[str, ...]
 
+    def plot(self) -> Figure:
+        """Draw the commands over time; return a matplotlib figure."""
+        from irt import pictures  # noqa: PLC0415
+
+        rows = np.arange(len(self.commands), dtype=np.float64)
+        times, unit = (rows, "row") if self.stamps is None else (self.stamps - self.stamps[0], "time  [s]")
+        panels = {
+            f"command {axis}": [pictures.Line("", self.commands[:, index], pictures.COLOURS[index])]
+            for index, axis in enumerate("xy")
+        }
+        return pictures.over_time(times, unit, panels)
+
+    def _repr_html_(self) -> str:
+        return display.page("The next run to record", display.items(self.sentences))
+
     def save(self, path: PathLike) -> None:
         """Write the commands as a CSV file ready to play, the start in row 0.
 
@@ -81,10 +102,11 @@ class Suggestion:
         save_recording(path, self.commands, marble, self.stamps)
 
 
+@arguments.entry
 def suggest(
-    rig: Rig,
-    models: Sequence[Model],
-    noise: float,
+    rig: Rig | PathLike,
+    models: Model | Sequence[Model],
+    noise: float | None = None,
     *,
     seed: int = 0,
     threads: int | None = None,
@@ -94,13 +116,13 @@ def suggest(
 
     Parameters
     ----------
-    rig : Rig
-        Its recordings say what the knobs can do, how long runs are, where they start, and how well the
-        models' parameters are known.
-    models : sequence of Model
+    rig : Rig or path
+        Its recordings, or those in its folder, say what the knobs can do, how long runs are, where they
+        start, and how well the models' parameters are known.
+    models : Model or sequence of Model
         The final model of a diagnosis, then its rivals; with one alone its parameters are sharpened.
-    noise : float
-        The tracker's standard deviation [board edges].
+    noise : float, optional
+        The tracker's standard deviation [board edges]; by default that of the recordings.
     seed : int
         Of all draws. The same seed gives the same bits for any number of threads.
     threads : int, optional
@@ -113,8 +135,14 @@ def suggest(
     IrtError
         If there is no model, the noise is none, or the recordings never moved a knob.
     """
+    rig = as_rig(rig).of_marbles()
+    models = arguments.listed("models", [models] if isinstance(models, Model) else models, Model)
     if not models:
         raise IrtError("models: expected at least one")
+    arguments.whole("seed", seed)
+    arguments.threads(threads)
+    arguments.progress(progress)
+    noise = tracker_noise(segments(rig)) if noise is None else arguments.number("noise", noise)
     if not 0.0 < noise < math.inf:
         raise IrtError(f"noise: expected a standard deviation above 0 [board edges], got {noise}")
     stamped = stamped_time_scale(rig)

@@ -42,6 +42,8 @@ class Limits:
         Time of a row [s], where stamps tell it.
     starts : (k, 2) array
         Where a run may start [board edges].
+    unit : str
+        Unit of the commands.
     """
 
     amplitude: Array
@@ -49,6 +51,7 @@ class Limits:
     rows: int
     step_s: float | None
     starts: Array
+    unit: str = "rad"
 
     @classmethod
     def of(cls, rig: Rig, step_s: float | None) -> Limits:
@@ -119,7 +122,9 @@ def draw(family: str, genes: Array, limits: Limits) -> Excitation:
     commands = limits.kept(shape * used * size * limits.amplitude)
     turned = np.abs(commands).max(axis=0)
     on = ("both knobs", "the x knob alone", "the y knob alone")[axes]
-    return Excitation(family, f"{words}, on {on}, by up to {turned.max():.3g} rad", commands, start, genes)
+    return Excitation(
+        family, f"{words}, on {on}, by up to {turned.max():.3g} {limits.unit}", commands, start, genes
+    )
 
 
 def as_recorded(rig: Rig, limits: Limits) -> list[Excitation]:

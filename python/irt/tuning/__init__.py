@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from irt.errors import unknown_name
-from irt.rig import Rig, load_rig
+from irt import arguments
+from irt.catalogue import effect
+from irt.engine import Engine
+from irt.errors import IrtError
+from irt.model import Effect
+from irt.rig import Rig, as_rig
 
 if TYPE_CHECKING:
     from irt.files import PathLike
-    from irt.fitting.fit import FitResult
+    from irt.fitting.fit import FitResult, Progress
 
 #: In the order in which help lists them; the first is the default.
 METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
+#: Which methods an option belongs to that not all have.
+BELONGS = {
+    "starts": METHODS[:-1],
+    "iterations": ("irt",),
+    "rollouts": ("irt+", "cma-es", "es"),
+    "network": ("irt+", "irt", "direct"),
+    "effects": ("least-squares",),
+}
 
 
-def tune(rig: Rig | PathLike, method: str = METHODS[0], **options: Any) -> FitResult:
+@arguments.entry
+def tune(
+    rig: Rig | PathLike,
+    method: str = METHODS[0],
+    *,
+    starts: int | None = None,
+    iterations: int | None = None,
+    rollouts: int | None = None,
+    network: PathLike | None = None,
+    effects: Sequence[Effect | str] = (),
+    seed: int = 0,
+    engine: Engine = "rolling",
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> FitResult:
     """Fit the five parameters to the recordings of a rig.
 
     Parameters
@@ -24,9 +51,24 @@ def tune(rig: Rig | PathLike, method: str = METHODS[0], **options: Any) -> FitRe
         A rig, or its folder.
     method : {"least-squares", "irt+", "irt", "cma-es", "es", "direct"}
         How: the last four are the paper's method and those that it compares with.
-    **options
-        Of the method, see `irt.fitting.least_squares.least_squares`, `irt.tuning.residual_tuning.irt` and
-        `irt.tuning.budgeted.budgeted`. All take ``seed``, ``engine``, ``threads`` and ``progress``.
+    starts : int, optional
+        Start points; default 8 of least squares, 1 of "irt+", 5 of the others. Not of "direct".
+    iterations : int, optional
+        Of "irt": steps from each start; default 20.
+    rollouts : int, optional
+        Of "irt+", "cma-es" and "es": proposals simulated from each start; default 60, 300, 1005.
+    network : path, optional
+        Of "irt+", "irt" and "direct": a trained network in the place of the one shipped or cached.
+    effects : sequence of Effect or str, optional
+        Of least squares: what is added to the simulation and fitted, or its names.
+    seed : int
+        Of the start points.
+    engine : {"rolling", "rapier"}
+        What simulates.
+    threads : int, optional
+        Of the engine; by default one for each core.
+    progress : callable, optional
+        Called with (done, total, text).
 
     Returns
     -------
@@ -38,19 +80,74 @@ def tune(rig: Rig | PathLike, method: str = METHODS[0], **options: Any) -> FitRe
     IrtError
         If the method is unknown, the rig or an option is not as it must be, or a file cannot be written.
     """
-    rig = rig if isinstance(rig, Rig) else load_rig(rig)
+    arguments.word("method", method, METHODS)
+    added = _effects(effects)
+    numbers = {"starts": starts, "iterations": iterations, "rollouts": rollouts}
+    given = {name: arguments.whole(name, one, 1) for name, one in numbers.items() if one is not None}
+    if network is not None:
+        arguments.path("network", network)
+    check_options(method, [*given, *["network"][: network is not None], *["effects"][: bool(added)]])
+    arguments.whole("seed", seed)
+    arguments.text("engine", engine)
+    arguments.threads(threads)
+    arguments.progress(progress)
+    common: dict[str, Any] = {
+        **given,
+        "seed": seed,
+        "engine": engine,
+        "threads": threads,
+        "progress": progress,
+    }
+    rig = as_rig(rig)
     # torch, scipy and pycma load only where they are used.
     if method == "least-squares":
         from irt.fitting.least_squares import least_squares  # noqa: PLC0415
 
-        return least_squares(rig, **options)
+        return least_squares(rig, effects=added, **common)
     rig = rig.of_marbles()
+    if network is not None:
+        common["network"] = network
     if method == "irt":
         from irt.tuning.residual_tuning import irt  # noqa: PLC0415
 
-        return irt(rig, **options)
-    if method not in METHODS:
-        raise unknown_name("method", method, METHODS)
+        return irt(rig, **common)
     from irt.tuning.budgeted import budgeted  # noqa: PLC0415
 
-    return budgeted(rig, method, **options)
+    return budgeted(rig, method, **common)
+
+
+def check_options(method: str, given: Sequence[str], *, prefix: str = "") -> None:
+    """Raise unless each option that is given belongs to the method.
+
+    Parameters
+    ----------
+    method : str
+        One of `METHODS`.
+    given : sequence of str
+        Names of options; those that all methods have are passed over.
+    prefix : str
+        What the user writes before a name.
+
+    Raises
+    ------
+    IrtError
+        If one does not.
+    """
+    for name in given:
+        if name in BELONGS and method not in BELONGS[name]:
+            option = (
+                f"{prefix}{name}".removesuffix("s") if prefix and name == "effects" else f"{prefix}{name}"
+            )
+            whose = f"{prefix}method {' or '.join(BELONGS[name])}"
+            raise IrtError(f"{option} belongs to {whose}; leave it out")
+
+
+def _effects(effects: Sequence[Effect | str]) -> tuple[Effect, ...]:
+    """Return effects, those that are named with all parameters to be looked for."""
+    if isinstance(effects, str | bytes | Mapping) or not isinstance(effects, Sequence):
+        raise IrtError(f"effects: expected a sequence of irt.Effect or names, got {arguments.shown(effects)}")
+    named = [Effect(one, {}) if isinstance(one, str) else one for one in effects]
+    found = arguments.listed("effects", named, Effect)
+    for one in found:
+        effect(one.name)
+    return found

@@ -9,6 +9,7 @@ import pytest
 from irt.checking import check
 from irt.conventions import CONVENTIONS
 from irt.engine import SUBSTEP_S, rollouts
+from irt.errors import IrtError
 from irt.recording import KNOBS, MARBLE, TILT
 from simulated_rigs import STEP_S, TRUTH
 
@@ -86,10 +87,24 @@ def test_the_advice_puts_commands_and_marble_right(make_rig, convention, pair, s
     wrong = distorted(make_rig(stamped=stamped), convention, pair)
     found = check(wrong)
     (finding,) = [one for one in found.findings if one.where == "axes"]
-    assert finding.severity == "warning"
+    assert finding.severity == "error"
+    with pytest.raises(IrtError, match=re.escape(finding.advice)):
+        found.require()
     assert found.identified is None
     mended = check(with_columns(wrong, follow(finding.advice)))
     assert [one for one in mended.findings if one.severity != "note"] == []
+
+
+@pytest.mark.parametrize("convention", WRONG)
+def test_a_few_rows_only_warn(make_rig, convention):
+    short = distorted(make_rig(runs=1, rows=90), convention, MARBLE)
+    severities = {one.severity for one in check(short).findings if one.where == "axes"}
+    assert severities <= {"warning"}
+
+
+def test_right_axes_are_never_refused(make_rig):
+    for noise in (0.001, 0.01, 0.05):
+        assert not [one for one in check(make_rig(noise=noise)).findings if one.severity == "error"]
 
 
 @pytest.mark.parametrize("pair", [KNOBS, MARBLE, TILT])

@@ -124,6 +124,17 @@ impl Coordinates {
         width / 12f64.sqrt()
     }
 
+    /// Mean and standard deviation of each coordinate where its parameter lies anywhere in its range.
+    pub(super) fn prior(&self) -> Vec<(f64, f64)> {
+        let middle = |axis: &Axis| match axis.shape {
+            Shape::Logarithm => 0.5 * (axis.high.ln() + axis.low.max(axis.lower).ln()),
+            Shape::Friction => 0.5,
+            Shape::Linear(unit) => 0.5 * (axis.high + axis.low) / unit,
+        };
+        let of = |(i, axis)| (middle(axis), self.spread_of_range(i));
+        self.axes.iter().enumerate().map(of).collect()
+    }
+
     /// The value of a linear coordinate.
     pub(super) fn value(&self, z: &[f64], i: usize) -> f64 {
         z[i] * self.unit(i)

@@ -10,6 +10,7 @@ mod channels;
 mod coordinates;
 mod cross_validation;
 mod descent;
+mod grey_box;
 mod information;
 mod normal;
 mod polish;
@@ -27,6 +28,7 @@ mod windows;
 
 use std::sync::atomic::AtomicBool;
 
+pub use self::grey_box::Probable;
 pub use self::information::Information;
 pub use self::problem::{Hypothesis, ParameterSpec, Problem, Recording, Stretch};
 pub use self::refine::Refined;

@@ -130,6 +130,17 @@ impl Problem<'_> {
         };
         let (coordinates, whole) = self.around(first, cancel)?;
         let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let states = self.filter_states(&whole);
+        let mut trials = Vec::with_capacity(values.len());
+        for values in values {
+            self.check_values(values)?;
+            trials.push(shooting.trial(&coordinates.to_z(values), &states, None));
+        }
+        shooting.filter(&trials.iter().collect::<Vec<_>>(), noise)
+    }
+
+    /// Where a filter starts: where the marble was first seen, at rest.
+    pub(super) fn filter_states(&self, whole: &Windows) -> Vec<State> {
         let start = |window: &Window| {
             let seen = self.recordings[window.recording].observed[window.first];
             let place = if seen[0].is_finite() && seen[1].is_finite() {
@@ -139,13 +150,7 @@ impl Problem<'_> {
             };
             [place[0], place[1], 0.0, 0.0]
         };
-        let states: Vec<State> = whole.all.iter().map(start).collect();
-        let mut trials = Vec::with_capacity(values.len());
-        for values in values {
-            self.check_values(values)?;
-            trials.push(shooting.trial(&coordinates.to_z(values), &states, None));
-        }
-        shooting.filter(&trials, noise)
+        whole.all.iter().map(start).collect()
     }
 
     /// The channels weighted by what the best of some points leaves over.

@@ -302,7 +302,7 @@ impl<'a> Shooting<'a> {
     }
 
     /// Predicts each row of whole stretches from all rows before, with one noise for each trial.
-    pub(super) fn filter(&self, trials: &[Trial], noise: &[Noise]) -> Result<Vec<Filtered>> {
+    pub(super) fn filter(&self, trials: &[&Trial], noise: &[Noise]) -> Result<Vec<Filtered>> {
         let none = || vec![Vec::new(); self.windows.all.len()];
         let empty = || Filtered {
             predicted: none(),
@@ -310,7 +310,6 @@ impl<'a> Shooting<'a> {
             log_likelihood: vec![[0.0; 2]; self.windows.all.len()],
         };
         let mut filtered: Vec<Filtered> = trials.iter().map(|_| empty()).collect();
-        let trials: Vec<&Trial> = trials.iter().collect();
         let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
         for ((rows, _), indices) in of_marble {
             let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
@@ -335,7 +334,7 @@ impl<'a> Shooting<'a> {
                     })
                 })
                 .collect();
-            self.with_batch(&trials, *rows, (indices, &windows), |batch| {
+            self.with_batch(trials, *rows, (indices, &windows), |batch| {
                 let filter = Filter {
                     batch: *batch,
                     observed: PerRollout::Of(&observed),

@@ -1,0 +1,396 @@
+//! The most probable values where the marble is also pushed at random, and the evidence for the model.
+//!
+//! The likelihood is that of the filter ([`crate::filter`]), so start states are no unknowns, and what never
+//! repeats is a size that is estimated. Values have a prior: the mean and the variance of their plausible ranges.
+//! Gauss-Newton steps on the normalised innovations go uphill in the values, Newton steps in the sizes of what is
+//! random. The evidence is Laplace's approximation about the top, with the sizes at their best ("Bayesian interpolation", 1992).
+
+use std::sync::atomic::AtomicBool;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::coordinates::Coordinates;
+use super::problem::Problem;
+use super::shooting::{Filtered, Shooting, Trial};
+use super::windows::State;
+use crate::engine::TAIL;
+use crate::error::Result;
+use crate::filter::log_density;
+use crate::noise::Noise;
+
+/// Steps of the finite differences, in coordinates and in logarithms of sizes.
+const STEP: f64 = 1e-4;
+const SIZE_STEP: f64 = 0.1;
+/// The most that a coordinate or the logarithm of a size changes in one step.
+const FARTHEST: f64 = 0.7;
+/// An ascent ends where a step gains less [nats].
+const LITTLE: f64 = 0.02;
+/// Dampings tried in each step, in units of the last one that helped, and that of the first step.
+const DAMPINGS: [f64; 4] = [0.0, 0.1, 10.0, 1000.0];
+const DAMPING: f64 = 1e-3;
+/// A size changes where its logarithm is worth this much [nats].
+const MATTERS: f64 = 1e-3;
+/// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
+/// the push (m²/s³) and the restitution.
+const SMALLEST: [f64; 5] = [1e-6, 1e-6, 0.01, 1e-10, 1e-3];
+const LARGEST: [f64; 5] = [0.1, 0.1, 5.0, 10.0, 1.0];
+
+/// The top that an ascent has reached.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Probable {
+    /// The five parameters, then those of the effects.
+    pub values: Vec<f64>,
+    /// The sizes of what is random.
+    pub noise: Noise,
+    /// Of what was seen [nats].
+    pub log_likelihood: f64,
+    /// Logarithm of the probability of what was seen, over all values [nats].
+    pub log_evidence: f64,
+    /// Places of the free parameters among all, and their standard deviations.
+    pub deviations: Vec<(usize, f64)>,
+}
+
+/// Where an ascent is.
+#[derive(Clone)]
+struct Place {
+    z: Vec<f64>,
+    noise: Noise,
+}
+
+/// An ascent: its place, the posterior there, and how careful it is.
+struct Ascent {
+    place: Place,
+    damping: f64,
+    gain: f64,
+}
+
+/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior.
+struct Slope {
+    log_likelihood: f64,
+    curvature: DMatrix<f64>,
+    uphill: DVector<f64>,
+    sizes: [f64; 5],
+}
+
+impl Problem<'_> {
+    /// Goes uphill from values and sizes of what is random, all of them in lockstep.
+    ///
+    /// The gears of all values must have the signs of the first ones.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn ascend(
+        &self,
+        values: &[Vec<f64>],
+        noise: &[Noise],
+        iterations: usize,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Probable>> {
+        self.check()?;
+        let Some(first) = values.first() else {
+            return Ok(Vec::new());
+        };
+        let (coordinates, whole) = self.around(first, cancel)?;
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let hill = Hill {
+            shooting: &shooting,
+            coordinates: &coordinates,
+            states: self.filter_states(&whole),
+            prior: coordinates.prior(),
+        };
+        let mut ascents = Vec::with_capacity(values.len());
+        for (values, noise) in values.iter().zip(noise) {
+            self.check_values(values)?;
+            let z = coordinates.clip(&coordinates.to_z(values));
+            ascents.push(Ascent {
+                place: Place { z, noise: *noise },
+                damping: DAMPING,
+                gain: f64::INFINITY,
+            });
+        }
+        for _ in 0..iterations {
+            let mut climbing: Vec<&mut Ascent> =
+                ascents.iter_mut().filter(|one| one.gain > LITTLE).collect();
+            if climbing.is_empty() {
+                break;
+            }
+            hill.step(&mut climbing)?;
+        }
+        let places: Vec<&Place> = ascents.iter().map(|one| &one.place).collect();
+        let slopes = hill.slopes(&places)?;
+        Ok(places
+            .into_iter()
+            .zip(slopes)
+            .map(|(place, slope)| hill.top(place, &slope))
+            .collect())
+    }
+}
+
+/// The log-posterior.
+struct Hill<'a> {
+    shooting: &'a Shooting<'a>,
+    coordinates: &'a Coordinates,
+    states: Vec<State>,
+    /// Mean and standard deviation of each coordinate.
+    prior: Vec<(f64, f64)>,
+}
+
+impl Hill<'_> {
+    /// One step of each ascent: the best of several dampings, with and without new sizes.
+    fn step(&self, ascents: &mut [&mut Ascent]) -> Result<()> {
+        let places: Vec<&Place> = ascents.iter().map(|one| &one.place).collect();
+        let slopes = self.slopes(&places)?;
+        let mut tried = Vec::new();
+        for (ascent, slope) in ascents.iter().zip(&slopes) {
+            let here = &ascent.place;
+            let sized = with_sizes(&here.noise, slope.sizes);
+            tried.push(Place {
+                z: here.z.clone(),
+                noise: sized,
+            });
+            for factor in DAMPINGS {
+                let step = Self::newton(slope, ascent.damping * factor);
+                for (share, noise) in [(1.0, sized), (1.0, here.noise), (0.3, sized)] {
+                    let moved: Vec<f64> = here
+                        .z
+                        .iter()
+                        .zip(&step)
+                        .map(|(z, step)| z + share * step)
+                        .collect();
+                    tried.push(Place {
+                        z: self.coordinates.clip(&moved),
+                        noise,
+                    });
+                }
+            }
+        }
+        let found = self.filtered(&tried.iter().map(|place| self.at(place)).collect::<Vec<_>>())?;
+        let each = tried.len() / ascents.len();
+        let posterior = |i: usize| self.log_likelihood(&found[i]) + self.log_prior(&tried[i].z);
+        for (number, (ascent, slope)) in ascents.iter_mut().zip(slopes).enumerate() {
+            let own = number * each..(number + 1) * each;
+            let best = own.max_by(|&a, &b| posterior(a).total_cmp(&posterior(b)));
+            let here = slope.log_likelihood + self.log_prior(&ascent.place.z);
+            let Some(best) = best else { continue };
+            let gain = posterior(best) - here;
+            if gain > 0.0 {
+                ascent.place = tried[best].clone();
+                ascent.damping = (0.2 * ascent.damping).max(1e-8);
+                ascent.gain = gain;
+            } else {
+                ascent.damping *= 10.0;
+                ascent.gain = if ascent.damping > 1.0 {
+                    0.0
+                } else {
+                    f64::INFINITY
+                };
+            }
+        }
+        Ok(())
+    }
+
+    /// Curvature and slope of the log-posterior at each place, and the sizes that Newton's method asks for.
+    fn slopes(&self, places: &[&Place]) -> Result<Vec<Slope>> {
+        let count = self.coordinates.len();
+        let mut trials = Vec::new();
+        for place in places {
+            let here = self.at(place);
+            let updates = here.0.updates;
+            trials.push(here);
+            for i in 0..count {
+                let mut z = place.z.clone();
+                z[i] += STEP;
+                let trial = self.shooting.trial(&z, &self.states, Some(updates));
+                trials.push((trial, place.noise));
+            }
+            for i in 0..SMALLEST.len() {
+                for sign in [1.0, -1.0] {
+                    let mut sizes = sizes(&place.noise);
+                    sizes[i] *= f64::exp(sign * SIZE_STEP);
+                    let noise = with_sizes(&place.noise, sizes);
+                    trials.push((
+                        self.shooting.trial(&place.z, &self.states, Some(updates)),
+                        noise,
+                    ));
+                }
+            }
+        }
+        let filtered = self.filtered(&trials)?;
+        let each = trials.len() / places.len();
+        let of_place = |(place, found): (&&Place, &[Filtered])| self.slope(place, found);
+        Ok(places
+            .iter()
+            .zip(filtered.chunks_exact(each))
+            .map(of_place)
+            .collect())
+    }
+
+    fn slope(&self, place: &Place, found: &[Filtered]) -> Slope {
+        let count = self.coordinates.len();
+        let (here, rest) = (&found[0], &found[1..]);
+        let mut curvature = DMatrix::zeros(count, count);
+        let mut uphill = DVector::zeros(count);
+        let mut row = vec![0.0; count];
+        self.each_innovation(here, |window, i, axis, off, variance| {
+            for (slope, moved) in row.iter_mut().zip(rest) {
+                *slope =
+                    (moved.predicted[window][i][axis] - here.predicted[window][i][axis]) / STEP;
+            }
+            // The derivative of Student's t, over the innovation.
+            let weight = (TAIL + 1.0) / (TAIL * variance + off * off);
+            for a in 0..count {
+                uphill[a] += weight * off * row[a];
+                for b in 0..=a {
+                    curvature[(a, b)] += weight * row[a] * row[b];
+                }
+            }
+        });
+        for a in 0..count {
+            for b in 0..a {
+                curvature[(b, a)] = curvature[(a, b)];
+            }
+            let (mean, deviation) = self.prior[a];
+            curvature[(a, a)] += deviation.powi(-2);
+            uphill[a] -= (place.z[a] - mean) * deviation.powi(-2);
+        }
+        let log_likelihoods: Vec<f64> = rest[count..]
+            .iter()
+            .map(|one| self.log_likelihood(one))
+            .collect();
+        let here = self.log_likelihood(here);
+        let mut sizes = sizes(&place.noise);
+        for (i, size) in sizes.iter_mut().enumerate() {
+            let (more, less) = (log_likelihoods[2 * i], log_likelihoods[2 * i + 1]);
+            let slope = (more - less) / (2.0 * SIZE_STEP);
+            let bend = (more - 2.0 * here + less) / (SIZE_STEP * SIZE_STEP);
+            if slope.abs() > MATTERS {
+                let step = if bend < 0.0 {
+                    -slope / bend
+                } else {
+                    slope.signum() * FARTHEST
+                };
+                *size *= step.clamp(-FARTHEST, FARTHEST).exp();
+            }
+        }
+        Slope {
+            log_likelihood: here,
+            curvature,
+            uphill,
+            sizes,
+        }
+    }
+
+    fn newton(slope: &Slope, damping: f64) -> Vec<f64> {
+        let mut matrix = slope.curvature.clone();
+        for i in 0..matrix.nrows() {
+            matrix[(i, i)] *= 1.0 + damping;
+        }
+        let step = matrix.cholesky().map(|one| one.solve(&slope.uphill));
+        let step = step.unwrap_or_else(|| DVector::zeros(slope.uphill.len()));
+        step.iter()
+            .map(|one| one.clamp(-FARTHEST, FARTHEST))
+            .collect()
+    }
+
+    fn top(&self, place: &Place, slope: &Slope) -> Probable {
+        let covariance = slope.curvature.clone().cholesky();
+        let log_volume: f64 = covariance.as_ref().map_or(f64::NAN, |one| {
+            one.l_dirty().diagonal().iter().map(|one| one.ln()).sum()
+        });
+        let log_width: f64 = self.prior.iter().map(|(_, deviation)| deviation.ln()).sum();
+        let by_z = self.coordinates.derivative(&place.z);
+        let inverse = covariance.map(|one| one.inverse());
+        let deviation = |row: &Vec<f64>| {
+            let row = DVector::from_column_slice(row);
+            inverse
+                .as_ref()
+                .map_or(f64::NAN, |inverse| (inverse * &row).dot(&row).sqrt())
+        };
+        let slots = self.coordinates.slots();
+        Probable {
+            values: self
+                .coordinates
+                .own(&self.coordinates.to_values(&place.z))
+                .to_vec(),
+            noise: place.noise,
+            log_likelihood: slope.log_likelihood,
+            log_evidence: slope.log_likelihood + self.log_prior(&place.z) - log_volume - log_width,
+            deviations: slots.into_iter().zip(by_z.iter().map(deviation)).collect(),
+        }
+    }
+
+    /// Logarithm of the prior, up to what only its widths decide.
+    fn log_prior(&self, z: &[f64]) -> f64 {
+        let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
+        -0.5 * z.iter().zip(&self.prior).map(square).sum::<f64>()
+    }
+
+    fn at(&self, place: &Place) -> (Trial, Noise) {
+        (
+            self.shooting.trial(&place.z, &self.states, None),
+            place.noise,
+        )
+    }
+
+    fn filtered(&self, trials: &[(Trial, Noise)]) -> Result<Vec<Filtered>> {
+        let noise: Vec<Noise> = trials.iter().map(|(_, noise)| *noise).collect();
+        let trials: Vec<&Trial> = trials.iter().map(|(trial, _)| trial).collect();
+        self.shooting.filter(&trials, &noise)
+    }
+
+    fn log_likelihood(&self, found: &Filtered) -> f64 {
+        let mut sum = 0.0;
+        self.each_innovation(found, |_, _, _, off, variance| {
+            sum += log_density(off, variance);
+        });
+        sum
+    }
+
+    /// Calls with window, row, axis, innovation and variance of everything that was seen.
+    fn each_innovation(&self, found: &Filtered, mut of: impl FnMut(usize, usize, usize, f64, f64)) {
+        for (number, window) in self.shooting.windows.all.iter().enumerate() {
+            let known = &self.shooting.windows.known[window.marble()];
+            let observed = &self.shooting.windows.observed[window.marble()];
+            for (row, (mean, variance)) in found.predicted[number]
+                .iter()
+                .zip(&found.variance[number])
+                .enumerate()
+            {
+                for axis in 0..2 {
+                    if known[2 * row + axis] && variance[axis].is_finite() {
+                        of(
+                            number,
+                            row,
+                            axis,
+                            observed[2 * row + axis] - mean[axis],
+                            variance[axis],
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn sizes(noise: &Noise) -> [f64; 5] {
+    [
+        noise.white,
+        noise.lasting,
+        noise.lasting_s,
+        noise.push,
+        noise.restitution,
+    ]
+}
+
+fn with_sizes(noise: &Noise, sizes: [f64; 5]) -> Noise {
+    let [white, lasting, lasting_s, push, restitution] =
+        std::array::from_fn(|i| sizes[i].clamp(SMALLEST[i], LARGEST[i]));
+    Noise {
+        white,
+        lasting,
+        lasting_s,
+        push,
+        restitution,
+        ..*noise
+    }
+}

@@ -1,0 +1,167 @@
+"""Checks of what callers pass: one line that says what was expected and what came."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError, unknown_name
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+#: As many as the engine takes.
+_MOST_THREADS = 1024
+#: Of a whole number that the engine takes.
+_BITS = 63
+#: Characters of a value that a message shows.
+_SHOWN = 60
+
+
+def entry(function: Callable[P, T]) -> Callable[P, T]:
+    """Make a function of the package's interface raise `IrtError` for arguments that it does not have.
+
+    A misspelt option is then one line that names the nearest, as everywhere.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        for name in kwargs:
+            if name not in signature.parameters:
+                raise unknown_name(f"option of {function.__name__}", name, signature.parameters)
+        try:
+            signature.bind(*args, **kwargs)
+        except TypeError as error:
+            raise IrtError(f"{function.__name__}: {error}") from error
+        return function(*args, **kwargs)
+
+    return call
+
+
+def whole(name: str, value: object, least: int = 0) -> int:
+    """Return a whole number that is not below ``least``.
+
+    Raises
+    ------
+    IrtError
+        If the value is another; so do all functions here.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        raise IrtError(f"{name}: expected a whole number of at least {least}, got {shown(value)}")
+    if int(value).bit_length() > _BITS:
+        raise IrtError(f"{name}: expected a whole number below 2^{_BITS}, got {shown(value)}")
+    return int(value)
+
+
+def number(name: str, value: object) -> float:
+    """Return a number, finite or not."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        raise IrtError(f"{name}: expected a number, got {shown(value)}")
+    return float(value)
+
+
+def pair(name: str, value: object) -> tuple[float, float]:
+    """Return two numbers, in a tuple, a list or an array."""
+    if not isinstance(value, tuple | list | np.ndarray) or len(value) != 2:
+        raise IrtError(f"{name}: expected two numbers (low, high), got {shown(value)}")
+    return number(name, value[0]), number(name, value[1])
+
+
+def array(name: str, values: Any) -> NDArray[np.float64]:
+    """Return a copy of numbers."""
+    try:
+        if np.iscomplexobj(values):
+            raise TypeError("complex numbers")
+        return np.array(values, dtype=np.float64)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise IrtError(f"{name} must be an array of numbers ({error})") from error
+
+
+def flag(name: str, value: object) -> bool:
+    """Return True or False."""
+    if not isinstance(value, bool | np.bool_):
+        raise IrtError(f"{name}: expected True or False, got {shown(value)}")
+    return bool(value)
+
+
+def word(name: str, value: object, possible: Sequence[str]) -> str:
+    """Return one of some words."""
+    if not isinstance(value, str):
+        raise IrtError(f"{name}: expected one of {', '.join(possible)}, got {shown(value)}")
+    if value not in possible:
+        raise unknown_name(name, value, possible)
+    return value
+
+
+def text(name: str, value: object) -> str:
+    """Return text."""
+    if not isinstance(value, str):
+        raise IrtError(f"{name}: expected text, got {shown(value)}")
+    return value
+
+
+def path(name: str, value: object) -> Path:
+    """Return a path."""
+    if not isinstance(value, str | os.PathLike) or "\0" in os.fspath(value):
+        raise IrtError(f"{name}: expected a path, got {shown(value)}")
+    return Path(value)
+
+
+def instance(name: str, value: object, kind: type[T], *, expected: str = "") -> T:
+    """Return an object of a class; ``expected`` says in words what is asked for."""
+    if not isinstance(value, kind):
+        raise IrtError(f"{name}: expected {expected or f'irt.{kind.__name__}'}, got {shown(value)}")
+    return value
+
+
+def mapping(name: str, value: object) -> Mapping[Any, Any]:
+    """Return a mapping."""
+    if not isinstance(value, Mapping):
+        raise IrtError(f"{name}: expected a mapping by name, got {shown(value)}")
+    return value
+
+
+def listed(name: str, value: object, kind: type[T], *, expected: str = "") -> tuple[T, ...]:
+    """Return a sequence of objects of a class."""
+    expected = expected or f"a sequence of irt.{kind.__name__}"
+    if isinstance(value, str | bytes) or not isinstance(value, Sequence):
+        raise IrtError(f"{name}: expected {expected}, got {shown(value)}")
+    for index, one in enumerate(value):
+        if not isinstance(one, kind):
+            raise IrtError(f"{name}: expected {expected}; item {index} is {shown(one)}")
+    return tuple(value)
+
+
+def threads(value: object) -> int | None:
+    """Return a number of threads; None stands for one for each core."""
+    if value is None:
+        return None
+    count = whole("threads", value)
+    if not 1 <= count <= _MOST_THREADS:
+        raise IrtError(f"threads: expected 1 to {_MOST_THREADS}, got {count}")
+    return count
+
+
+def progress(value: Callable[..., Any] | None) -> None:
+    """Check a callback of progress."""
+    if value is not None and not callable(value):
+        raise IrtError(f"progress: expected a function of (done, total, text), got {shown(value)}")
+
+
+def shown(value: object) -> str:
+    """Return a value as a message names it: its type, and itself if that is short."""
+    if value is None:
+        return "None"
+    kind = type(value).__name__
+    if isinstance(value, str | int | float | os.PathLike | np.number):
+        written = repr(str(value)) if isinstance(value, str | os.PathLike) else repr(value)
+        return f"{written if len(written) <= _SHOWN else written[: _SHOWN - 3] + '...'} ({kind})"
+    return f"an object of type {kind}"

@@ -1,0 +1,96 @@
+"""How results show themselves in a notebook: small HTML tables, and numbers as text."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from html import escape
+
+#: Seconds in a unit, with their power.
+_SECOND = re.compile(r"\bs(?=([²³])?(?:\W|$))")
+_SUPERSCRIPTS = str.maketrans("²³", "23")
+#: Rows of a table that are shown; a notebook cell is no report.
+_MOST_ROWS = 30
+
+
+def interval(value: float, low: float | None, high: float | None) -> str:
+    """Return a value and its 95 % interval as text, to the digits that the interval leaves meaning."""
+    if low is None or high is None:
+        return f"{value:.4g}"
+    if math.isinf(low) or math.isinf(high):
+        if math.isinf(low) and math.isinf(high):
+            return f"{value:.4g}  (not identifiable)"
+        return f"{value:.4g}  ({f'at most {high:.4g}' if math.isinf(low) else f'at least {low:.4g}'})"
+    digits = max(0, 1 - magnitude(high - low)) if high > low else 6
+    told, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))
+    return f"{told}  ({bottom} to {top})"
+
+
+def in_rows(
+    value: float, low: float | None, high: float | None, unit: str, row_s: float
+) -> tuple[float, float | None, float | None, str]:
+    """Return a value with its interval and its unit, seconds replaced by rows.
+
+    Without stamps the interval of such a value is that of the time scale: none is returned then.
+
+    Parameters
+    ----------
+    value : float
+        In SI units.
+    low, high : float, optional
+        Its 95 % interval.
+    unit : str
+        Such as "s", "m/s²" or "rad/s".
+    row_s : float
+        What a row lasts in the simulation [s].
+    """
+    above, _, below = unit.partition("/")
+    power = _seconds(above) - _seconds(below)
+    if power == 0:
+        return value, low, high, unit
+    return value * row_s**-power, None, None, "rows" if unit == "s" else _SECOND.sub("row", unit)
+
+
+def _seconds(unit: str) -> int:
+    """Return with which power a unit without a fraction holds seconds."""
+    found = _SECOND.search(unit)
+    return 0 if found is None else int((found.group(1) or "1").translate(_SUPERSCRIPTS))
+
+
+def magnitude(value: float) -> int:
+    """Return the power of ten of the first digit of a number."""
+    return math.floor(math.log10(abs(value))) if value else 0
+
+
+def percent(error: float | None) -> str:
+    """Return an error in board edges as percent of the edge; a dash where there is none."""
+    return "-" if error is None or math.isnan(error) else f"{100.0 * error:.3g} %"
+
+
+def page(title: str, *parts: str) -> str:
+    """Return a heading with parts below it, all HTML but the heading."""
+    return f"<div><strong>{escape(title)}</strong>{''.join(parts)}</div>"
+
+
+def paragraph(text: str) -> str:
+    """Return a paragraph."""
+    return f"<p>{escape(text)}</p>" if text else ""
+
+
+def items(sentences: Iterable[str]) -> str:
+    """Return a list of sentences; nothing of none."""
+    written = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    return f"<ul>{written}</ul>" if written else ""
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table with a heading row; the first rows of a long one."""
+    if not rows:
+        return ""
+    cells = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows[:_MOST_ROWS]
+    )
+    more = paragraph(f"and {len(rows) - _MOST_ROWS} more") if len(rows) > _MOST_ROWS else ""
+    return f"<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>{more}"

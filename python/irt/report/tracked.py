@@ -1,0 +1,294 @@
+"""From a video to a recording with its page: what ``irt track`` does, for Python."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from irt import arguments
+from irt.errors import IrtError
+from irt.files import PathLike, TomlTable, atomic_path, make_folder, read_toml
+from irt.fitting.fit import Progress
+from irt.fitting.problem import noise_in
+from irt.recording import Commands, Recording, load_commands
+from irt.rig import Board, Marble, read_dimensions
+
+if TYPE_CHECKING:
+    from irt.tracking.recorded import Summary, Timed
+    from irt.tracking.run import Question, Track
+    from irt.tracking.source import Source
+
+#: The lens, in the folder of results.
+LENS = "camera.toml"
+#: Pictures a second of the overlay, where the source does not say.
+_OVERLAY_FPS = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """What a video was turned into.
+
+    Attributes
+    ----------
+    path : Path
+        The CSV file: a recording where commands are known, else the positions alone.
+    page : Path
+        The page that shows how well the marble was seen.
+    track : Track
+        What was seen on each picture; `Track.stopped` says why it ended early, if it did.
+    summary : Summary
+        What the track is worth.
+    timed : Timed or None
+        The recording, where commands are known.
+    board : Board
+        What was tracked on.
+    """
+
+    path: Path
+    page: Path
+    track: Track
+    summary: Summary
+    timed: Timed | None
+    board: Board
+
+    @property
+    def recording(self) -> Recording | None:
+        """The recording, where commands are known."""
+        return None if self.timed is None else self.timed.recording
+
+
+@arguments.entry
+def track(
+    video: str | PathLike,
+    *,
+    out: PathLike | None = None,
+    commands: PathLike | None = None,
+    offset: float | None = None,
+    rig: PathLike | None = None,
+    lens: PathLike | None = None,
+    corners: Sequence[tuple[float, float]] | None = None,
+    marble: Sequence[tuple[float, float]] = (),
+    colour: tuple[float, float, float] | None = None,
+    fps: float | None = None,
+    seconds: float | None = None,
+    publish: bool = False,
+    progress: Progress | None = None,
+) -> Tracked:
+    """Follow the marble through a video, and write the recording, an overlay, and a page.
+
+    Parameters
+    ----------
+    video : str or path
+        A video file, a folder of images, the number of a camera ("0"), or an address.
+    out : path, optional
+        Folder for the results; default ``irt-track-NAME``, for a video ``NAME``.
+    commands : path, optional
+        CSV of the commands that were played, with their times in ``t_s``: the two clocks are aligned.
+    offset : float, optional
+        From the commands' clock to the video's [s]; default found by cross-correlation.
+    rig : path, optional
+        A ``rig.toml`` or its folder, for the sizes of board and marble; default that of `out`, else the
+        paper's.
+    lens : path, optional
+        The camera's calibration; default ``camera.toml`` of `out`, where it is.
+    corners : sequence of 4 (x, y), optional
+        The board's corners in the first picture [pixels], clockwise from least x, greatest y.
+    marble : sequence of (x, y)
+        Where the marble is in the first picture [pixels]; default learned from what moves.
+    colour : (blue, green, red), optional
+        The marble's colour, 0 to 255; default learned.
+    fps : float, optional
+        Pictures a second, where the file is wrong.
+    seconds : float, optional
+        Stop after so long.
+    publish : bool
+        Publish each position on ``/marble/position``, for ROS 2 nodes.
+    progress : callable, optional
+        Called with (done, total, text).
+
+    Raises
+    ------
+    IrtError
+        If the video cannot be read, the board or the marble is not found, or the commands do not belong to
+        it. What was seen until then is kept, and the message says where.
+    """
+    from irt.tracking.source import open_source  # noqa: PLC0415  # OpenCV loads only where it is used
+
+    for name, value in (("offset", offset), ("fps", fps), ("seconds", seconds)):
+        if value is not None:
+            arguments.number(name, value)
+    for name, given in (("out", out), ("commands", commands), ("rig", rig), ("lens", lens)):
+        if given is not None:
+            arguments.path(name, given)
+    arguments.progress(progress)
+    video = f"{arguments.path('video', video)}"
+    source = open_source(video, fps)
+    try:
+        folder = make_folder(Path(f"irt-track-{source.name}") if out is None else out)
+        board, ball = _sizes(rig, folder)
+        question = _question(folder, board, ball, lens=lens, corners=corners, marble=marble, colour=colour)
+        played = None if commands is None else load_commands(commands)
+        with ExitStack() as stack:
+            stack.enter_context(_kept(_partial(folder, source)))
+            seen = _follow(
+                source, question, folder, fps=fps, seconds=seconds, publish=publish, progress=progress
+            )
+            path = folder / f"{source.name}.csv"
+            timed = _saved(seen, played, path, offset)
+            facts = _facts(video, commands, source, timed)
+            return _described(seen, timed, path, facts=facts, board=board)
+    finally:
+        source.close()
+
+
+@contextmanager
+def _kept(partial: Path) -> Iterator[None]:
+    """Say where the positions of a run are that could not be finished; remove them once they are saved."""
+    try:
+        yield
+    except IrtError as error:
+        if not partial.exists():
+            raise
+        if len(partial.read_text(encoding="utf-8").splitlines()) < 2:
+            partial.unlink()
+            raise
+        raise IrtError(f"{error}; the positions seen until then are kept in {partial}") from error
+    partial.unlink(missing_ok=True)
+
+
+def _partial(folder: Path, source: Source) -> Path:
+    return folder / f"{source.name}.partial"
+
+
+def _follow(
+    source: Source,
+    question: Question,
+    folder: Path,
+    *,
+    fps: float | None,
+    seconds: float | None,
+    publish: bool,
+    progress: Progress | None,
+) -> Track:
+    """Follow the marble, with an overlay video and the sheet of the least sure pictures."""
+    from irt.tracking.overlay import ContactSheet, Overlay  # noqa: PLC0415
+    from irt.tracking.run import follow, prepare  # noqa: PLC0415
+
+    report: Progress = progress if progress is not None else lambda *_: None
+    publisher = _publisher() if publish else None
+    with ExitStack() as stack:
+        scene = prepare(source, question, report)
+        sheet = ContactSheet(scene, source.expected)
+        overlay = None
+        if not source.live:
+            beside = stack.enter_context(atomic_path(folder / f"{source.name}-overlay.mp4"))
+            overlay = Overlay(beside, scene, fps or _OVERLAY_FPS)
+            stack.callback(overlay.close)
+
+        def watch(frame: Any, sighting: Any, place: Any) -> None:
+            if publisher is not None and place[0] == place[0]:
+                publisher.publish(float(place[0]), float(place[1]), frame.wall)
+            sheet.add(frame, sighting)
+            if overlay is not None:
+                overlay.add(frame, sighting)
+
+        found = follow(source, scene, _partial(folder, source), report, seconds=seconds, watch=watch)
+    sheet.write(folder / f"{source.name}-unsure.png")
+    return found
+
+
+def _saved(found: Track, commands: Commands | None, path: Path, offset: float | None) -> Timed | None:
+    """Write the recording, or the positions alone."""
+    from irt.tracking.recorded import laid_on, save_positions, save_timed  # noqa: PLC0415
+
+    if commands is None:
+        save_positions(path, found)
+        return None
+    timed = laid_on(found, commands, path, offset)
+    save_timed(timed)
+    return timed
+
+
+def _described(
+    found: Track, timed: Timed | None, path: Path, *, facts: dict[str, Any], board: Board
+) -> Tracked:
+    """Write what is known of a track beside it."""
+    from irt.report.tracking_report import write_tracking_report  # noqa: PLC0415
+    from irt.tracking.recorded import save_metadata, summarise  # noqa: PLC0415
+
+    folder = path.parent
+    summary = summarise(found, noise_in([found.marble]))
+    save_metadata(folder / f"{found.name}.json", found, summary, facts)
+    page = write_tracking_report(folder, found, summary, timed, facts=facts, edge_m=board.edge_x_m)
+    return Tracked(path, page, found, summary, timed, board)
+
+
+def _question(
+    folder: Path,
+    board: Board,
+    ball: Marble,
+    *,
+    lens: PathLike | None,
+    corners: Sequence[tuple[float, float]] | None,
+    marble: Sequence[tuple[float, float]],
+    colour: tuple[float, float, float] | None,
+) -> Question:
+    """Return what is asked, with the folder's calibration."""
+    from irt.tracking.calibration import load_lens  # noqa: PLC0415
+    from irt.tracking.geometry import Size  # noqa: PLC0415
+    from irt.tracking.learning import Clue  # noqa: PLC0415
+    from irt.tracking.run import Question  # noqa: PLC0415
+
+    if lens is None and (folder / LENS).exists():
+        lens = folder / LENS
+    edge = board.edge_x_m
+    return Question(
+        size=Size(1.0, board.edge_y_m / edge, ball.radius_m / edge),
+        lens=None if lens is None else load_lens(lens),
+        corners=None if corners is None else _places("corners", corners),
+        clue=Clue(_places("marble", marble), None if colour is None else _triple(colour)),
+    )
+
+
+def _places(name: str, values: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    if isinstance(values, str) or not isinstance(values, Sequence):
+        raise IrtError(f"{name}: expected pairs of pixels, got {arguments.shown(values)}")
+    return tuple(arguments.pair(name, one) for one in values)
+
+
+def _triple(values: tuple[float, float, float]) -> tuple[float, float, float]:
+    if not isinstance(values, tuple | list) or len(values) != 3:
+        raise IrtError(f"colour: expected three numbers from 0 to 255, got {arguments.shown(values)}")
+    blue, green, red = (arguments.number("colour", one) for one in values)
+    return blue, green, red
+
+
+def _sizes(named: PathLike | None, folder: Path) -> tuple[Board, Marble]:
+    """Return the sizes of board and marble: of a rig that was named, of the folder's, or the paper's."""
+    settings = folder / "rig.toml" if named is None else Path(named)
+    if settings.is_dir():
+        settings /= "rig.toml"
+    if named is None and not settings.exists():
+        return read_dimensions(TomlTable("rig.toml", {}))
+    return read_dimensions(read_toml(settings))
+
+
+def _publisher() -> Any:
+    from irt.tracking.live import Publisher  # noqa: PLC0415
+
+    return Publisher()
+
+
+def _facts(video: str, commands: PathLike | None, source: Source, timed: Timed | None) -> dict[str, Any]:
+    """Return what the track was made from."""
+    facts: dict[str, Any] = {"video": video, "stamps": source.stamped_by}
+    if timed is not None:
+        facts["commands"] = str(commands)
+        facts["offset_s"] = timed.offset
+        if timed.alignment is not None:
+            facts["offset_error_s"] = timed.alignment.error
+            facts["explained"] = timed.alignment.explained
+    return facts

@@ -1,0 +1,121 @@
+"""The columns of a recording, and which values they can hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+
+Array = NDArray[np.float64]
+#: Names the place of a value in a message, from its row (from 0) and its column.
+Where = Callable[[int, str], str]
+
+STEP = "step"
+STAMP = "t_s"
+KNOBS = ("knob_x_rad", "knob_y_rad")
+#: Commands that are no angles (motor currents, servo units): the rig's ``[commands] unit`` names the unit.
+CMD = ("cmd_x", "cmd_y")
+MARBLE = ("marble_x", "marble_y")
+TILT = ("tilt_x_rad", "tilt_y_rad")
+
+#: Half of all positions beyond this many board edges: no marble on a board, but another unit.
+_MOST_EDGES = 2.0
+#: No slip of a tracker and no knob goes this far (board edges, rad); squares of larger numbers may overflow.
+_LARGEST = 1e6
+#: No board of a labyrinth tilts this far (rad): half a radian is 29 degrees.
+_STEEPEST_RAD = 0.5
+#: Longest time that one command may hold (s): 5000 physics updates, as many as the engine allows.
+_LONGEST_STEP_S = 5000 / 240
+
+
+def check_commands(
+    name: str, knobs: Array, stamps: Array | None, where: Where, columns: tuple[str, str]
+) -> None:
+    """Raise unless commands are numbers of at least two rows, and stamps rise by steps that can be."""
+    if len(knobs) < 2:
+        raise IrtError(f"{name}: one row only; at least two are needed, a start and what came of it")
+    expected = "a knob angle in radians" if columns == KNOBS else "a command"
+    for axis, column in enumerate(columns):
+        if (row := first_row(~(np.abs(knobs[:, axis]) <= _LARGEST))) is not None:
+            place, found = where(row, column), knobs[row, axis]
+            raise IrtError(f"{place}: expected {expected}, found {found}; no command may be lost")
+    if stamps is None:
+        return
+    if (row := first_row(~np.isfinite(stamps))) is not None:
+        raise IrtError(f"{where(row, STAMP)}: a stamp must be a finite number, found {stamps[row]}")
+    steps = np.diff(stamps)
+    if (row := first_row(steps <= 0)) is not None:
+        found = f"{stamps[row + 1]} follows {stamps[row]}"
+        raise IrtError(f"{where(row + 1, STAMP)}: stamps must rise from row to row, but {found}")
+    if (row := first_row(steps > _LONGEST_STEP_S)) is not None:
+        raise IrtError(
+            f"{where(row + 1, STAMP)}: {steps[row]:.6g} s after the row before; are the stamps in seconds? "
+            "Otherwise split the recording at this pause"
+        )
+
+
+def check_tilt(tilt: Array, where: Where) -> None:
+    """Raise where a measured tilt is infinite."""
+    for axis, column in enumerate(TILT):
+        values = np.abs(tilt[:, axis])
+        if (row := first_row(np.isinf(values))) is not None:
+            raise IrtError(
+                f"{where(row, column)}: {tilt[row, axis]} is no angle; leave the cell empty where the tilt "
+                "was not measured"
+            )
+
+
+def check_steepness(tilt: Array, where: Where) -> None:
+    """Raise where a measured tilt is none of a labyrinth's in most rows."""
+    for axis, column in enumerate(TILT):
+        values = np.abs(tilt[:, axis])
+        measured = values[np.isfinite(values)]
+        if len(measured) and np.median(measured) > _STEEPEST_RAD:
+            raise IrtError(
+                f"{where(int(np.argmax(values > _STEEPEST_RAD)), column)}: most tilts exceed "
+                f"{_STEEPEST_RAD:g} rad (29 degrees), which no board does; tilts are in radians: "
+                "divide degrees by 57.2958"
+            )
+
+
+def check_marble(name: str, marble: Array, where: Where, *, alone: bool = False) -> None:
+    """Raise unless positions are possible; a run in which the tilt `alone` was measured needs none."""
+    for axis, column in enumerate(MARBLE):
+        values = np.abs(marble[:, axis])
+        if (row := first_row(values > _LARGEST)) is not None:
+            raise IrtError(
+                f"{where(row, column)}: {marble[row, axis]} is no position [board edges]; "
+                "leave both cells empty where the marble was lost"
+            )
+    lost = np.isnan(marble)
+    if (row := first_row(lost[:, 0] != lost[:, 1])) is not None:
+        column, other = MARBLE if lost[row, 0] else MARBLE[::-1]
+        raise IrtError(f"{where(row, column)}: empty, but {other} is not; leave both empty or fill both")
+    seen = ~lost[:, 0]
+    if alone and not seen.any():
+        return
+    if not seen.any():
+        raise IrtError(f"{name}: the marble is lost in every row; there is nothing to compare with")
+    if lost[0, 0]:
+        first = int(np.argmax(seen))
+        raise IrtError(
+            f"{where(0, MARBLE[0])}: the marble is lost in the first row, where every prediction starts; "
+            f"cut the rows until it is seen ({first}) and count the steps from 0 again"
+        )
+    if np.median(np.abs(marble[seen]).max(axis=1)) > _MOST_EDGES:
+        low, high = marble[seen].min(axis=0), marble[seen].max(axis=0)
+        raise IrtError(
+            f"{where(0, MARBLE[0])}: positions go from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, "
+            f"{high[1]:.4g}, most of them more than {_MOST_EDGES:g} edges off the centre; positions are from "
+            "the board's centre in units of its long edge: of pixels or millimetres subtract the centre's, "
+            "then divide both by the length of the long edge in pixels or millimetres"
+        )
+
+
+def first_row(wrong: NDArray[np.bool_]) -> int | None:
+    """Return the first row that is wrong."""
+    rows = np.flatnonzero(wrong)
+    return int(rows[0]) if len(rows) else None
