@@ -125,7 +125,7 @@ $(BIN)/python .venv-docs/bin/python:
 
 # Either lock holds the base, in the same versions.
 $(BASE) $(PACKAGES): | $(BIN)/python
-	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
+	$(BIN)/python -m pip install --disable-pip-version-check --no-compile --requirement $<
 	@touch $@
 
 $(BASE): requirements-base.lock
@@ -133,7 +133,7 @@ $(PACKAGES): requirements.lock
 
 # Other engines and optimisers, for `make bench` alone.
 $(PEERS): benches/requirements.txt $(PACKAGES)
-	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
+	$(BIN)/python -m pip install --disable-pip-version-check --no-compile --requirement $<
 	@touch $@
 
 $(EXTENSION): $(BASE) $(EXTENSION_SOURCES)

@@ -35,6 +35,7 @@ def lab(write_rig):
     return write
 
 
+@pytest.mark.slow
 def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     rig, out = lab(PARALLAX), tmp_path / "results" / "deep"
     done = irt("diagnose", rig, "--out", out)
@@ -62,6 +63,7 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     assert f"wrote {out / 'model.toml'}, {out / 'diagnosis.json'} and {out / 'report.html'}" in done.out
 
 
+@pytest.mark.slow
 def test_the_same_seed_says_the_same_for_any_number_of_threads(irt, lab, tmp_path):
     rig = lab(PARALLAX, runs=3)
     answers = []
@@ -74,6 +76,7 @@ def test_the_same_seed_says_the_same_for_any_number_of_threads(irt, lab, tmp_pat
     assert answers[0] == answers[1]
 
 
+@pytest.mark.slow
 def test_one_recording_is_not_proved(irt, lab, tmp_path):
     done = irt("diagnose", lab(*TWO, runs=1, rows=200), "--out", tmp_path / "out")
     assert (done.status, done.err) == (0, "")
@@ -139,6 +142,7 @@ def several(write_rig):
     return folders
 
 
+@pytest.mark.slow
 def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
     out = tmp_path / "out"
     done = irt("diagnose", *several, "--out", out, "--jobs", "2")
@@ -154,6 +158,7 @@ def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
     assert (tmp_path / "alone/model.toml").read_bytes() == (out / "monday/model.toml").read_bytes()
 
 
+@pytest.mark.slow
 def test_what_is_diagnosed_already_is_left_as_it_is(irt, several, tmp_path, monkeypatch):
     words = ("diagnose", *several, "--out", tmp_path)
     assert irt(*words).status == 0

@@ -20,6 +20,7 @@ from irt.tuning.tunenet import load_network
 FEW = ("--pairs", "50", "--epochs", "6")
 
 
+@pytest.mark.slow
 def test_it_writes_a_network_and_its_loss_curve(irt, tmp_path):
     out = tmp_path / "new" / "net.safetensors"
     done = irt("pretrain", *FEW, "--seed", "3", "--out", out)
@@ -102,6 +103,7 @@ def stopped(irt, monkeypatch, *words):
         return irt("pretrain", "--pairs", "50", "--epochs", "8", *words)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="a kill is a signal")
 def test_killed_outright_it_goes_on_to_the_same_bytes(irt, tmp_path):
     out, whole = tmp_path / "net.safetensors", tmp_path / "whole.safetensors"

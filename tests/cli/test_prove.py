@@ -171,6 +171,7 @@ def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:
     path.write_bytes(was)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals of Unix")
 def test_ctrl_c_leaves_what_is_done(tmp_path: Path) -> None:
     out = tmp_path / "proof"

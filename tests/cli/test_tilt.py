@@ -33,6 +33,7 @@ def recordings():
     return tilted_recordings(EFFECTS, runs=3, rows=120)
 
 
+@pytest.mark.slow
 def test_tune_evaluate_and_simulate(irt, tmp_path, recordings) -> None:
     rig = written(tmp_path / "rig", recordings)
     out = tmp_path / "tuned"
@@ -57,6 +58,7 @@ def test_tune_evaluate_and_simulate(irt, tmp_path, recordings) -> None:
     assert np.abs(tilt - recordings[0].tilt)[15:].mean() < 0.002
 
 
+@pytest.mark.slow
 def test_currents_of_either_sign(irt, tmp_path, recordings) -> None:
     toml = TOML.replace("[0.3, 2.0]", "[-0.02, 0.02]") + '[commands]\nunit = "mA"\n'
     rig = written(tmp_path / "rig", recordings, toml, unit=-100.0)
@@ -68,6 +70,7 @@ def test_currents_of_either_sign(irt, tmp_path, recordings) -> None:
     assert 'unit = "mA"' in (out / "model.toml").read_text()
 
 
+@pytest.mark.slow
 def test_commands_that_move_both_axes(irt, tmp_path) -> None:
     mixed = {"name": "gear_matrix", "x_from_y": 0.5, "y_from_x": -0.4}
     rig = written(

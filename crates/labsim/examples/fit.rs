@@ -1,4 +1,6 @@
-//! Records three runs of a simulated rig, with noise, and finds its five parameters again.
+//! Records three runs of a simulated rig, with noise, and finds its parameters again.
+//!
+//! The rows are stamped: without stamps a slower clock under larger gears would explain the runs as well.
 //!
 //! `cargo run --release --package labsim --example fit`
 
@@ -14,7 +16,10 @@ use rand_distr::{Distribution, Normal};
 const ROWS: usize = 100;
 /// Standard deviation of the tracker (board edges): half a millimetre.
 const NOISE: f64 = 0.002;
-const TRUTH: [f64; 5] = [0.06, 0.05, 4e-4, 18.0, 1.05];
+/// Updates of 1/240 s a row, and how long a row lasts (s).
+const TIME_SCALE: f64 = 24.0;
+const ROW_S: f64 = TIME_SCALE / 240.0;
+const TRUTH: [f64; 5] = [0.06, 0.05, 4e-4, TIME_SCALE, 1.05];
 const RANGES: [(f64, f64); 5] = [
     (0.0, 0.1),
     (0.0, 0.1),
@@ -33,6 +38,7 @@ fn main() -> Result<()> {
         .iter()
         .map(|&amplitude| paper_drive(ROWS, amplitude, false))
         .collect();
+    let stamps = [ROW_S; ROWS];
     let mut seen = Vec::new();
     for knobs in &drives {
         let mut path = Batch::new(&rig, &truth, knobs).run(Engine::Rolling, None, &cancel)?;
@@ -48,7 +54,7 @@ fn main() -> Result<()> {
         .map(|(knobs, path)| Recording {
             commands: knobs,
             knobs_before: [0.0; 2],
-            durations: None,
+            durations: Some(&stamps),
             observed: path,
             tilt: None,
             way: None,
@@ -63,9 +69,11 @@ fn main() -> Result<()> {
             at_rest: true,
         })
         .collect();
+    let mut parameters = RANGES.map(|range| ParameterSpec::Free { range, start: None });
+    parameters[3] = ParameterSpec::Held(TIME_SCALE);
     let problem = Problem {
         rig: &rig,
-        parameters: RANGES.map(|range| ParameterSpec::Free { range, start: None }),
+        parameters,
         effects: &[],
         recordings: &recordings,
         stretches: &stretches,
@@ -78,9 +86,9 @@ fn main() -> Result<()> {
     let solution = problem.fit(&Settings::default(), &|_, _, _| (), &cancel)?;
 
     println!("parameter              truth      found  +- deviation");
-    let deviations = solution.information.deviations();
-    for (i, name) in NAMES.iter().enumerate() {
-        let (truth, found, deviation) = (TRUTH[i], solution.values[i], deviations[i]);
+    let information = &solution.information;
+    for (&i, deviation) in information.free.iter().zip(information.deviations()) {
+        let (name, truth, found) = (NAMES[i], TRUTH[i], solution.values[i]);
         println!("{name:<18} {truth:>9.5}  {found:>9.5}  +- {deviation:.5}");
     }
     println!("noise of the tracker: {NOISE}, found {:.5}", solution.noise);

@@ -194,6 +194,7 @@ def test_tilt_alone_is_checked(make_rig):
     assert response.delay[0] == pytest.approx(2 * STEP_S, abs=STEP_S)
 
 
+@pytest.mark.slow
 def test_practice_and_real_rigs_raise_no_alarm(shared):
     # Every seventh practice rig: `irt check` takes half a second each.
     rigs = [*sorted((shared / "rigs").glob("rig-*"))[::7], *(shared / "real").glob("*/")]

@@ -29,6 +29,7 @@ def price(search):
     return search.evidence().price(2, 1)
 
 
+@pytest.mark.slow
 def test_delays_that_differ_are_sized(plant):
     case = plant([{"name": "delay_jitter", "sd_s": 0.12}], runs=8, rows=120)
     search = searched(case)

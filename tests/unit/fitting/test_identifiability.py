@@ -77,7 +77,7 @@ def furthest(told, moves):
     return (room / np.maximum(np.abs(moves), 1e-12)).min(axis=1, keepdims=True)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=15)
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1))
 def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
     """An effect has dozens of parameters, and most of its directions may be flat."""
@@ -89,6 +89,7 @@ def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
     assert (reached <= high + 1e-3).all()
 
 
+@settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_intervals_of_one_flat_direction_end_where_it_does(seed):
     told = some_flat(1, seed)
@@ -174,6 +175,7 @@ def test_nothing_known():
     np.testing.assert_allclose(high, ENDS[:, 1])
 
 
+@settings(deadline=None, max_examples=40)
 @given(
     st.lists(st.floats(0.05, 0.95), min_size=5, max_size=5).map(np.array),
     st.integers(1, 4),

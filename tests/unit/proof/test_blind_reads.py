@@ -52,6 +52,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(workers, "PATIENCE_S", 120.0)
 
 
+@pytest.mark.slow
 def test_it_reads_nothing_but_the_rig_and_the_program(rig: Path, tmp_path: Path) -> None:
     out, log = rig.with_name("out"), tmp_path / "log.json"
     out.mkdir()
@@ -89,6 +90,7 @@ def test_the_environment_tells_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert all(Path(place).is_absolute() for place in places)
 
 
+@pytest.mark.slow
 def test_the_same_recordings_give_the_same_bytes_whatever_the_name(places) -> None:
     """What the process is told of the rig is its recordings: the answer cannot depend on more."""
     files = files_of(places.rig("rig-0001"))

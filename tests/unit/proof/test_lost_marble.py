@@ -63,6 +63,7 @@ def track(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     return among
 
 
+@pytest.mark.slow
 def test_the_tracker_of_a_rig_may_fail(track, tmp_path: Path) -> None:
     """What it did see is recorded; what it did not is empty, and the label says which runs and why."""
     track(refused=(2, 9), late=(4,))
@@ -77,6 +78,7 @@ def test_the_tracker_of_a_rig_may_fail(track, tmp_path: Path) -> None:
         load_rig(tmp_path / "rig")
 
 
+@pytest.mark.slow
 def test_a_tracker_that_reads_nothing_at_all(track, tmp_path: Path) -> None:
     """Nothing tells how large its noise is: a label holds no NaN, which no seal could be put on."""
     track(refused=tuple(range(12)))
@@ -90,6 +92,7 @@ def test_a_tracker_that_reads_nothing_at_all(track, tmp_path: Path) -> None:
     assert all(row.endswith(",,") for text in texts for row in text.splitlines()[1:])
 
 
+@pytest.mark.slow
 def test_a_further_run_may_be_lost(track, tmp_path: Path) -> None:
     """It is of a rig of which all was read; one more diagnosis fails, and no other tie is given up."""
     track()
@@ -101,6 +104,7 @@ def test_a_further_run_may_be_lost(track, tmp_path: Path) -> None:
     assert all(row.endswith(",,") for row in rows[1:])
 
 
+@pytest.mark.slow
 def test_a_tracker_that_is_broken_is_no_tracker_that_loses(
     track, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -118,6 +118,7 @@ def test_training_learns(small_drive, recipe, tmp_path):
     assert made.heldout[-1] < 0.85 * made.heldout[0]
 
 
+@pytest.mark.slow
 def test_training_leaves_the_settings_of_torch_alone(small_drive, recipe, tmp_path):
     threads = torch.get_num_threads()
     torch.manual_seed(11)
