@@ -1,10 +1,12 @@
 # Each target does its own set-up: on a fresh machine the first one makes .venv, installs the pinned packages and
 # builds the extension. Needed beforehand: Python 3.11 or newer, a C compiler, and cargo (rustup).
+# `make demo` installs the packages that the base needs; what tests, lints or draws installs all extras.
 
 # The first of these names that runs becomes .venv; `make PYTHON=/path/to/python test` names another.
 PYTHON ?= python3.13 python3.12 python3.11 python3
 
 BIN := .venv/bin
+BASE := .venv/.base
 PACKAGES := .venv/.packages
 PEERS := .venv/.peers
 # The docs site has an environment of its own: it reads the sources and installs nothing of the product.
@@ -31,12 +33,18 @@ demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about 
 	$(BIN)/irt demo
 
 .PHONY: test
-test: $(EXTENSION) browser ## every test, Rust and Python
-	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
+test: | $(BIN)/python browser ## every test, Rust and Python
+# On a fresh machine the packages come down while Rust compiles.
+	$(MAKE) --jobs=2 $(PACKAGES) test-rust
+	$(MAKE) $(EXTENSION)
 	$(BIN)/python -m pytest -n 2 --hypothesis-profile ci
 
+.PHONY: test-rust
+test-rust: tools ## the tests of Rust alone
+	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
+
 .PHONY: lint
-lint: $(EXTENSION) components ## formatting, lints, types, and the extension against its stub
+lint: $(EXTENSION) $(PACKAGES) components ## formatting, lints, types, and the extension against its stub
 	cargo fmt --all --check
 	$(BIN)/ruff format --check $(PYTHON_SOURCES)
 	$(BIN)/ruff check $(PYTHON_SOURCES)
@@ -59,7 +67,7 @@ bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and wri
 	$(BIN)/python benches/write_table.py
 
 .PHONY: pictures
-pictures: $(EXTENSION) ## draw the pictures of README.md and docs/, write docs/effects.md
+pictures: $(EXTENSION) $(PACKAGES) ## draw the pictures of README.md, write docs/effects.md
 	$(BIN)/python docs/pictures.py
 	$(BIN)/python docs/effects.py
 
@@ -68,11 +76,11 @@ docs: $(DOCS) ## build the docs site into site/, links checked
 	PYTHONPATH=docs $(dir $(DOCS))bin/zensical build --clean --strict
 
 .PHONY: wheel
-wheel: $(PACKAGES) ## build the wheel into dist/
+wheel: $(BASE) ## build the wheel into dist/
 	$(BIN)/maturin build $(LOCKED) --release --out dist
 
 .PHONY: build
-build: $(EXTENSION) ## only the set-up: .venv, pinned packages, extension
+build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, extension
 
 .PHONY: clean
 clean: ## remove all that was built, .venv included
@@ -115,19 +123,23 @@ $(BIN)/python .venv-docs/bin/python:
 	echo "make: no Python 3.11 or newer with venv runs as any of: $(PYTHON): install one (Debian, Ubuntu: python3 and python3-venv), or name one with PYTHON=" >&2; \
 	exit 1
 
-$(PACKAGES): requirements.lock | $(BIN)/python
-	$(BIN)/python -m pip install --disable-pip-version-check --requirement requirements.lock
+# Either lock holds the base, in the same versions.
+$(BASE) $(PACKAGES): | $(BIN)/python
+	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
 	@touch $@
 
-$(DOCS): docs/requirements.txt | .venv-docs/bin/python
-	.venv-docs/bin/python -m pip install --disable-pip-version-check --requirement $<
-	@touch $@
+$(BASE): requirements-base.lock
+$(PACKAGES): requirements.lock
 
 # Other engines and optimisers, for `make bench` alone.
 $(PEERS): benches/requirements.txt $(PACKAGES)
 	$(BIN)/python -m pip install --disable-pip-version-check --requirement $<
 	@touch $@
 
-$(EXTENSION): $(PACKAGES) $(EXTENSION_SOURCES)
+$(EXTENSION): $(BASE) $(EXTENSION_SOURCES)
 	$(BIN)/maturin develop $(LOCKED) --release
+	@touch $@
+
+$(DOCS): docs/requirements.txt | .venv-docs/bin/python
+	.venv-docs/bin/python -m pip install --disable-pip-version-check --requirement $<
 	@touch $@

@@ -25,7 +25,8 @@ from irt.tuning.cache import SHIPPED
 from irt.tuning.drive import Drive
 from irt.tuning.iterate import Tuner
 from irt.tuning.pairs import simulate_pairs
-from irt.tuning.pretrain import Recipe, pretrain
+from irt.tuning.pretrain import pretrain
+from irt.tuning.recipes import Recipe
 from irt.tuning.tunenet import NetworkFile, TuneNet, load_network
 
 Array = NDArray[np.float64]

@@ -21,8 +21,12 @@ from irt.rig import Rig, load_rig
 DOCS = Path(__file__).resolve().parent
 #: Size of the picture [inches].
 WIDTH, HEIGHT = 7.4, 4.0
-#: Width and height of the report's top [pixels].
-TOP = 1100, 1100
+#: Width of the report, and height of its top [pixels].
+WIDE, TOP = 1000, 1090
+#: Sections of the report that get a picture: by a part of their heading.
+SECTIONS = {"effect": "What was left out", "hypotheses": "ypotheses"}
+#: Space above a heading [pixels].
+MARGIN = 30.0
 #: The first of these that is there renders the report.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -88,32 +92,46 @@ def _names(found: Diagnosis) -> str:
     return " and ".join(plain(one.name) for one in found.effects)
 
 
-def draw_report(rig: Rig, found: Diagnosis) -> Path | None:
-    """Render the top of the report; None where there is no browser."""
+def draw_report(rig: Rig, found: Diagnosis) -> list[Path]:
+    """Render the top of the report and some of its sections; nothing where there is no browser."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415
 
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
-        return None
-    path = DOCS / "report-top.png"
+        return []
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         report = write_diagnosis(Path(folder), rig, found)
         chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
-        page = chromium.new_page(viewport={"width": TOP[0], "height": TOP[1]}, color_scheme="light")
+        page = chromium.new_page(viewport={"width": WIDE, "height": TOP}, color_scheme="light")
         page.goto(report.as_uri())
         page.locator(".run").select_option(label="run-2")
         page.locator(".time").fill("119")
-        page.screenshot(path=path)
+        paths = [DOCS / "report-top.png"]
+        page.screenshot(path=paths[0])
+        tops = page.locator("h2").evaluate_all(
+            "all => all.map(one => [one.textContent, one.getBoundingClientRect().top])"
+        )
+        for name, heading in SECTIONS.items():
+            index = next(index for index, (text, _) in enumerate(tops) if heading in text)
+            first, last = (float(tops[index + one][1]) - MARGIN for one in (0, 1))
+            paths.append(DOCS / f"report-{name}.png")
+            page.screenshot(
+                path=paths[-1],
+                clip={"x": 0.0, "y": first, "width": WIDE, "height": last - first},
+                full_page=True,
+            )
         chromium.close()
-    return path
+    return paths
 
 
 def main() -> None:
     """Draw all pictures, and name them."""
     rig = load_rig(data("demo-rig"))
     found = diagnose(rig)
-    for path in (draw_diagnosis(found), draw_report(rig, found)):
-        print(f"wrote {path}" if path else f"not drawn: none of {', '.join(BROWSERS)} is installed")
+    paths = [draw_diagnosis(found), *draw_report(rig, found)]
+    print(*(f"wrote {path}" for path in paths), sep="\n")
+    if len(paths) == 1:
+        print(f"the report was not rendered: none of {', '.join(BROWSERS)} is installed")
 
 
 if __name__ == "__main__":

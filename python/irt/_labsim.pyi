@@ -14,7 +14,7 @@ __all__ = [
     "__version__",
     "ascend",
     "effects",
-    "filter",
+    "filtered",
     "fit",
     "inform",
     "paper_drive",
@@ -76,7 +76,7 @@ def ascend(
     *,
     iterations: int,
 ) -> list[dict[str, Any]]: ...
-def filter(
+def filtered(
     problem: Mapping[str, Any], values: Sequence[Sequence[float]], noise: npt.NDArray[np.float64]
 ) -> list[dict[str, Any]]: ...
 def fit(

@@ -10,12 +10,10 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
+from irt.extras import require
 from irt.files import PathLike
 
 Array = NDArray[np.float64]
@@ -100,8 +98,12 @@ def load_bag(path: PathLike) -> Bag:
     Raises
     ------
     IrtError
-        If it cannot be read, was cut short, or was recorded by another program.
+        If it cannot be read, was cut short, or was recorded by another program; or if the packages for bags
+        are not installed.
     """
+    require("mcap_ros2", "reading a bag")
+    from mcap.exceptions import McapError  # noqa: PLC0415
+
     path = Path(path)
     try:
         stream = path.open("rb")
@@ -137,6 +139,10 @@ def load_bag(path: PathLike) -> Bag:
 
 def is_own(path: PathLike) -> bool:
     """Return whether `rig` recorded a bag: it holds the rig's configuration, or cannot be read to its end."""
+    require("mcap_ros2", "reading a bag")
+    from mcap.exceptions import McapError  # noqa: PLC0415
+    from mcap.reader import make_reader  # noqa: PLC0415
+
     try:
         with Path(path).open("rb") as stream:
             return any(one.name == "rig.toml" for one in make_reader(stream).iter_attachments())
@@ -146,6 +152,9 @@ def is_own(path: PathLike) -> bool:
 
 def _read(path: Path, stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, list[Any]]]:
     """Return the configuration, and by topic each message with the age of its stamp [s]."""
+    from mcap.reader import make_reader  # noqa: PLC0415
+    from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
+
     reader = make_reader(stream, decoder_factories=[DecoderFactory()])
     if reader.get_summary() is None:
         raise IrtError(f"{path}: was cut short; make it whole with 'rig recover {path}'")

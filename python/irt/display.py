@@ -20,7 +20,7 @@ def interval(value: float, low: float | None, high: float | None) -> str:
         return f"{value:.4g}"
     if math.isinf(low) or math.isinf(high):
         if math.isinf(low) and math.isinf(high):
-            return f"{value:.4g}  (not pinned down)"
+            return f"{value:.4g}  (not identifiable)"
         return f"{value:.4g}  ({f'at most {high:.4g}' if math.isinf(low) else f'at least {low:.4g}'})"
     digits = max(0, 1 - magnitude(high - low)) if high > low else 6
     told, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))

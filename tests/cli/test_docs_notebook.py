@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
 import pytest
@@ -11,16 +12,16 @@ CELLS = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
 
 
 @pytest.mark.slow
-def test_every_cell_runs(tmp_path, monkeypatch, capsys):
+def test_every_cell_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     plt.switch_backend("agg")
-    names: dict[str, object] = {"__name__": "__main__"}
+    names: dict[str, Any] = {"__name__": "__main__"}
     for cell in CELLS:
         if cell["cell_type"] == "code":
             exec(compile("".join(cell["source"]), cell["id"], "exec"), names)
     plt.close("all")
 
-    assert "missing - Backlash" in capsys.readouterr().out
+    assert [effect.name for effect in names["found"].effects] == ["backlash"]
     assert (tmp_path / "suggest.csv").exists()
 
 

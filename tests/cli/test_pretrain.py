@@ -10,11 +10,11 @@ import pytest
 
 from irt.cli import pretrain as verb
 from irt.tuning import pretrain as training
-from irt.tuning import streaming
-from irt.tuning.checkpoint import checkpoint_path
+from irt.tuning import recipes, streaming
 from irt.tuning.drive import Drive
-from irt.tuning.pretrain import Recipe
+from irt.tuning.recipes import Recipe
 from irt.tuning.stepnet import load_steps
+from irt.tuning.tensors import checkpoint_path
 from irt.tuning.tunenet import load_network
 
 FEW = ("--pairs", "50", "--epochs", "6")
@@ -45,7 +45,7 @@ def test_a_rig_decides_the_drive(irt, write_rig, wave, tmp_path):
     rig = write_rig({"a": (wave, 0 * wave), "b": (wave[:30], 0 * wave[:30])})
     out = tmp_path / "net.safetensors"
     assert irt("pretrain", *FEW, "--rig", rig, "--out", out).status == 0
-    assert load_network(out).network.proposed.in_features == 2 * (40 + 30)
+    assert load_network(out).network.inputs == 2 * (40 + 30)
 
 
 def test_a_rig_has_no_literal_drive(irt, tmp_path):
@@ -130,7 +130,8 @@ def test_defaults_are_the_papers():
 @pytest.fixture
 def small(monkeypatch):
     """Let a pool of irt+ be small."""
-    monkeypatch.setattr(streaming, "POOL", 64)
+    for module in (recipes, streaming):
+        monkeypatch.setattr(module, "POOL", 64)
     monkeypatch.setattr(streaming, "CHECKPOINT_POOLS", 2)
 
 

@@ -2,11 +2,11 @@
 
 import argparse
 import shlex
+import sys
 
 import pytest
 
 from irt.cli import reproduce as verb
-from irt.paper import standin
 
 
 def parsed(words):
@@ -23,7 +23,7 @@ def test_a_figure_that_needs_no_experiment_comes_at_once(irt, tmp_path):
 
 
 def test_the_second_experiment_says_what_it_needs(irt, tmp_path, monkeypatch):
-    monkeypatch.setattr(standin, "find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "pybullet", None)
     done = irt("reproduce", "fig8", "--out", tmp_path)
     assert done.status == 1
     assert "labsim-irt[prove]" in done.err

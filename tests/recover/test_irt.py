@@ -13,7 +13,8 @@ from irt.tuning import tune
 from irt.tuning.cache import SHIPPED, need
 from irt.tuning.drive import Drive
 from irt.tuning.iterate import Tuner
-from irt.tuning.pretrain import Recipe, pretrain
+from irt.tuning.pretrain import pretrain
+from irt.tuning.recipes import Recipe
 from irt.tuning.tunenet import load_network
 
 

@@ -11,9 +11,10 @@ from irt.tuning import cache, tune
 from irt.tuning.drive import Drive
 from irt.tuning.library import Library
 from irt.tuning.plus import Plus
+from irt.tuning.recipes import Streamed
 from irt.tuning.search import compare, run
 from irt.tuning.stepnet import load_steps, middle
-from irt.tuning.streaming import Streamed, train_steps
+from irt.tuning.streaming import train_steps
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,16 @@
 """The docs site: every page is reached from the menu, and every public name is on the page of the API."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
 
 import irt
+from irt.cli.demo import data
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -24,3 +30,42 @@ def test_menu_holds_every_page_once() -> None:
 def test_api_page_holds_every_public_name_once() -> None:
     api = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     assert sorted(re.findall(r"^::: irt\.(\w+)$", api, re.MULTILINE)) == sorted(irt.__all__)
+
+
+def run_blocks(page: str) -> dict[str, Any]:
+    """Run the Python of a page of the docs in one namespace, and return that."""
+    names: dict[str, Any] = {}
+    for block in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL):
+        exec(block, names)
+    return names
+
+
+@pytest.fixture
+def diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder that the pages name, in a working directory of its own."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "diagnosed"
+    folder.mkdir()
+    return folder
+
+
+def test_batches_of_a_model_can_be_rolled_out_as_the_docs_say(diagnosed: Path) -> None:
+    effects = [irt.Effect("backlash", {"width_x_rad": 0.04, "width_y_rad": 0.06})]
+    rig = irt.load_rig(data("demo-rig"))
+    intervals = [[0.08, 0.1], *([value, value] for value in (0.098, 3e-4, 12.0, 1.03))]
+    model = irt.Model.from_rig(rig, [0.09, 0.098, 3e-4, 12.0, 1.03], intervals=intervals, effects=effects)
+    irt.save_model(diagnosed / "model.toml", model)
+    names = run_blocks("train.md")
+    assert names["marble"].shape == (1000, 120, 2)
+    drawn = names["draws"](names["model"], 500, names["random"])
+    assert drawn[:, 0].std() == pytest.approx(0.02 / 3.92, rel=0.2)
+    assert np.ptp(drawn[:, 1:], axis=0).max() == 0.0
+
+
+def test_numbers_of_a_diagnosis_can_be_read_as_the_docs_say(
+    diagnosed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fit = {"base_heldout_mae": 0.04, "final_heldout_mae": 0.002}
+    (diagnosed / "diagnosis.json").write_text(json.dumps({"summary": "Lag was left out.", "fit": fit}))
+    run_blocks("diagnosis.md")
+    assert capsys.readouterr().out == "Lag was left out.\nexplained: 95 % of the error on runs held out\n"

@@ -47,6 +47,7 @@ LAYERS = (
     "pictures",
     "display",
     "arguments",
+    "extras",
     "errors",
 )
 EXTENSION = "irt._labsim"

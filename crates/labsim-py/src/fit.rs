@@ -319,7 +319,7 @@ pub(crate) fn refine<'py>(
     clippy::needless_pass_by_value,
     reason = "the extracted views of Python's arguments are owned here"
 )]
-pub(crate) fn filter<'py>(
+pub(crate) fn filtered<'py>(
     py: Python<'py>,
     problem: Asked<'py>,
     values: Vec<Vec<f64>>,

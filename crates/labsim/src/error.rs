@@ -6,6 +6,7 @@ use std::fmt::Display;
 ///
 /// Every message says what was expected and what came instead.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum Error {
     /// A number that no physics allows, or a shape that does not fit.
     #[error("{what}: expected {expected}, got {got}")]

@@ -6,6 +6,35 @@
 //! rule, so a pure roll accelerates by 5/7 g sin(tilt y) along x and by -5/7 g sin(tilt x) along y.
 //!
 //! The engine knows nothing of files, networks or plots.
+//!
+//! # Example
+//!
+//! A board that one knob tilts about y: the marble rolls along x, by 5/7 g sin(tilt) t²/2.
+//!
+//! ```
+//! use std::sync::atomic::AtomicBool;
+//!
+//! use labsim::{Batch, Engine, Parameters, Rig};
+//!
+//! let rig = Rig::default();
+//! // Gears about x and y, rolling friction, updates of 1/240 s a row, observed over true position.
+//! let parameters: [Parameters; 1] = [[0.05, 0.05, 0.0, 24.0, 1.0].into()];
+//! let knobs = [[0.0, 0.2]; 6]; // 0.2 rad for six rows of 0.1 s
+//! let path = Batch::new(&rig, &parameters, &knobs).run(
+//!     Engine::Rolling,
+//!     None,
+//!     &AtomicBool::new(false),
+//! )?;
+//!
+//! let [x, y] = path[5];
+//! let rolled_m = 5.0 / 7.0 * 9.81 * (0.05_f64 * 0.2).sin() * 0.5_f64.powi(2) / 2.0;
+//! assert!((x - rolled_m / rig.board.edge_x_m).abs() < 0.01 * x);
+//! assert_eq!(y, 0.0);
+//! # Ok::<(), labsim::Error>(())
+//! ```
+//!
+//! `examples/simulate.rs` prints the path under the drive of the paper; `examples/fit.rs` fits
+//! the parameters of a simulated rig.
 
 pub mod board;
 pub mod drive;
@@ -34,3 +63,8 @@ pub use orientation::turned;
 pub use parameters::Parameters;
 pub use per_rollout::PerRollout;
 pub use rollout::{Batch, Observed, TimeBase};
+
+/// Runs the example of the crate's README with the doctests.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

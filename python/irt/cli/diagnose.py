@@ -188,9 +188,15 @@ def _or_rivals(effect: Mapping[str, Any]) -> str:
 
 def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
     """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
+    from irt.diagnosis.result import UNLISTED
+    from irt.report.learned import described
+
     yield found.summary
     for effect in found.effects:
         yield f"\n{effect.name}"
+        if effect.name == UNLISTED:
+            yield from (f"  {line}" for line in described(effect, row_s))
+            continue
         for name, parameter in effect.parameters.items():
             label, value = parameter_line(name, parameter, effect.units.get(name, ""), row_s)
             yield f"  {label:<22} {value}"

@@ -85,8 +85,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Train the network, write it with its loss curve, and say what came out."""
     from irt.cli.progress import progress_bar
-    from irt.tuning.checkpoint import checkpoint_path
+    from irt.extras import require
+    from irt.tuning.tensors import checkpoint_path
 
+    require("torch", "irt pretrain")
     began = time.perf_counter()
     try:
         with progress_bar() as progress:
@@ -105,7 +107,8 @@ def run(args: argparse.Namespace) -> None:
 def _dealt(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Path]:
     """Train the paper's network, or that of direct prediction, on pairs that are dealt anew each epoch."""
     from irt.report.plots import plot_loss
-    from irt.tuning.pretrain import Recipe, pretrain
+    from irt.tuning.pretrain import pretrain
+    from irt.tuning.recipes import Recipe
     from irt.workers.choice import make_workers
 
     task: Literal["difference", "parameters"] = "parameters" if args.method == "direct" else "difference"
@@ -113,7 +116,7 @@ def _dealt(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Pat
     workers = None if args.cluster is None else make_workers(cluster=args.cluster)
     file = pretrain(_drive(args), args.out, recipe, **_options(args), progress=progress, workers=workers)
     plot = args.out.with_name(f"{args.out.stem}-loss.svg")
-    plot_loss(plot, file.training.numpy(), file.heldout.numpy())
+    plot_loss(plot, file.training, file.heldout)
     return [
         f"pairs     {recipe.pairs} to learn from, {max(1, recipe.pairs // 10)} held out",
         f"loss      {file.training[-1]:.5f} training, {file.heldout[-1]:.5f} held out",
@@ -124,7 +127,8 @@ def _dealt(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Pat
 def _streamed(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Path]:
     """Train the network of irt+, on pairs that are simulated as it goes."""
     from irt.report.plots import plot_likelihood
-    from irt.tuning.streaming import Streamed, train_steps
+    from irt.tuning.recipes import Streamed
+    from irt.tuning.streaming import train_steps
 
     for option in ("epochs", "cluster"):
         if getattr(args, option) is not None:
@@ -132,7 +136,7 @@ def _streamed(args: argparse.Namespace, progress: Progress) -> tuple[list[str], 
     recipe = Streamed(samples=args.pairs or _SAMPLES, seed=args.seed)
     file = train_steps(_drive(args), args.out, recipe, **_options(args), progress=progress)
     plot = args.out.with_name(f"{args.out.stem}-loss.svg")
-    plot_likelihood(plot, file.losses.numpy())
+    plot_likelihood(plot, file.losses)
     return [
         f"pairs     {file.metadata['samples']} learned from, {file.metadata['rollouts']} rollouts",
         f"loss      {file.losses[-1]:.3f} nats a coordinate, each pool before it was learned from",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import json
 import os
 import shlex
@@ -262,9 +261,8 @@ def _world() -> list[str]:
     IrtError
         If a package that it needs is missing.
     """
-    from irt.proof.seal import EXTRA
+    from irt.extras import require
 
-    for name in _NEEDED:
-        if importlib.util.find_spec(name) is None:
-            raise IrtError(f"a proof needs the package {name}: {EXTRA}")
+    for package in _NEEDED:
+        require(package, "irt prove")
     return [sys.executable, "-m", "irt.proof.pybullet_world", "--tracker", "irt.tracking:positions", _WATCHED]

@@ -81,9 +81,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Do the experiments that are needed, draw, and print the tables."""
     from irt.cli.progress import progress_bar
+    from irt.extras import require
     from irt.files import make_folder
     from irt.paper.setting import Setting
 
+    require("torch", "irt reproduce")
     counts = _counts(args)
     setting = Setting(
         out=make_folder(args.out),
@@ -120,6 +122,7 @@ def _done(
     """Write what was asked for; return what is to be printed."""
     import json
 
+    from irt.extras import install_command
     from irt.files import make_folder, write_atomic
     from irt.paper import render, tables
     from irt.paper.ablations import switched
@@ -130,9 +133,7 @@ def _done(
     from irt.paper.standin import experiment2
 
     folder = make_folder(page.with_suffix(""))
-    lines = (
-        [] if "npe" in available() else ["without neural posterior estimation: pip install 'labsim-irt[npe]'"]
-    )
+    lines = [] if "npe" in available() else [f"without neural posterior estimation: {install_command('sbi')}"]
     numbers = {}
     first = experiment1(setting, progress=progress) if items & set(_OF_FIRST) else None
     second = experiment2(setting, progress=progress) if items & set(_OF_SECOND) else None

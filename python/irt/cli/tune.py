@@ -109,9 +109,9 @@ def run(args: argparse.Namespace) -> None:
     options = _options(args)
     rig, notes = for_a_fit(load_rig(args.rig))
     warnings = (*notes, *checked(rig, args.threads))
+    training = _announce_training(rig, args) if args.network is None else None
     folder = args.out or Path(f"irt-tune-{args.rig.resolve().name}")
     folder = results_folder(folder, ("model.toml", "fit.json", "report.html"))
-    training = _announce_training(rig, args) if args.network is None else None
     try:
         with progress_bar() as progress:
             result = tune(rig, args.method, progress=progress, **options)
@@ -186,12 +186,13 @@ def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
 
     if args.method not in BELONGS["network"]:
         return None
-    from irt.tuning.cache import need, training_data
-    from irt.tuning.checkpoint import checkpoint_path
+    from irt.tuning.cache import need, require_training, training_data
+    from irt.tuning.tensors import checkpoint_path
 
     path = need(rig, args.engine).path(args.method)
     if path.exists():
         return None
+    require_training(args.method)
     print(
         f"There is no network for this rig's drive yet: training one on {training_data(args.method)}, a "
         f"matter of minutes. It stays in {path}.",

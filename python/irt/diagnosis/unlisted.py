@@ -249,16 +249,16 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
 
 def formula(values: dict[str, float]) -> str:
     """Return the learned push as a formula, in m/s^2, without what its terms have next to none of."""
-    values = _cleared(values)
+    values = cleared(values)
     parts, drags, slots = [], [], _profiles(values)
     for slot in slots:
         push, brake, gears = _push(values, slot), values[f"brake_{slot}_m_per_s2"], _gears(values, slot)
         profile = _profile(values, slot)
-        if push != [0.0, 0.0]:
-            parts.append(f"({push[0]:.3g}, {push[1]:.3g}) {profile}")
-        if gears != [0.0, 0.0]:
+        if any(push):
+            parts.append(f"{_vector(push)} {profile}")
+        if any(gears):
             # A turn about y pushes along x, a turn about x against y.
-            parts.append(f"5/7 g ({gears[1]:.3g} tilt_y, {-gears[0]:z.3g} tilt_x) {profile}")
+            parts.append(f"5/7 g {_vector((gears[1], -gears[0]), ('tilt_y ', 'tilt_x '))} {profile}")
         if brake:
             drags.append(f"{brake:.3g} {profile}")
     if values["drag_strength"]:
@@ -276,10 +276,20 @@ def formula(values: dict[str, float]) -> str:
         )
     shapes = {round(values[f"shape_{slot}"]) for slot in slots}
     what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
-    return "a = " + " + ".join(parts) + what
+    return ("a = " + " + ".join(parts)).replace("+ -", "- ") + what
 
 
-def _cleared(values: dict[str, float]) -> dict[str, float]:
+def _vector(components: Sequence[float], factors: Sequence[str] = ("", "")) -> str:
+    """Return a vector in the plane of the board, e_x and e_y along its axes, without components of zero."""
+    parts = [
+        f"{value:.3g} {factor}e_{axis}"
+        for value, factor, axis in zip(components, factors, "xy", strict=True)
+        if value != 0.0
+    ]
+    return parts[0] if len(parts) == 1 else f"({' + '.join(parts)})".replace("+ -", "- ")
+
+
+def cleared(values: dict[str, float]) -> dict[str, float]:
     """Return values with zeros for components along one axis that are next to nothing beside the other's.
 
     And for waves, steps, bells, ridges and spots that are next to nothing beside others: unlike a polynomial
@@ -305,7 +315,7 @@ def _clear(values: dict[str, float], groups: Sequence[Sequence[str]]) -> None:
 
 def variables(values: dict[str, float]) -> list[str]:
     """Return on what the learned push depends: position, velocity, heading, tilt, time, way, speed."""
-    values = _cleared(values)
+    values = cleared(values)
     slots = _profiles(values)
     gears = [_gears(values, slot) for slot in slots]
     found = [
@@ -334,9 +344,11 @@ def _profile(values: dict[str, float], slot: int) -> str:
 
 
 def _sum(symbols: Sequence[tuple[float, str]], phase: float) -> str:
-    """Return multiples of what has a symbol, and a phase, as a sum."""
+    """Return multiples of what has a symbol, and a phase, as a sum without zeros."""
     parts = [f"{value:.4g} {symbol}" for value, symbol in symbols if value != 0.0]
-    return " + ".join([*parts, f"{phase:.3g}"]).replace("+ -", "- ")
+    if phase != 0.0 or not parts:
+        parts.append(f"{phase:.3g}")
+    return " + ".join(parts).replace("+ -", "- ")
 
 
 def _push(values: dict[str, float], slot: int) -> list[float]:

@@ -220,16 +220,16 @@ class Problem:
         """
         found: dict[int, Filtered] = {}
         for asked, own in self._by_choice(values):
-            filtered = _labsim.filter(asked, self._of_engine(values[own]), np.ascontiguousarray(noise[own]))
+            filtered = _labsim.filtered(asked, self._of_engine(values[own]), np.ascontiguousarray(noise[own]))
             found.update(zip(own, (Filtered(**one) for one in filtered), strict=True))
         return [found[index] for index in range(len(values))]
 
     def ascend(self, values: Array, noise: Array, *, iterations: int = 30) -> list[Probable]:
         """Go uphill from (k, n) values and (k, 6) sizes of what is random, as `filter` takes them.
 
-        The hill is the probability of the values where the marble is also pushed at random: the likelihood of
-        the filter, and a prior with mean and variance of the parameters' ranges. The gears of all must have the
-        signs of the first ones.
+        The hill is the probability of the values where the marble is also pushed at random: the likelihood
+        of the filter, and a prior with mean and variance of the parameters' ranges. The gears of all must
+        have the signs of the first ones.
         """
         found: dict[int, Probable] = {}
         for asked, own in self._by_choice(values):

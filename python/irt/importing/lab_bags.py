@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
+from irt.extras import require
 from irt.importing.messages import COMMANDS, STATES, definitions, short_name
 
 Array = NDArray[np.float64]
@@ -103,6 +104,7 @@ class _Opened:
         self.path = path
 
     def __enter__(self) -> Any:
+        require("rosbags", "importing a bag")
         from rosbags.rosbag2 import Reader  # noqa: PLC0415
 
         path = self.path

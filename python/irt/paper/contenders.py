@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from itertools import count
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from irt.extras import is_installed
 from irt.fitting.fit import Progress
 from irt.paper import networks
 from irt.paper.setting import ROLLOUTS, Setting
@@ -157,6 +156,8 @@ def strategy(name: str) -> Contender:
 
 def neural_posterior(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
     """Draw from a neural posterior, first its mean; the best so far is held."""
+    import torch  # noqa: PLC0415  # no other method needs it
+
     drive, estimator = setting.drive, networks.posterior(setting, progress)
     with torch.random.fork_rng(devices=[]), torch.no_grad(), networks.quiet():
         torch.manual_seed(setting.seed)
@@ -254,7 +255,7 @@ def _errors(setting: Setting, trials: Trials, parameters: Array) -> Array:
 
 def available() -> tuple[str, ...]:
     """Return the methods whose packages are installed: all but for sbi, an optional extra."""
-    return tuple(name for name in METHODS if name != "npe" or find_spec("sbi") is not None)
+    return tuple(name for name in METHODS if name != "npe" or is_installed("sbi"))
 
 
 #: In the order of tables; those of the paper first.

@@ -37,8 +37,8 @@ from irt.recording import save_recording
 
 Array = NDArray[np.float64]
 
-#: What every rig has, and between which strengths of `irt.proof.pybullet_world` it is drawn: from hardly there
-#: to what the marble shows at once.
+#: What every rig has, and between which strengths of `irt.proof.pybullet_world` it is drawn: from hardly
+#: there to what the marble shows at once.
 EFFECTS_DRAWN = {
     "delay_jitter": (0.2, 0.6),
     "lag": (0.5, 0.9),

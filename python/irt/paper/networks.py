@@ -15,15 +15,16 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from irt.errors import IrtError
+from irt.extras import require
 from irt.fitting.fit import Progress
 from irt.paper.setting import Setting, within
 from irt.tuning import cache
-from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.pairs import simulate_pairs
-from irt.tuning.pretrain import Recipe, pretrain, reproducible
+from irt.tuning.pretrain import pretrain, reproducible
+from irt.tuning.recipes import Recipe, Streamed
 from irt.tuning.stepnet import StepFile, load_steps
-from irt.tuning.streaming import Streamed, train_steps
+from irt.tuning.streaming import train_steps
+from irt.tuning.tensors import checkpoint_path
 from irt.tuning.tunenet import NetworkFile, load_network
 
 if TYPE_CHECKING:
@@ -101,12 +102,11 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
     IrtError
         If sbi is not installed.
     """
-    try:
-        from sbi.inference import NPE  # noqa: PLC0415
-        from sbi.neural_nets import posterior_nn  # noqa: PLC0415
-        from sbi.utils import BoxUniform  # noqa: PLC0415
-    except ImportError as error:
-        raise IrtError("neural posterior estimation needs sbi: pip install 'labsim-irt[npe]'") from error
+    require("sbi", "neural posterior estimation")
+    from sbi.inference import NPE  # noqa: PLC0415
+    from sbi.neural_nets import posterior_nn  # noqa: PLC0415
+    from sbi.utils import BoxUniform  # noqa: PLC0415
+
     path = setting.trained.folder("networks") / f"npe-{setting.seed}.pt"
     if path.exists():
         # sbi's own way to keep one; the file is this program's.

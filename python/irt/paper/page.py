@@ -298,5 +298,5 @@ def _how(setting: Setting, command: str) -> Iterator[str]:
     yield ""
     yield f"- command: {command}"
     yield f"- seed: {setting.seed}"
-    for name, version in versions().items():
+    for name, version in versions("torch").items():
         yield f"- {name}: {version}"

@@ -6,7 +6,6 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis.run import diagnose
-from irt.errors import IrtError
+from irt.extras import require
 from irt.files import read_text, write_atomic
 from irt.fitting.fit import Progress
 from irt.fitting.least_squares import least_squares
@@ -200,8 +199,7 @@ def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any
 
     missing = [rig for rig in range(setting.rigs) if not there(rig)]
     if missing:
-        if find_spec("pybullet") is None:
-            raise IrtError("the laboratory needs PyBullet: pip install 'labsim-irt[prove]'")
+        require("pybullet", "the laboratory")
         with Pipe(LABORATORY, "the laboratory") as laboratory:
             for done, rig in enumerate(missing):
                 folder = _folder(setting, rig)

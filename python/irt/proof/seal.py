@@ -19,9 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
+from irt.extras import require
 
-#: What is missing where this raises, and how to add it.
-EXTRA = 'install it with: pip install "labsim-irt[prove]"'
 _SECRET_BYTES = 32
 _COUNTER_BYTES = 12
 
@@ -154,8 +153,7 @@ def _bytes(rig: str, text: str) -> bytes:
 
 
 def _cipher() -> Any:
-    try:
-        from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305  # noqa: PLC0415
-    except ImportError as error:
-        raise IrtError(f"a proof needs the package cryptography: {EXTRA}") from error
+    require("cryptography", "irt prove")
+    from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305  # noqa: PLC0415
+
     return ChaCha20Poly1305

@@ -30,7 +30,7 @@ _MOST_CORNERS = 800
 _BINS = 80
 #: Cells of the map along the long edge.
 _CELLS = 14
-#: Ends of the colours of the map, in multiples of the tracker's noise.
+#: Ends of the colours of the map, in multiples of the tracker noise.
 _LEVELS = (0.0, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 #: Evidence up to here is drawn in proportion, beyond it on a logarithmic scale.
 _LINEAR = 10.0
@@ -122,8 +122,10 @@ def plot_board(path: PathLike, run: RunProof, model: Model, shown: Sequence[Side
         axes.spines[:].set_visible(False)
 
 
-def plot_over_time(path: PathLike, run: RunProof, side: Side, noise: float, *, limit: float) -> None:
-    """Draw x and y of one run over time, recorded and predicted, and how far they are apart.
+def plot_over_time(
+    path: PathLike, run: RunProof, side: Side, noise: float, *, limit: float, stamped: bool = True
+) -> None:
+    """Draw x and y of one run over time, recorded and predicted, and the residuals.
 
     Parameters
     ----------
@@ -138,6 +140,8 @@ def plot_over_time(path: PathLike, run: RunProof, side: Side, noise: float, *, l
         differences lie.
     limit : float
         The axes of the positions reach from ``-limit`` to ``limit`` [board edges].
+    stamped : bool
+        Whether the time axis is in seconds; else it is in rows.
 
     Raises
     ------
@@ -145,23 +149,29 @@ def plot_over_time(path: PathLike, run: RunProof, side: Side, noise: float, *, l
         If the file cannot be written.
     """
     dots, corners = thinned(len(run.times), _MOST_DOTS), thinned(len(run.times), _MOST_CORNERS)
+    times, unit = clock(run, stamped=stamped)
     marble, off = side.marble(run), PERCENT * side.residual(run)
     with style.drawing(path, style.WIDTH, 5.2) as figure:
         panels = figure.subplots(4, sharex=True, height_ratios=(2, 1, 2, 1))
         for axis, (axes, apart) in enumerate(zip(panels[::2], panels[1::2], strict=True)):
-            axes.plot(run.times[dots], run.observed[dots, axis], ".", color=style.RECORDED)
-            axes.plot(run.times[corners], marble[corners, axis], color=side.colour, zorder=3)
+            axes.plot(times[dots], run.observed[dots, axis], ".", color=style.RECORDED)
+            axes.plot(times[corners], marble[corners, axis], color=side.colour, zorder=3)
             axes.set(ylabel=f"{'xy'[axis]}  [edges]", ylim=(-limit, limit))
             axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True))
             band = PERCENT * _BAND * noise
             apart.axhspan(-band, band, color=style.FAINT, lw=0)
-            apart.plot(run.times[corners], off[corners, axis], color=side.colour, lw=1.0)
-            apart.set_ylabel("off  [%]")
+            apart.plot(times[corners], off[corners, axis], color=side.colour, lw=1.0)
+            apart.set_ylabel("residual  [%]")
             apart.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
         panels[0].set_title(side.label, color=side.colour, fontweight="bold")
         panels[0].set_title("• recorded", color=style.RECORDED, loc="right")
-        panels[-1].set(xlabel="time  [s]", xlim=(run.times[0], run.times[-1]))
+        panels[-1].set(xlabel=unit, xlim=(times[0], times[-1]))
         figure.align_ylabels(panels)
+
+
+def clock(run: RunProof, *, stamped: bool) -> tuple[Array, str]:
+    """Return the time axis of a run, (n,), and its label: seconds where stamps give them, else rows."""
+    return (run.times, "time  [s]") if stamped else (np.arange(len(run.times), dtype=np.float64), "row")
 
 
 def plot_map(path: PathLike, runs: Sequence[RunProof], model: Model, side: Side, noise: float) -> None:
@@ -205,7 +215,7 @@ def plot_map(path: PathLike, runs: Sequence[RunProof], model: Model, side: Side,
         axes.grid(visible=False)
         axes.spines[:].set_visible(False)
         bar = figure.colorbar(cells, orientation="horizontal", aspect=28, spacing="uniform", ticks=_LEVELS)
-        bar.set_label("error, in multiples of the tracker's noise")
+        bar.set_label("error, in multiples of the tracker noise")
         bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         bar.outline.set_visible(False)
 
@@ -239,7 +249,13 @@ def cell_means(runs: Sequence[RunProof], side: Side, edges: Sequence[Array], noi
 
 
 def plot_errors(
-    path: PathLike, runs: Sequence[RunProof], shown: Sequence[Side], noise: float, *, top: float
+    path: PathLike,
+    runs: Sequence[RunProof],
+    shown: Sequence[Side],
+    noise: float,
+    *,
+    top: float,
+    stamped: bool = True,
 ) -> None:
     """Draw how far off predictions are over time, one panel a run, on one logarithmic scale.
 
@@ -255,6 +271,8 @@ def plot_errors(
         Standard deviation of the tracker [board edges].
     top : float
         Upper end of the axes [% of the edge], for pictures to be compared.
+    stamped : bool
+        Whether the time axes are in seconds; else they are in rows.
 
     Raises
     ------
@@ -265,29 +283,33 @@ def plot_errors(
     with style.drawing(path, style.WIDTH, 0.6 + 1.25 * len(runs)) as figure:
         panels = figure.subplots(len(runs), squeeze=False, sharey=True)[:, 0]
         for axes, run in zip(panels, runs, strict=True):
+            times, unit = clock(run, stamped=stamped)
             make_logarithmic(axes)
             axes.axhline(floor, **FLOOR)
             for side in shown:
-                axes.plot(*binned_error(run, side), color=side.colour)
-            axes.set_xlim(run.times[0], run.times[-1])
+                axes.plot(*binned_error(run, side, times), color=side.colour)
+            axes.set_xlim(times[0], times[-1])
             axes.set_title(run.recording)
             axes.set_ylim(floor / 3, top)
             if top > _MANY_TICKS * floor:
                 axes.yaxis.set_major_locator(LogLocator(numticks=5))
             _label_ends(axes, run, shown, floor)
-        panels[-1].set_xlabel("time  [s]")
+        panels[-1].set_xlabel(unit)
         figure.supylabel("mean error  [% of edge]", color=style.MUTED, fontsize="medium")
 
 
-def binned_error(run: RunProof, side: Side) -> tuple[Array, Array]:
-    """Return the mean of |x| and |y| over stretches of a run, (m,) times [s] and errors [% of the edge].
+def binned_error(run: RunProof, side: Side, times: Array | None = None) -> tuple[Array, Array]:
+    """Return the mean of |x| and |y| over stretches of a run, (m,) times and errors [% of the edge].
+
+    Times are those given, (n,), else the run's [s].
 
     Single rows of a good model are as likely near zero as not, which a logarithmic scale would blow up.
     """
     error = PERCENT * np.abs(side.residual(run)).mean(axis=1)
     parts = np.array_split(np.arange(len(error)), min(_BINS, max(1, len(error) // 3)))
     means = [_mean(error[part]) for part in parts]
-    return np.array([run.times[part].mean() for part in parts]), np.array(means)
+    times = run.times if times is None else times
+    return np.array([times[part].mean() for part in parts]), np.array(means)
 
 
 def highest_error(runs: Sequence[RunProof], shown: Sequence[Side]) -> float:
@@ -338,7 +360,7 @@ def plot_ranking(
         axes.vlines(
             np.zeros(count), np.arange(count) - 0.25, np.arange(count) + 0.25, color=style.INK, lw=0.9
         )
-        axes.set(ylim=(count - 0.6, -0.85), yticks=[], xlabel="evidence over the base model")
+        axes.set(ylim=(count - 0.6, -0.85), yticks=[], xlabel="log evidence over the base model  [nats]")
         axes.spines["left"].set_visible(False)
 
 

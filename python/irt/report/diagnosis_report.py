@@ -1,17 +1,22 @@
-"""The page that a diagnosis leaves behind: what the simulator leaves out, and why to believe it."""
+"""The page of a diagnosis: what the simulator leaves out, how sure that is, and what to do next."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from irt.diagnosis.result import UNLISTED, Diagnosis, RunProof
+from irt.catalogue import EffectInfo, effects
+from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, NamedEffect, RunProof
+from irt.diagnosis.words import LEARNED
+from irt.engine import SUBSTEP_S
 from irt.files import PathLike, make_folder
+from irt.model import Parameter
 from irt.report import diagnosis_tables as tables
-from irt.report.animation import add_animation
+from irt.report.animation import PLAYER, Animation
 from irt.report.diagnosis_plots import (
     Side,
     evidence_for,
@@ -23,17 +28,31 @@ from irt.report.diagnosis_plots import (
     plot_ranking,
     sides,
 )
-from irt.report.page import Page, Picture, add_warnings
+from irt.report.learned import terms_table
+from irt.report.learned_plots import learned_pictures
+from irt.report.page import Picture, write_page
 from irt.report.plots import PERCENT, mean_absolute
-from irt.report.words import listed, millimetres, percent, plain, times_less
+from irt.report.words import (
+    counted,
+    explained,
+    in_rows,
+    listed,
+    millimetres,
+    percent,
+    plain,
+    together,
+    versions,
+)
 from irt.rig import Rig
 
 #: Least noise that pictures are scaled by [board edges]: about 3 um, which no tracker sees.
 _LEAST_NOISE = 1e-5
 #: Runs that get a picture of their own.
 _MOST_RUNS = 8
-#: Kinds of findings of which the first stands at the top of the page, and the chance above which none does.
+#: Kinds of findings of which the first stands at the top of the page, and the p-value above which none does.
 _TELLING, _CLEAR = ("region", "regime", "stage"), 0.05
+#: Share of the error above which nothing is said of the rest.
+_NEARLY_ALL = 0.95
 #: Bars of hypotheses of one and of more effects.
 _MOST_BARS = 12
 
@@ -60,245 +79,310 @@ def write_diagnosis_report(
         If a file cannot be written.
     """
     folder = make_folder(folder)
-    page = Page(f"{rig.path.name}: {_title(diagnosis)}", diagnosis.summary)
-    _add_answer(page, rig, diagnosis)
-    add_warnings(page, warnings)
-    if diagnosis.runs:
-        _add_motion(page, folder, rig, diagnosis)
-    tables.add_effects(page, diagnosis)
-    tables.add_rivals(page, diagnosis)
-    tables.add_power(page, diagnosis)
-    if diagnosis.runs:
-        _add_proof(page, folder, rig, diagnosis)
-    _add_place(page, folder, diagnosis)
-    _add_ranking(page, folder, diagnosis)
-    tables.add_parameters(page, diagnosis)
-    tables.add_next(page, diagnosis)
-    tables.add_candidates(page, diagnosis)
-    tables.add_settings(page, rig, diagnosis)
     path = folder / "report.html"
-    page.write(path)
+    report = _Report(folder, rig, diagnosis)
+    content = {**report.answer(), **report.motion(), **report.findings(), **report.details()}
+    scripts = [PLAYER] if diagnosis.runs else []
+    title = f"{rig.path.name}: {_title(diagnosis)}"
+    write_page(path, "diagnosis.html", scripts=scripts, title=title, warnings=warnings, **content)
     return path
 
 
 def _title(diagnosis: Diagnosis) -> str:
     """Return the verdict in a few words."""
     if diagnosis.verdict == "sufficient":
-        return "nothing is missing that these recordings can show"
+        return "no missing physics detected"
     if diagnosis.verdict == "unlisted":
-        return "something is missing that no known effect explains"
-    return f"{listed(plain(one.name) for one in diagnosis.effects)} is missing".replace(
-        " is ", " are " if len(diagnosis.effects) > 1 else " is "
-    )
+        return "the simulator lacks physics that is not in the catalogue"
+    return f"the simulator lacks {listed(plain(one.name) for one in diagnosis.effects)}"
 
 
-def _add_answer(page: Page, rig: Rig, diagnosis: Diagnosis) -> None:
-    """Add the three numbers that matter, and what stands against taking the answer at its word."""
-    page.key_figures(_key_figures(rig, diagnosis))
-    for one in diagnosis.effects:
-        if one.confusable_with:
-            rivals = listed((plain(name) for name in one.confusable_with), "or")
-            page.callout(
-                "A tie, not a certainty.",
-                f"In place of {plain(one.name)}, {rivals} would explain these recordings as well. "
-                f"{one.reason}",
+class _Report:
+    """Collects what the template shows; pictures go into a folder."""
+
+    def __init__(self, folder: Path, rig: Rig, diagnosis: Diagnosis) -> None:
+        self.folder, self.rig, self.diagnosis = folder, rig, diagnosis
+        self.shown = sides(diagnosis)
+        self.stamped = all(recording.stamps is not None for recording in rig.recordings)
+        self.row_s = diagnosis.model.parameters["time_scale"].value * SUBSTEP_S
+        # Simulated recordings may have no noise.
+        self.noise = max(diagnosis.noise, _LEAST_NOISE)
+        self.floor = mean_absolute(diagnosis.noise)
+
+    def stated(self, name: str, value: Parameter, unit: str) -> tuple[str, Parameter, str]:
+        """Return a parameter's name, value and unit, in rows instead of seconds where those are unknown."""
+        return (name, value, unit) if self.stamped else in_rows(name, value, unit, self.row_s)
+
+    def answer(self) -> dict[str, Any]:
+        """Return the first screen."""
+        return {
+            "diagnosis": self.diagnosis,
+            "compared": len(self.shown) > 1,
+            "stamped": self.stamped,
+            "row_ms": f"{1000 * self.row_s:.3g}",
+            "floor": self.floor,
+            "how": "in windows, each from the state estimated on the rows before it"
+            if self.rig.start == "moving"
+            else "from the first position and the commands alone",
+            "key_figures": _key_figures(self.rig, self.diagnosis, self.floor),
+            "certainty": " ".join(_certainty(self.diagnosis)),
+            "explanation": _explanation(self.diagnosis, self.floor),
+            "patterns": _patterns(self.diagnosis),
+        }
+
+    def motion(self) -> dict[str, Any]:
+        """Return the marble in motion, and the run that is hardest to predict as plots."""
+        diagnosis, shown = self.diagnosis, self.shown
+        if not diagnosis.runs:
+            return {"animation": None}
+        runs = sorted(diagnosis.runs, key=lambda run: -_or_zero(run.final_mae))
+        stills, over_time = [], []
+        for side in shown:
+            path = self.folder / f"path-{side.label}.svg"
+            plot_board(path, runs[0], diagnosis.model, [side])
+            stills.append(Picture(path, f"{runs[0].recording}, {side.label}, from above."))
+        # Without an after there is room for a second run.
+        for number, run in enumerate(runs[: 3 - len(shown)], start=1):
+            limit = 1.05 * _reach(run, shown)
+            for side in shown:
+                path = self.folder / f"time-{side.label}-{number}.svg"
+                plot_over_time(path, run, side, self.noise, limit=limit, stamped=self.stamped)
+                caption = (
+                    f"{run.recording}, {side.label}: mean error {percent(side.mae(run))} of the edge. Below "
+                    "each coordinate its residual (predicted minus recorded); the band holds 95 % of the "
+                    "tracker noise."
+                )
+                over_time.append(Picture(path, caption))
+        animation = Animation.of(runs, diagnosis.model, shown, stamped=self.stamped)
+        return {"animation": animation, "stills": stills, "over_time": over_time}
+
+    def findings(self) -> dict[str, Any]:
+        """Return what was named, the proof, and where the simulator is off."""
+        diagnosis = self.diagnosis
+        known = {one.name: one for one in effects()}
+        return {
+            "effects": [self._effect(one, known) for one in diagnosis.effects],
+            "pairs_tried": any(len(one.effects) > 1 for one in diagnosis.candidates),
+            "formulas": [
+                note.removeprefix(LEARNED).removesuffix(".") for note in diagnosis.notes if _is_formula(note)
+            ],
+            "rivals": tables.rivals(diagnosis, self.stated),
+            "power": tables.power(diagnosis, self.stated),
+            "runs": tables.runs(diagnosis, stamped=self.stamped) if diagnosis.runs else None,
+            "boards": self._boards(),
+            "where": tables.where(diagnosis),
+            "maps": [*self._maps(), *self._errors()] if diagnosis.runs else [],
+        }
+
+    def details(self) -> dict[str, Any]:
+        """Return what it takes to check the answer, and to repeat it."""
+        diagnosis, rig = self.diagnosis, self.rig
+        rows = sum(len(recording.knobs) for recording in rig.recordings)
+        names = ", ".join(recording.name for recording in rig.recordings)
+        tried = [one for one in diagnosis.candidates if one.effects]
+        return {
+            "rankings": self._rankings(tried),
+            "tried": len(tried),
+            "parameters": tables.parameters(diagnosis),
+            "notes": [note for note in diagnosis.notes if not _is_formula(note)],
+            "candidates": tables.candidates(diagnosis),
+            "settings": {
+                **{str(name): str(value) for name, value in diagnosis.settings.items()},
+                "recordings": f"{rig.path.name}: {names} ({counted(rows, 'row')})",
+                "seed": f"{diagnosis.seed}",
+                "tracker noise": f"{percent(diagnosis.noise)} of the edge, standard deviation",
+                "computing time": "-" if math.isnan(diagnosis.seconds) else f"{diagnosis.seconds:.1f} s",
+                **versions(),
+            },
+        }
+
+    def _effect(self, one: NamedEffect, known: dict[str, EffectInfo]) -> dict[str, Any]:
+        """Return what the page says of one effect."""
+        info, row_s = known.get(one.name), None if self.stamped else self.row_s
+        content: dict[str, Any] = {
+            "effect": one,
+            "info": info,
+            "table": None if info is None else tables.values(one, info, self.stated),
+            "confusable": [
+                f"{plain(name)}: {known[name].does}" if name in known else plain(name)
+                for name in one.confusable_with
+            ],
+        }
+        learned = one.name == UNLISTED
+        content["terms"] = terms_table(one, row_s) if learned else None
+        content["pictures"] = self._learned_pictures(one) if learned else []
+        return content
+
+    def _learned_pictures(self, one: NamedEffect) -> list[Picture]:
+        return learned_pictures(self.folder, one, self.rig, self.diagnosis, self.row_s, stamped=self.stamped)
+
+    def _boards(self) -> list[Picture]:
+        """Draw each run from above."""
+        pictures = []
+        for number, run in enumerate(self.diagnosis.runs[:_MOST_RUNS], start=1):
+            path = self.folder / f"heldout-{number}.svg"
+            plot_board(path, run, self.diagnosis.model, self.shown)
+            errors = ", ".join(f"{percent(side.mae(run))} {side.label}" for side in self.shown)
+            pictures.append(Picture(path, f"{run.recording}: mean error {errors}."))
+        return pictures
+
+    def _maps(self) -> Iterator[Picture]:
+        """Draw where on the board predictions are off."""
+        for side in self.shown:
+            path = self.folder / f"map-{side.label}.svg"
+            plot_map(path, self.diagnosis.runs, self.diagnosis.model, side, self.noise)
+            caption = (
+                f"Error over the board, {side.label}: root mean square of the residuals in a cell, over all "
+                "runs. 1 is the tracker noise; empty cells were never visited."
             )
-    found: dict[str, str] = {}
-    for finding in diagnosis.where:
-        if finding.p_value < _CLEAR and finding.kind in _TELLING:
-            found.setdefault(finding.kind, finding.what)
-    if diagnosis.verdict == "unlisted" and found:
-        page.callout("What is left over repeats itself.", f"Found: {'; '.join(found.values())}.")
+            yield Picture(path, caption)
+
+    def _errors(self) -> Iterator[Picture]:
+        """Draw the errors over time, as many pictures beside each other as there are maps above them."""
+        shown, runs = self.shown, self.diagnosis.runs[:_MOST_RUNS]
+        top = 1.3 * max(highest_error(runs, shown), 2 * PERCENT * mean_absolute(self.noise))
+        for number in range(min(len(shown), len(runs))):
+            path = self.folder / f"errors-{number + 1}.svg"
+            plot_errors(path, runs[number :: len(shown)], shown, self.noise, top=top, stamped=self.stamped)
+            yield Picture(path, "Error along each run, on a logarithmic scale.")
+
+    def _rankings(self, tried: Sequence[Candidate]) -> list[Picture]:
+        """Draw the hypotheses in the order of their evidence, those of one effect and those of several."""
+        if not tried:
+            return []
+        answer, ties = answers(self.diagnosis)
+        evidence = [evidence_for(one) for one in tried]
+        # One scale for both pictures, so that bars can be compared.
+        span = min(evidence), max(evidence)
+        pictures = []
+        for name, title, group in (
+            ("one", "One effect added", [one for one in tried if len(one.effects) == 1]),
+            ("several", "Several effects together", [one for one in tried if len(one.effects) > 1]),
+        ):
+            if not group:
+                continue
+            best = sorted(group, key=evidence_for, reverse=True)[:_MOST_BARS]
+            path = self.folder / f"ranking-{name}.svg"
+            plot_ranking(path, best, answer, ties, span=span)
+            which = f"the best {len(best)} of {len(group)}" if len(group) > len(best) else "all"
+            pictures.append(Picture(path, f"{title}: {which}."))
+        return pictures
 
 
-def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Return the errors before and after on runs held out, beside the least that there can be."""
+def _key_figures(rig: Rig, diagnosis: Diagnosis, floor: float) -> list[tuple[str, str]]:
+    """Return the errors before and after, the noise floor, and the share of the error that is explained."""
     edge = rig.board.edge_x_m
-    before, after = diagnosis.base_heldout_mae, diagnosis.final_heldout_mae
-    mean, proof = "mean error on runs held out, of the board's edge", "to which no model was fitted"
-    if not diagnosis.is_held_out:
-        before, after = diagnosis.base_mae, diagnosis.final_mae
-        mean, proof = "mean error on the runs given, of the board's edge", "none could be held out"
-    floor = mean_absolute(diagnosis.noise)
-    noise = (percent(floor), f"the tracker's noise: no model can do better ({millimetres(floor, edge)})")
+    before, after = _errors_of(diagnosis)
+    mean = "mean held-out error, of the board's edge" if diagnosis.is_held_out else "mean error of the fit"
+    noise = (
+        percent(floor),
+        f"tracker noise: the least error that any model can have ({millimetres(floor, edge)})",
+    )
     if not diagnosis.effects:
         return [(percent(before), f"{mean} ({millimetres(before, edge)})"), noise]
-    return [
-        (percent(before), f"before: {mean} ({millimetres(before, edge)}), the best fit of five parameters"),
+    figures = [
+        (percent(before), f"before: {mean} ({millimetres(before, edge)}), with five parameters"),
         (percent(after), f"after: the same with {_added(diagnosis)} ({millimetres(after, edge)})"),
         noise,
-        (times_less(before, after), f"{mean.split(',')[0]}, {proof}"),
     ]
+    share = explained(before, after, floor)
+    if not math.isnan(share):
+        figures.append(
+            (_share(share), f"of the error above tracker noise is explained by {_added(diagnosis)}")
+        )
+    return figures
 
 
 def _added(diagnosis: Diagnosis) -> str:
-    """Return what the final model has more than the first one."""
+    """Return what the final model has more than the base model."""
     if any(one.name == UNLISTED for one in diagnosis.effects):
-        return "a correction learned from the recordings"
-    return f"{listed(plain(one.name) for one in diagnosis.effects)} added"
+        return "the learned correction"
+    return listed(plain(one.name) for one in diagnosis.effects)
 
 
-def _how(rig: Rig) -> str:
-    """Return what a prediction is made from, in words."""
-    if rig.start == "moving":
-        return "in windows, each from the state that the rows before it tell"
-    return "from the first position and the commands alone"
+def _errors_of(diagnosis: Diagnosis) -> tuple[float, float]:
+    """Return the errors before and after: on held-out runs where there are some, else of the fit."""
+    if diagnosis.is_held_out:
+        return diagnosis.base_heldout_mae, diagnosis.final_heldout_mae
+    return diagnosis.base_mae, diagnosis.final_mae
 
 
-def _add_motion(page: Page, folder: Path, rig: Rig, diagnosis: Diagnosis) -> None:
-    """Add the marble in motion, and the run that is hardest to predict as plots."""
-    shown = sides(diagnosis)
-    runs = sorted(diagnosis.runs, key=lambda run: -_or_zero(run.final_mae))
-    hardest = runs[0]
-    model = "final model" if len(shown) > 1 else "simulator"
-    compared = "simulated before and after" if len(shown) > 1 else "simulated"
-    page.heading(f"The marble, recorded and {compared}")
-    page.paragraph(
-        f"{hardest.recording} is the run that the {model} predicts worst. Each run was predicted "
-        f"{_how(rig)}, by a model fitted to the other runs."
-        if diagnosis.is_held_out
-        else f"The run was predicted {_how(rig)}, by a model fitted to it."
-    )
-    stills, over_time = [], []
-    for side in shown:
-        path = folder / f"path-{side.label}.svg"
-        plot_board(path, hardest, diagnosis.model, [side])
-        stills.append(Picture(path, f"{hardest.recording}, {side.label}, from above."))
-    # Without an after there is room for a second run.
-    for number, run in enumerate(runs[: 3 - len(shown)], start=1):
-        over_time += _over_time(folder, number, run, shown, _noise(diagnosis))
-    rings = "rings are simulated" if len(shown) > 1 else "the ring is simulated"
-    add_animation(
-        page,
-        runs,
-        diagnosis.model,
-        shown,
-        stills=stills,
-        hint=f"The disc is the recorded marble, {rings}; the other runs can be chosen above.",
-        caption="The board from above. The dotted line is as far as a marble's centre can go.",
-    )
-    page.pictures(*over_time)
-    if len(shown) > 1:
-        page.paragraph("The differences before and after are drawn on scales of their own: mind the numbers.")
-
-
-def _over_time(
-    folder: Path, number: int, run: RunProof, shown: Sequence[Side], noise: float
-) -> list[Picture]:
-    """Return a run over time, as each of the models predicts it."""
-    pictures = []
-    limit = 1.05 * _reach(run, shown)
-    for side in shown:
-        path = folder / f"time-{side.label}-{number}.svg"
-        plot_over_time(path, run, side, noise, limit=limit)
-        pictures.append(
-            Picture(
-                path,
-                f"{run.recording}, {side.label}: {percent(side.mae(run))} of the edge off. Below each "
-                "coordinate, predicted less recorded; the band holds 95 % of the tracker's noise.",
-            )
-        )
-    return pictures
-
-
-def _add_proof(page: Page, folder: Path, rig: Rig, diagnosis: Diagnosis) -> None:
-    """Add the errors on runs held out, as a table and from above."""
-    shown = sides(diagnosis)
-    page.heading("Proof: runs held out" if diagnosis.is_held_out else "No proof: one recording only")
-    by = (
-        "Each run was predicted by models that were fitted to the other runs alone: a model that only "
-        "retraces what it was given fails here."
-        if diagnosis.is_held_out
-        else "The run was predicted by models that were fitted to it, so this shows how well they retrace "
-        "it and no more. With three recordings or more each is predicted by a fit to the others."
-    )
-    page.paragraph(
-        f"{by} Predictions are made {_how(rig)}. An error is the mean of |x| and |y| over all rows of a run."
-    )
-    tables.add_runs(page, diagnosis)
-    pictures = []
-    for number, run in enumerate(diagnosis.runs[:_MOST_RUNS], start=1):
-        path = folder / f"heldout-{number}.svg"
-        plot_board(path, run, diagnosis.model, shown)
-        errors = ", ".join(f"{percent(side.mae(run))} {side.label}" for side in shown)
-        pictures.append(Picture(path, f"{run.recording}: {errors}."))
-    page.pictures(*pictures)
-    if len(diagnosis.runs) > _MOST_RUNS:
-        page.paragraph(f"The first {_MOST_RUNS} of {len(diagnosis.runs)} runs are drawn.")
-
-
-def _add_place(page: Page, folder: Path, diagnosis: Diagnosis) -> None:
-    """Add where on the board and when predictions are off."""
-    if not diagnosis.runs and not diagnosis.where:
-        return
-    shown = sides(diagnosis)
-    page.heading("Where and when the " + ("simulator is off" if len(shown) == 1 else "mismatch lives"))
-    tables.add_where(page, diagnosis)
-    if not diagnosis.runs:
-        return
-    maps = []
-    for side in shown:
-        path = folder / f"map-{side.label}.svg"
-        plot_map(path, diagnosis.runs, diagnosis.model, side, _noise(diagnosis))
-        maps.append(
-            Picture(
-                path,
-                f"Where on the board, {side.label}: the typical error while the recorded marble was in a "
-                "cell, over all runs. 1 is the tracker's noise; empty cells were never visited.",
-            )
-        )
-    page.paragraph(
-        "A marble that was pushed wrongly stays wrong: an error grows along a run, so the map shows where it "
-        "is felt, and the lines over time show when it begins."
-    )
-    page.pictures(*maps, *_errors(folder, diagnosis, shown))
-
-
-def _errors(folder: Path, diagnosis: Diagnosis, shown: Sequence[Side]) -> list[Picture]:
-    """Return the errors over time, as many pictures beside each other as there are maps above them."""
-    runs = diagnosis.runs[:_MOST_RUNS]
-    top = 1.3 * max(highest_error(runs, shown), 2 * PERCENT * mean_absolute(_noise(diagnosis)))
-    pictures = []
-    for number in range(min(len(shown), len(runs))):
-        path = folder / f"errors-{number + 1}.svg"
-        plot_errors(path, runs[number :: len(shown)], shown, _noise(diagnosis), top=top)
-        pictures.append(Picture(path, "When: the error along each run, on a logarithmic scale."))
-    return pictures
-
-
-def _add_ranking(page: Page, folder: Path, diagnosis: Diagnosis) -> None:
-    """Add the hypotheses in the order of the evidence for them."""
+def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
+    """Yield how far the answer can be trusted, in sentences."""
     tried = [one for one in diagnosis.candidates if one.effects]
-    if not tried:
-        return
-    page.heading("The hypotheses, ranked")
-    page.paragraph(
-        f"{len(tried)} ways to extend the base model were fitted, all parameters anew each time. A bar is "
-        "how much better the recordings are explained than by the base model, less what the additional "
-        "parameters and the number of attempts would win by chance. It is the logarithm of odds: 3 is 20 to "
-        "1, 10 is 20,000 to 1, and below 0 the base model is to be preferred. A difference of less than 3 "
-        "between two bars decides nothing."
-    )
-    if diagnosis.effects:
-        page.paragraph("The answer is blue; what ties with it is a hollow bar.")
+    if not diagnosis.effects:
+        if tried:
+            number = counted(len(tried), "hypothesis", "hypotheses")
+            yield f"None of the {number} is supported by the recordings."
+        if diagnosis.power:
+            yield "A small effect may still be present: the table of detectable sizes says how small."
+    tied = False
+    for one in diagnosis.effects:
+        if one.confusable_with:
+            tied = True
+            others = listed((plain(name) for name in one.confusable_with), "or")
+            yield (
+                f"Not certain: {others} instead of {plain(one.name)} explains these recordings as well. "
+                f"{one.reason}"
+            )
     answer, ties = answers(diagnosis)
-    evidence = [evidence_for(one) for one in tried]
-    span = min(evidence), max(evidence)
-    pictures = []
-    groups = {
-        "one": ("One effect added", [one for one in tried if len(one.effects) == 1]),
-        "several": ("Several effects together", [one for one in tried if len(one.effects) > 1]),
-    }
-    for name, (title, group) in groups.items():
-        if not group:
-            continue
-        best = sorted(group, key=evidence_for, reverse=True)[:_MOST_BARS]
-        path = folder / f"ranking-{name}.svg"
-        # One scale for both pictures, so that bars can be compared.
-        plot_ranking(path, best, answer, ties, span=span)
-        which = f"the best {len(best)} of {len(group)}" if len(group) > len(best) else "all that were tried"
-        pictures.append(Picture(path, f"{title}: {which}."))
-    page.pictures(*pictures)
+    found = next((one for one in tried if frozenset(one.effects) == answer), None)
+    # A hypothesis that contains the answer is no alternative to it.
+    others_tried = [
+        one for one in tried if not frozenset(one.effects) >= answer and frozenset(one.effects) not in ties
+    ]
+    if found is not None and others_tried:
+        best = max(others_tried, key=evidence_for)
+        ahead = evidence_for(found) - evidence_for(best)
+        yield (
+            f"The next best hypothesis, {together(best.effects)}, is {ahead:,.0f} nats behind"
+            f"{' (3 nats are odds of 20 to 1)' if ahead > 0 else ''}."
+        )
+    if diagnosis.effects and diagnosis.is_held_out and diagnosis.runs:
+        better = sum(run.final_mae < run.base_mae for run in diagnosis.runs)
+        yield f"The error falls on {better} of {counted(len(diagnosis.runs), 'held-out run')}."
+    elif diagnosis.effects and not tied:
+        yield "Not proved: there were no held-out runs."
+
+
+def _explanation(diagnosis: Diagnosis, floor: float) -> str:
+    """Return how much of the error the answer explains, in a sentence."""
+    before, after = (percent(error) for error in _errors_of(diagnosis))
+    share = explained(*_errors_of(diagnosis), floor)
+    where = (
+        "On held-out runs" if diagnosis.is_held_out else "On the run that was fitted, as none was held out,"
+    )
+    if not diagnosis.effects:
+        return (
+            f"{where} the five parameters leave an error of {before} of the edge; tracker noise alone gives "
+            f"{percent(floor)}."
+        )
+    if math.isnan(share):
+        return f"{where} the error was near tracker noise before: {before} of the edge, and {after} after."
+    rest = f" The other {_share(1.0 - share)} are not explained." if share < _NEARLY_ALL else ""
+    return (
+        f"{where} the error falls from {before} to {after} of the edge: {_share(share)} of what exceeds "
+        f"tracker noise ({percent(floor)}).{rest}"
+    )
+
+
+def _share(share: float) -> str:
+    return f"{100 * share:.0f} %" if share < 0.995 else f"{math.floor(1000 * share) / 10:.1f} %"
+
+
+def _patterns(diagnosis: Diagnosis) -> list[str]:
+    """Return on what the residuals depend, where no effect of the catalogue explains them."""
+    found: dict[str, str] = {}
+    if diagnosis.verdict == "unlisted":
+        for finding in diagnosis.where:
+            if finding.p_value < _CLEAR and finding.kind in _TELLING:
+                found.setdefault(finding.kind, finding.what)
+    return list(found.values())
+
+
+def _is_formula(note: str) -> bool:
+    """Whether a note is the formula of a learned correction, which has its own place."""
+    return note.startswith(LEARNED)
 
 
 def answers(diagnosis: Diagnosis) -> tuple[frozenset[str], set[frozenset[str]]]:
@@ -314,11 +398,6 @@ def _reach(run: RunProof, shown: Sequence[Side]) -> float:
     marbles = [run.observed, *(side.marble(run) for side in shown)]
     farthest = max(float(np.nanmax(np.abs(marble), initial=0.0)) for marble in marbles)
     return min(max(farthest, 0.05), 1.0)
-
-
-def _noise(diagnosis: Diagnosis) -> float:
-    """Return the noise that pictures are drawn in units of: simulated recordings may have none."""
-    return max(diagnosis.noise, _LEAST_NOISE)
 
 
 def _or_zero(value: float) -> float:

@@ -214,7 +214,7 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
             floor = PERCENT * mean_absolute(noise)
             axes.axhline(floor, **FLOOR)
             axes.set_ylim(bottom=floor / 1.6)
-            ends.append((floor, "tracker's\nnoise", style.INK))
+            ends.append((floor, "tracker\nnoise", style.INK))
         style.label_ends(axes, ends)
 
 
@@ -292,7 +292,7 @@ def plot_evaluation(
             if noise is not None:
                 floor = PERCENT * mean_absolute(noise)
                 axes.axhline(floor, **FLOOR)
-                ends.append((floor, "tracker's noise", style.INK))
+                ends.append((floor, "tracker noise", style.INK))
             axes.set_ylim(bottom=0.0)
             style.label_ends(axes, ends)
         panels[-1].set_xlabel(unit)

@@ -28,6 +28,8 @@ SECOND = "#009e73"
 THIRD = "#cc79a7"
 #: From least to most, of cells: cream to violet on paper; a dark page runs them from violet to cream.
 HEAT = ("#fdebac", "#feb67c", "#fa7d5e", "#e24d66", "#b5367a", "#842681", "#57157e", "#251255")
+#: From most negative to most positive: blue over pale to orange; a dark page has the pale ones dark.
+DIVERGING = ("#0b4f7d", "#3a86b4", "#86bcd8", "#cfe4f0", "#fbe0cc", "#f2ab7c", "#d8692b", "#8f3a06")
 COLOURS = {
     "paper": PAPER,
     "ink": INK,
@@ -39,6 +41,7 @@ COLOURS = {
     "second": SECOND,
     "third": THIRD,
     **{f"heat{letter}": colour for letter, colour in zip("abcdefgh", HEAT, strict=True)},
+    **{f"sign{letter}": colour for letter, colour in zip("abcdefgh", DIVERGING, strict=True)},
 }
 
 #: One column of a page [inches]: narrow enough to be read on a phone without zooming.

@@ -1,4 +1,4 @@
-"""The page that a track leaves behind: how surely, how finely and how steadily the marble was seen."""
+"""The page of a track: how reliable, how precise and how regular the positions are."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from irt.files import PathLike
 from irt.report import style
-from irt.report.page import Page, Picture
+from irt.report.page import Picture, Table, write_page
 from irt.report.plots import TICKS
 from irt.report.words import counted, millimetres, percent, versions
 from irt.tracking.recorded import Summary, Timed
@@ -40,7 +40,7 @@ def write_tracking_report(
     folder : path
         Where the track's files are.
     track, summary : Track, Summary
-        What was seen, and what it is worth.
+        Positions, and their quality.
     timed : Timed or None
         The recording, where commands are known.
     facts : mapping
@@ -54,18 +54,21 @@ def write_tracking_report(
         If a file cannot be written.
     """
     folder = Path(folder)
-    page = Page(f"{track.name}: the marble's track", _lead(summary, edge_m))
-    if track.stopped:
-        page.callout("The run ended early.", f"{track.stopped}. All that was seen until then is here.")
-    page.key_figures(_figures(summary, edge_m))
-    _add_path(page, folder, track)
-    _add_surety(page, folder, track)
-    _add_time(page, track, summary, timed)
-    _add_geometry(page, track, summary, edge_m)
-    page.heading("To do the same again")
-    page.facts({name: f"{value}" for name, value in facts.items()} | versions())
     path = folder / f"{track.name}-report.html"
-    page.write(path)
+    write_page(
+        path,
+        "tracking.html",
+        title=f"{track.name}: the marble's track",
+        lead=_lead(summary, edge_m),
+        stopped=track.stopped,
+        key_figures=_figures(summary, edge_m),
+        path=_path(folder, track),
+        confidence=_confidence(folder, track),
+        lost=_lost(track),
+        timing=_timing(track, summary, timed),
+        geometry=_geometry(track, summary, edge_m),
+        settings={name: f"{value}" for name, value in facts.items()} | versions(),
+    )
     return path
 
 
@@ -73,8 +76,8 @@ def _lead(summary: Summary, edge_m: float) -> str:
     """Return the answer in two sentences."""
     noise = f"{summary.noise * summary.pixels_per_edge:.2f} pixels, {millimetres(summary.noise, edge_m)}"
     return (
-        f"The marble was seen in {summary.seen:,} of {counted(summary.pictures, 'picture')}; its positions "
-        f"scatter by {noise} on the board. Where it was not sure the tracker left the row empty."
+        f"The marble was found in {summary.seen:,} of {counted(summary.pictures, 'picture')}. The noise of "
+        f"its position is {noise} on the board. Where the tracker was not sure, the row is empty."
     )
 
 
@@ -83,22 +86,21 @@ def _figures(summary: Summary, edge_m: float) -> list[tuple[str, str]]:
     figures = [
         (f"{100 * summary.detection:.2f} %", "of the pictures show the marble"),
         (f"{summary.noise * summary.pixels_per_edge:.2f} px", f"noise, {percent(summary.noise)} of the edge"),
-        (f"{longest}", "pictures: the longest stretch without it"),
+        (f"{longest}", "pictures in the longest gap"),
     ]
     if summary.corners_px is not None:
         error = summary.corners_px / summary.pixels_per_edge
         figures.append(
             (
                 f"{summary.corners_px:.2f} px",
-                f"the corners are off the board's shape: {millimetres(error, edge_m)}",
+                f"error of the corners against the board's shape: {millimetres(error, edge_m)}",
             )
         )
     return figures
 
 
-def _add_path(page: Page, folder: Path, track: Track) -> None:
-    """Add where the marble went, over the board and over time."""
-    page.heading("Where it went")
+def _path(folder: Path, track: Track) -> list[Picture]:
+    """Draw the marble's path, over the board and over time."""
     over = folder / f"{track.name}-board.svg"
     half_x, half_y = track.scene.size.along_x / 2, track.scene.size.along_y / 2
     with style.drawing(over, style.WIDTH, 4.0) as figure:
@@ -118,15 +120,14 @@ def _add_path(page: Page, folder: Path, track: Track) -> None:
             axes.plot(track.stamps, track.marble[:, axis], "-", color=style.TUNED, lw=1.0)
             axes.set_ylabel(f"{name}  [board edges]")
         lower.set_xlabel("time  [s]")
-    page.pictures(
-        Picture(over, "The marble's path within the board's edges."),
-        Picture(time, "Its coordinates over time; where it was lost the ground is shaded."),
-    )
+    return [
+        Picture(over, "Path of the marble within the board's edges."),
+        Picture(time, "Coordinates over time; gaps are shaded."),
+    ]
 
 
-def _add_surety(page: Page, folder: Path, track: Track) -> None:
-    """Add how sure the tracker was, and the pictures in which it was least so."""
-    page.heading("How sure it is")
+def _confidence(folder: Path, track: Track) -> list[Picture]:
+    """Draw the tracker's confidence, beside the pictures in which it was lowest."""
     path = folder / f"{track.name}-confidence.svg"
     with style.drawing(path, style.WIDTH, 2.4) as figure:
         axes = figure.subplots()
@@ -135,38 +136,38 @@ def _add_surety(page: Page, folder: Path, track: Track) -> None:
         axes.set_ylim(0.0, 1.03)
         axes.set_ylabel("confidence")
         axes.set_xlabel("time  [s]")
-    page.paragraph(
-        "Confidence is the share, of all that tells the marble from the board behind it, that a picture "
-        "shows: 0.9 is a whole marble with the noise of its pixels, and about a half is given at least."
-    )
-    page.pictures(
-        Picture(path, "Confidence over time; where the marble was lost the ground is shaded."),
+    return [
+        Picture(path, "Confidence over time; gaps are shaded."),
         Picture(
             folder / f"{track.name}-unsure.png",
-            "The least sure picture of each part of the run, the worst first, with the rim that was found.",
+            "The picture of lowest confidence in each part of the run, with the detected rim.",
         ),
+    ]
+
+
+def _lost(track: Track) -> Table | None:
+    """Return the longest gaps."""
+    gaps = _stretches(track)
+    if not gaps:
+        return None
+    return Table(
+        "Pictures without a position",
+        ["from", "pictures", "length"],
+        [
+            [f"{track.stamps[first]:.2f} s", f"{count}", f"{_seconds(track, first, count):.2f} s"]
+            for first, count in gaps
+        ],
     )
-    runs = _stretches(track)
-    if runs:
-        page.table(
-            "Pictures without a position",
-            ["from", "pictures", "seconds"],
-            [
-                [f"{track.stamps[first]:.2f} s", f"{count}", f"{_seconds(track, first, count):.2f}"]
-                for first, count in runs
-            ],
-        )
 
 
-def _add_time(page: Page, track: Track, summary: Summary, timed: Timed | None) -> None:
-    """Add what the stamps tell."""
-    page.heading("When")
+def _timing(track: Track, summary: Summary, timed: Timed | None) -> dict[str, str]:
+    """Return how regular the stamps are, and how commands and pictures were aligned."""
     gaps = summary.gaps
     facts = {
         "pictures": f"every {1000 * gaps.interval:.2f} ms, give or take {1000 * gaps.jitter:.2f} ms",
-        "missing": f"{counted(gaps.dropped, 'picture')}; the longest interval: {1000 * gaps.longest:.1f} ms",
+        "dropped": f"{counted(gaps.dropped, 'picture')}; the longest interval: {1000 * gaps.longest:.1f} ms",
         "shown twice": f"{counted(gaps.repeated, 'picture')}, left empty",
-        "searched": f"{percent(float(track.in_window.mean()))} of pictures near where it was expected",
+        "search": f"near the expected position in {percent(float(track.in_window.mean()))} of the pictures",
     }
     if timed is not None:
         facts["rows"] = f"{len(timed.recording.knobs):,}, from {timed.recording.seen.sum():,} positions"
@@ -175,14 +176,13 @@ def _add_time(page: Page, track: Track, summary: Summary, timed: Timed | None) -
             found = timed.alignment
             facts["commands"] = (
                 f"{found.offset:.4f} s from their clock to the video's, standard error {found.error:.4f} s; "
-                f"they explain {percent(found.explained)} of the accelerations. The rig's delay is in this"
+                f"they explain {percent(found.explained)} of the accelerations. This includes the rig's delay"
             )
-    page.facts(facts)
+    return facts
 
 
-def _add_geometry(page: Page, track: Track, summary: Summary, edge_m: float) -> None:
-    """Add how pixels became places."""
-    page.heading("From pixels to the board")
+def _geometry(track: Track, summary: Summary, edge_m: float) -> dict[str, str]:
+    """Return how pixels became positions."""
     scale = summary.pixels_per_edge
     facts = {
         "corners": track.scene.found_by,
@@ -192,10 +192,10 @@ def _add_geometry(page: Page, track: Track, summary: Summary, edge_m: float) -> 
         "tilt of the board": summary.tilt,
     }
     if summary.lens_px is not None:
-        facts["lens"] = f"calibrated; {summary.lens_px:.2f} pixels were left over"
+        facts["lens"] = f"calibrated; residual {summary.lens_px:.2f} pixels"
     else:
-        facts["lens"] = "not calibrated: four corners fit any board, so that nothing tells how well they lie"
-    page.facts(facts)
+        facts["lens"] = "not calibrated: four corners fit any board, so their error is unknown"
+    return facts
 
 
 def _shade_lost(axes: Any, track: Track) -> None:

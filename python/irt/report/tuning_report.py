@@ -6,16 +6,18 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from irt.catalogue import effect
+from irt.engine import SUBSTEP_S
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
 from irt.model import Model
 from irt.report import style
-from irt.report.page import Page, Picture, add_warnings
+from irt.report.page import Picture, Table, write_page
 from irt.report.plots import (
     Prediction,
     mean_absolute,
@@ -25,10 +27,10 @@ from irt.report.plots import (
     plot_paths,
     plot_tilt,
 )
-from irt.report.words import UNITS, percent, versions, with_interval
+from irt.report.words import UNITS, counted, duration, labelled, percent, plain, versions, with_interval
 from irt.residual import Evaluation, RunEvaluation, evaluate
 from irt.rig import PARAMETERS, Rig
-from irt.segments import segments
+from irt.segments import rows_of, segments
 
 _METHODS = {
     "irt": "IRT",
@@ -137,29 +139,29 @@ def write_tuning_report(
     if has_marble:
         answer = lead(shown, unseen, tracker_noise(segments(heldout or rig)))
     else:
-        answer = (
-            "No marble was seen in these recordings: what was tuned is the way from the commands to the tilt."
-        )
-    page = Page(title, answer)
-    add_warnings(page, warnings)
-    if has_marble:
-        _add_fit(page, folder, rig, shown)
-    if rig.has_tilt:
-        _add_tilt(page, folder, heldout or rig, (unseen or shown)[1])
-    if heldout is not None:
-        _add_heldout(page, folder, heldout, unseen)
-    _add_parameters(page, folder, results)
-    if has_marble:
-        _add_history(page, folder, rig, results)
-    page.heading("To do the same again")
-    page.facts({**settings, **versions()})
+        answer = "No marble was seen in these recordings, so only the path from command to tilt was tuned."
     path = folder / "report.html"
-    page.write(path)
+    write_page(
+        path,
+        "tuning.html",
+        title=title,
+        lead=answer,
+        warnings=warnings,
+        stamped=all(recording.stamps is not None for recording in rig.recordings),
+        fit=_fit(folder, rig, shown) if has_marble else None,
+        tilt=_tilt(folder, heldout or rig, (unseen or shown)[1]) if rig.has_tilt else None,
+        heldout=_heldout(folder, heldout, unseen) if heldout is not None else None,
+        parameters=_parameters(results),
+        unidentifiable=_attributed(results, [result.unidentifiable for result in results]),
+        notes=_attributed(results, [result.notes for result in results]),
+        history=_history(folder, rig, results) if has_marble else None,
+        settings={**settings, **versions()},
+    )
     return path
 
 
 def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) -> str:
-    """Return the answer in two sentences: what tuning has won, and what is left.
+    """Return the answer in two sentences: how much tuning reduced the error, and whether physics is missing.
 
     Parameters
     ----------
@@ -171,20 +173,23 @@ def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) 
         Standard deviation of the tracker [board edges].
     """
     before, after = shown[:2]
-    answer = (
-        f"Tuning by {after.name} took the simulated marble from {percent(before.mae)} of the board's edge "
-        f"off to {percent(after.mae)}, on average over the {_count(after)} it was given"
-    )
+    verb = "reduced" if after.mae < before.mae else "did not reduce"
+    answer = f"Tuning by {after.name} {verb} the mean error on {_count(after)}: {_from_to(before, after)}"
     if unseen:
         before, after = unseen[:2]
-        change = f"from {percent(before.mae)} to {percent(after.mae)}"
-        answer += f", and {change} over {_count(after)} that it never saw"
+        answer += f"; on {_count(after, 'held-out recording')}: {_from_to(before, after)}"
     floor = mean_absolute(noise)
     if after.mae < 1.5 * floor:
-        left = "there is little left to explain"
+        verdict = "the model explains nearly all that can be explained"
     else:
-        left = "what is left is physics that the model lacks, or parameters that are not yet right"
-    return f"{answer}. The tracker's noise alone makes {percent(floor)}: {left}."
+        verdict = (
+            "the rest is physics that the model lacks, or parameters that are not right yet. Try irt diagnose"
+        )
+    return f"{answer}. Tracker noise alone gives {percent(floor)}: {verdict}."
+
+
+def _from_to(before: Contender, after: Contender) -> str:
+    return f"{percent(before.mae)} of the board's edge untuned, {percent(after.mae)} tuned"
 
 
 def compare(first: Contender, second: Contender) -> str:
@@ -193,11 +198,11 @@ def compare(first: Contender, second: Contender) -> str:
     if worse.mae < 1.05 * better.mae:
         return (
             f"On these recordings {first.name} ({percent(first.mae)}) and {second.name} "
-            f"({percent(second.mae)}) do equally well."
+            f"({percent(second.mae)}) are equally good."
         )
     return (
-        f"On these recordings {better.name} is ahead: {percent(better.mae)} of the edge, against "
-        f"{percent(worse.mae)} of {worse.name}."
+        f"On these recordings {better.name} is better: {percent(better.mae)} of the edge, against "
+        f"{percent(worse.mae)} for {worse.name}."
     )
 
 
@@ -211,8 +216,8 @@ def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Conten
     ]
 
 
-def _add_fit(page: Page, folder: Path, rig: Rig, contenders: Sequence[Contender]) -> None:
-    """Add the pictures before and after, of one recording."""
+def _fit(folder: Path, rig: Rig, contenders: Sequence[Contender]) -> dict[str, Any]:
+    """Return the pictures before and after, of one recording."""
     run = next(run for run, recording in enumerate(rig.recordings) if recording.has_marble)
     recording = rig.recordings[run]
     predictions = [contenders[0].prediction(run), contenders[1].prediction(run, "tuned")]
@@ -223,29 +228,28 @@ def _add_fit(page: Page, folder: Path, rig: Rig, contenders: Sequence[Contender]
         fit, paths = folder / f"fit-{prediction.label}.svg", folder / f"paths-{prediction.label}.svg"
         plot_fit(fit, recording, [prediction], limit=limit)
         plot_paths(paths, [(recording, prediction)])
-        caption = f"{prediction.label.capitalize()}: {percent(contender.run_mae(run))} of the edge off."
+        caption = (
+            f"{prediction.label.capitalize()}: mean error {percent(contender.run_mae(run))} of the edge."
+        )
         over_time.append(Picture(fit, caption))
         from_above.append(Picture(paths, f"{prediction.label.capitalize()}, from above."))
-    page.heading("Before and after")
-    page.paragraph(
-        f"{recording.name}, one of the recordings that the simulator was tuned to. Dots are what the tracker "
-        f"saw, lines what the simulator predicts {_from_what(contenders[1])}. Untuned means that each "
-        "parameter stands in the middle of its range. From above, the dotted line is as far as the marble's "
-        "centre can go."
-    )
-    page.pictures(*over_time)
-    page.pictures(*from_above)
+    return {
+        "recording": recording.name,
+        "how": _from_what(contenders[1], rig),
+        "over_time": over_time,
+        "from_above": from_above,
+    }
 
 
-def _add_tilt(page: Page, folder: Path, rig: Rig, tuned: Contender) -> None:
-    """Add the tilt that the commands predict beside the measured one, of the recording where it is worst."""
+def _tilt(folder: Path, rig: Rig, tuned: Contender) -> dict[str, Any] | None:
+    """Return the predicted tilt beside the measured one, of the recording with the largest error."""
     measured = [
         (recording, run.tilt_prediction, run.tilt, run.played)
         for recording, run in zip(rig.recordings, tuned.evaluation.runs, strict=True)
         if run.tilt is not None and run.tilt_prediction is not None
     ]
     if not measured:
-        return
+        return None
     rows = []
     for name, errors, played in (
         *((recording.name, errors, played) for recording, _, errors, played in measured),
@@ -253,30 +257,29 @@ def _add_tilt(page: Page, folder: Path, rig: Rig, tuned: Contender) -> None:
     ):
         assert errors is not None, name
         angles = [
-            "-" if one is None else f"{1000 * one:.2f} mrad" for one in (errors.mae_x_rad, errors.mae_y_rad)
+            "-" if error is None else f"{1000 * error:.2f} mrad"
+            for error in (errors.mae_x_rad, errors.mae_y_rad)
         ]
         rows.append([name, *angles, "-" if played is None else percent(played.mae)])
     recording, predicted, _, _ = max(
-        measured, key=lambda one: (one[2].mae_x_rad or 0.0) + (one[2].mae_y_rad or 0.0)
+        measured, key=lambda entry: (entry[2].mae_x_rad or 0.0) + (entry[2].mae_y_rad or 0.0)
     )
     picture = folder / "tilt.svg"
     plot_tilt(picture, recording, predicted)
-    page.heading("The tilt")
-    page.paragraph(
-        "The tilt is predicted from the commands alone. Where the measured tilt is played in their place, "
-        f"windows of {tuned.evaluation.window_s:g} s show what the board and the marble leave by themselves."
-    )
-    page.table(
-        "Mean absolute error of the tilt, and of the marble with the measured tilt played",
-        ["recording", "about x", "about y", "marble, tilt played"],
-        rows,
-        total=True,
-    )
-    page.pictures(Picture(picture, f"{recording.name}, the recording with the largest error of the tilt."))
+    return {
+        "windows": _windows(tuned, rig),
+        "table": Table(
+            "Mean absolute error of the tilt, and of the marble driven by the measured tilt",
+            ["recording", "about x", "about y", "marble, measured tilt"],
+            rows,
+            total=True,
+        ),
+        "picture": Picture(picture, f"{recording.name}, the recording with the largest tilt error."),
+    }
 
 
-def _add_heldout(page: Page, folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> None:
-    """Add what the models say about recordings that they never saw."""
+def _heldout(folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> dict[str, Any]:
+    """Return the errors of the models on recordings that they were not tuned to."""
     tuned = contenders[1]
     stretches = segments(heldout)
     rows, pictures = [], []
@@ -286,44 +289,47 @@ def _add_heldout(page: Page, folder: Path, heldout: Rig, contenders: Sequence[Co
         rows.append([recording.name, *(percent(error) for error in errors)])
         picture = folder / f"heldout-{run + 1}.svg"
         plot_paths(picture, [(recording, tuned.prediction(run, recording.name))])
-        pictures.append(Picture(picture, f"{recording.name} as {tuned.name} predicts it."))
+        pictures.append(Picture(picture, f"{recording.name}, predicted by {tuned.name}."))
     overall = [*(contender.mae for contender in contenders), mean_absolute(tracker_noise(stretches))]
     rows.append(["all", *(percent(error) for error in overall)])
-    page.heading("Recordings held out")
-    page.paragraph(
-        "No tuning saw these: a model that only retraces what it was given fails here. Each error is the "
-        f"mean of |x| and |y| over all rows, predicted {_from_what(tuned)}."
-    )
-    page.table(
-        "Mean absolute error, in percent of the board's long edge",
-        ["recording", *(contender.name for contender in contenders), "tracker's noise"],
-        rows,
-        total=True,
-    )
-    for other in contenders[2:]:
-        page.paragraph(compare(tuned, other))
-    page.pictures(*pictures)
+    return {
+        "how": _from_what(tuned, heldout),
+        "table": Table(
+            "Mean absolute error, in percent of the board's long edge",
+            ["recording", *(contender.name for contender in contenders), "tracker noise"],
+            rows,
+            total=True,
+        ),
+        "comparisons": [compare(tuned, other) for other in contenders[2:]],
+        "pictures": pictures,
+    }
 
 
-def _from_what(contender: Contender) -> str:
+def _from_what(contender: Contender, rig: Rig) -> str:
     """Return what a prediction is made from, in words."""
     if contender.windowed:
-        seconds = contender.evaluation.window_s
-        return f"in windows of {seconds:g} s, each from the state that the rows before it tell"
+        return f"in {_windows(contender, rig)}, each from the state estimated on the rows before it"
     return "from the first position and the commands alone"
 
 
-def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> None:
-    """Add the values with their intervals, and what they do not say."""
-    page.heading("The parameters")
-    names = [_METHODS.get(result.method, result.method) for result in results]
+def _windows(contender: Contender, rig: Rig) -> str:
+    """Return how long the windows of an evaluation are, in words."""
+    seconds = contender.evaluation.window_s
+    if all(recording.stamps is not None for recording in rig.recordings):
+        return f"windows of {seconds:g} s"
+    step = contender.model.parameters["time_scale"].value * SUBSTEP_S
+    return f"windows of {duration(rows_of(seconds, step))}"
+
+
+def _parameters(results: Sequence[FitResult]) -> Table:
+    """Return the fitted values with their intervals."""
     ranges = results[0].model.ranges
-    page.table(
+    return Table(
         "Value and 95 % interval, given that the model's physics is right",
-        ["parameter", "searched", *names],
+        ["parameter", "search range", *_names(results)],
         [
             [
-                f"{name} [{UNITS[name]}]" if name in UNITS else name,
+                labelled(name, UNITS.get(name, "")),
                 f"{ranges[name][0]:g} to {ranges[name][1]:g}",
                 *(with_interval(result.model.parameters[name]) for result in results),
             ]
@@ -331,13 +337,6 @@ def _add_parameters(page: Page, folder: Path, results: Sequence[FitResult]) -> N
         ]
         + list(_effect_rows(results)),
     )
-    for title, told in (
-        ("What these recordings cannot pin down:", [result.unidentifiable for result in results]),
-        ("To know besides:", [result.notes for result in results]),
-    ):
-        if any(told):
-            page.paragraph(title)
-            page.bullets(_attributed(names, told))
 
 
 def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
@@ -345,47 +344,44 @@ def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
     for name in dict.fromkeys(name for result in results for name in result.effects):
         for known in effect(name).parameters:
             fitted = [result.effects.get(name, {}).get(known.name) for result in results]
-            if any(one is not None for one in fitted):
-                unit = f" [{known.unit}]" if known.unit else ""
-                values = ["-" if one is None else with_interval(one) for one in fitted]
-                yield [f"{name}, {known.name}{unit}", known.searched, *values]
+            if any(value is not None for value in fitted):
+                values = ["-" if value is None else with_interval(value) for value in fitted]
+                yield [f"{plain(name)}: {labelled(known.name, known.unit)}", known.searched, *values]
 
 
-def _attributed(names: Sequence[str], told: Sequence[Sequence[str]]) -> list[str]:
-    """Return what each method told, with its name where others told something else."""
-    if all(sentences == told[0] for sentences in told):
-        return list(told[0])
+def _names(results: Sequence[FitResult]) -> list[str]:
+    return [_METHODS.get(result.method, result.method) for result in results]
+
+
+def _attributed(results: Sequence[FitResult], said: Sequence[Sequence[str]]) -> list[str]:
+    """Return what each method says, with its name where the methods differ."""
+    if all(sentences == said[0] for sentences in said):
+        return list(said[0])
     return [
-        f"{name}: {sentence}" for name, sentences in zip(names, told, strict=True) for sentence in sentences
+        f"{name}: {sentence}"
+        for name, sentences in zip(_names(results), said, strict=True)
+        for sentence in sentences
     ]
 
 
-def _add_history(page: Page, folder: Path, rig: Rig, results: Sequence[FitResult]) -> None:
-    """Add how each method came to its answer."""
-    page.heading("The way there")
+def _history(folder: Path, rig: Rig, results: Sequence[FitResult]) -> list[Picture]:
+    """Draw how each method came to its answer."""
     noise = tracker_noise(segments(rig))
     histories, evolutions = [], []
-    for result in results:
-        name = _METHODS.get(result.method, result.method)
-        history, evolution = (
-            folder / f"history-{result.method}.svg",
-            folder / f"parameters-{result.method}.svg",
-        )
+    for result, name in zip(results, _names(results), strict=True):
+        history = folder / f"history-{result.method}.svg"
+        evolution = folder / f"parameters-{result.method}.svg"
         plot_history(history, result, noise=noise)
         plot_parameters(evolution, result)
-        starts = len(result.estimates)
-        histories.append(
-            Picture(
-                history,
-                f"{name}: error on the way from {starts} start{'s' if starts != 1 else ''}; "
-                f"{result.rollouts:,} simulated runs and {result.seconds:.1f} s in all.",
-            )
+        caption = (
+            f"{name}: error from {counted(len(result.estimates), 'start')}; "
+            f"{result.rollouts:,} simulated runs in {result.seconds:.1f} s of computing."
         )
-        evolutions.append(Picture(evolution, f"{name}: each parameter within the range that was searched."))
-    page.pictures(*histories, *evolutions)
+        histories.append(Picture(history, caption))
+        evolutions.append(Picture(evolution, f"{name}: each parameter within its search range."))
+    return [*histories, *evolutions]
 
 
-def _count(contender: Contender) -> str:
+def _count(contender: Contender, thing: str = "recording") -> str:
     """Return how many recordings a model is judged by, in words."""
-    count = len(contender.evaluation.runs)
-    return f"{count} recording{'s' if count != 1 else ''}"
+    return counted(len(contender.evaluation.runs), thing)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import platform
+import re
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 
@@ -14,7 +15,8 @@ from irt.model import Parameter
 UNITS = {"time_scale": "1/240 s"}
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
-#: Below this ratio of two errors the smaller one is no progress worth a number.
+_TIMES = "\N{MULTIPLICATION SIGN}"
+#: Two errors with a smaller ratio count as equal.
 _EQUAL = 1.05
 
 
@@ -31,13 +33,69 @@ def millimetres(error: float, edge_m: float) -> str:
     return f"{1000 * error * edge_m:.2g}{_NO_BREAK}mm"
 
 
-def times_less(before: float, after: float) -> str:
-    """Return how much smaller an error became, in words."""
+def change(before: float, after: float) -> str:
+    """Return how much smaller or larger an error became: as "32 times smaller" in symbols."""
     if not before > 0 or not after > 0:
         return "-"
     if before < _EQUAL * after:
-        return "no less" if after < _EQUAL * before else f"{_ratio(after / before)} times more"
-    return f"{_ratio(before / after)} times less"
+        return "unchanged" if after < _EQUAL * before else f"{_ratio(after / before)}{_TIMES} larger"
+    return f"{_ratio(before / after)}{_TIMES} smaller"
+
+
+def explained(before: float, after: float, floor: float) -> float:
+    """Return the share of an error above the noise floor that a better model removes.
+
+    Parameters
+    ----------
+    before, after : float
+        Mean absolute errors [board edges].
+    floor : float
+        Mean absolute error of the tracker noise alone [board edges].
+
+    Returns
+    -------
+    float
+        From 0 to 1; NaN where the error before was at the floor already.
+    """
+    if not before > _EQUAL * floor:
+        return math.nan
+    return min(1.0, max(0.0, (before - after) / (before - floor)))
+
+
+def duration(rows: int, seconds: float | None = None) -> str:
+    """Return how long something lasts: in seconds where stamps give them, else in rows.
+
+    Parameters
+    ----------
+    rows : int
+        Number of rows.
+    seconds : float, optional
+        The same by the recording's stamps [s]; None without stamps.
+    """
+    return counted(rows, "row") if seconds is None else f"{seconds:.1f}{_NO_BREAK}s"
+
+
+def in_rows(name: str, value: Parameter, unit: str, row_s: float) -> tuple[str, Parameter, str]:
+    """Return a parameter's name, value and unit, seconds replaced by rows.
+
+    Without stamps an interval of such a value is mostly that of the time scale, so it is left out.
+
+    Parameters
+    ----------
+    name : str
+        Such as "delay_s" or "rate_per_s": the unit in it is replaced too.
+    value : Parameter
+        In SI units.
+    unit : str
+        Such as "s", "m/s²" or "rad s/m".
+    row_s : float
+        How long a row lasts [s].
+    """
+    number, low, high, changed = display.in_rows(value.value, value.low, value.high, unit, row_s)
+    if changed == unit:
+        return name, value, unit
+    name = name.removesuffix("_s") if unit == "s" else re.sub(r"_per_s(?=\d|_|$)", "_per_row", name)
+    return name, Parameter(number, low, high), changed
 
 
 def with_interval(parameter: Parameter) -> str:
@@ -55,15 +113,18 @@ def labelled(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def odds(p_value: float) -> str:
-    """Return how often chance alone does as much, in words."""
-    if math.isnan(p_value):
+def scaled(factor: float, value: Parameter) -> Parameter:
+    """Return a value and its interval in another unit, of which there are so many in one of its own."""
+    if value.low is None or value.high is None:
+        return Parameter(factor * value.value)
+    return Parameter(factor * value.value, factor * value.low, factor * value.high)
+
+
+def p_value(probability: float) -> str:
+    """Return a p-value to one digit."""
+    if math.isnan(probability):
         return "-"
-    if p_value < 1e-6:
-        return "less than 1 in a million"
-    if p_value > 0.5:
-        return "more often than not"
-    return f"1 in {_round(1 / p_value):,}"
+    return "< 0.000001" if probability < 1e-6 else f"{float(f'{probability:.1g}'):f}".rstrip("0")
 
 
 def plain(name: str) -> str:
@@ -82,14 +143,14 @@ def listed(items: Iterable[str], last: str = "and") -> str:
     return f"{', '.join(others)} {last} {final}" if others else final
 
 
-def counted(count: int, thing: str) -> str:
-    """Return a number of things, in words."""
-    return f"{count:,} {thing}{'s' if count != 1 else ''}"
+def counted(count: int, thing: str, plural: str = "") -> str:
+    """Return a number of things, in words; a plural without s is given."""
+    return f"{count:,} {thing if count == 1 else plural or f'{thing}s'}"
 
 
-def versions() -> dict[str, str]:
-    """Return what the numbers were computed with."""
-    packages = ", ".join(f"{name} {version(name)}" for name in ("labsim-irt", "numpy", "scipy", "torch"))
+def versions(*others: str) -> dict[str, str]:
+    """Return what the numbers were computed with: these packages besides our own, numpy and scipy."""
+    packages = ", ".join(f"{name} {version(name)}" for name in ("labsim-irt", "numpy", "scipy", *others))
     return {
         "versions": f"{packages}, Python {platform.python_version()}",
         "machine": f"{platform.system()} {platform.machine()}",

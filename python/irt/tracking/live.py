@@ -13,6 +13,7 @@ import os
 from typing import Any
 
 from irt.errors import IrtError
+from irt.extras import require
 
 TOPIC = "/marble/position"
 FRAME = "board"
@@ -42,17 +43,14 @@ class Publisher:
 
     def __init__(self, topic: str = TOPIC, domain: int | None = None) -> None:
         os.environ.setdefault("CYCLONEDDS_URI", _LOOPBACK)
-        try:
-            from cyclonedds.core import DDSException, Policy, Qos  # noqa: PLC0415
-            from cyclonedds.domain import DomainParticipant  # noqa: PLC0415
-            from cyclonedds.pub import DataWriter  # noqa: PLC0415
-            from cyclonedds.topic import Topic  # noqa: PLC0415
+        require("cyclonedds", "irt track --publish")
+        from cyclonedds.core import DDSException, Policy, Qos  # noqa: PLC0415
+        from cyclonedds.domain import DomainParticipant  # noqa: PLC0415
+        from cyclonedds.pub import DataWriter  # noqa: PLC0415
+        from cyclonedds.topic import Topic  # noqa: PLC0415
 
-            from irt.tracking import messages  # noqa: PLC0415
-        except ImportError as error:
-            raise IrtError(
-                'to publish needs the package cyclonedds: pip install "labsim-irt[ros]"'
-            ) from error
+        from irt.tracking import messages  # noqa: PLC0415
+
         if domain is None:
             domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
         # Reliable: heard by readers of either kind.

@@ -6,10 +6,19 @@ import os
 from functools import cache
 from typing import Any
 
+from irt.extras import require
+
 
 @cache
 def opencv() -> Any:
-    """Return the module, its own messages silenced: this package tells what is wrong with a file, once."""
+    """Return the module, its own messages silenced: this package tells what is wrong with a file, once.
+
+    Raises
+    ------
+    IrtError
+        If it is not installed.
+    """
+    require("cv2", "irt track")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2  # noqa: PLC0415

@@ -11,19 +11,19 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from irt.engine import Engine
 from irt.errors import IrtError
+from irt.extras import require
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
 from irt.rig import Rig
 from irt.segments import Segment, segments
-from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive, is_paper_drive
-from irt.tuning.pretrain import Recipe, pretrain
+from irt.tuning.recipes import Recipe, Streamed
 from irt.tuning.stepnet import StepFile, load_steps
-from irt.tuning.streaming import Streamed, train_steps
+from irt.tuning.tensors import checkpoint_path
 from irt.tuning.tunenet import NetworkFile, load_network
 
 _DATA = Path(__file__).resolve().parents[1] / "data"
@@ -111,7 +111,8 @@ def obtain(
     Raises
     ------
     IrtError
-        If the file named is broken or was trained for another drive or task, or the cache cannot be written.
+        If the file named is broken or was trained for another drive or task, the cache cannot be written, or
+        a network has to be trained and PyTorch is not installed.
     """
     method: Networked = "irt" if task == "difference" else "direct"
 
@@ -124,7 +125,11 @@ def obtain(
             )
         return file
 
-    train = partial(pretrain, needed.network_drive, recipe=_recipe(method))
+    def train(**options: Any) -> NetworkFile:
+        from irt.tuning.pretrain import pretrain  # noqa: PLC0415  # loads torch
+
+        return pretrain(needed.network_drive, recipe=_recipe(method), **options)
+
     return _obtained(needed, method, path, load, train, threads=threads, progress=progress)
 
 
@@ -140,7 +145,11 @@ def obtain_steps(
     def load(path: PathLike) -> StepFile:
         return _for_drive(path, load_steps(path), needed)
 
-    train = partial(train_steps, needed.network_drive, recipe=_streamed())
+    def train(**options: Any) -> StepFile:
+        from irt.tuning.streaming import train_steps  # noqa: PLC0415  # loads torch
+
+        return train_steps(needed.network_drive, recipe=_streamed(), **options)
+
     return _obtained(needed, "irt+", path, load, train, threads=threads, progress=progress)
 
 
@@ -151,6 +160,17 @@ def described(needed: Need, method: Networked, path: PathLike | None, trained: s
     if needed.path(method).parent == _DATA:
         return f"The network is the one shipped for the paper's drive: {trained}."
     return f"The network was made for this rig's drive and is kept in {needed.path(method)}: {trained}."
+
+
+def require_training(method: Networked) -> None:
+    """Check that a network can be trained here.
+
+    Raises
+    ------
+    IrtError
+        If PyTorch is not installed.
+    """
+    require("torch", f"--method {method} trains a network for this rig's drive, which")
 
 
 def training_data(method: Networked) -> str:
@@ -201,6 +221,7 @@ def _obtained(
             return load(path)
         with suppress(IrtError):
             return load(path)
+    require_training(method)
     try:
         make_folder(path.parent)
     except IrtError as error:

@@ -6,21 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 from torch import nn
 
 from irt.errors import IrtError
-from irt.files import PathLike
-from irt.tuning.tunenet import load_weights, read_tensors, write_tensors
+from irt.tuning.tensors import read_tensors, weights_of, write_tensors
+from irt.tuning.torch_networks import put_weights, shapes_in, weights_in
 
 #: What Adam keeps of each parameter.
 _MOMENTS = ("step", "exp_avg", "exp_avg_sq")
-
-
-def checkpoint_path(path: PathLike) -> Path:
-    """Return where the checkpoint stands while a network is trained: ``net.checkpoint.safetensors``."""
-    path = Path(path)
-    return path.with_name(f"{path.stem}.checkpoint.safetensors")
 
 
 @dataclass(frozen=True)
@@ -48,12 +43,12 @@ class Checkpoint:
         self, network: nn.Module, adam: torch.optim.Optimizer, losses: Mapping[str, Sequence[float]]
     ) -> None:
         """Write all that is needed to go on."""
-        tensors = {f"network.{name}": value for name, value in network.state_dict().items()}
+        tensors = {f"network.{name}": value for name, value in weights_in(network).items()}
         for (name, _), state in zip(
             network.named_parameters(), adam.state_dict()["state"].values(), strict=True
         ):
-            tensors |= {f"adam.{key}.{name}": value for key, value in state.items()}
-        tensors |= {name: torch.tensor(each, dtype=torch.float64) for name, each in losses.items()}
+            tensors |= {f"adam.{key}.{name}": value.cpu().numpy() for key, value in state.items()}
+        tensors |= {name: np.array(each, dtype=np.float64) for name, each in losses.items()}
         write_tensors(self.path, tensors, {"format": self.format, **self.metadata})
 
     def restore(
@@ -75,10 +70,10 @@ class Checkpoint:
                     f"{self.path}: of another training: its {name} is {found.get(name)}, not "
                     f"{self.metadata[name]}; give the same options as then, or train without --resume"
                 )
-        load_weights(self.path, network, tensors)
+        put_weights(network, weights_of(self.path, tensors, shapes_in(network)))
         try:
             state = {
-                i: {key: tensors[f"adam.{key}.{name}"] for key in _MOMENTS}
+                i: {key: torch.from_numpy(tensors[f"adam.{key}.{name}"]) for key in _MOMENTS}
                 for i, (name, _) in enumerate(network.named_parameters())
             }
             for name, each in losses.items():

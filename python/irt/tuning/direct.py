@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from irt.tuning.cache import Need
@@ -27,9 +26,6 @@ def predicted(needed: Need, file: NetworkFile, observed: Sequence[Array]) -> Arr
     return drive.parameters(np.clip(scaled, 0.0, 1.0))
 
 
-@torch.no_grad()
 def suggested(network: TuneNet, inputs: Array) -> Array:
     """Return the parameters (k, 5), scaled to [0, 1], that inputs (k, m) suggest."""
-    target = torch.tensor(inputs, dtype=torch.float32)
-    suggestion: Array = network(torch.zeros_like(target), target).double().numpy()
-    return suggestion
+    return network(np.zeros_like(inputs), inputs)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from irt.fitting.fit import Progress
@@ -111,11 +110,9 @@ class Tuner:
             )
         return np.where(self.drive.open, estimated, 0.0)
 
-    @torch.no_grad()
     def _ask(self, proposed: Array, target: Array) -> Array:
-        both = (torch.tensor(each, dtype=torch.float32) for each in (proposed, target))
         ask = self.network.both_orders if self.both_orders else self.network
-        return ask(*both).double().numpy()
+        return ask(proposed, target)
 
 
 def without_spikes(observed: Array) -> Array:

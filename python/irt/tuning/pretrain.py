@@ -11,10 +11,10 @@ import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -22,10 +22,13 @@ from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
 from irt.rig import PARAMETERS
-from irt.tuning.checkpoint import Checkpoint, checkpoint_path
+from irt.tuning.checkpoint import Checkpoint
 from irt.tuning.drive import Drive
 from irt.tuning.pairs import Pairs, simulate_pairs
-from irt.tuning.tunenet import NetworkFile, TuneNet, read_tensors, save_network
+from irt.tuning.recipes import Recipe
+from irt.tuning.tensors import checkpoint_path, read_tensors
+from irt.tuning.torch_networks import TuneModule, weights_in
+from irt.tuning.tunenet import NetworkFile, TuneNet, save_network
 from irt.workers import Workers
 
 #: Epochs between two checkpoints.
@@ -34,54 +37,6 @@ CHECKPOINT_EPOCHS = 5
 CHECKPOINT_FORMAT = "irt-tunenet-checkpoint-1"
 #: Pairs that one pass of the held-out loss takes at a time.
 _HELDOUT_BATCH = 1000
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How a network is trained.
-
-    Attributes
-    ----------
-    pairs : int
-        Pairs to learn from (paper, section 5.2); a tenth as many more are held out.
-    epochs : int
-        Passes over the pairs.
-    seed : int
-        Of parameters, first weights and the order of the pairs; the same seed gives the same bits on the same
-        device.
-    batch : int
-        Pairs to one step.
-    learning_rate : float
-        Of Adam (paper, section 5.3).
-    dealing : {"every epoch", "once"}
-        Whether simulations are dealt into other pairs every epoch. It costs nothing, and the network sees a
-        pair once only. "once" is the paper's.
-    schedule : {"cosine", "constant"}
-        Whether the learning rate falls to zero along half a cosine, or stays, as in the paper.
-    noise : (float, float)
-        Least and largest standard deviation of what is added to each target [board edges]: a good tracker's
-        scatter, and what five parameters leave of a real rig. Log-uniform, drawn anew every time. A network
-        that never saw noise may take a difference from any few rows, and real ones are not that good. The
-        paper says nothing of noise; (0, 0) is none.
-    task : {"difference", "parameters"}
-        What the network is to tell: the difference of two sets of parameters, or, for direct prediction, the
-        target's own, its proposed input zero (paper, section 6.1).
-    """
-
-    pairs: int = 10_000
-    epochs: int = 200
-    seed: int = 0
-    batch: int = 50
-    learning_rate: float = 3e-4
-    dealing: Literal["every epoch", "once"] = "every epoch"
-    schedule: Literal["cosine", "constant"] = "cosine"
-    noise: tuple[float, float] = (0.0005, 0.05)
-    task: Literal["difference", "parameters"] = "difference"
-
-    def __post_init__(self) -> None:
-        for name, least in (("pairs", 1), ("epochs", 1), ("seed", 0), ("batch", 1)):
-            if getattr(self, name) < least:
-                raise IrtError(f"{name} must be at least {least}, not {getattr(self, name)}")
 
 
 def pretrain(
@@ -155,10 +110,10 @@ def pretrain(
             if (epoch + 1) % CHECKPOINT_EPOCHS == 0 and epoch + 1 < recipe.epochs:
                 checkpoint.save(training.network, training.adam, training.told)
     done = NetworkFile(
-        training.network.cpu().eval(),
+        TuneNet(weights_in(training.network)),
         {**metadata, "heldout_loss": repr(training.heldout[-1]), "device": place.type},
-        torch.tensor(training.losses),
-        torch.tensor(training.heldout),
+        np.array(training.losses, dtype=np.float32),
+        np.array(training.heldout, dtype=np.float32),
     )
     save_network(path, done)
     with suppress(OSError):
@@ -195,7 +150,7 @@ class _Training:
         self.recipe, self.pairs = recipe, pairs
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(recipe.seed)
-            self.network = TuneNet(drive.input_count)
+            self.network = TuneModule(drive.input_count)
         self.network.input_gain.fill_(pairs.gain)
         self.network.to(pairs.scaled.device)
         self.adam = torch.optim.Adam(self.network.parameters(), lr=recipe.learning_rate, fused=True)

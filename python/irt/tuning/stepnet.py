@@ -1,13 +1,17 @@
-"""The network of IRT+: from a proposal and what it lacks, where the target is, and how surely."""
+"""The network of IRT+: from a proposal and what it lacks, where the target is, and how surely.
+
+The network runs in numpy; `irt.tuning.torch_networks.StepModule` is the same network for training.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit
 
 from irt.errors import IrtError
 from irt.files import PathLike
@@ -15,7 +19,7 @@ from irt.rig import PARAMETERS
 from irt.tuning.coordinates import Coordinates
 from irt.tuning.drive import Drive
 from irt.tuning.search import Seen
-from irt.tuning.tunenet import load_weights, read_tensors, write_tensors
+from irt.tuning.tensors import Floats, linear, linear_shapes, read_tensors, weights_of, write_tensors
 
 Array = NDArray[np.float64]
 
@@ -24,58 +28,76 @@ HIDDEN, LAYERS = 384, 3
 FORMAT = "irt-stepnet-1"
 #: A residual of this size [observations' standard deviations] calls for a step of full length, smaller ones
 #: for steps in proportion.
-_LARGE = 0.33
+LARGE = 0.33
 #: Residuals smaller than this [the same] all look alike.
-_SMALLEST = 3e-4
+SMALLEST = 3e-4
 #: Ends of the logarithm of the standard deviation that is predicted, in lengths of the step.
-_LEAST_LOG, _MOST_LOG = -8.0, 2.0
+LOG_DEVIATIONS = (-8.0, 2.0)
 _FIVE = len(PARAMETERS)
 
 
-class StepNet(nn.Module):
+def entering(inputs: int) -> int:
+    """Return the width of the first layer: coordinates, three observations' worth, and a size."""
+    return _FIVE + 3 * inputs + 1
+
+
+@dataclass(frozen=True, eq=False)
+class StepNet:
     """A residual network: proposal, observations and residual in; mean and deviation of the target out.
 
     The residual goes in at size one, its size beside it, and the step comes out in proportion to that size:
     so a small residual is as easy to read as a large one, and an exact match is nearly a fixed point.
 
-    Parameters
+    Attributes
     ----------
-    inputs : int
-        Samples of one observation (`irt.tuning.drive.Drive.input_count`).
+    weights : mapping of str to float32 array
+        By the names in `shapes`. ``input_gain`` is what observations are multiplied by.
     """
 
-    def __init__(self, inputs: int) -> None:
-        super().__init__()
-        self.enter = nn.Linear(3 * inputs + _FIVE + 1, HIDDEN)
-        self.deeper = nn.ModuleList([nn.Linear(HIDDEN, HIDDEN) for _ in range(LAYERS - 1)])
-        self.leave = nn.Linear(HIDDEN, 2 * _FIVE)
-        #: What observations are multiplied by. Not a weight.
-        self.input_gain: Tensor
-        self.register_buffer("input_gain", torch.ones(()))
+    weights: Mapping[str, Floats]
 
-    def forward(self, coordinates: Tensor, proposed: Tensor, target: Tensor) -> tuple[Tensor, Tensor]:
-        """Estimate the target's coordinates: mean (k, 5) and logarithm of the standard deviation (k, 5).
+    @staticmethod
+    def shapes(inputs: int) -> dict[str, tuple[int, ...]]:
+        """Return the shapes of the weights for `irt.tuning.drive.Drive.input_count` samples."""
+        shapes = {"input_gain": (), **linear_shapes("enter", entering(inputs), HIDDEN)}
+        for layer in range(LAYERS - 1):
+            shapes |= linear_shapes(f"deeper.{layer}", HIDDEN, HIDDEN)
+        return shapes | linear_shapes("leave", HIDDEN, 2 * _FIVE)
+
+    def __call__(self, coordinates: ArrayLike, proposed: ArrayLike, target: ArrayLike) -> Belief:
+        """Estimate the target's coordinates.
 
         Parameters
         ----------
-        coordinates : (k, 5) tensor
+        coordinates : (k, 5) array
             Of the proposal (`irt.tuning.coordinates.Coordinates`).
-        proposed, target : (k, inputs) tensor
-            Observations.
+        proposed, target : (k, inputs) arrays
+            Observations; the network computes in single precision.
         """
-        proposed, target = self.input_gain * proposed, self.input_gain * target
+        coordinates = np.asarray(coordinates, dtype=np.float32)
+        gain = self.weights["input_gain"]
+        proposed = gain * np.asarray(proposed, dtype=np.float32)
+        target = gain * np.asarray(target, dtype=np.float32)
         residual = target - proposed
-        size = (residual.square().mean(dim=1, keepdim=True) + _SMALLEST**2).sqrt()
-        seen = torch.cat([coordinates, proposed, target, residual / size, torch.log(size)], dim=1)
-        hidden = nn.functional.silu(self.enter(seen))
-        for layer in self.deeper:
-            hidden = hidden + nn.functional.silu(layer(hidden))
-        step, log_deviation = self.leave(hidden).split(_FIVE, dim=1)
-        length = (size / _LARGE).clamp(max=1.0)
-        return (
-            coordinates + length * step,
-            torch.log(length) + log_deviation.clamp(_LEAST_LOG, _MOST_LOG),
+        size = np.sqrt(np.mean(residual**2, axis=1, keepdims=True) + np.float32(SMALLEST**2))
+        hidden = self._silu(
+            "enter",
+            np.concatenate([coordinates, proposed, target, residual / size, np.log(size)], axis=1),
         )
+        for layer in range(LAYERS - 1):
+            hidden = hidden + self._silu(f"deeper.{layer}", hidden)
+        step, log_deviation = np.split(linear(self.weights, "leave", hidden), 2, axis=1)
+        length = np.minimum(size / np.float32(LARGE), np.float32(1.0))
+        return Belief(
+            (coordinates + length * step).astype(np.float64),
+            (length * np.exp(np.clip(log_deviation, *LOG_DEVIATIONS))).astype(np.float64),
+        )
+
+    def _silu(self, name: str, values: Floats) -> Floats:
+        """Return the outputs of a linear layer, each times its logistic function."""
+        outputs = linear(self.weights, name, values)
+        activated: Floats = outputs * expit(outputs)
+        return activated
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,16 +120,16 @@ class StepFile:
     Attributes
     ----------
     network : StepNet
-        On the processor, in evaluation mode.
+        Ready to be asked.
     metadata : dict
         Text by name: drive, engine, seed, samples, command, ...
-    losses : (n,) tensor
+    losses : (n,) array
         Mean negative log-likelihood of the coordinates over stretches of the training.
     """
 
     network: StepNet
     metadata: dict[str, str]
-    losses: Tensor
+    losses: NDArray[Any]
 
     def ask(self, drive: Drive, seen: Seen, *, joint: bool = True) -> Belief:
         """Say where the target is, given k proposals for a drive.
@@ -118,20 +140,14 @@ class StepFile:
         target = [p + m for p, m in zip(seen.proposed, seen.missing, strict=True)]
         coordinates = Coordinates(drive).of(seen.parameters)
         if joint:
-            return self._believe(coordinates, drive.inputs(seen.proposed), drive.inputs(target))
+            return self.network(coordinates, drive.inputs(seen.proposed), drive.inputs(target))
         runs = [
-            self._believe(coordinates, p.reshape(len(p), -1), t.reshape(len(t), -1))
+            self.network(coordinates, p.reshape(len(p), -1), t.reshape(len(t), -1))
             for p, t in zip(seen.proposed, target, strict=True)
         ]
         return Belief(
             *(np.mean([getattr(one, name) for one in runs], axis=0) for name in ("mean", "deviation"))
         )
-
-    @torch.no_grad()
-    def _believe(self, coordinates: Array, proposed: Array, target: Array) -> Belief:
-        tensors = (torch.tensor(each, dtype=torch.float32) for each in (coordinates, proposed, target))
-        mean, log_deviation = self.network(*tensors)
-        return Belief(mean.double().numpy(), log_deviation.exp().double().numpy())
 
 
 def save_steps(path: PathLike, file: StepFile) -> None:
@@ -142,7 +158,7 @@ def save_steps(path: PathLike, file: StepFile) -> None:
     IrtError
         If the file cannot be written.
     """
-    tensors = {f"network.{name}": value.half() for name, value in file.network.state_dict().items()}
+    tensors = {f"network.{name}": value.astype(np.float16) for name, value in file.network.weights.items()}
     write_tensors(path, {**tensors, "losses": file.losses}, {"format": FORMAT, **file.metadata})
 
 
@@ -159,14 +175,12 @@ def load_steps(path: PathLike) -> StepFile:
         raise IrtError(
             f"{path}: not a network of irt+ of this release; make one with 'irt pretrain --method irt+'"
         )
-    first = tensors.get("network.enter.weight", torch.empty(0))
-    inputs = (first.shape[1] - _FIVE - 1) // 3 if first.ndim == 2 else 0
+    first = tensors.get("network.enter.weight", np.empty(0))
+    inputs = (first.shape[1] - entering(0)) // 3 if first.ndim == 2 else 0
     if inputs < 1:
         raise IrtError(f"{path}: broken: it holds no weights for the observations")
-    network = StepNet(inputs)
-    whole = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
-    load_weights(path, network, whole)
-    return StepFile(network.eval(), metadata, whole.get("losses", torch.empty(0)))
+    weights = weights_of(path, tensors, StepNet.shapes(inputs))
+    return StepFile(StepNet(weights), metadata, tensors.get("losses", np.empty(0)))
 
 
 def middle(drive: Drive) -> Array:

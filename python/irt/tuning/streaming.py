@@ -22,16 +22,17 @@ from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import Progress
 from irt.rig import PARAMETERS
-from irt.tuning.checkpoint import Checkpoint, checkpoint_path
+from irt.tuning.checkpoint import Checkpoint
 from irt.tuning.coordinates import Coordinates
 from irt.tuning.drive import Drive
 from irt.tuning.pretrain import best_device, reproducible
+from irt.tuning.recipes import PASSES, POOL, Streamed
 from irt.tuning.stepnet import StepFile, StepNet, middle, save_steps
+from irt.tuning.tensors import checkpoint_path
+from irt.tuning.torch_networks import StepModule, weights_in
 
 Array = NDArray[np.float64]
 
-#: Pairs that are simulated at a time, and how often each is learned from, every time with other noise.
-POOL, PASSES = 8192, 2
 #: Pools between two checkpoints.
 CHECKPOINT_POOLS = 20
 #: What the metadata of a checkpoint says under "format".
@@ -50,45 +51,6 @@ _FREEDOM = 4.0
 _DECAY, _CLIP = 1e-4, 1.0
 
 
-@dataclass(frozen=True)
-class Streamed:
-    """How a network of IRT+ is trained.
-
-    Attributes
-    ----------
-    samples : int
-        Pairs of simulations to learn from; none is repeated but for `PASSES` with other noise.
-    seed : int
-        Of everything random.
-    batch : int
-        Pairs to one step.
-    learning_rate : float
-        Of AdamW; it falls to zero along half a cosine.
-    noise : (float, float)
-        Least and largest standard deviation [board edges] of what is added to half of the targets.
-    affected : float
-        Share of the targets that come from a board with an effect of the catalogue or two, of any size: the
-        network learns to find the parameters of what it cannot match.
-    """
-
-    samples: int = 5_000_000
-    seed: int = 0
-    batch: int = 512
-    learning_rate: float = 2e-3
-    noise: tuple[float, float] = (0.0003, 0.03)
-    affected: float = 0.2
-
-    def __post_init__(self) -> None:
-        for name, least in (("samples", 1), ("seed", 0), ("batch", 1)):
-            if getattr(self, name) < least:
-                raise IrtError(f"{name} must be at least {least}, not {getattr(self, name)}")
-
-    @property
-    def pools(self) -> int:
-        """How many pools that takes."""
-        return -(-self.samples // (POOL * PASSES))
-
-
 @dataclass(frozen=True, eq=False)
 class Pool:
     """Pairs to learn from: coordinates (n, 5) and observations (n, m) of proposals and targets."""
@@ -99,9 +61,7 @@ class Pool:
     observed: Tensor
 
 
-def draw_pool(
-    drive: Drive, recipe: Streamed, number: int, count: int = POOL, threads: int | None = None
-) -> Pool:
+def draw_pool(drive: Drive, recipe: Streamed, number: int, count: int, threads: int | None = None) -> Pool:
     """Draw and simulate the pairs of a pool; the same seed and number give the same bits."""
     random = np.random.default_rng([recipe.seed, number])
     coordinates = Coordinates(drive)
@@ -197,7 +157,9 @@ def train_steps(
             if training.pool % CHECKPOINT_POOLS == 0 and training.pool < recipe.pools:
                 checkpoint.save(training.network, training.adam, training.told)
     done = StepFile(
-        training.network.cpu().eval(), {**metadata, "device": place.type}, torch.tensor(training.losses)
+        StepNet(weights_in(training.network)),
+        {**metadata, "device": place.type},
+        np.array(training.losses, dtype=np.float32),
     )
     save_steps(path, done)
     with suppress(OSError):
@@ -212,7 +174,7 @@ class _Training:
         self.drive, self.recipe, self.place, self.threads = drive, recipe, place, threads
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(recipe.seed)
-            self.network = StepNet(drive.input_count)
+            self.network = StepModule(drive.input_count)
         first = draw_pool(drive, recipe, 0, _COMPANY, threads)
         self.network.input_gain.fill_(1.0 / max(float(first.observed.std()), 1e-6))
         self.network.to(place)
@@ -234,7 +196,7 @@ class _Training:
     def run_pool(self) -> None:
         """Simulate a pool and learn from it, in batches in a random order."""
         number = self.pool
-        pool = draw_pool(self.drive, self.recipe, number, threads=self.threads)
+        pool = draw_pool(self.drive, self.recipe, number, POOL, self.threads)
         # The seed and the pool make the state of what is random: a checkpoint needs none.
         random = torch.Generator().manual_seed(self.recipe.seed * 1_000_003 + number)
         batches = [

@@ -8,11 +8,9 @@ from collections.abc import Generator, Mapping, Sequence
 from typing import Any
 
 from irt.errors import IrtError
+from irt.extras import require
 from irt.workers import Files
 from irt.workers.processes import run_module
-
-_EXTRA = 'install it with: pip install "labsim-irt[cluster]"'
-
 
 _HOST = re.compile(r"(?:ray://)?(?P<host>[^:/]+):(?P<port>\d+)")
 #: Longest that a cluster may take to open its door (s); Ray itself waits for minutes.
@@ -37,10 +35,9 @@ class RayWorkers:
     """
 
     def __init__(self, address: str) -> None:
-        try:
-            import ray  # noqa: PLC0415
-        except ImportError as error:
-            raise IrtError(f"a cluster needs the package ray: {_EXTRA}") from error
+        require("ray", "--cluster")
+        import ray  # noqa: PLC0415
+
         self._ray: Any = ray
         if not ray.is_initialized():
             _knock(address)

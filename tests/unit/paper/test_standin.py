@@ -1,4 +1,5 @@
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -55,7 +56,7 @@ def test_the_table_has_the_papers_numbers_beside_ours(second):
 
 
 def test_no_pybullet_takes_one_line(setting, monkeypatch, tmp_path):
-    monkeypatch.setattr(standin, "find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "pybullet", None)
     with pytest.raises(IrtError, match=r"labsim-irt\[prove\]"):
         experiment2(replace(setting, out=tmp_path), QUICK)
 

@@ -34,10 +34,10 @@ LEFT_OUT = {
     ),
 }
 SUMMARIES = {
-    "sufficient": "Five parameters explain these recordings down to the tracker's noise. Nothing is missing "
+    "sufficient": "Five parameters explain these recordings down to the tracker noise. Nothing is missing "
     "that they could show.",
     "missing": "The knobs turn 0.031 and 0.024 rad before the board follows: backlash. With it the simulated "
-    "marble stays within the tracker's noise on runs that it never saw.",
+    "marble stays within the tracker noise on runs that it never saw.",
     "unlisted": "Something repeatable pushes the marble where it moves fast, and no effect of the catalogue "
     "explains it. A correction learned from the recordings takes most of it away.",
 }

@@ -4,18 +4,18 @@ import json
 import math
 import re
 from dataclasses import replace
-from html import escape
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from irt.catalogue import effect
 from irt.diagnosis.result import RunProof
 from irt.diagnosis.words import LEARNED
 from irt.errors import IrtError
 from irt.report.diagnosis_report import answers, write_diagnosis_report
-from irt.report.words import percent, times_less, with_interval
+from irt.report.words import change, percent, with_interval
 from irt.rig import PARAMETERS
 
 VERDICTS = ("sufficient", "missing", "unlisted")
@@ -71,18 +71,50 @@ def test_answer_comes_first(page, verdict, diagnosis_of):
     assert f"<strong>{percent(diagnosis.base_heldout_mae)}</strong>" in body
 
 
-def test_errors_on_every_run_held_out_are_told(missing, diagnosis_of):
+def test_errors_on_every_held_out_run_are_listed(missing, diagnosis_of):
     for run in diagnosis_of("missing").runs:
-        cells = (percent(run.base_mae), percent(run.final_mae), times_less(run.base_mae, run.final_mae))
+        cells = (percent(run.base_mae), percent(run.final_mae), change(run.base_mae, run.final_mae))
         assert "".join(f"<td>{cell}</td>" for cell in cells) in missing
+
+
+def answer(page):
+    """The text of the answers on the first screen, by their question."""
+    (found,) = re.findall(r'<dl class="answers">(.*?)</dl>', page, re.DOTALL)
+    assert page.index('<dl class="answers">') < page.index("<h2>")
+    return dict(re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", found, re.DOTALL))
+
+
+def test_first_screen_says_how_sure_how_much_and_what_next(page, verdict, diagnosis_of):
+    diagnosis = diagnosis_of(verdict)
+    answers = answer(page)
+    error = "How much of the error does it explain?" if diagnosis.effects else "How large is the error?"
+    assert list(answers) == ["How sure is this?", error, "What to do next?"]
+    assert answers["What to do next?"] == escape(diagnosis.suggestion)
+    assert percent(diagnosis.base_heldout_mae) in answers[error]
+    if diagnosis.effects:
+        assert (
+            f"on {len(diagnosis.runs)} of {len(diagnosis.runs)} held-out runs" in answers["How sure is this?"]
+        )
 
 
 def test_a_tie_stands_at_the_top_with_its_reason(missing, diagnosis_of):
     (one,) = diagnosis_of("missing").effects
-    callout = re.search(r'<p class="callout">(.*?)</p>', missing)
-    assert "In place of backlash, delay would explain these recordings as well." in callout[1]
-    assert one.reason in callout[1]
-    assert callout.start() < missing.index("<h2>")
+    sure = answer(missing)["How sure is this?"]
+    assert "Not certain: delay instead of backlash explains these recordings as well." in sure
+    assert one.reason in sure
+
+
+def test_the_next_best_hypothesis_neither_ties_nor_contains_the_answer(missing, diagnosis_of):
+    diagnosis = diagnosis_of("missing")
+    others = [
+        one
+        for one in diagnosis.candidates
+        if one.effects and "backlash" not in one.effects and one.effects != ("delay",)
+    ]
+    evidence = {one.effects: one.gain - one.penalty for one in diagnosis.candidates}
+    best = max(evidence[one.effects] for one in others)
+    sure = answer(missing)["How sure is this?"]
+    assert f"is {evidence['backlash',] - best:,.0f} nats behind" in sure
 
 
 def test_named_effect_is_explained_from_the_catalogue_with_its_values(missing, diagnosis_of):
@@ -95,8 +127,11 @@ def test_named_effect_is_explained_from_the_catalogue_with_its_values(missing, d
         assert with_interval(one.parameters[parameter.name]) in missing
 
 
-def test_rival_models_are_told_with_their_values(missing, diagnosis_of):
-    assert '<th scope="row">delay</th><td class="words">delay_s 0.113</td>' in missing
+def test_rival_models_are_listed_with_their_values(missing, diagnosis_of):
+    rows = 0.113 / (diagnosis_of("missing").model.parameters["time_scale"].value / 240)
+    assert (
+        f'<th scope="row">delay</th><td class="words">delay {rows:.3g}\N{NO-BREAK SPACE}rows</td>' in missing
+    )
     diagnosis = diagnosis_of("missing")
     (one,) = diagnosis.effects
     _, ties = answers(replace(diagnosis, effects=(replace(one, confusable_with=()),)))
@@ -118,23 +153,26 @@ def test_everything_of_the_diagnosis_is_on_the_page(page, verdict, diagnosis_of)
 
 def test_sufficient_shows_what_would_have_been_seen_and_no_after(reports, diagnosis_of):
     page = reports["sufficient"].read_text(encoding="utf-8")
-    assert "What would have been seen" in page
+    assert "What would have been detected?" in page
     for one in diagnosis_of("sufficient").power:
-        assert f"<td>{one.parameter}</td>" in page
-    assert "<td>not seen</td>" in page
+        # The recordings have no stamps.
+        assert f"<td>{one.parameter.removesuffix('_s')}</td>" in page
+    assert "<td>not detectable</td>" in page
     assert "What was left out" not in page
     assert not list(reports["sufficient"].parent.glob("*after*"))
-    assert set(json.loads(DATA.search(page)[1])["runs"][0]) == {"t", "worst", "recorded", "after"}
+    assert set(json.loads(DATA.search(page)[1])["runs"][0]) == {"t", "rows", "worst", "recorded", "after"}
 
 
-def test_unlisted_tells_where_it_was_found_and_how_large_its_correction_is(reports):
+def test_unlisted_says_where_it_was_found_and_how_large_its_correction_is(reports, diagnosis_of):
     page = reports["unlisted"].read_text(encoding="utf-8")
     callout = re.search(r'<p class="callout">(.*?)</p>', page)[1]
     assert "where the knobs change direction" in callout
-    assert "nowhere in particular" not in callout  # chance does as much
-    assert "0.0210  (0.0180 to 0.0240)" in page
+    assert "nowhere in particular" not in callout  # its p-value is large
+    row_s = diagnosis_of("unlisted").model.parameters["time_scale"].value / 240
+    size = f"drag against the motion {1000 * 0.021 * row_s**2:.4g} mm/row² at {100 * row_s:.3g} mm/row"
+    assert f"{size}, power 1.50  (1.30 to 1.70)" in page
     assert page.count("a = -(0.021) (v / 0.1 m/s)^1.5 along v") == 1
-    assert "physics that is not in the catalogue" in page
+    assert "Physics that is not in the catalogue" in page
 
 
 def test_unlisted_says_that_two_effects_were_tried_only_if_they_were(tmp_path, labyrinth, diagnosis_of):
@@ -145,9 +183,9 @@ def test_unlisted_says_that_two_effects_were_tried_only_if_they_were(tmp_path, l
         write_diagnosis_report(tmp_path / name, labyrinth, replace(told, candidates=tuple(tried))).read_text()
         for name, tried in (("alone", one), ("both", [*one, two]))
     )
-    assert "No effect of the catalogue alone explains" in alone
-    assert "Two together were not tried" in alone
-    assert "No effect of the catalogue, nor two together, explains" in both
+    assert "No effect of the catalogue explains" in alone
+    assert "Pairs of effects were not tried" in alone
+    assert "No effect of the catalogue, alone or in pairs, explains" in both
     assert "not tried" not in both
 
 
@@ -185,7 +223,7 @@ def test_animation_holds_the_runs_to_four_digits(missing, diagnosis_of):
 def test_still_pictures_stand_in_for_the_animation(missing):
     player, still = missing.index('<div class="player" hidden>'), missing.index('<div class="still figures">')
     assert player < still
-    assert missing[still:].startswith('<div class="still figures"><figure><svg')
+    assert missing[still:].startswith('<div class="still figures">\n<figure><svg')
 
 
 def test_names_are_escaped_wherever_they_stand(tmp_path, labyrinth, diagnosis_of):
@@ -228,7 +266,7 @@ def test_long_recordings_make_no_large_page(tmp_path, labyrinth, diagnosis_of):
     page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), runs=tuple(runs)))
     assert len(page.encode()) < 2_000_000
     assert page.count("<option") == 20 + 6
-    assert "The first 8 of 20 runs are drawn." in page
+    assert "The pictures show the first 8 of 20 runs." in page
 
 
 def test_recordings_without_noise_are_drawn_all_the_same(tmp_path, labyrinth, diagnosis_of):
@@ -267,7 +305,10 @@ def test_little_to_tell_makes_a_short_page(tmp_path, labyrinth, diagnosis_of):
     assert "<script" not in page
     assert "script-src" not in page
     assert "nan" not in Tags(page).text.lower()
-    assert re.findall("<h2>(.*?)</h2>", page) == ["The parameters", "To do the same again"]
+    assert re.findall("<h2>(.*?)</h2>", page) == [
+        "Which parameters were fitted?",
+        "How to reproduce this page",
+    ]
 
 
 def test_answers_hold_each_tie_with_one_effect_replaced(diagnosis_of):
@@ -281,7 +322,7 @@ def test_answers_hold_each_tie_with_one_effect_replaced(diagnosis_of):
 
 def test_a_marble_in_motion_is_said_to_be_predicted_in_windows(tmp_path, labyrinth, diagnosis_of):
     page = write(tmp_path, replace(labyrinth, start="moving"), diagnosis_of("missing"))
-    assert "in windows, each from the state that the rows before it tell" in page
+    assert "in windows, each from the state estimated on the rows before it" in page
 
 
 def test_same_diagnosis_gives_the_same_page(tmp_path, labyrinth, diagnosis_of, missing):

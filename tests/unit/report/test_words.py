@@ -4,14 +4,17 @@ import pytest
 
 from irt.model import Parameter
 from irt.report.words import (
+    change,
     counted,
+    duration,
+    explained,
+    in_rows,
     labelled,
     listed,
     millimetres,
-    odds,
+    p_value,
     percent,
     quantity,
-    times_less,
     together,
     with_interval,
 )
@@ -58,7 +61,7 @@ def test_values_keep_the_digits_that_their_interval_leaves(parameter, text):
     [
         (Parameter(20.0, 3.0, math.inf), "20  (at least 3)"),
         (Parameter(20.0, -math.inf, 30.0), "20  (at most 30)"),
-        (Parameter(20.0, -math.inf, math.inf), "20  (not pinned down)"),
+        (Parameter(20.0, -math.inf, math.inf), "20  (not identifiable)"),
     ],
 )
 def test_open_intervals_are_told_in_words(parameter, text):
@@ -68,33 +71,64 @@ def test_open_intervals_are_told_in_words(parameter, text):
 @pytest.mark.parametrize(
     ("before", "after", "text"),
     [
-        (0.041, 0.013, "3.2 times less"),
-        (0.041, 0.001, "41 times less"),
-        (0.5, 0.0004, "1,200 times less"),
-        (0.1, 0.098, "no less"),
-        (0.098, 0.1, "no less"),
-        (0.1, 0.25, "2.5 times more"),
+        (0.041, 0.013, "3.2* smaller"),
+        (0.041, 0.001, "41* smaller"),
+        (0.5, 0.0004, "1,200* smaller"),
+        (0.1, 0.098, "unchanged"),
+        (0.098, 0.1, "unchanged"),
+        (0.1, 0.25, "2.5* larger"),
         (0.1, 0.0, "-"),
         (math.nan, 0.1, "-"),
     ],
 )
-def test_ratios_of_errors_are_told_as_times(before, after, text):
-    assert times_less(before, after) == text
+def test_ratios_of_errors(before, after, text):
+    assert change(before, after) == text.replace("*", "\N{MULTIPLICATION SIGN}")
 
 
 @pytest.mark.parametrize(
-    ("p_value", "text"),
+    ("probability", "text"),
     [
-        (0.31, "1 in 3"),
-        (2e-4, "1 in 5,000"),
-        (1e-9, "less than 1 in a million"),
-        (0.0, "less than 1 in a million"),
-        (0.9, "more often than not"),
+        (0.31, "0.3"),
+        (0.005, "0.005"),
+        (2.4e-4, "0.0002"),
+        (1e-9, "< 0.000001"),
+        (0.0, "< 0.000001"),
         (math.nan, "-"),
     ],
 )
-def test_chance_is_told_as_one_in(p_value, text):
-    assert odds(p_value) == text
+def test_p_values_have_one_digit(probability, text):
+    assert p_value(probability) == text
+
+
+def test_share_of_the_error_that_is_explained_lies_between_floor_and_start():
+    assert explained(0.05, 0.01, 0.01) == 1.0
+    assert explained(0.05, 0.03, 0.01) == pytest.approx(0.5)
+    assert explained(0.05, 0.06, 0.01) == 0.0
+    assert explained(0.05, 0.005, 0.01) == 1.0
+    assert math.isnan(explained(0.0101, 0.01, 0.01))
+
+
+def test_without_stamps_lengths_are_rows():
+    assert duration(120, 12.43) == f"12.4{NO_BREAK}s"
+    assert duration(120) == "120 rows"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "value", "rows", "renamed"),
+    [
+        ("delay_s", "s", 10.0, "rows", "delay"),
+        ("limit_m_per_s", "m/s", 0.4, "m/row", "limit_m_per_row"),
+        ("push_m_per_s2", "m/s²", 0.08, "m/row²", "push_m_per_row2"),
+        ("tilt", "rad s/m", 10.0, "rad row/m", "tilt"),
+        ("width_x_rad", "rad", 2.0, "rad", "width_x_rad"),
+        ("ratio_s", "", 2.0, "", "ratio_s"),
+    ],
+)
+def test_seconds_become_rows_in_every_unit(name, unit, value, rows, renamed):
+    said, shown, known = in_rows(name, Parameter(2.0, 1.0, 3.0), unit, 0.2)
+    assert (said, shown.value, known) == (renamed, pytest.approx(value), rows)
+    # An interval in seconds is one of the time scale too, which rows do not need.
+    assert (shown.low is None) == ("row" in rows)
 
 
 def test_units_stand_with_their_numbers():

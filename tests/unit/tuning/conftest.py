@@ -9,7 +9,7 @@ import pytest
 
 from irt.rig import RANGES, Board, Marble
 from irt.tuning.drive import Drive, Run
-from irt.tuning.pretrain import Recipe
+from irt.tuning.recipes import Recipe
 
 
 @pytest.fixture

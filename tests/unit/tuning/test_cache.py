@@ -8,10 +8,10 @@ import pytest
 from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.rig import load_rig
-from irt.tuning import cache
+from irt.tuning import cache, pretrain
 from irt.tuning.cache import cache_folder, need, obtain
-from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive
+from irt.tuning.tensors import checkpoint_path
 
 
 @pytest.fixture(autouse=True)
@@ -25,9 +25,9 @@ def folder(tmp_path, monkeypatch):
 def quick(monkeypatch, recipe):
     """Train for a second only."""
     monkeypatch.setattr(cache, "Recipe", recipe)
-    train = cache.pretrain
+    train = pretrain.pretrain
     monkeypatch.setattr(
-        cache,
+        pretrain,
         "pretrain",
         lambda drive, path, **options: train(drive, path, **{**options, "recipe": recipe()}),
     )
@@ -125,4 +125,4 @@ def test_the_shipped_network_is_for_the_papers_drive():
     shipped = obtain(cache.Need([], paper, paper))
     assert shipped.metadata["drive"] == paper.digest
     assert shipped.metadata["command"].startswith("irt pretrain ")
-    assert shipped.network.proposed.in_features == 200
+    assert shipped.network.inputs == 200

@@ -2,7 +2,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-import torch
 
 from irt.tuning.iterate import STEP_DECAY, Tuner, without_spikes
 from irt.tuning.outcome import noise_left
@@ -12,16 +11,17 @@ from irt.tuning.outcome import noise_left
 class Oracle:
     """Tells the true difference, by looking a simulation up among those it knows; both orders alike."""
 
-    inputs: torch.Tensor
+    inputs: np.ndarray
     scaled: np.ndarray
 
     def __call__(self, proposed, target):
-        return torch.tensor(self.find(target) - self.find(proposed))
+        return self.find(target) - self.find(proposed)
 
     both_orders = __call__
 
     def find(self, observed):
-        return self.scaled[torch.cdist(observed, self.inputs.float()).argmin(dim=1).numpy()]
+        distances = np.abs(observed[:, None] - self.inputs).sum(axis=2)
+        return self.scaled[distances.argmin(axis=1)]
 
 
 @dataclass
@@ -31,7 +31,7 @@ class Constant:
     difference: tuple[float, ...]
 
     def __call__(self, proposed, target):
-        return torch.tensor(self.difference).expand(len(proposed), 5)
+        return np.tile(self.difference, (len(proposed), 1))
 
     both_orders = __call__
 
@@ -51,7 +51,7 @@ def test_steps_decay_and_stop_at_the_ranges(small_drive):
 def test_a_network_that_knows_finds_the_target_in_one_step(small_drive):
     scaled = np.random.default_rng(0).random((2, 5))
     observed = small_drive.simulate(small_drive.parameters(scaled))
-    oracle = Oracle(torch.tensor(small_drive.inputs(observed)), scaled)
+    oracle = Oracle(small_drive.inputs(observed), scaled)
     trace = Tuner(small_drive, oracle, joint=True).iterate(scaled[:1], [o[1] for o in observed], 1)
     np.testing.assert_allclose(trace.scaled[1, 0], scaled[1])
     assert trace.mae[0, 0] == pytest.approx(
@@ -65,7 +65,7 @@ def test_the_difference_is_the_mean_over_recordings_where_each_is_seen_by_itself
         """Sees from which run an observation is: the second one's starts off the centre."""
 
         def both_orders(self, proposed, target):
-            return torch.where(target[:, :1] == 0.0, 0.2, 0.4).expand(-1, 5)
+            return np.repeat(np.where(target[:, :1] == 0.0, 0.2, 0.4), 5, axis=1)
 
     same_length = replace(
         small_drive,
@@ -89,7 +89,7 @@ def test_lost_rows_neither_count_nor_mislead(small_drive):
 
     class Witness(Constant):
         def both_orders(self, proposed, target):
-            seen.append(target.numpy())
+            seen.append(target)
             return self(proposed, target)
 
     tuner = Tuner(small_drive, Witness((0.0,) * 5), joint=True)

@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from irt.errors import IrtError
-from irt.tuning.checkpoint import checkpoint_path
 from irt.tuning.drive import Drive
 from irt.tuning.pretrain import CHECKPOINT_EPOCHS, pretrain
-from irt.tuning.tunenet import load_network, read_tensors, write_tensors
+from irt.tuning.tensors import checkpoint_path, read_tensors, write_tensors
+from irt.tuning.tunenet import load_network
 
 
 def stop_after(epochs):

@@ -4,16 +4,22 @@ import torch
 
 from irt.errors import IrtError
 from irt.tuning.drive import Drive
+from irt.tuning.recipes import Streamed
 from irt.tuning.search import compare
 from irt.tuning.stepnet import StepFile, StepNet, load_steps, middle, save_steps
-from irt.tuning.streaming import Streamed, draw_pool
-from irt.tuning.tunenet import write_tensors
+from irt.tuning.streaming import draw_pool
+from irt.tuning.tensors import write_tensors
 
 
 @pytest.fixture
 def file():
-    torch.manual_seed(0)
-    return StepFile(StepNet(200).eval(), {"drive": "d", "samples": "1"}, torch.tensor([1.0, 0.5]))
+    random = np.random.default_rng(0)
+    weights = {
+        name: random.uniform(-0.04, 0.04, shape).astype(np.float32)
+        for name, shape in StepNet.shapes(200).items()
+    }
+    weights["input_gain"] = np.ones((), dtype=np.float32)
+    return StepFile(StepNet(weights), {"drive": "d", "samples": "1"}, np.array([1.0, 0.5]))
 
 
 def test_a_file_keeps_the_network_to_half_precision(file, tmp_path):
@@ -21,8 +27,8 @@ def test_a_file_keeps_the_network_to_half_precision(file, tmp_path):
     save_steps(path, file)
     again = load_steps(path)
     assert again.metadata["drive"] == "d"
-    for name, value in file.network.state_dict().items():
-        torch.testing.assert_close(again.network.state_dict()[name], value, rtol=1e-3, atol=1e-4)
+    for name, value in file.network.weights.items():
+        np.testing.assert_allclose(again.network.weights[name], value, rtol=1e-3, atol=1e-4)
 
 
 def test_a_belief_is_about_every_proposal(file):
@@ -63,7 +69,7 @@ def test_repeated_runs_are_averaged(file, small_drive):
     [
         ({}, "irt-tunenet-1", "not a network of irt\\+"),
         ({}, "irt-stepnet-1", "broken"),
-        ({"network.enter.weight": torch.zeros(3, 606)}, "irt-stepnet-1", "expected shape"),
+        ({"network.enter.weight": np.zeros((3, 606))}, "irt-stepnet-1", "expected shape"),
     ],
 )
 def test_what_is_no_network_takes_one_line(tmp_path, tensors, format_, message):

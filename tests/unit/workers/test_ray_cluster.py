@@ -6,6 +6,7 @@ import sys
 import types
 import warnings
 from collections.abc import Iterator
+from importlib.machinery import ModuleSpec
 
 import numpy as np
 import pytest
@@ -92,13 +93,13 @@ def test_a_cluster_simulates_the_same_pairs_bit_for_bit(local_ray: str, monkeypa
 
 def test_without_ray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(IrtError, match=r'needs the package ray: install it with: pip install "labsim-irt\['):
+    with pytest.raises(IrtError, match=r"^--cluster needs Ray: pip install 'labsim-irt\[cluster\]'$"):
         make_workers(cluster="auto")
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:99999"])
 def test_where_no_cluster_is_it_says_so_at_once(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
-    asleep = types.SimpleNamespace(is_initialized=lambda: False)
+    asleep = types.SimpleNamespace(is_initialized=lambda: False, __spec__=ModuleSpec("ray", None))
     monkeypatch.setitem(sys.modules, "ray", asleep)
     with pytest.raises(IrtError, match=f"no Ray cluster answers at {address}: "):
         RayWorkers(address)

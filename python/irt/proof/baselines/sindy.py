@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.extras import is_installed
 from irt.proof.baselines.entry import Entry, Task, by_name
 from irt.proof.baselines.smooth import DEGREE, WINDOW
 
@@ -38,10 +39,10 @@ _PARTS = 4
 
 def enter(task: Task) -> Entry:
     """Find the law of both axes, name the strongest term that the base model lacks, and predict."""
-    try:
-        import pysindy  # noqa: PLC0415
-    except ImportError:
+    if not is_installed("pysindy"):
         return Entry(missing="pysindy is not installed")
+    import pysindy  # noqa: PLC0415
+
     differ = pysindy.SmoothedFiniteDifference(smoother_kws={"window_length": WINDOW, "polyorder": DEGREE})
     states, knobs, accelerations = [], [], []
     for run in task.rig.recordings:

@@ -5,7 +5,7 @@ use labsim::board::GRAVITY;
 use labsim::effects::effect;
 use proptest::prelude::*;
 
-use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds, integral};
+use super::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds, integral};
 
 /// Every parameter, neutral but for those named.
 fn values(named: &[(&str, f64)]) -> Vec<f64> {

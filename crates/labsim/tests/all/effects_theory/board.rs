@@ -6,7 +6,7 @@ use labsim::Engine;
 use labsim::board::GRAVITY;
 use proptest::prelude::*;
 
-use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds};
+use super::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds};
 
 /// Part of a force through its centre that moves a rolling sphere.
 const ROLLING: f64 = 5.0 / 7.0;

@@ -3,7 +3,7 @@
 use labsim::Engine;
 use proptest::prelude::*;
 
-use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, angles, assert_close};
+use super::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, angles, assert_close};
 
 const TILT: f64 = 0.004;
 

@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use labsim::fit::{Problem, Refined};
 
-use crate::planted::{NOISE, Planted, TRUTH};
+use super::planted::{NOISE, Planted, TRUTH};
 
 /// Root of the mean square of what is left over, in units of the tracker's noise.
 fn left(refined: &Refined) -> f64 {

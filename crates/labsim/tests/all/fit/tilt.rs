@@ -2,7 +2,7 @@
 
 use labsim::fit::{ParameterSpec, Solution, tracker_noise};
 
-use crate::planted::{NOISE, Planted, ROWS, TRUTH, near};
+use super::planted::{NOISE, Planted, ROWS, TRUTH, near};
 
 /// Of the tilt sensor (rad).
 const TILT_NOISE: [f64; 2] = [0.001, 0.0005];

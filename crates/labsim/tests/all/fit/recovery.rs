@@ -4,7 +4,7 @@ use labsim::fit::Stretch;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::planted::{NOISE, Planted, ROWS, Random, TRUTH, near};
+use super::planted::{NOISE, Planted, ROWS, Random, TRUTH, near};
 
 #[test]
 fn what_recordings_fix_is_found_from_anywhere() {

@@ -8,7 +8,7 @@ use labsim::fit::{Hypothesis, Settings, Solution};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::planted::{NOISE, Planted, Random, TRUTH, near};
+use super::planted::{NOISE, Planted, Random, TRUTH, near};
 
 const SIZE: f64 = 0.003;
 const DELAY: [(&str, &[f64]); 1] = [("delay", &[0.2, 0.0])];

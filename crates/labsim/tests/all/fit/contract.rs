@@ -7,7 +7,7 @@ use labsim::fit::{ParameterSpec, Settings, tracker_noise};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 
-use crate::planted::{Planted, RANGES, ROWS, Random, TRUTH, free, near};
+use super::planted::{Planted, RANGES, ROWS, Random, TRUTH, free, near};
 
 #[test]
 fn bits_do_not_depend_on_threads() {

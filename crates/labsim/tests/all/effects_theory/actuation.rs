@@ -3,7 +3,7 @@
 use labsim::Engine;
 use proptest::prelude::*;
 
-use crate::{EDGE, ENGINES, ROW, SUBSTEP, Trial, angles, assert_close};
+use super::{EDGE, ENGINES, ROW, SUBSTEP, Trial, angles, assert_close};
 
 /// The marble that shows the angles does not move; in rapier its soft contacts let it creep.
 fn shows(engine: Engine) -> f64 {

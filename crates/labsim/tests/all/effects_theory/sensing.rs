@@ -3,7 +3,7 @@
 use labsim::Engine;
 use proptest::prelude::*;
 
-use crate::{EDGE, ENGINES, Trial, angles, assert_close};
+use super::{EDGE, ENGINES, Trial, angles, assert_close};
 
 type Place = [f64; 2];
 

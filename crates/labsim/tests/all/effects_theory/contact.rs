@@ -6,7 +6,7 @@ use labsim::Engine;
 use labsim::board::GRAVITY;
 use proptest::prelude::*;
 
-use crate::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds, integral};
+use super::{ENGINES, ROW, SUBSTEP, SUBSTEPS, Trial, assert_close, assert_speeds, integral};
 
 const FRICTION: f64 = 1e-3;
 

@@ -74,8 +74,13 @@
     }
     const row = rowAt(now);
     if (Number(slider.value) !== row) slider.value = row;
-    clock.textContent = `${(now - run.t[0]).toFixed(1)} s`;
-    slider.setAttribute("aria-valuetext", `${clock.textContent} of ${(run.t[run.t.length - 1] - run.t[0]).toFixed(1)} s`);
+    clock.textContent = moment(now, row);
+    slider.setAttribute("aria-valuetext", `${clock.textContent} of ${moment(run.t[run.t.length - 1], run.t.length - 1)}`);
+  }
+
+  // Without stamps nobody knows what a second is: the clock counts rows.
+  function moment(time, row) {
+    return data.stamped ? `${(time - run.t[0]).toFixed(1)} s` : `row ${run.rows[row]}`;
   }
 
   function show(number) {

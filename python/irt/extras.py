@@ -1,0 +1,50 @@
+"""Optional packages: the extra of `labsim-irt` that installs each, and the error where one is missing."""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+
+from irt.errors import IrtError
+
+#: By the name under which a package is imported: its own name, and the extra that installs it.
+OPTIONAL = {
+    "cryptography": ("cryptography", "prove"),
+    "cv2": ("OpenCV", "track"),
+    "cyclonedds": ("Cyclone DDS", "ros"),
+    "mcap_ros2": ("mcap-ros2-support", "ros"),
+    "pybullet": ("PyBullet", "prove"),
+    "pysindy": ("PySINDy", "prove"),
+    "ray": ("Ray", "cluster"),
+    "rosbags": ("rosbags", "ros"),
+    "sbi": ("sbi", "paper"),
+    "torch": ("PyTorch", "train"),
+}
+
+
+def is_installed(package: str) -> bool:
+    """Return whether a package can be imported, without importing it."""
+    return find_spec(package) is not None
+
+
+def install_command(package: str) -> str:
+    """Return the command that adds an optional package, such as ``pip install 'labsim-irt[train]'``."""
+    return f"pip install 'labsim-irt[{OPTIONAL[package][1]}]'"
+
+
+def require(package: str, user: str) -> None:
+    """Check that an optional package is installed; call it before the import.
+
+    Parameters
+    ----------
+    package : str
+        The name under which the package is imported, one of `OPTIONAL`.
+    user : str
+        What needs it, such as ``"irt track"``.
+
+    Raises
+    ------
+    IrtError
+        If it is not installed; the message names the command that adds it.
+    """
+    if not is_installed(package):
+        raise IrtError(f"{user} needs {OPTIONAL[package][0]}: {install_command(package)}")
