@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from irt import arguments
 from irt.catalogue import effect
+from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
@@ -97,6 +99,7 @@ def untuned(rig: Rig) -> Model:
     return Model.from_rig(rig, {name: sum(rig.ranges[name]) / 2 for name in PARAMETERS})
 
 
+@arguments.entry
 def write_tuning_report(
     folder: PathLike,
     rig: Rig,
@@ -129,9 +132,18 @@ def write_tuning_report(
     Raises
     ------
     IrtError
-        If a file cannot be written.
+        If an argument is of another type, or a file cannot be written.
     """
-    folder = make_folder(folder)
+    arguments.instance("rig", rig, Rig)
+    results = arguments.listed("results", results, FitResult)
+    if not results:
+        raise IrtError("results: expected at least one irt.FitResult, got none")
+    if heldout is not None:
+        arguments.instance("heldout", heldout, Rig)
+    arguments.text("title", title)
+    arguments.mapping("settings", settings)
+    arguments.listed("warnings", warnings, str, expected="a sequence of sentences")
+    folder = make_folder(arguments.path("folder", folder))
     shown = _contend(rig, rig, results)
     unseen = _contend(rig, heldout, results) if heldout is not None else []
     has_marble = any(recording.has_marble for recording in rig.recordings)
