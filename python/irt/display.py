@@ -9,6 +9,8 @@ from html import escape
 
 #: Seconds in a unit, with their power.
 _SECOND = re.compile(r"\bs(?=([²³])?(?:\W|$))")
+#: The same in a name.
+_PER_SECOND = re.compile(r"_per_s(?=\d|_|$)")
 _SUPERSCRIPTS = str.maketrans("²³", "23")
 #: Rows of a table that are shown; a notebook cell is no report.
 _MOST_ROWS = 30
@@ -27,19 +29,15 @@ def interval(value: float, low: float | None, high: float | None) -> str:
     return f"{told}  ({bottom} to {top})"
 
 
-def in_rows(
-    value: float, low: float | None, high: float | None, unit: str, row_s: float
-) -> tuple[float, float | None, float | None, str]:
-    """Return a value with its interval and its unit, seconds replaced by rows.
-
-    Without stamps the interval of such a value is that of the time scale: none is returned then.
+def in_rows(name: str, value: float, unit: str, row_s: float) -> tuple[str, float, str]:
+    """Return a parameter's name, value and unit, seconds replaced by rows.
 
     Parameters
     ----------
+    name : str
+        Such as "delay_s" or "rate_per_s": the unit in it is replaced, too.
     value : float
         In SI units.
-    low, high : float, optional
-        Its 95 % interval.
     unit : str
         Such as "s", "m/s²" or "rad/s".
     row_s : float
@@ -48,8 +46,10 @@ def in_rows(
     above, _, below = unit.partition("/")
     power = _seconds(above) - _seconds(below)
     if power == 0:
-        return value, low, high, unit
-    return value * row_s**-power, None, None, "rows" if unit == "s" else _SECOND.sub("row", unit)
+        return name, value, unit
+    if unit == "s":
+        return name.removesuffix("_s"), value / row_s, "rows"
+    return _PER_SECOND.sub("_per_row", name), value * row_s**-power, _SECOND.sub("row", unit)
 
 
 def _seconds(unit: str) -> int:

@@ -260,7 +260,7 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: floa
                 label, value = parameter_line(known.name, of_effect[known.name], known.unit, row_s)
                 yield f"  {label:<16}  {value}"
     if row_s is not None:
-        yield TIME_UNKNOWN
+        yield f"\n{TIME_UNKNOWN}"
     yield "\nmean error in % of the board's long edge, untuned -> tuned"
     if before.free_run is not None and after.free_run is not None:
         yield f"free run            {_change(before.free_run, after.free_run)}"

@@ -288,7 +288,7 @@ def plot_evaluation(
             axes.set_title(recording.name if run.free_run is not None else f"{recording.name}: no marble")
             ends = [] if run.free_run is None else [(_last(free), "free run", style.TUNED)]
             if run.windowed is not None:
-                ends.append((_last(windowed), evaluation.windows, style.SECOND))
+                ends.append((_last(windowed), evaluation.windows.replace(" of ", " of\n"), style.SECOND))
             if noise is not None:
                 floor = PERCENT * mean_absolute(noise)
                 axes.axhline(floor, **FLOOR)
