@@ -55,6 +55,7 @@ HEAVY = {
     "cryptography",
     "cv2",
     "cyclonedds",
+    "jinja2",
     "matplotlib",
     "mcap",
     "mcap_ros2",
