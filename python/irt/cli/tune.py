@@ -271,8 +271,8 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: floa
     if after.tilt is not None:
         yield f"tilt that the commands predict, mean error  {_tilt_error(after.tilt)}"
     for title, sentences in (
-        ("not pinned down by these recordings", result.unidentifiable),
-        ("to know besides", result.notes),
+        ("not identifiable from these recordings", result.unidentifiable),
+        ("notes", result.notes),
     ):
         if sentences:
             yield f"\n{title}"
