@@ -46,6 +46,7 @@ LAYERS = (
     "workers",
     "pictures",
     "display",
+    "methods",
     "arguments",
     "extras",
     "errors",

@@ -20,6 +20,7 @@ from irt.cli.inputs import (
     row_seconds,
     whole,
 )
+from irt.methods import BELONGS, METHODS
 
 if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
@@ -30,9 +31,7 @@ if TYPE_CHECKING:
 NAME = "tune"
 HELP = "fit the simulator's five parameters to recordings"
 
-#: In the order of `irt.tuning.METHODS`, which loading all verbs must not import.
-METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
-#: Options that not all methods have; see `irt.tuning.BELONGS`.
+#: Options that not all methods have; see `irt.methods.BELONGS`.
 _OF_SOME = ("starts", "iterations", "rollouts", "network")
 
 
@@ -182,8 +181,6 @@ def _effects(names: Sequence[str]) -> list[Effect]:
 
 def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
     """Say so where there is no network for a rig yet; return the checkpoint of its training."""
-    from irt.tuning import BELONGS
-
     if args.method not in BELONGS["network"]:
         return None
     from irt.tuning.cache import need, require_training, training_data
