@@ -33,9 +33,9 @@ def quick(monkeypatch):
     def short(options):
         return replace(options["recipe"], pairs=60, epochs=12, batch=20)
 
-    train = cache.pretrain
+    train = training.pretrain
     monkeypatch.setattr(
-        cache,
+        training,
         "pretrain",
         lambda drive, path, **options: train(drive, path, **{**options, "recipe": short(options)}),
     )
