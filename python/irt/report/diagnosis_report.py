@@ -140,7 +140,8 @@ class _Report:
         diagnosis, shown = self.diagnosis, self.shown
         if not diagnosis.runs:
             return {"animation": None}
-        runs = sorted(diagnosis.runs, key=lambda run: -_or_zero(run.final_mae))
+        # The run that shows best what was left out comes first.
+        runs = sorted(diagnosis.runs, key=lambda run: -_or_zero(run.base_mae))
         stills, over_time = [], []
         for side in shown:
             path = self.folder / f"path-{side.label}.svg"

@@ -16,6 +16,7 @@ from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
+from irt.methods import TITLES
 from irt.model import Model
 from irt.report import style
 from irt.report.page import Picture, Table, write_page
@@ -33,14 +34,6 @@ from irt.residual import Evaluation, RunEvaluation, evaluate
 from irt.rig import PARAMETERS, Rig
 from irt.segments import segments
 
-_METHODS = {
-    "irt": "IRT",
-    "irt+": "IRT+",
-    "least-squares": "least squares",
-    "cma-es": "CMA-ES",
-    "es": "the (5+100) evolution strategy",
-    "direct": "direct prediction",
-}
 _COLOURS = (style.TUNED, style.SECOND, style.THIRD)
 
 
@@ -221,7 +214,7 @@ def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Conten
     """Return the untuned model of a rig and the tuned ones, with their errors on the recordings judged."""
     models = [("untuned", untuned(rig), style.UNTUNED)]
     for result, colour in zip(results, _COLOURS, strict=False):
-        models.append((_METHODS.get(result.method, result.method), result.model, colour))
+        models.append((TITLES.get(result.method, result.method), result.model, colour))
     return [
         Contender(name, model, evaluate(model, judged.recordings), colour) for name, model, colour in models
     ]
@@ -352,7 +345,7 @@ def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
 
 
 def _names(results: Sequence[FitResult]) -> list[str]:
-    return [_METHODS.get(result.method, result.method) for result in results]
+    return [TITLES.get(result.method, result.method) for result in results]
 
 
 def _attributed(results: Sequence[FitResult], said: Sequence[Sequence[str]]) -> list[str]:

@@ -9,23 +9,13 @@ from irt import arguments
 from irt.catalogue import effect
 from irt.engine import Engine
 from irt.errors import IrtError
+from irt.methods import BELONGS, METHODS
 from irt.model import Effect
 from irt.rig import Rig, as_rig
 
 if TYPE_CHECKING:
     from irt.files import PathLike
     from irt.fitting.fit import FitResult, Progress
-
-#: In the order in which help lists them; the first is the default.
-METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
-#: Which methods an option belongs to that not all have.
-BELONGS = {
-    "starts": METHODS[:-1],
-    "iterations": ("irt",),
-    "rollouts": ("irt+", "cma-es", "es"),
-    "network": ("irt+", "irt", "direct"),
-    "effects": ("least-squares",),
-}
 
 
 @arguments.entry
