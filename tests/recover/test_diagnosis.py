@@ -38,6 +38,7 @@ def names(found):
     return [{one.name, *one.confusable_with} for one in found.effects]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values", "engine"),
     [
@@ -55,6 +56,7 @@ def test_one_effect_is_named_and_modelled(name, values, engine):
     assert found.final_heldout_mae < 0.6 * found.base_heldout_mae
 
 
+@pytest.mark.slow
 def test_two_effects_are_both_named_and_located():
     planted = (
         {"name": "tilt_bias", "bias_x_rad": 0.001, "bias_y_rad": -0.0015},
@@ -66,6 +68,7 @@ def test_two_effects_are_both_named_and_located():
     assert found.final_heldout_mae < 2.0 * FLOOR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
 def test_where_nothing_is_hidden_nothing_is_named(seed):
     found = irt.diagnose(hidden(seed=seed))
@@ -76,6 +79,7 @@ def test_where_nothing_is_hidden_nothing_is_named(seed):
     assert all(0.0 < one.least <= one.largest for one in seen)
 
 
+@pytest.mark.slow
 def test_wild_rows_are_no_physics():
     rig = hidden(runs=6)
     random = np.random.default_rng(0)
@@ -88,6 +92,7 @@ def test_wild_rows_are_no_physics():
     assert irt.diagnose(replace(rig, recordings=tuple(wild))).verdict == "sufficient"
 
 
+@pytest.mark.slow
 def test_physics_without_a_name_is_learned_and_simulates():
     planted = {"name": "unlisted", "push_1_x_m_per_s2": 0.012, "wave_1_x_per_m": 110.0}
     found = irt.diagnose(hidden(planted, runs=6))
@@ -98,6 +103,7 @@ def test_physics_without_a_name_is_learned_and_simulates():
     assert [one.name for one in found.model.effects] == ["unlisted"]
 
 
+@pytest.mark.slow
 def test_delays_that_differ_are_named_and_not_fitted():
     found = irt.diagnose(
         hidden({"name": "delay", "delay_s": 0.19}, {"name": "delay_jitter", "sd_s": 0.11}, runs=8, rows=120)

@@ -40,6 +40,7 @@ def recorded_by_rapier(name: str, values: dict[str, float]) -> tuple[Rig, list[R
     return rig, runs[6:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "values"),
     [
@@ -74,6 +75,7 @@ RIGS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RIGS)
 def test_what_another_simulator_hid_is_found_by_its_name(shared: Path, name: str) -> None:
     label = json.loads((shared / "rigs" / "labels.json").read_text(encoding="utf-8"))[name]

@@ -44,6 +44,7 @@ def test_delays_that_differ_are_sized(plant):
     assert matters(case, mean)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("planted", "chance"),
     [
@@ -60,6 +61,7 @@ def test_beside_a_lag_delays_that_differ_have_to_beat_what_repeats(plant, plante
     assert (told is not None) is chance
 
 
+@pytest.mark.slow
 def test_a_knob_that_cannot_follow_does_the_same_whenever_it_is_told_to(plant):
     case = plant([{"name": "slew_limit", "rate_rad_per_s": 0.1}], runs=6, rows=120)
     search = searched(case)
@@ -100,6 +102,7 @@ def test_delays_that_differ_have_to_leave_more_than_the_tracker_does(noises, bel
     assert matters(SimpleNamespace(noise=1e-3), SimpleNamespace(noise=noises * 1e-3)) is believed
 
 
+@pytest.mark.slow
 def test_a_picture_that_turns_with_the_tilt_is_the_cameras(plant):
     case = plant(runs=6, rows=120)
     turned = []

@@ -17,6 +17,7 @@ def said(_text: str) -> None:
     """Keep quiet."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [LAG, BIAS])
 def test_the_effect_that_a_hypothesis_lacks_is_found_between_impacts(plant, known):
     case = plant([LAG, BIAS], runs=5)
@@ -26,6 +27,7 @@ def test_the_effect_that_a_hypothesis_lacks_is_found_between_impacts(plant, know
     assert set(found.effects) == {"lag", "tilt_bias"}, found
 
 
+@pytest.mark.slow
 def test_a_hypothesis_that_lacks_nothing_gets_no_partner(plant):
     case = plant([LAG], runs=5)
     parent = case.fit(["lag"])
@@ -61,6 +63,7 @@ def test_short_windows_say_what_is_tried_first(plant, monkeypatch):
     assert [share for share, _ in found.values()] == [0.4, 0.6, 0.9, 0.3]
 
 
+@pytest.mark.slow
 def test_what_pushes_at_a_place_is_looked_for_where_something_else_was_found(plant):
     """A point that catches the marble shows its place only to what is put there."""
     truth = {"x_m": -0.1, "y_m": -0.05, "strength_m3_per_s2": 3e-4}

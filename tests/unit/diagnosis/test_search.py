@@ -24,6 +24,7 @@ def begun(plant):
     return begin
 
 
+@pytest.mark.slow
 def test_an_effect_that_the_screen_did_not_see_is_tried_in_the_end(begun, monkeypatch):
     monkeypatch.setattr(search, "SINGLES", 0)
     found = begun({"name": "viscous_drag", "rate_per_s": 0.5})
@@ -52,6 +53,7 @@ def test_a_hypothesis_is_begun_where_a_larger_one_led(begun):
     assert found.thorough(lost, right).loss(found.case.noise) < lost.loss(found.case.noise) - 10.0
 
 
+@pytest.mark.slow
 def test_two_effects_that_one_order_left_in_a_wrong_minimum_are_tried_in_the_other(begun, monkeypatch):
     """A patch of friction that spun the marble as well was learned without a name for want of this."""
     monkeypatch.setattr(search, "SWAPS", 1)
@@ -114,6 +116,7 @@ def test_the_same_fit_is_not_made_twice(begun, monkeypatch):
     assert found.fit(["lag"], point, rounds=0) is first
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("trusted", "named"), [(True, {"lag"}), (False, {"lag", "viscous_drag"})])
 def test_what_leaves_much_of_whole_runs_is_tried_with_a_second_effect(begun, monkeypatch, trusted, named):
     """Beside a point that repels a hysteresis left noise between impacts, and 29 % of the mismatch in all."""

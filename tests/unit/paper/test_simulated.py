@@ -9,6 +9,9 @@ from irt.paper import contenders, networks, render, tables
 from irt.paper.setting import ROLLOUTS, Setting
 from irt.paper.simulated import experiment1
 
+# Both experiments, for few targets, take seconds.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def first(setting):

@@ -14,6 +14,9 @@ from irt.paper.simulated import experiment1
 from irt.paper.standin import Diagnosed, Row, experiment2
 from irt.recording import load_recording
 
+# Both experiments, for few targets, take seconds.
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def second(setting):

@@ -73,6 +73,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(search, "_ROUNDS", 2)
 
 
+@pytest.mark.slow
 def test_a_lag_is_told_from_a_delay_several_times_better_than_by_runs_as_recorded(told: Suggestion) -> None:
     [pair] = told.separation
     assert (pair.first, pair.second, pair.alike) == (("lag",), ("delay",), False)
@@ -81,6 +82,7 @@ def test_a_lag_is_told_from_a_delay_several_times_better_than_by_runs_as_recorde
     assert "Told apart: lag from delay." in told.sentences[1]
 
 
+@pytest.mark.slow
 def test_what_is_promised_is_what_refits_find(lagging: Rig, lag_or_delay, told: Suggestion) -> None:
     def against_delay(new: Recording) -> float:
         more = dataclasses.replace(lagging, recordings=(*lagging.recordings, new))
