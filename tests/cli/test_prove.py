@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-WORLD = f"{sys.executable} {ROOT / 'tests' / 'unit' / 'prove' / 'fake_world.py'}"
+WORLD = f"{sys.executable} {ROOT / 'tests' / 'unit' / 'proof' / 'fake_world.py'}"
 TINY = ("--rigs", "1", "--nulls", "1", "--seed", "3", "--jobs", "1", "--world", WORLD)
 
 
