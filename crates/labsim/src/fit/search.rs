@@ -120,12 +120,7 @@ impl<'a> Search<'a> {
     }
 
     fn best_scale(&self, residuals: &[&[f64]]) -> f64 {
-        let scales = residuals
-            .iter()
-            .map(|residual| robust::scale(residual, &self.whole.known));
-        scales
-            .fold(f64::INFINITY, f64::min)
-            .max(self.whole.channels.floor)
+        self.whole.smallest_scale(residuals.iter().copied())
     }
 
     pub(super) fn shooting<'b>(

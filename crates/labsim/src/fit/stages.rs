@@ -10,7 +10,6 @@ use rand_chacha::rand_core::SeedableRng;
 use super::coordinates::{Coordinates, Group};
 use super::descent::{End, Pace, loss};
 use super::polish::{FAMILY_ITERATIONS, SETTLE_ITERATIONS};
-use super::robust;
 use super::search::{COARSENESS, Search, VARIANTS};
 use super::settings::Settings;
 use super::shooting::Point;
@@ -244,12 +243,7 @@ impl Search<'_> {
     /// The candidates' places by their losses over windows, the best first.
     fn ranked_in(&self, windows: &Windows, coordinates: &Coordinates, ends: &[End]) -> Vec<usize> {
         let shooting = self.shooting(coordinates, windows, COARSENESS);
-        let scales = ends
-            .iter()
-            .map(|end| robust::scale(&end.residual, &windows.known));
-        let scale = scales
-            .fold(f64::INFINITY, f64::min)
-            .max(windows.channels.floor);
+        let scale = windows.smallest_scale(ends.iter().map(|end| end.residual.as_slice()));
         let losses: Vec<f64> = ends
             .iter()
             .map(|end| loss(&shooting, &end.point.z, &end.residual, scale))

@@ -8,7 +8,6 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use super::coordinates::Coordinates;
 use super::descent::{End, loss};
 use super::problem::ParameterSpec;
-use super::robust;
 use super::search::{COARSENESS, Search};
 use super::settings::Settings;
 use super::shooting::Point;
@@ -140,12 +139,7 @@ impl Search<'_> {
         ends: &[End],
     ) -> Result<Option<Vec<End>>> {
         let shooting = self.shooting(coordinates, windows, COARSENESS);
-        let scales = ends
-            .iter()
-            .map(|end| robust::scale(&end.residual, &windows.known));
-        let scale = scales
-            .fold(f64::INFINITY, f64::min)
-            .max(windows.channels.floor);
+        let scale = windows.smallest_scale(ends.iter().map(|end| end.residual.as_slice()));
         let mut ends = ends.to_vec();
         ends.sort_by_key(|end| Total(loss(&shooting, &end.point.z, &end.residual, scale)));
         let count = ends.len();

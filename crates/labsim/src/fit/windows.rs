@@ -200,6 +200,14 @@ impl Windows {
         robust::scale(&found, &vec![true; found.len()])
     }
 
+    /// The scale of those residuals that fit best, no smaller than the sensors' noise.
+    pub(super) fn smallest_scale<'a>(&self, residuals: impl Iterator<Item = &'a [f64]>) -> f64 {
+        residuals
+            .map(|residual| robust::scale(residual, &self.known))
+            .fold(f64::INFINITY, f64::min)
+            .max(self.channels.floor)
+    }
+
     /// Weights the channels anew, and residuals with them.
     pub(super) fn rescale(&mut self, after: Channels, residuals: &mut [&mut [f64]]) {
         for residual in residuals {

@@ -9,22 +9,10 @@ use labsim::{
 };
 use proptest::prelude::*;
 
+use crate::commands;
+
 const ROWS: usize = 60;
 const ENGINES: [Engine; 2] = [Engine::Rolling, Engine::Rapier];
-
-/// Knob angles with jumps, rests and reversals (rad).
-fn commands() -> Vec<[f64; 2]> {
-    (0..ROWS)
-        .map(|i| {
-            let t = i as f64;
-            let hold = if i % 20 < 5 { 0.0 } else { 1.0 };
-            [
-                0.12 * (0.21 * t).sin() * hold,
-                0.1 * (0.13 * t).cos() - 0.04 * hold,
-            ]
-        })
-        .collect()
-}
 
 fn parameters() -> [Parameters; 3] {
     [
@@ -40,7 +28,7 @@ fn run(
     threads: usize,
     change: impl Fn(&mut Batch<'_>),
 ) -> Vec<[f64; 2]> {
-    let (rig, parameters, commands) = (Rig::default(), parameters(), commands());
+    let (rig, parameters, commands) = (Rig::default(), parameters(), commands(ROWS));
     let mut batch = Batch {
         effects,
         start: PerRollout::Shared(&[[0.1, -0.05]]),
@@ -233,7 +221,7 @@ fn company_and_threads_do_not_matter() {
             "{engine:?}, named backwards"
         );
         for (i, alone) in parameters().iter().enumerate() {
-            let (rig, commands) = (Rig::default(), commands());
+            let (rig, commands) = (Rig::default(), commands(ROWS));
             let batch = Batch {
                 effects: &all,
                 start: PerRollout::Shared(&[[0.1, -0.05]]),
@@ -280,7 +268,7 @@ fn engines_agree_while_no_rim_is_met() {
         for place in [0.2, 0.8] {
             let values = within(effect, |_| place);
             let gentle: [Parameters; 1] = [[0.02, 0.02, 3e-4, 12.0, 1.0].into()];
-            let (rig, commands) = (Rig::default(), commands());
+            let (rig, commands) = (Rig::default(), commands(ROWS));
             let paths = ENGINES.map(|engine| {
                 let effects = [chosen(effect, &values)];
                 let mut batch = Batch::new(&rig, &gentle, &commands);
@@ -368,8 +356,12 @@ fn the_catalogue_is_in_order() {
 /// A marble that learns its commands one by one goes the same way as one whose commands are known.
 #[test]
 fn a_live_rollout_has_the_bits_of_a_batch() {
-    let (rig, parameters, commands, start) =
-        (Rig::default(), parameters()[0], commands(), [0.1, -0.05]);
+    let (rig, parameters, commands, start) = (
+        Rig::default(),
+        parameters()[0],
+        commands(ROWS),
+        [0.1, -0.05],
+    );
     let causal = known().filter(|effect| effect.name != "clock_drift");
     let sets = causal
         .clone()

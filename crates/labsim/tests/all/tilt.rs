@@ -8,23 +8,11 @@ use labsim::{
     TimeBase,
 };
 
+use crate::commands;
+
 const ROWS: usize = 40;
 const ROW_S: f64 = 0.05;
 const ENGINES: [Engine; 2] = [Engine::Rolling, Engine::Rapier];
-
-/// Knob angles with jumps, rests and reversals (rad).
-fn commands() -> Vec<[f64; 2]> {
-    (0..ROWS)
-        .map(|i| {
-            let t = i as f64;
-            let hold = if i % 20 < 5 { 0.0 } else { 1.0 };
-            [
-                0.12 * (0.21 * t).sin() * hold,
-                0.1 * (0.13 * t).cos() - 0.04 * hold,
-            ]
-        })
-        .collect()
-}
 
 fn parameters() -> Vec<Parameters> {
     let one = |i: usize| [0.3 + 0.01 * i as f64, -0.2, 4e-4, 12.0, 1.0].into();
@@ -36,7 +24,7 @@ fn run(
     effects: &[(&'static EffectSpec, Vec<f64>)],
     change: impl Fn(&mut Batch<'_>),
 ) -> Observed {
-    run_on(engine, effects, &commands(), 2, change)
+    run_on(engine, effects, &commands(ROWS), 2, change)
 }
 
 fn run_on(
@@ -147,7 +135,7 @@ fn threads_company_and_neutral_effects_leave_every_bit_of_the_tilt() {
         let all: Vec<_> = known().map(|effect| within(effect, 0.4)).collect();
         let together = run(engine, &all, |_| ());
         assert_eq!(
-            run_on(engine, &all, &commands(), 1, |_| ()),
+            run_on(engine, &all, &commands(ROWS), 1, |_| ()),
             together,
             "{engine:?}"
         );
@@ -167,7 +155,7 @@ fn threads_company_and_neutral_effects_leave_every_bit_of_the_tilt() {
 
 #[test]
 fn the_tilt_of_a_row_is_that_of_the_command_before() {
-    let commands = commands();
+    let commands = commands(ROWS);
     let mut expected = vec![tilted([0.01, -0.02])];
     expected.extend(commands[..ROWS - 1].iter().map(|&knobs| tilted(knobs)));
     for engine in ENGINES {
@@ -188,7 +176,7 @@ fn a_lagging_knob_is_seen_where_it_is_as_the_row_begins() {
     let time = 0.13;
     let mut knobs = [0.01, -0.02];
     let mut expected = vec![tilted(knobs)];
-    for command in &commands()[..ROWS - 1] {
+    for command in &commands(ROWS)[..ROWS - 1] {
         for (knob, command) in knobs.iter_mut().zip(command) {
             *knob = command + (*knob - command) * (-ROW_S / time).exp();
         }
@@ -211,7 +199,7 @@ fn a_lagging_knob_is_seen_where_it_is_as_the_row_begins() {
 #[test]
 fn a_delayed_knob_is_seen_as_late_as_it_comes() {
     // Two rows and a half: what was commanded three rows before has come, as row 0 was late too.
-    let commands = commands();
+    let commands = commands(ROWS);
     let before = [[0.01, -0.02]; 3];
     let expected: Vec<[f64; 2]> = before
         .iter()
@@ -228,7 +216,7 @@ fn a_delayed_knob_is_seen_as_late_as_it_comes() {
 
 #[test]
 fn commands_go_evenly_to_the_next_ones() {
-    let commands = commands();
+    let commands = commands(ROWS);
     let steps = 12_usize;
     let fine: Vec<[f64; 2]> = (0..ROWS * steps)
         .map(|i| {
@@ -264,7 +252,7 @@ fn even_commands_come_late_in_one_piece() {
         let values = first(delay, seconds);
         run(engine, &[(delay, values)], |batch| batch.hold = Hold::First)
     };
-    let commands = commands();
+    let commands = commands(ROWS);
     let mut shifted = vec![[0.01, -0.02]; 2];
     shifted.extend(&commands[..ROWS - 2]);
     for engine in ENGINES {
@@ -282,7 +270,7 @@ fn even_commands_come_late_in_one_piece() {
 fn commands_may_be_in_any_unit() {
     // Motor currents of some hundreds, with a motor mounted the other way round.
     let units = [-3000.0, 2000.0];
-    let commands = commands();
+    let commands = commands(ROWS);
     let currents: Vec<[f64; 2]> = commands
         .iter()
         .map(|knobs| [0, 1].map(|axis| units[axis] * knobs[axis]))
