@@ -26,8 +26,8 @@ def interval(value: float, low: float | None, high: float | None) -> str:
             return f"{value:.4g}  (not identifiable)"
         return f"{value:.4g}  ({f'at most {high:.4g}' if math.isinf(low) else f'at least {low:.4g}'})"
     digits = max(0, 1 - magnitude(high - low)) if high > low else 6
-    told, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))
-    return f"{told}  ({bottom} to {top})"
+    middle, bottom, top = (f"{number:z.{digits}f}" for number in (value, low, high))
+    return f"{middle}  ({bottom} to {top})"
 
 
 def in_rows(name: str, value: float, unit: str, row_s: float) -> tuple[str, float, str]:

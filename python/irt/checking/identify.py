@@ -105,10 +105,10 @@ def identify(
         values=dict(zip(PARAMETERS, values.tolist(), strict=True)),
         unidentifiable=unidentifiable(information, low, high),
         effects=tuple(
-            told
+            shown
             for info in hypothetical()
             for one in _of_effect(linear, info)
-            if (told := one if time_scale is not None else _without_time(one, values[_TIME] * SUBSTEP_S))
+            if (shown := one if time_scale is not None else _without_time(one, values[_TIME] * SUBSTEP_S))
         ),
     )
 

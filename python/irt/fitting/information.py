@@ -55,18 +55,18 @@ class Information:
     offset: Array
 
     @classmethod
-    def of(cls, asked: Problem, values: Array, told: Curvature) -> Information:
-        """Return what the engine told of a problem around (n,) values."""
+    def of(cls, asked: Problem, values: Array, found: Curvature) -> Information:
+        """Return what the engine found of a problem around (n,) values."""
         # scipy takes longer to load than `irt check`, which builds the class from its own numbers, to run.
         from scipy.special import stdtrit  # noqa: PLC0415
 
         free = np.zeros(len(values), dtype=bool)
-        free[told.free] = True
-        directions = np.zeros((len(told.deviation), len(values)))
-        directions[:, told.free] = told.directions
+        free[found.free] = True
+        directions = np.zeros((len(found.deviation), len(values)))
+        directions[:, found.free] = found.directions
         # Without degrees of freedom to spare nothing is known: the width may pass what a float holds.
         with np.errstate(over="ignore"):
-            half_width = float(stdtrit(told.degrees_of_freedom, 0.5 + CONFIDENCE / 2.0)) * told.deviation
+            half_width = float(stdtrit(found.degrees_of_freedom, 0.5 + CONFIDENCE / 2.0)) * found.deviation
         return cls(
             names=asked.names,
             values=values,
@@ -78,7 +78,7 @@ class Information:
             free=free,
             directions=directions,
             half_width=half_width,
-            offset=np.where(half_width < FLAT, told.offset, 0.0),
+            offset=np.where(half_width < FLAT, found.offset, 0.0),
         )
 
     @property

@@ -47,9 +47,9 @@ class Curvature:
     scale: float
 
     @classmethod
-    def of(cls, told: Mapping[str, Any], slots: NDArray[np.int64]) -> Curvature:
+    def of(cls, found: Mapping[str, Any], slots: NDArray[np.int64]) -> Curvature:
         """Return the engine's information, whose (n,) slots are the problem's parameters."""
-        return cls(**{**told, "free": np.searchsorted(slots, np.array(told["free"], dtype=np.int64))})
+        return cls(**{**found, "free": np.searchsorted(slots, np.array(found["free"], dtype=np.int64))})
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-//! How thoroughly a fit searches, and whom it tells how far it is.
+//! How thoroughly a fit searches, and where it reports its progress.
 
 /// Called with how many iterations are done, how many there will be, and the rows of a window.
 pub type Progress<'a> = &'a dyn Fn(usize, usize, usize);
