@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,11 @@ from irt.rig import Rig, load_rig
 DOCS = Path(__file__).resolve().parent
 #: Size of the picture [inches].
 WIDTH, HEIGHT = 7.4, 4.0
-#: Width of the report, and height of its top [pixels].
-WIDE, TOP = 1000, 1090
+#: Size of the window that shows the report [pixels].
+WIDE, HIGH = 1000, 1000
 #: Sections of the report that get a picture: by a part of their heading.
 SECTIONS = {"effect": "What was left out", "hypotheses": "ypotheses"}
-#: Space above a heading [pixels].
+#: Space above a heading and below the player's controls [pixels].
 MARGIN = 30.0
 #: The first of these that is there renders the report.
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -99,21 +100,21 @@ def draw_report(rig: Rig, found: Diagnosis) -> list[Path]:
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         return []
+    paths: list[Path] = []
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as driver:
         report = write_diagnosis(Path(folder), rig, found)
         chromium = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
-        page = chromium.new_page(viewport={"width": WIDE, "height": TOP}, color_scheme="light")
+        page = chromium.new_page(viewport={"width": WIDE, "height": HIGH}, color_scheme="light")
         page.goto(report.as_uri())
         page.locator(".run").select_option(label="run-2")
         page.locator(".time").fill("119")
-        paths = [DOCS / "report-top.png"]
-        page.screenshot(path=paths[0])
-        tops = page.locator("h2").evaluate_all(
-            "all => all.map(one => [one.textContent, one.getBoundingClientRect().top])"
-        )
+        box = "one => ['top', 'bottom'].map(side => one.getBoundingClientRect()[side] + scrollY)"
+        heads = page.locator("h2").evaluate_all(f"all => all.map(one => [one.textContent, ...({box})(one)])")
+        parts = {"top": (0.0, float(page.locator(".time").evaluate(box)[1]) + MARGIN / 2)}
         for name, heading in SECTIONS.items():
-            index = next(index for index, (text, _) in enumerate(tops) if heading in text)
-            first, last = (float(tops[index + one][1]) - MARGIN for one in (0, 1))
+            index = next(index for index, head in enumerate(heads) if heading in head[0])
+            parts[name] = (heads[index][1] - MARGIN, heads[index + 1][1] - MARGIN)
+        for name, (first, last) in parts.items():
             paths.append(DOCS / f"report-{name}.png")
             page.screenshot(
                 path=paths[-1],
@@ -126,7 +127,8 @@ def draw_report(rig: Rig, found: Diagnosis) -> list[Path]:
 
 def main() -> None:
     """Draw all pictures, and name them."""
-    rig = load_rig(data("demo-rig"))
+    # The page names the rig's folder: that of a user, not of this machine.
+    rig = replace(load_rig(data("demo-rig")), path=Path("demo-rig"))
     found = diagnose(rig)
     paths = [draw_diagnosis(found), *draw_report(rig, found)]
     print(*(f"wrote {path}" for path in paths), sep="\n")

@@ -34,13 +34,14 @@ _JUMP_SIZE = 0.05
 _JUMP_TIME = 1.5
 
 
-def noise_of(values: Array) -> float:
-    """Return the standard deviation of white noise on a smooth signal, (n,); NaN if too few rows are known.
+def noise_of(*signals: Array) -> float:
+    """Return the standard deviation of white noise on smooth (n,) signals; NaN if too few rows are known.
 
     Estimated from fourth differences of rows that are known in succession, by their median: curvature of the
-    signal and a few wild values do not count.
+    signals and a few wild values do not count.
     """
-    rough = np.convolve(np.asarray(values, dtype=np.float64), _FOURTH, "valid")
+    longest = [np.asarray(values, dtype=np.float64) for values in signals if len(values) >= len(_FOURTH)]
+    rough = np.concatenate([np.zeros(0), *(np.convolve(values, _FOURTH, "valid") for values in longest)])
     rough = np.abs(rough[np.isfinite(rough)])
     if rough.size < 5:
         return float("nan")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Iterable, Sequence
-from html import escape
+from typing import Any
 
 #: Seconds in a unit, with their power.
 _SECOND = re.compile(r"\bs(?=([²³])?(?:\W|$))")
+#: The same in a name.
+_PER_SECOND = re.compile(r"_per_s(?=\d|_|$)")
 _SUPERSCRIPTS = str.maketrans("²³", "23")
 #: Rows of a table that are shown; a notebook cell is no report.
 _MOST_ROWS = 30
@@ -27,19 +30,15 @@ def interval(value: float, low: float | None, high: float | None) -> str:
     return f"{told}  ({bottom} to {top})"
 
 
-def in_rows(
-    value: float, low: float | None, high: float | None, unit: str, row_s: float
-) -> tuple[float, float | None, float | None, str]:
-    """Return a value with its interval and its unit, seconds replaced by rows.
-
-    Without stamps the interval of such a value is that of the time scale: none is returned then.
+def in_rows(name: str, value: float, unit: str, row_s: float) -> tuple[str, float, str]:
+    """Return a parameter's name, value and unit, seconds replaced by rows.
 
     Parameters
     ----------
+    name : str
+        Such as "delay_s" or "rate_per_s": the unit in it is replaced, too.
     value : float
         In SI units.
-    low, high : float, optional
-        Its 95 % interval.
     unit : str
         Such as "s", "m/s²" or "rad/s".
     row_s : float
@@ -48,8 +47,10 @@ def in_rows(
     above, _, below = unit.partition("/")
     power = _seconds(above) - _seconds(below)
     if power == 0:
-        return value, low, high, unit
-    return value * row_s**-power, None, None, "rows" if unit == "s" else _SECOND.sub("row", unit)
+        return name, value, unit
+    if unit == "s":
+        return name.removesuffix("_s"), value / row_s, "rows"
+    return _PER_SECOND.sub("_per_row", name), value * row_s**-power, _SECOND.sub("row", unit)
 
 
 def _seconds(unit: str) -> int:
@@ -69,28 +70,33 @@ def percent(error: float | None) -> str:
 
 
 def page(title: str, *parts: str) -> str:
-    """Return a heading with parts below it, all HTML but the heading."""
-    return f"<div><strong>{escape(title)}</strong>{''.join(parts)}</div>"
+    """Return a heading with parts below it, which other functions of this module returned."""
+    written: str = _parts().page(title, parts)
+    return written
 
 
 def paragraph(text: str) -> str:
-    """Return a paragraph."""
-    return f"<p>{escape(text)}</p>" if text else ""
+    """Return a paragraph; nothing of no text."""
+    written: str = _parts().paragraph(text)
+    return written
 
 
 def items(sentences: Iterable[str]) -> str:
     """Return a list of sentences; nothing of none."""
-    written = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
-    return f"<ul>{written}</ul>" if written else ""
+    written: str = _parts().items(list(sentences))
+    return written
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table with a heading row; the first rows of a long one."""
-    if not rows:
-        return ""
-    cells = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join(
-        f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows[:_MOST_ROWS]
-    )
-    more = paragraph(f"and {len(rows) - _MOST_ROWS} more") if len(rows) > _MOST_ROWS else ""
-    return f"<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>{more}"
+    written: str = _parts().table(head, rows, _MOST_ROWS)
+    return written
+
+
+@functools.cache
+def _parts() -> Any:
+    """Return the macros of the template: they escape text, but not what one of them returned."""
+    # jinja2 takes longer to load than all else that a model needs.
+    from jinja2 import Environment, PackageLoader  # noqa: PLC0415
+
+    return Environment(loader=PackageLoader("irt"), autoescape=True).get_template("notebook.html").module

@@ -5,14 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.cleaning import noise_of
+
 Array = NDArray[np.float64]
 
 #: A local parabola's value in the middle of five points (Savitzky and Golay, 1964).
 _PARABOLA = np.array([-3.0, 12.0, 17.0, 12.0, -3.0]) / 35.0
-#: Fourth differences of a smooth path are noise, this many times its standard deviation.
-_FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-#: From a median of absolute values to a standard deviation.
-_OF_MEDIAN = 1.4826
 #: Standard deviations that a position has to lie off its neighbours to be none of the marble's.
 _WILD = 6.0
 #: What a marble must have moved to have rolled on, in standard deviations of a position.
@@ -27,7 +25,8 @@ def rolled(marble: Array) -> tuple[Array, Array]:
     that counted than noise takes it.
     """
     seen = bridged(marble)
-    noise = _noise(seen)
+    # A path of a few rows shows no noise.
+    noise = float(np.nan_to_num(noise_of(*seen.T)))
     path = _smoothed(_tamed(seen, noise))
     way = np.zeros(len(path))
     done, last = 0.0, path[0]
@@ -46,14 +45,6 @@ def bridged(marble: Array) -> Array:
         return np.zeros(marble.shape)
     rows = np.arange(len(marble))
     return np.stack([np.interp(rows, seen, marble[seen, axis]) for axis in (0, 1)], axis=1)
-
-
-def _noise(path: Array) -> float:
-    """Return the standard deviation of a position about a smooth path."""
-    if len(path) < len(_FOURTH):
-        return 0.0
-    rough = np.stack([np.convolve(path[:, axis], _FOURTH, "valid") for axis in (0, 1)])
-    return float(_OF_MEDIAN * np.median(np.abs(rough)) / np.sqrt((_FOURTH**2).sum()))
 
 
 def _tamed(path: Array, noise: float) -> Array:

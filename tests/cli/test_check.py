@@ -68,7 +68,7 @@ def test_tune_passes_warnings_on(irt, write_rig, simulated, tmp_path):
     assert done.out.startswith("warning: axes:")
     (warning,) = json.loads((out / "fit.json").read_text())["warnings"]
     assert "change the sign of marble_x" in warning
-    assert "Warnings about the recordings" in (out / "report.html").read_text()
+    assert "What is wrong with the recordings?" in (out / "report.html").read_text()
 
 
 def test_a_sound_rig_has_no_warnings_in_its_results(irt, tmp_path):
@@ -76,7 +76,7 @@ def test_a_sound_rig_has_no_warnings_in_its_results(irt, tmp_path):
     done = irt("tune", data("labyrinth"), "--out", out, "--starts", "1")
     assert "warning" not in done.out
     assert json.loads((out / "fit.json").read_text())["warnings"] == []
-    assert "Warnings about the recordings" not in (out / "report.html").read_text()
+    assert "What is wrong with the recordings?" not in (out / "report.html").read_text()
 
 
 def test_endings_in_capitals_are_read(irt, write_rig, simulated):

@@ -1,6 +1,7 @@
 """`irt diagnose` as a user runs it."""
 
 import json
+import re
 import shutil
 
 import numpy as np
@@ -61,6 +62,17 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     assert "parallax" in (out / "report.html").read_text()
     assert told["summary"] in done.out
     assert f"wrote {out / 'model.toml'}, {out / 'diagnosis.json'} and {out / 'report.html'}" in done.out
+
+
+@pytest.mark.slow
+def test_without_stamps_nothing_is_told_in_seconds(irt, lab, tmp_path):
+    done = irt("diagnose", lab({"name": "delay", "delay_s": 0.2}, runs=3), "--out", tmp_path / "out")
+    assert done.status == 0
+    assert "time scale unknown" in done.out
+    assert re.search(r"[Dd]elay \(delay [\d.]+ rows\)|[Ll]atency \(latency [\d.]+ rows\)", done.out)
+    assert re.search(r"\d ?(s|ms)\b|seconds|/s", done.out) is None, done.out
+    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert told["time_base"] == "unknown: no stamps"
 
 
 @pytest.mark.slow

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irt.cli import tune as verb
 from irt.cli.demo import data
 from irt.engine import paper_drive, rollouts
+from irt.methods import METHODS
 from irt.model import load_model
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, load_rig
-from irt.tuning import METHODS, cache
+from irt.tuning import cache
 from irt.tuning import pretrain as training
 
 TRUTH = np.array([[0.06, 0.04, 3e-4, 20.0, 1.1]])
@@ -33,9 +33,9 @@ def quick(monkeypatch):
     def short(options):
         return replace(options["recipe"], pairs=60, epochs=12, batch=20)
 
-    train = cache.pretrain
+    train = training.pretrain
     monkeypatch.setattr(
-        cache,
+        training,
         "pretrain",
         lambda drive, path, **options: train(drive, path, **{**options, "recipe": short(options)}),
     )
@@ -53,7 +53,7 @@ def other_rig(write_rig, wave):
     return write_rig({"run": (wave, rollouts(TRUTH, wave)[0])}, folder="other")
 
 
-@pytest.mark.parametrize("method", verb.METHODS[:-1])
+@pytest.mark.parametrize("method", METHODS[:-1])
 def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
     out = tmp_path / "results" / "deep"
     done = irt("tune", paper_rig, "--method", method, "--out", out, "--starts", "3")
@@ -210,7 +210,3 @@ def test_the_same_seed_gives_the_same_model(irt, tmp_path):
     a, b, c = ((tmp_path / name / "model.toml").read_bytes() for name in "abc")
     assert a == b
     assert a != c
-
-
-def test_one_list_of_methods():
-    assert verb.METHODS == METHODS

@@ -97,7 +97,7 @@ def test_a_table_may_be_of_text_and_have_a_step_and_a_tilt():
         ({"step": np.arange(60)[::-1]}, "run, row 0, column step: expected 0, found 59"),
         ({"step": np.zeros(60)}, "which row 0 has already"),
         ({KNOBS[0]: np.full(60, np.nan)}, "run, row 0, column knob_x_rad: expected a knob angle"),
-        ({MARBLE[0]: np.full(60, 80.0)}, "positions are in units of the long edge"),
+        ({MARBLE[0]: np.full(60, 80.0)}, "in units of its long edge"),
     ],
 )
 def test_what_is_wrong_in_a_table_is_named_with_its_place(change, message):
@@ -172,3 +172,9 @@ def test_a_file_stands_for_its_model_and_a_folder_for_its_rig(tmp_path):
 
 def test_a_recording_keeps_its_path(tmp_path):
     assert irt.Recording.from_arrays(commands=np.eye(3, 2), marble=np.zeros((3, 2))).path == Path("run")
+
+
+def test_tune_refuses_axes_that_are_certainly_wrong():
+    mirrored = [{**columns(120, seed), MARBLE[0]: -columns(120, seed)[MARBLE[0]]} for seed in range(3)]
+    with pytest.raises(irt.IrtError, match="change the sign of marble_x"):
+        irt.tune(irt.Rig.from_recordings(mirrored), starts=1)

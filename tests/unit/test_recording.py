@@ -188,7 +188,7 @@ BAD = {
     ),
     "millimetres": (
         "\n".join([GOOD[0], "0,0,0,0,27.6,-27.6", "1,1,0,0,30,-33", "2,2,0,0,,", "3,3,0,0,35,-38"]),
-        r"line 2, column marble_x: most of them more than 2 edges off .*of pixels or millimetres",
+        r"line 2, column marble_x: positions go from .* more than 2 edges off .*of pixels or millimetres",
     ),
     "not UTF-8": ("\n".join(GOOD).encode("utf-16"), r"run\.csv, line 1: not UTF-8 text"),
 }

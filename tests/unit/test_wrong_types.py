@@ -76,6 +76,31 @@ ENTRIES = {
             "network": None,
         },
     ),
+    "track": (
+        irt.track,
+        {
+            "video": "none.mp4",
+            "out": None,
+            "commands": None,
+            "offset": None,
+            "rig": None,
+            "lens": None,
+            "corners": None,
+            "marble": (),
+            "colour": None,
+            "fps": None,
+            "seconds": None,
+            "progress": None,
+        },
+    ),
+    "write_tuning_report": (
+        irt.write_tuning_report,
+        {"folder": "page", "rig": RIG, "results": [], "title": "A page", "settings": {}, "warnings": ()},
+    ),
+    "write_diagnosis_report": (
+        irt.write_diagnosis_report,
+        {"folder": "page", "rig": RIG, "diagnosis": None, "warnings": ()},
+    ),
     "from_arrays": (
         irt.Recording.from_arrays,
         {"commands": drive(9, 1), "marble": np.zeros((9, 2)), "t": np.arange(9.0), "tilt": None, "name": "a"},

@@ -362,11 +362,11 @@ def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
 def _without_time(one: Detectable, row_s: float) -> Detectable | None:
     """Return sizes in rows in the place of seconds; None where a time scale that is unknown changes them."""
     known = next(p for p in effect(one.effect).parameters if p.name == one.parameter)
-    usual, _, _, unit = in_rows(one.usual, None, None, one.unit, row_s)
+    name, usual, unit = in_rows(one.parameter, one.usual, one.unit, row_s)
     if known.time_power and unit == one.unit:
         return None
-    smallest = None if one.smallest is None else in_rows(one.smallest, None, None, one.unit, row_s)[0]
-    return replace(one, unit=unit, usual=usual, smallest=smallest)
+    smallest = None if one.smallest is None else in_rows(name, one.smallest, one.unit, row_s)[1]
+    return replace(one, parameter=name, unit=unit, usual=usual, smallest=smallest)
 
 
 def _ladder(parameters: tuple[EffectParameter, ...], index: int, *, alone: bool) -> tuple[Array, Array]:

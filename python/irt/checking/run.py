@@ -11,7 +11,7 @@ from irt import arguments
 from irt.checking.advice import next_recording
 from irt.checking.findings import run_findings
 from irt.checking.identify import identify
-from irt.checking.responses import response_findings, responses
+from irt.checking.responses import Answer, response_findings, responses
 from irt.checking.result import Check, Finding
 from irt.checking.runs import rim_masks, run_facts
 from irt.checking.signals import clean, signal_facts
@@ -59,10 +59,10 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
     of_marble = max((noise.get(name) or 0.0 for name in MARBLE), default=0.0)
     runs = run_facts(rig, cleaned, signals)
     findings = [*_fatal(rig, marbles, of_marble), *run_findings(rig, runs)]
-    answers, identified = {}, None
+    answers: dict[str, Answer] = {}
+    identified = None
     if not any(one.severity == "error" for one in findings):
-        answers = responses(rig, cleaned, rim_masks(rig, marbles, of_marble))
-        wrong = [*response_findings(rig, answers), *unit_findings(rig, marbles, of_marble, answers)]
+        answers, wrong = _wrong(rig, cleaned, of_marble)
         findings += wrong
         # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
         if not wrong:
@@ -76,6 +76,27 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
         findings=tuple(sorted(findings, key=lambda one: _ORDER.index(one.severity))),
         next_recording=next_recording(rig, runs, findings, identified),
     )
+
+
+def axes_and_units(rig: Rig) -> tuple[Finding, ...]:
+    """Return what is wrong with axes, signs and units, errors first: the part of a check without a fit."""
+    cleaned = [clean(recording) for recording in rig.recordings]
+    marbles = [marble for marble, _ in cleaned]
+    noise = {one.column: one.noise for one in signal_facts(rig, cleaned)}
+    of_marble = max((noise.get(name) or 0.0 for name in MARBLE), default=0.0)
+    if any(True for _ in _fatal(rig, marbles, of_marble)):
+        return ()
+    found = _wrong(rig, cleaned, of_marble)[1]
+    return tuple(sorted(found, key=lambda one: _ORDER.index(one.severity)))
+
+
+def _wrong(
+    rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], noise: float
+) -> tuple[dict[str, Answer], list[Finding]]:
+    """Return how signals respond to each other, and what is wrong with their axes, signs and units."""
+    marbles = [marble for marble, _ in cleaned]
+    answers = responses(rig, cleaned, rim_masks(rig, marbles, noise))
+    return answers, [*response_findings(rig, answers), *unit_findings(rig, marbles, noise, answers)]
 
 
 def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding]:

@@ -205,12 +205,12 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
     if row_s is not None:
         yield f"\n{TIME_UNKNOWN}"
     if found.where:
-        yield "\nwhere the mismatch lives"
+        yield "\nwhere residuals exceed noise"
         yield from (f"- {one.kind}: {one.what} ({100 * one.strength:.0f} %)" for one in found.where)
     for title, sentences in (
-        ("not pinned down by these recordings", found.unidentifiable),
-        ("to know besides", found.notes),
-        ("to record next", (found.suggestion,)),
+        ("not identifiable from these recordings", found.unidentifiable),
+        ("notes", found.notes),
+        ("what to do next", (found.suggestion,)),
     ):
         if sentences:
             yield f"\n{title}"

@@ -42,15 +42,11 @@ def parameter_line(name: str, value: Parameter, unit: str, row_s: float | None) 
         What a row lasts in the simulation [s], where the recordings have no stamps: then rows stand for
         seconds.
     """
-    from irt.display import in_rows, interval
+    from irt.report.words import in_rows, with_interval
 
-    number, low, high = value.value, value.low, value.high
     if row_s is not None:
-        in_seconds = unit
-        number, low, high, unit = in_rows(number, low, high, unit, row_s)
-        if unit != in_seconds:
-            name = name.removesuffix("_s") if unit == "rows" else name.replace("_per_s", "_per_row")
-    return name, f"{interval(number, low, high)} {unit}".rstrip()
+        name, value, unit = in_rows(name, value, unit, row_s)
+    return name, f"{with_interval(value)} {unit}".rstrip()
 
 
 def row_seconds(rig: Rig, model: Model) -> float | None:

@@ -20,6 +20,7 @@ from irt.cli.inputs import (
     row_seconds,
     whole,
 )
+from irt.methods import BELONGS, METHODS
 
 if TYPE_CHECKING:
     from irt.fitting.fit import FitResult
@@ -30,9 +31,7 @@ if TYPE_CHECKING:
 NAME = "tune"
 HELP = "fit the simulator's five parameters to recordings"
 
-#: In the order of `irt.tuning.METHODS`, which loading all verbs must not import.
-METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
-#: Options that not all methods have; see `irt.tuning.BELONGS`.
+#: Options that not all methods have; see `irt.methods.BELONGS`.
 _OF_SOME = ("starts", "iterations", "rollouts", "network")
 
 
@@ -182,8 +181,6 @@ def _effects(names: Sequence[str]) -> list[Effect]:
 
 def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
     """Say so where there is no network for a rig yet; return the checkpoint of its training."""
-    from irt.tuning import BELONGS
-
     if args.method not in BELONGS["network"]:
         return None
     from irt.tuning.cache import need, require_training, training_data
@@ -260,7 +257,7 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: floa
                 label, value = parameter_line(known.name, of_effect[known.name], known.unit, row_s)
                 yield f"  {label:<16}  {value}"
     if row_s is not None:
-        yield TIME_UNKNOWN
+        yield f"\n{TIME_UNKNOWN}"
     yield "\nmean error in % of the board's long edge, untuned -> tuned"
     if before.free_run is not None and after.free_run is not None:
         yield f"free run            {_change(before.free_run, after.free_run)}"
@@ -271,8 +268,8 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: floa
     if after.tilt is not None:
         yield f"tilt that the commands predict, mean error  {_tilt_error(after.tilt)}"
     for title, sentences in (
-        ("not pinned down by these recordings", result.unidentifiable),
-        ("to know besides", result.notes),
+        ("not identifiable from these recordings", result.unidentifiable),
+        ("notes", result.notes),
     ):
         if sentences:
             yield f"\n{title}"

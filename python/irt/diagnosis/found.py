@@ -92,6 +92,7 @@ class Found:
                 heldout=len(case.rig.recordings) > 1,
                 explained=explained or between,
                 lost=lost,
+                row_s=None if case.time_scale is not None else case.row_s(best),
             ),
             where=tuple(where),
             effects=effects,

@@ -83,6 +83,8 @@ def _size(case: Case, fitted: Fitted, source: Source) -> str:
     metres = source.push * case.edge_m(fitted)
     if source.stage == "camera":
         return f"a shift of {1000.0 * metres:.2g} mm"
+    if case.time_scale is None:
+        return f"a push of {1000.0 * metres:.2g} mm/row²"
     return f"a push of {metres / case.row_s(fitted) ** 2:.2g} m/s²"
 
 

@@ -245,7 +245,11 @@ class Diagnosis:
             ]
             for index, axis in enumerate("xy")
         }
-        return pictures.over_time(run.times, f"{run.recording}: time  [s]", panels)
+        # With stamps the time scale is known, and has no interval; without, rows are all that is known.
+        if self.model.parameters["time_scale"].low is None:
+            return pictures.over_time(run.times, f"{run.recording}: time  [s]", panels)
+        rows = np.arange(len(run.times), dtype=np.float64)
+        return pictures.over_time(rows, f"{run.recording}: row", panels)
 
     def _repr_html_(self) -> str:
         rows = [

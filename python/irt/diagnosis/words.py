@@ -10,6 +10,7 @@ import numpy as np
 from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.diagnosis.unlisted import formula, variables
+from irt.display import in_rows
 from irt.model import Parameter
 
 #: Mean absolute value of a normal variable over its standard deviation.
@@ -33,6 +34,7 @@ def summary(
     heldout: bool,
     explained: bool = True,
     lost: bool = False,
+    row_s: float | None = None,
 ) -> str:
     """Return the answer in one or two sentences.
 
@@ -50,6 +52,8 @@ def summary(
         Whether noise is all that is left.
     lost : bool
         Whether what is left is far beyond noise.
+    row_s : float, optional
+        What a row lasts in the simulation [s], where recordings have no stamps: rows stand for seconds then.
     """
     floor = _percent(_MEAN_ABSOLUTE * noise)
     if not effects:
@@ -68,7 +72,7 @@ def summary(
             f"makes {floor}. No physics is missing that these recordings could show."
         )
     one = len(effects) == 1
-    named = f"{' and '.join(_shown(one) for one in effects)} {'was' if one else 'were'} left out"
+    named = f"{' and '.join(_shown(one, row_s) for one in effects)} {'was' if one else 'were'} left out"
     better = "recordings held out are predicted" if heldout else "the only recording is fitted"
     ties = "".join(
         f" These recordings do not tell {one.name} from {' or '.join(one.confusable_with)}."
@@ -131,8 +135,11 @@ def notes(
             "repeat from run to run."
         )
     if spread is not None:
+        size = f"{spread.value:.2g} s"
+        if case.time_scale is None:
+            size = f"{spread.value / case.row_s(best):.2g} rows"
         yield (
-            f"Delays differ from command to command by {spread.value:.2g} s, so no simulation predicts a run "
+            f"Delays differ from command to command by {size}, so no simulation predicts a run "
             "exactly: the model holds their mean alone. To see what the spread does, add the effect "
             f"delay_jitter with sd_s = {spread.value:.2g} to model.toml."
         )
@@ -156,14 +163,14 @@ def notes(
         )
 
 
-def _shown(one: NamedEffect) -> str:
+def _shown(one: NamedEffect, row_s: float | None) -> str:
     if one.name == UNLISTED:
         depends = " and ".join(variables({name: told.value for name, told in one.parameters.items()}))
         return f"a push that the catalogue does not have and that depends on {depends}"
-    values = ", ".join(
-        f"{name} {parameter.value:.3g} {one.units.get(name, '')}".rstrip()
-        for name, parameter in one.parameters.items()
-    )
+    told = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]
+    if row_s is not None:
+        told = [in_rows(*parameter, row_s) for parameter in told]
+    values = ", ".join(f"{name} {value:.3g} {unit}".rstrip() for name, value, unit in told)
     return f"{one.name} ({values})" if values else one.name
 
 

@@ -14,8 +14,6 @@ from irt.diagnosis.result import UNLISTED
 from irt.proof.plan import NULLS
 from irt.proof.score import NOTHING, RigScore, matched
 
-#: Quantile of the normal distribution for two-sided 95 %.
-_Z = 1.959963984540054
 #: Edges of the bins of signal over noise.
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, math.inf)
 #: From this signal over noise on an effect must be named.
@@ -53,13 +51,10 @@ class Rate:
         """Where the true share lies with 95 % (Wilson 1927); from 0 to 1 where nothing was counted."""
         if not self.of:
             return 0.0, 1.0
-        share, shrink = self.share, 1.0 + _Z**2 / self.of
-        middle = (share + _Z**2 / (2 * self.of)) / shrink
-        half = _Z / shrink * math.sqrt(share * (1.0 - share) / self.of + _Z**2 / (4 * self.of**2))
-        # At the ends the formula gives them but for rounding.
-        low = 0.0 if self.good == 0 else middle - half
-        high = 1.0 if self.good == self.of else middle + half
-        return low, high
+        from scipy.stats import binomtest  # noqa: PLC0415
+
+        interval = binomtest(self.good, self.of).proportion_ci(method="wilson")
+        return float(interval.low), float(interval.high)
 
 
 @dataclass(frozen=True)
@@ -85,9 +80,15 @@ class Quantity:
         if not len(values):
             return cls(math.nan, math.nan, math.nan, 0)
         known = np.asarray(values, dtype=np.float64)
-        drawn = np.random.default_rng(0).choice(known, (draws, len(known)))
-        low, high = np.quantile(np.median(drawn, axis=1), [0.025, 0.975])
-        return cls(float(np.median(known)), float(low), float(high), len(known))
+        middle = float(np.median(known))
+        if len(known) == 1:
+            return cls(middle, middle, middle, 1)
+        from scipy.stats import bootstrap  # noqa: PLC0415
+
+        interval = bootstrap(
+            (known,), np.median, n_resamples=draws, method="percentile", rng=0
+        ).confidence_interval
+        return cls(middle, float(interval.low), float(interval.high), len(known))
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,8 @@ _LEVELS = (0.0, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
 _LINEAR = 10.0
 #: A logarithmic axis of this span has enough ticks at the powers of ten.
 _MANY_TICKS = 20.0
+#: Letters above a panel.
+_TITLE = 48
 #: Letters above a bar.
 _LINE = 60
 
@@ -289,7 +291,7 @@ def plot_errors(
             for side in shown:
                 axes.plot(*binned_error(run, side, times), color=side.colour)
             axes.set_xlim(times[0], times[-1])
-            axes.set_title(run.recording)
+            axes.set_title(style.shortened(run.recording, _TITLE))
             axes.set_ylim(floor / 3, top)
             if top > _MANY_TICKS * floor:
                 axes.yaxis.set_major_locator(LogLocator(numticks=5))

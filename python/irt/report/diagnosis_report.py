@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from irt import arguments
 from irt.catalogue import EffectInfo, effects
 from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, NamedEffect, RunProof
 from irt.diagnosis.words import LEARNED
@@ -57,6 +58,7 @@ _NEARLY_ALL = 0.95
 _MOST_BARS = 12
 
 
+@arguments.entry
 def write_diagnosis_report(
     folder: PathLike, rig: Rig, diagnosis: Diagnosis, warnings: Sequence[str] = ()
 ) -> Path:
@@ -76,9 +78,12 @@ def write_diagnosis_report(
     Raises
     ------
     IrtError
-        If a file cannot be written.
+        If an argument is of another type, or a file cannot be written.
     """
-    folder = make_folder(folder)
+    arguments.instance("rig", rig, Rig)
+    arguments.instance("diagnosis", diagnosis, Diagnosis)
+    arguments.listed("warnings", warnings, str, expected="a sequence of sentences")
+    folder = make_folder(arguments.path("folder", folder))
     path = folder / "report.html"
     report = _Report(folder, rig, diagnosis)
     content = {**report.answer(), **report.motion(), **report.findings(), **report.details()}
@@ -135,7 +140,8 @@ class _Report:
         diagnosis, shown = self.diagnosis, self.shown
         if not diagnosis.runs:
             return {"animation": None}
-        runs = sorted(diagnosis.runs, key=lambda run: -_or_zero(run.final_mae))
+        # The run that shows best what was left out comes first.
+        runs = sorted(diagnosis.runs, key=lambda run: -_or_zero(run.base_mae))
         stills, over_time = [], []
         for side in shown:
             path = self.folder / f"path-{side.label}.svg"

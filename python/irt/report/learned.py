@@ -158,7 +158,9 @@ def described(one: NamedEffect, row_s: float | None) -> Iterator[str]:
         length = {"wave": "wavelength", _MODE: "period"}.get(shape, "width")
         known = {length: size, "direction": direction}
         details = [f"{name} {value}" for name, value in known.items() if value != "-"]
-        yield f"{shape} over {', '.join([depends, *details])}: {amplitude}"
+        line = f"{shape} over {', '.join([depends, *details])}: {amplitude}"
+        # Tables set an interval apart by a second space.
+        yield line.replace("  ", " ")
 
 
 def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:

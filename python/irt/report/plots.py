@@ -285,10 +285,11 @@ def plot_evaluation(
             for rows in np.split(np.arange(len(time)), run.window_rows):
                 axes.plot(time[rows], windowed[rows], color=style.SECOND)
             axes.set_xlim(time[0], time[-1])
-            axes.set_title(recording.name if run.free_run is not None else f"{recording.name}: no marble")
+            name = style.shortened(recording.name, 40)
+            axes.set_title(name if run.free_run is not None else f"{name}: no marble")
             ends = [] if run.free_run is None else [(_last(free), "free run", style.TUNED)]
             if run.windowed is not None:
-                ends.append((_last(windowed), evaluation.windows, style.SECOND))
+                ends.append((_last(windowed), evaluation.windows.replace(" of ", " of\n"), style.SECOND))
             if noise is not None:
                 floor = PERCENT * mean_absolute(noise)
                 axes.axhline(floor, **FLOOR)
@@ -414,7 +415,7 @@ def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
     up = recording.marble[0, 1] >= np.nanmean(recording.marble[:, 1])
     place = {"xytext": (0, 7 if up else -7), "va": "bottom" if up else "top"}
     axes.annotate("start", recording.marble[0], textcoords="offset points", ha="center", **place)
-    axes.set_title(prediction.label, color=prediction.colour, fontweight="bold")
+    axes.set_title(style.shortened(prediction.label, 24), color=prediction.colour, fontweight="bold")
     axes.set_title("• recorded", color=style.RECORDED, loc="right")
     axes.set_aspect("equal")
     axes.grid(visible=False)

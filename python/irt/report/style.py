@@ -140,6 +140,14 @@ def label_ends(axes: Any, labels: Sequence[tuple[float, str, str]]) -> None:
         axes.text(1.015, centre, text, color=colour, transform=axes.transAxes, va="center", ha="left")
 
 
+def shortened(name: str, most: int) -> str:
+    """Return a name of no more than so many letters: its middle gives way, for names differ at their ends."""
+    if len(name) <= most:
+        return name
+    half = (most - 1) // 2
+    return f"{name[:half]}…{name[-half:]}"
+
+
 def spread(heights: Sequence[float], sizes: Sequence[float]) -> list[float]:
     """Return centres for labels of these sizes, as near to the heights as they can be without overlap.
 

@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from irt import arguments
 from irt.catalogue import effect
-from irt.engine import SUBSTEP_S
+from irt.errors import IrtError
 from irt.files import PathLike, make_folder
 from irt.fitting.fit import FitResult
 from irt.fitting.problem import tracker_noise
+from irt.methods import TITLES
 from irt.model import Model
 from irt.report import style
 from irt.report.page import Picture, Table, write_page
@@ -27,19 +29,11 @@ from irt.report.plots import (
     plot_paths,
     plot_tilt,
 )
-from irt.report.words import UNITS, counted, duration, labelled, percent, plain, versions, with_interval
+from irt.report.words import UNITS, counted, labelled, percent, plain, versions, with_interval
 from irt.residual import Evaluation, RunEvaluation, evaluate
 from irt.rig import PARAMETERS, Rig
-from irt.segments import rows_of, segments
+from irt.segments import segments
 
-_METHODS = {
-    "irt": "IRT",
-    "irt+": "IRT+",
-    "least-squares": "least squares",
-    "cma-es": "CMA-ES",
-    "es": "the (5+100) evolution strategy",
-    "direct": "direct prediction",
-}
 _COLOURS = (style.TUNED, style.SECOND, style.THIRD)
 
 
@@ -98,6 +92,7 @@ def untuned(rig: Rig) -> Model:
     return Model.from_rig(rig, {name: sum(rig.ranges[name]) / 2 for name in PARAMETERS})
 
 
+@arguments.entry
 def write_tuning_report(
     folder: PathLike,
     rig: Rig,
@@ -130,9 +125,18 @@ def write_tuning_report(
     Raises
     ------
     IrtError
-        If a file cannot be written.
+        If an argument is of another type, or a file cannot be written.
     """
-    folder = make_folder(folder)
+    arguments.instance("rig", rig, Rig)
+    results = arguments.listed("results", results, FitResult)
+    if not results:
+        raise IrtError("results: expected at least one irt.FitResult, got none")
+    if heldout is not None:
+        arguments.instance("heldout", heldout, Rig)
+    arguments.text("title", title)
+    arguments.mapping("settings", settings)
+    arguments.listed("warnings", warnings, str, expected="a sequence of sentences")
+    folder = make_folder(arguments.path("folder", folder))
     shown = _contend(rig, rig, results)
     unseen = _contend(rig, heldout, results) if heldout is not None else []
     has_marble = any(recording.has_marble for recording in rig.recordings)
@@ -210,7 +214,7 @@ def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Conten
     """Return the untuned model of a rig and the tuned ones, with their errors on the recordings judged."""
     models = [("untuned", untuned(rig), style.UNTUNED)]
     for result, colour in zip(results, _COLOURS, strict=False):
-        models.append((_METHODS.get(result.method, result.method), result.model, colour))
+        models.append((TITLES.get(result.method, result.method), result.model, colour))
     return [
         Contender(name, model, evaluate(model, judged.recordings), colour) for name, model, colour in models
     ]
@@ -235,7 +239,7 @@ def _fit(folder: Path, rig: Rig, contenders: Sequence[Contender]) -> dict[str, A
         from_above.append(Picture(paths, f"{prediction.label.capitalize()}, from above."))
     return {
         "recording": recording.name,
-        "how": _from_what(contenders[1], rig),
+        "how": _from_what(contenders[1]),
         "over_time": over_time,
         "from_above": from_above,
     }
@@ -267,7 +271,7 @@ def _tilt(folder: Path, rig: Rig, tuned: Contender) -> dict[str, Any] | None:
     picture = folder / "tilt.svg"
     plot_tilt(picture, recording, predicted)
     return {
-        "windows": _windows(tuned, rig),
+        "windows": tuned.evaluation.windows,
         "table": Table(
             "Mean absolute error of the tilt, and of the marble driven by the measured tilt",
             ["recording", "about x", "about y", "marble, measured tilt"],
@@ -293,7 +297,7 @@ def _heldout(folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> dic
     overall = [*(contender.mae for contender in contenders), mean_absolute(tracker_noise(stretches))]
     rows.append(["all", *(percent(error) for error in overall)])
     return {
-        "how": _from_what(tuned, heldout),
+        "how": _from_what(tuned),
         "table": Table(
             "Mean absolute error, in percent of the board's long edge",
             ["recording", *(contender.name for contender in contenders), "tracker noise"],
@@ -305,20 +309,11 @@ def _heldout(folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> dic
     }
 
 
-def _from_what(contender: Contender, rig: Rig) -> str:
+def _from_what(contender: Contender) -> str:
     """Return what a prediction is made from, in words."""
     if contender.windowed:
-        return f"in {_windows(contender, rig)}, each from the state estimated on the rows before it"
+        return f"in {contender.evaluation.windows}, each from the state estimated on the rows before it"
     return "from the first position and the commands alone"
-
-
-def _windows(contender: Contender, rig: Rig) -> str:
-    """Return how long the windows of an evaluation are, in words."""
-    seconds = contender.evaluation.window_s
-    if all(recording.stamps is not None for recording in rig.recordings):
-        return f"windows of {seconds:g} s"
-    step = contender.model.parameters["time_scale"].value * SUBSTEP_S
-    return f"windows of {duration(rows_of(seconds, step))}"
 
 
 def _parameters(results: Sequence[FitResult]) -> Table:
@@ -350,7 +345,7 @@ def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
 
 
 def _names(results: Sequence[FitResult]) -> list[str]:
-    return [_METHODS.get(result.method, result.method) for result in results]
+    return [TITLES.get(result.method, result.method) for result in results]
 
 
 def _attributed(results: Sequence[FitResult], said: Sequence[Sequence[str]]) -> list[str]:

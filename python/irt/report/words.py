@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import platform
-import re
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 
@@ -91,11 +90,8 @@ def in_rows(name: str, value: Parameter, unit: str, row_s: float) -> tuple[str, 
     row_s : float
         How long a row lasts [s].
     """
-    number, low, high, changed = display.in_rows(value.value, value.low, value.high, unit, row_s)
-    if changed == unit:
-        return name, value, unit
-    name = name.removesuffix("_s") if unit == "s" else re.sub(r"_per_s(?=\d|_|$)", "_per_row", name)
-    return name, Parameter(number, low, high), changed
+    told, number, changed = display.in_rows(name, value.value, unit, row_s)
+    return (name, value, unit) if changed == unit else (told, Parameter(number), changed)
 
 
 def with_interval(parameter: Parameter) -> str:

@@ -9,23 +9,13 @@ from irt import arguments
 from irt.catalogue import effect
 from irt.engine import Engine
 from irt.errors import IrtError
+from irt.methods import BELONGS, METHODS
 from irt.model import Effect
 from irt.rig import Rig, as_rig
 
 if TYPE_CHECKING:
     from irt.files import PathLike
     from irt.fitting.fit import FitResult, Progress
-
-#: In the order in which help lists them; the first is the default.
-METHODS = ("least-squares", "irt+", "irt", "cma-es", "es", "direct")
-#: Which methods an option belongs to that not all have.
-BELONGS = {
-    "starts": METHODS[:-1],
-    "iterations": ("irt",),
-    "rollouts": ("irt+", "cma-es", "es"),
-    "network": ("irt+", "irt", "direct"),
-    "effects": ("least-squares",),
-}
 
 
 @arguments.entry
@@ -78,7 +68,8 @@ def tune(
     Raises
     ------
     IrtError
-        If the method is unknown, the rig or an option is not as it must be, or a file cannot be written.
+        If the method is unknown, the rig or an option is not as it must be, axes or units are certainly wrong
+        (`irt.check` says more), or a file cannot be written.
     """
     arguments.word("method", method, METHODS)
     added = _effects(effects)
@@ -99,6 +90,7 @@ def tune(
         "progress": progress,
     }
     rig = as_rig(rig)
+    _require_right_axes(rig)
     # torch, scipy and pycma load only where they are used.
     if method == "least-squares":
         from irt.fitting.least_squares import least_squares  # noqa: PLC0415
@@ -140,6 +132,15 @@ def check_options(method: str, given: Sequence[str], *, prefix: str = "") -> Non
             )
             whose = f"{prefix}method {' or '.join(BELONGS[name])}"
             raise IrtError(f"{option} belongs to {whose}; leave it out")
+
+
+def _require_right_axes(rig: Rig) -> None:
+    """Raise where axes, signs or units are certainly wrong: every fit would be."""
+    from irt.checking.run import axes_and_units  # noqa: PLC0415
+
+    for one in axes_and_units(rig):
+        if one.severity == "error":
+            raise IrtError(f"{rig.path}: {one.what}; {one.advice}")
 
 
 def _effects(effects: Sequence[Effect | str]) -> tuple[Effect, ...]:

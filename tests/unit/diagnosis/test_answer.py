@@ -22,6 +22,13 @@ def test_the_answer_names_effect_value_and_gain():
         assert words.lower() in told.lower()
 
 
+def test_without_stamps_values_are_in_rows():
+    late = NamedEffect("delay", "timing", {"delay_s": Parameter(0.2)}, {"delay_s": "s"}, 0.04, 0.002)
+    settings = {"noise": 0.001, "before": 0.04, "after": 0.002, "heldout": True}
+    assert "Delay (delay_s 0.2 s)" in summary([late], **settings)
+    assert "Delay (delay 2.5 rows)" in summary([late], **settings, row_s=0.08)
+
+
 def test_a_tie_is_said():
     told = summary([effect("delay", ("latency",))], noise=0.001, before=0.04, after=0.002, heldout=True)
     assert "do not tell delay from latency" in told

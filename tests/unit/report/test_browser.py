@@ -85,7 +85,7 @@ def test_page_renders_within_any_width(opened, verdict, width):
 
 def test_slider_moves_the_marbles_to_where_they_were(opened, diagnosis_of):
     page = opened()
-    run = max(diagnosis_of("missing").runs, key=lambda run: run.final_mae)
+    run = max(diagnosis_of("missing").runs, key=lambda run: run.base_mae)
     for row in (0, 60, 119):
         set_time(page, row)
         for name, series in (("recorded", run.observed), ("before", run.base), ("after", run.final)):

@@ -211,7 +211,7 @@ def test_policy_allows_the_one_script_by_its_hash(page):
 
 def test_animation_holds_the_runs_to_four_digits(missing, diagnosis_of):
     data = json.loads(DATA.search(missing)[1])
-    runs = sorted(diagnosis_of("missing").runs, key=lambda run: -run.final_mae)
+    runs = sorted(diagnosis_of("missing").runs, key=lambda run: -run.base_mae)
     assert data["series"] == ["recorded", "before", "after"]
     for told, run in zip(data["runs"], runs, strict=True):
         np.testing.assert_allclose(told["t"], run.times, atol=5.1e-4)

@@ -187,7 +187,7 @@ def test_evaluation_shows_errors_and_breaks_between_windows(tmp_path, recording,
     pieces = [piece[~np.isnan(piece[:, 1]), 0] for piece in lines(axes, style.SECOND)]
     shown = [(piece[0], piece[-1]) for piece in pieces if len(piece)]
     assert shown == [(4, 19), (21, 35)]  # row 20 is lost
-    assert {"free run", "2 s windows", "tracker noise", "run-1"} <= set(texts(drawn.figure))
+    assert {"free run", "windows of\n2 s", "tracker noise", "run-1"} <= set(texts(drawn.figure))
 
 
 def test_mean_absolute_of_noise():

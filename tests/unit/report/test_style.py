@@ -98,3 +98,12 @@ def test_labels_stand_at_the_ends_of_their_lines(tmp_path):
     assert (flat.get_text(), steep.get_text()) == ("flat", "steep")
     assert flat.get_position()[1] == pytest.approx((50 - low) / (high - low))
     assert steep.get_position()[1] == pytest.approx((100 - low) / (high - low))
+
+
+def test_a_long_name_keeps_both_ends():
+    assert style.shortened("run-1", 10) == "run-1"
+    name = f"2026-11-24_{'x' * 50}_take-7"
+    short = style.shortened(name, 21)
+    assert len(short) == 21
+    assert short.startswith("2026-11-24")
+    assert short.endswith("_take-7")
