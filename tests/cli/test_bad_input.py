@@ -150,6 +150,7 @@ def test_a_slip_in_model_toml_names_the_file_once(irt, lab, tmp_path, line):
     assert done.err.count("model.toml") == 1
 
 
+@pytest.mark.slow
 def test_what_is_replaced_is_said(irt, lab, tmp_path):
     rig, out = lab(), tmp_path / "out"
     words = ("tune", rig, "--starts", "1", "--out", out)

@@ -55,6 +55,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, 
     return folder, knobs, film(folder, knobs, places)
 
 
+@pytest.mark.slow
 def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
     pictures, knobs, scene = filmed
     out = tmp_path / "rig"
@@ -81,6 +82,7 @@ def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
     assert not list(out.glob("*.partial"))
 
 
+@pytest.mark.slow
 def test_a_video_alone_is_enough(irt, filmed, tmp_path) -> None:
     pictures, _, scene = filmed
     writer = cv2.VideoWriter(str(tmp_path / "run.avi"), cv2.VideoWriter_fourcc(*"MJPG"), RATE, (640, 480))
@@ -123,6 +125,7 @@ def test_bad_input_is_one_line(irt, filmed, tmp_path) -> None:
         assert not list(out.glob("*.csv"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset", "said"),
     [
@@ -147,6 +150,7 @@ def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path, offset, sa
     assert not list((tmp_path / "out").glob("*.csv"))
 
 
+@pytest.mark.slow
 def test_the_package_tracks_as_the_verb_does(irt, filmed, tmp_path) -> None:
     pictures, knobs, _ = filmed
     commands = write_commands(tmp_path / "knobs.csv", knobs)

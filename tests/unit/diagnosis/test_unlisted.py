@@ -60,6 +60,7 @@ def test_a_push_by_the_tilt_is_found(plant):
     assert first.variable == "command"
 
 
+@pytest.mark.slow
 def test_what_is_left_of_a_first_wave_is_learned_next(plant):
     first = {"push_1_x_m_per_s2": 0.01, "wave_1_x_per_m": 60.0, "phase_1_rad": 0.5}
     second = {"push_2_y_m_per_s2": 0.006, "wave_2_y_per_m": 100.0}
@@ -142,6 +143,7 @@ def test_drag_is_a_power_of_the_speed(plant):
     assert first.values["drag_power"] in {0.5, 1.0, 1.5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("planted", "family"),
     [
@@ -282,6 +284,7 @@ def test_a_formula_tells_what_was_learned(changes, told, depends):
     assert variables(neutral(**changes)) == depends
 
 
+@pytest.mark.slow
 def test_the_likeliest_source_of_a_wave_is_the_position(plant):
     case = plant([wave()], runs=6)
     sources = Leftover(case, case.fit()).sources(0)

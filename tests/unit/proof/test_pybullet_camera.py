@@ -100,6 +100,7 @@ def test_pictures_repeat_to_the_bit() -> None:
         assert one.shape == (camera.HEIGHT, camera.WIDTH, 3)
 
 
+@pytest.mark.slow
 def test_rig_through_the_camera_is_what_the_tracker_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a tracker that counts pictures instead of reading them: rendering all takes most of a minute."""
     monkeypatch.setattr(camera, "pictures", lambda spec, run, played: played.places)

@@ -68,6 +68,7 @@ def shows_text(stream):
         return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verdict", ["sufficient", "missing", "unlisted"])
 @pytest.mark.parametrize("width", [390, 1200])
 def test_page_renders_within_any_width(opened, verdict, width):
