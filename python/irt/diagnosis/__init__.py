@@ -1,6 +1,6 @@
 """Diagnosis: where a simulator and recordings disagree, what physics was left out, and the proof."""
 
 from irt.diagnosis.result import Diagnosis
-from irt.diagnosis.run import Interrupted, diagnose
+from irt.diagnosis.run import diagnose
 
-__all__ = ["Diagnosis", "Interrupted", "diagnose"]
+__all__ = ["Diagnosis", "diagnose"]

@@ -80,38 +80,10 @@ def diagnose(
     # More threads add up in another order, and wait for each other longer than such matrices take.
     with threadpool_limits(1, user_api="blas"):
         search = Search(Case.of(rig, seed=seed, threads=threads), report)
-        try:
-            found = _found(search, report)
-        except KeyboardInterrupt as stopped:
-            raise Interrupted(search) from stopped
+        found = _found(search, report)
     if progress is not None:
         progress(_STEPS, _STEPS, "done")
     return replace(found, seconds=time.perf_counter() - began)
-
-
-class Interrupted(KeyboardInterrupt):
-    """Ctrl-C during a diagnosis.
-
-    Attributes
-    ----------
-    candidates : list of dict
-        The hypotheses that were tried until then, as in ``diagnosis.json``: no answer yet.
-    """
-
-    def __init__(self, search: Search) -> None:
-        super().__init__()
-        evidence = search.evidence() if search.fits else None
-        self.candidates = [
-            {
-                "effects": list(one.effects),
-                "values": one.of_effects(),
-                "gain": evidence.gain(one, search.base),
-                "penalty": evidence.penalty(one),
-                "noise": one.noise,
-            }
-            for one in search.fits.values()
-            if evidence is not None
-        ]
 
 
 def _found(search: Search, report: Report) -> Diagnosis:
