@@ -10,7 +10,7 @@ use crate::safety::{SetPoint, bounds};
 /// Knob angles, and when each begins to hold.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Commands {
-    /// EffectSpec x and about y (rad), a pair a row.
+    /// About x and about y (rad), a pair a row.
     pub knobs: Vec<[f64; 2]>,
     /// When each row begins (s), from zero.
     pub begins: Vec<f64>,

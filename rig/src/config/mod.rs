@@ -85,9 +85,9 @@ pub enum Services {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arms {
-    /// EffectSpec x.
+    /// About x.
     pub x: Arm,
-    /// EffectSpec y.
+    /// About y.
     pub y: Arm,
 }
 
