@@ -41,7 +41,7 @@ test: | $(BIN)/python browser ## every test, Rust and Python
 
 .PHONY: test-rust
 test-rust: tools ## the tests of Rust alone
-	PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
+	+PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
 
 .PHONY: lint
 lint: $(EXTENSION) $(PACKAGES) components ## formatting, lints, types, and the extension against its stub
