@@ -28,7 +28,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         },
         Parameter::y_minus_x("y_minus_x_rad", "rad", 0.1, 20.0, 0),
     ],
-    does: "EffectSpec zero the knob turns without moving the board, beyond that the board follows by so much less: a slack cord \
+    does: "About zero the knob turns without moving the board, beyond that the board follows by so much less: a slack cord \
            with springs that hold the board level, or a controller that ignores small errors.",
     matters: "When commands are not much larger than the band; half the drive is lost where they are twice as large.",
     looks: "Drive is missing about zero, by a fixed angle beyond it, and the same way up and down: no memory, which a backlash has.",
