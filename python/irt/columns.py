@@ -89,8 +89,8 @@ class Columns:
             cells[name] = column if hasattr(column, "__array__") else list(column)
         lengths = {name: len(column) for name, column in cells.items()}
         if len(set(lengths.values())) > 1:
-            told = ", ".join(f"{name} {length}" for name, length in lengths.items())
-            raise IrtError(f"{source}: columns must have the same number of rows, but have {told}")
+            listed = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise IrtError(f"{source}: columns must have the same number of rows, but have {listed}")
         if not any(lengths.values()):
             raise IrtError(f"{source}: the table has no rows")
         return cls(source, cells)

@@ -21,7 +21,7 @@ class Board:
     Attributes
     ----------
     edge_x_m, edge_y_m : float
-        Edges [m]; positions are told in units of `edge_x_m`, the long one.
+        Edges [m]; positions are in units of `edge_x_m`, the long one.
     wall_restitution : float
         Normal speed after an impact on the rim over the speed before it, 0 to 1.
     wall_friction : float

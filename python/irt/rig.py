@@ -131,7 +131,7 @@ class Rig:
         tilt: TiltSensor | None = None,
         name: str = "rig",
     ) -> Rig:
-        """Return a rig of recordings in memory; what is left out is the paper's labyrinth.
+        """Return a rig of recordings in memory; the default is the paper's labyrinth.
 
         Parameters
         ----------

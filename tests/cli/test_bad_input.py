@@ -192,7 +192,7 @@ def test_a_long_log_is_cut_and_said(irt, lab, tmp_path, monkeypatch):
 SECONDS = re.compile(r"\d[\d.]* ?(s|ms)\b|seconds|/s")
 
 
-def test_without_stamps_nothing_is_told_in_seconds(irt, lab, tmp_path):
+def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
     rig = lab(stamped=False)
     tuned = irt(
         "tune",
@@ -213,17 +213,17 @@ def test_without_stamps_nothing_is_told_in_seconds(irt, lab, tmp_path):
     assert json.loads((tmp_path / "out" / "fit.json").read_text())["time_base"] == "unknown: no stamps"
     evaluated = irt("evaluate", tmp_path / "out" / "model.toml", rig, "--out", tmp_path / "errors")
     assert "time scale unknown" in evaluated.out
-    told = json.loads((tmp_path / "errors" / "evaluation.json").read_text())
-    assert told["window_s"] is None
-    assert f"windows of {told['window_rows']} rows" in evaluated.out
+    shown = json.loads((tmp_path / "errors" / "evaluation.json").read_text())
+    assert shown["window_s"] is None
+    assert f"windows of {shown['window_rows']} rows" in evaluated.out
     checked = irt("check", rig)
     assert "time scale unknown" in checked.out
     for out in (tuned.out, evaluated.out, checked.out):
-        told = out.replace("updates of 1/240 s a timestep", "")
-        assert SECONDS.search(told) is None, told
+        shown = out.replace("updates of 1/240 s a timestep", "")
+        assert SECONDS.search(shown) is None, shown
 
 
-def test_with_stamps_seconds_are_told(irt, lab, tmp_path):
+def test_with_stamps_seconds_are_given(irt, lab, tmp_path):
     rig = lab()
     tuned = irt("tune", rig, "--starts", "1", "--effect", "delay", "--out", tmp_path / "out")
     assert "windows of 2 s  " in tuned.out
@@ -237,10 +237,10 @@ def test_rows_that_show_a_delay_do_not_depend_on_the_range_of_the_time_scale(irt
     sizes = []
     for ends in ([1.0, 39.0], [1.0, 9.0]):
         (rig / "rig.toml").write_text(f"[parameters]\ntime_scale = {{ range = {ends} }}\n")
-        told = json.loads(irt("check", rig, "--json").out)["identified"]["effects"]
-        (delay,) = [one for one in told if one["effect"] == "delay"]
+        shown = json.loads(irt("check", rig, "--json").out)["identified"]["effects"]
+        (delay,) = [one for one in shown if one["effect"] == "delay"]
         assert delay["unit"] == "rows"
         sizes.append(delay["smallest"])
-        assert not [one for one in told if one["effect"] == "tilt_bias"]
+        assert not [one for one in shown if one["effect"] == "tilt_bias"]
     # Windows of other lengths differ by less than the fourfold time of a row.
     assert 0.5 < sizes[0] / sizes[1] < 2.0

@@ -65,7 +65,7 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
 
 
 @pytest.mark.slow
-def test_without_stamps_nothing_is_told_in_seconds(irt, lab, tmp_path):
+def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
     done = irt("diagnose", lab({"name": "delay", "delay_s": 0.2}, runs=3), "--out", tmp_path / "out")
     assert done.status == 0
     assert "time scale unknown" in done.out

@@ -62,9 +62,9 @@ def test_the_truth_is_without_error(irt, tmp_path: Path, rig: Path) -> None:
 def test_by_default_windows_of_two_seconds_into_a_folder_here(irt, monkeypatch, tmp_path, rig, model) -> None:
     monkeypatch.chdir(tmp_path)
     assert irt("evaluate", model, rig).status == 0
-    told = json.loads((tmp_path / "irt-evaluate" / "evaluation.json").read_text())
+    found = json.loads((tmp_path / "irt-evaluate" / "evaluation.json").read_text())
     # Without stamps: two seconds of the model's time scale.
-    assert (told["window_s"], told["window_rows"]) == (None, round(2.0 * 240 / round(VALUES[3])))
+    assert (found["window_s"], found["window_rows"]) == (None, round(2.0 * 240 / round(VALUES[3])))
 
 
 @pytest.mark.parametrize("window", ["0", "-1", "nan", "inf", "long"])

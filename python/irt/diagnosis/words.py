@@ -167,10 +167,10 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
     if one.name == UNLISTED:
         depends = " and ".join(variables({name: told.value for name, told in one.parameters.items()}))
         return f"a push that the catalogue does not have and that depends on {depends}"
-    told = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]
+    sizes = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]
     if row_s is not None:
-        told = [in_rows(*parameter, row_s) for parameter in told]
-    values = ", ".join(f"{name} {value:.3g} {unit}".rstrip() for name, value, unit in told)
+        sizes = [in_rows(*parameter, row_s) for parameter in sizes]
+    values = ", ".join(f"{name} {value:.3g} {unit}".rstrip() for name, value, unit in sizes)
     return f"{one.name} ({values})" if values else one.name
 
 

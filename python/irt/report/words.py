@@ -90,8 +90,8 @@ def in_rows(name: str, value: Parameter, unit: str, row_s: float) -> tuple[str, 
     row_s : float
         How long a row lasts [s].
     """
-    told, number, changed = display.in_rows(name, value.value, unit, row_s)
-    return (name, value, unit) if changed == unit else (told, Parameter(number), changed)
+    renamed, number, changed = display.in_rows(name, value.value, unit, row_s)
+    return (name, value, unit) if changed == unit else (renamed, Parameter(number), changed)
 
 
 def with_interval(parameter: Parameter) -> str:

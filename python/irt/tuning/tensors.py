@@ -77,8 +77,8 @@ def weights_of(
     for name, shape in shapes.items():
         found = tensors.get(f"network.{name}")
         if found is None or found.shape != shape:
-            told = "missing" if found is None else f"of shape {found.shape}"
-            raise IrtError(f"{path}: network.{name} is {told}; expected shape {shape}")
+            state = "missing" if found is None else f"of shape {found.shape}"
+            raise IrtError(f"{path}: network.{name} is {state}; expected shape {shape}")
         if not np.isfinite(found).all():
             raise IrtError(f"{path}: network.{name} holds values that are not finite; train it anew")
         weights[name] = found.astype(np.float32)

@@ -2,7 +2,7 @@
 //!
 //! The way goes from short windows to whole stretches: in short ones nearly every start point finds the
 //! gears; in long ones friction, walls and stops come in. All candidates move in lockstep, so that an
-//! iteration is two batches of rollouts, whatever the number of candidates, recordings and parameters.
+//! iteration is two batches of rollouts for any number of candidates, recordings and parameters.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
