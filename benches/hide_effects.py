@@ -1,26 +1,32 @@
-"""Make rigs with hidden effects, as `benches/diagnosis.py` takes them, by the engine that no fit uses.
+"""Make rigs with hidden effects, as `benches/diagnosis.py` takes them, by an engine that no fit uses.
 
-    .venv/bin/python benches/hide_effects.py hidden --rigs 100 --nulls 0.3 --seed 1
+    .venv/bin/python benches/hide_effects.py hidden --rigs 100 --nulls 0.3 --effects 1 1 2 --seed 1
+    .venv/bin/python benches/hide_effects.py crowded --engine mujoco --effects 3 4 5 --push 0.05 0.1 0.2 --left-over
 
-Recordings are simulated by rapier in 3-D; a fit runs on the rolling engine. So in a null rig the engines
-differ too. Magnitudes are drawn log-uniformly from what shows at all to the end of the catalogue's range,
-noise from 0.2 to 0.6 mm, most of it white; every third rig with an effect has two. The label's `oracle` is
-the error of the truth itself, started from the row 0 that the tracker saw, as every prediction is.
+A fit runs on the rolling engine; recordings are simulated by another one (rapier in 3-D, or MuJoCo), so in
+a null rig the engines differ too. Magnitudes are drawn log-uniformly from what shows at all to the end of
+the catalogue's range, noise from 0.2 to 0.6 mm, most of it white. With ``--push`` the board is besides
+turned by white noise that no recording holds, with ``--left-over`` it is uneven and sticky.
+
+The label's `oracle` is the error of the hidden effects themselves, started from the row 0 that the tracker
+saw, as every prediction is: without the push, and on a board without what is left over.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 import irt
 from irt.catalogue import effect, hypothetical
-from irt.diagnosis.case import Case
 from irt.files import write_atomic
 from irt.fitting.effect_size import size_of
 from irt.rig import PARAMETERS
@@ -28,13 +34,64 @@ from irt.rig import PARAMETERS
 Array = NDArray[np.float64]
 
 ROWS, TRAIN, TEST = 120, 8, 4
-#: Smallest size drawn, as a share of the largest, and what the marble has to miss its way by [noise].
+#: Long edge of the board [m].
+EDGE_M = 0.276
+#: Smallest size drawn, as a share of the largest, and by how much an effect moves the path [noises].
 SMALLEST, SHOWS = 0.05, 3.0
 #: What recordings draw, delays that differ above all, is none of what a fit draws: that counts from 0.
 DRAWS = 1_000_000
 #: Kinds of tracker noise, and how often each is drawn: white; a tenth of its samples five times as large;
 #: each sample carrying on half of the one before.
 NOISE = {"white": 0.6, "heavy": 0.2, "coloured": 0.2}
+#: Standard deviation of each mode of a board that is uneven besides [rad]: a sheet of paper under a corner.
+SLOPE = 1e-3
+#: How much more tilt a sticky marble needs to start than to roll on.
+STICKY = (1.5, 3.0)
+
+
+class World(Protocol):
+    """What moves marbles: a module with these."""
+
+    KNOWN: frozenset[str]
+    """Names of the effects that it can simulate."""
+
+    def simulate(
+        self,
+        values: Array,
+        knobs: Array,
+        effects: Sequence[dict[str, Any]],
+        *,
+        start: Array | None,
+        seeds: NDArray[np.int64],
+    ) -> Array:
+        """Return observed positions (n, rows, 2) [board edges] of parameters (5,) under knobs (n, rows, 2).
+
+        `start` (n, 2) is where marbles are seen in row 0, by default the centre; `seeds` (n,) are of
+        effects that draw.
+        """
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What is hidden in a rig.
+
+    Attributes
+    ----------
+    engine : str
+        What simulates: "rapier" or "mujoco".
+    effects : int
+        How many effects act at once.
+    push : float
+        Standard deviation of a turn of the knobs that is recorded nowhere, another in each row, as a share
+        of a run's largest command.
+    left_over : bool
+        Whether the board is uneven and sticky besides.
+    """
+
+    engine: str = "rapier"
+    effects: int = 1
+    push: float = 0.0
+    left_over: bool = False
 
 
 def main() -> None:
@@ -42,24 +99,56 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("out", type=Path)
     parser.add_argument("--rigs", type=int, default=20)
+    parser.add_argument("--engine", choices=("rapier", "mujoco"), default="rapier")
     parser.add_argument("--nulls", type=float, default=0.3, help="share of rigs with nothing hidden")
-    parser.add_argument("--pairs", type=float, default=0.33, help="share of the others with two effects")
+    parser.add_argument(
+        "--effects", type=int, nargs="+", default=[1, 1, 2], help="effects at once: the rigs take turns"
+    )
+    parser.add_argument(
+        "--push", type=float, nargs="+", default=[0.0], help="random push, of the drive: the rigs take turns"
+    )
+    parser.add_argument("--left-over", action="store_true", help="uneven and sticky boards")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
-    labels = {}
-    for index in range(args.rigs):
-        random = np.random.default_rng([args.seed, index])
-        name = f"own-{args.seed}-{index:03d}"
-        labels[name] = hide(args.out / name, random, args.nulls, args.pairs)
-        print(name, labels[name]["kind"], flush=True)
-    write_atomic(args.out / "labels.json", json.dumps(labels, indent=1))
+    for index, recipe in enumerate(
+        recipes(args.rigs, args.nulls, Recipe(args.engine, left_over=args.left_over), args.effects, args.push)
+    ):
+        print(*add(args.out, f"own-{args.seed}-{index:03d}", recipe, (args.seed, index)), flush=True)
 
 
-def hide(folder: Path, random: np.random.Generator, nulls: float, pairs: float) -> dict[str, Any]:
+def recipes(
+    rigs: int, nulls: float, common: Recipe, effects: Sequence[int], push: Sequence[float]
+) -> list[Recipe]:
+    """Return what to hide in each rig: the rigs take turns at numbers of effects and at pushes.
+
+    Every 1/nulls-th rig hides nothing.
+    """
+    empty = [int((index + 1) * nulls) > int(index * nulls) for index in range(rigs)]
+    return [
+        replace(
+            common,
+            effects=0 if empty[index] else effects[index % len(effects)],
+            # Each number of effects meets each push.
+            push=push[index // len(effects) % len(push)],
+        )
+        for index in range(rigs)
+    ]
+
+
+def add(out: Path, name: str, recipe: Recipe, seed: Sequence[int]) -> tuple[str, Any]:
+    """Write a rig that is not there yet, and its label into ``labels.json`` beside it; return name and kind."""
+    path = out / "labels.json"
+    labels = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if name not in labels:
+        labels[name] = hide(out / name, recipe, np.random.default_rng(seed))
+        write_atomic(path, json.dumps(labels, indent=1))
+    return name, labels[name]["kind"]
+
+
+def hide(folder: Path, recipe: Recipe, random: np.random.Generator) -> dict[str, Any]:
     """Write one rig; return its label."""
     folder.mkdir(parents=True, exist_ok=True)
-    count = 0 if random.random() < nulls else 2 if random.random() < pairs else 1
-    names = [info.name for info in hypothetical()]
+    world = importlib.import_module(f"{recipe.engine}_world")
     while True:
         values = np.array(
             [
@@ -70,50 +159,81 @@ def hide(folder: Path, random: np.random.Generator, nulls: float, pairs: float) 
             ]
         )
         knobs = np.array([_drive(random, random.uniform(0.06, 0.15)) for _ in range(TRAIN + TEST)])
-        effects = [_drawn(str(name), random) for name in random.choice(names, count, replace=False)]
-        noise = float(random.uniform(0.2e-3, 0.6e-3)) / 0.276
-        plain = _simulated(values, knobs, [])
-        paths = _simulated(values, knobs, effects)
-        alone = [_simulated(values, knobs, [one]) for one in effects]
-        if all(float(np.abs(one - plain).mean()) > SHOWS * noise for one in alone):
+        noise = float(random.uniform(0.2e-3, 0.6e-3)) / EDGE_M
+        moved = _effects(world, recipe.effects, values, knobs, noise, random)
+        if moved is not None:
             break
+    effects, moves = moved
+    rest = _left_over(random, effects) if recipe.left_over else []
+    largest = np.abs(knobs).max(axis=(1, 2), keepdims=True)
+    pushed = knobs + recipe.push * largest * random.normal(size=knobs.shape)
+    paths = _simulated(world, values, pushed, [*effects, *rest])
     kind = str(random.choice(list(NOISE), p=list(NOISE.values())))
     for index, seen in enumerate(paths + noise * _noise(kind, random)):
         name = f"train-{index + 1}" if index < TRAIN else f"test-{index + 1 - TRAIN}"
         _write(folder / f"{name}.csv", knobs[index], seen)
-    write_atomic(folder / "rig.toml", "[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
-    tests = [irt.load_recording(path) for path in sorted(folder.glob("test-*.csv"))]
+    write_atomic(folder / "rig.toml", f"[board]\nedge_x_m = {EDGE_M}\nedge_y_m = 0.231\n")
+    rig = irt.load_rig(folder)
+    tests = [one for one in rig.recordings if one.name.startswith("test-")]
+    training = tuple(one for one in rig.recordings if one.name.startswith("train-"))
     seen = np.array([test.marble for test in tests])
-    known = _simulated(values, knobs[TRAIN:], effects, start=seen[:, 0])
+    known = _simulated(world, values, knobs[TRAIN:], effects, start=seen[:, 0])
+    names = [one["name"] for one in effects]
+    base = irt.tune(replace(rig, recordings=training), threads=1).model
     return {
-        "kind": [one["name"] for one in effects] if count == 2 else effects[0]["name"] if count else "none",
+        "kind": names if len(names) > 1 else names[0] if names else "none",
         "truth": {**dict(zip(PARAMETERS, values.tolist(), strict=True)), "effects": effects},
+        "moves": moves,
+        "engine": recipe.engine,
+        "push": recipe.push,
+        "left_over": rest,
         "sigma": noise,
         "noise": kind,
-        "base": _base(folder, tests),
+        "base": float(irt.evaluate(base, tests).mae),
         "oracle": float(np.abs(known - seen).mean()),
     }
 
 
-def _base(folder: Path, tests: list[irt.Recording]) -> float:
-    """Return the error on the test runs of five parameters fitted to the training runs."""
-    rig = irt.load_rig(folder)
-    training = tuple(one for one in rig.recordings if one.name.startswith("train-"))
-    case = Case.of(irt.Rig(rig.path, rig.board, rig.marble, rig.start, rig.ranges, training))
-    return float(irt.evaluate(case.model(case.fit()), tests).mae)
+def _effects(
+    world: World, count: int, values: Array, knobs: Array, noise: float, random: np.random.Generator
+) -> tuple[list[dict[str, Any]], dict[str, float]] | None:
+    """Draw effects and how far each moves the path by itself [noises]; none if nothing shows here."""
+    names = [info.name for info in hypothetical() if info.name in world.KNOWN]
+    plain = _simulated(world, values, knobs, [])
+    effects: list[dict[str, Any]] = []
+    moves: dict[str, float] = {}
+    tries = 20 * count
+    while len(effects) < count:
+        if not tries:
+            return None
+        tries -= 1
+        one = _drawn(str(random.choice([name for name in names if name not in moves])), random)
+        moved = float(np.abs(_simulated(world, values, knobs, [one]) - plain).mean()) / noise
+        if moved > SHOWS:
+            effects.append(one)
+            moves[one["name"]] = moved
+    return effects, moves
+
+
+def _left_over(random: np.random.Generator, effects: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Draw an uneven board, and a sticky one, unless that is what is hidden."""
+    slopes = {one.name: float(random.normal(scale=SLOPE)) for one in effect("slope_map").parameters}
+    rest = [
+        {"name": "slope_map", **slopes},
+        {"name": "static_friction", "ratio": float(random.uniform(*STICKY))},
+    ]
+    hidden = {one["name"] for one in effects}
+    return [one for one in rest if one["name"] not in hidden]
 
 
 def _simulated(
-    values: Array, knobs: Array, effects: list[dict[str, Any]], start: Array | None = None
+    world: World,
+    values: Array,
+    knobs: Array,
+    effects: Sequence[dict[str, Any]],
+    start: Array | None = None,
 ) -> Array:
-    return irt.rollouts(
-        np.tile(values, (len(knobs), 1)),
-        knobs,
-        engine="rapier",
-        effects=effects,
-        start=start,
-        seed=DRAWS + np.arange(len(knobs)),
-    )
+    return world.simulate(values, knobs, effects, start=start, seeds=DRAWS + np.arange(len(knobs)))
 
 
 def _noise(kind: str, random: np.random.Generator) -> Array:
