@@ -1,7 +1,7 @@
 """Make rigs with hidden effects, as `benches/diagnosis.py` takes them, by an engine that no fit uses.
 
     .venv/bin/python benches/hide_effects.py hidden --rigs 100 --nulls 0.3 --effects 1 1 2 --seed 1
-    .venv/bin/python benches/hide_effects.py crowded --engine mujoco --effects 3 4 5 --push 0.05 0.1 0.2 --left-over
+    .venv/bin/python benches/hide_effects.py crowded --engine mujoco --effects 3 4 --push 0.05 0.1 --left-over
 
 A fit runs on the rolling engine; recordings are simulated by another one (rapier in 3-D, or MuJoCo), so in
 a null rig the engines differ too. Magnitudes are drawn log-uniformly from what shows at all to the end of
@@ -54,6 +54,8 @@ class World(Protocol):
 
     KNOWN: frozenset[str]
     """Names of the effects that it can simulate."""
+    CHOICES: dict[str, dict[str, float]]
+    """By effect and parameter, the only answers to yes or no that it can simulate."""
 
     def simulate(
         self,
@@ -113,7 +115,8 @@ def main() -> None:
     for index, recipe in enumerate(
         recipes(args.rigs, args.nulls, Recipe(args.engine, left_over=args.left_over), args.effects, args.push)
     ):
-        print(*add(args.out, f"own-{args.seed}-{index:03d}", recipe, (args.seed, index)), flush=True)
+        name = f"own-{args.seed}-{index:03d}"
+        print(name, add(args.out, name, recipe, (args.seed, index)), flush=True)
 
 
 def recipes(
@@ -135,21 +138,40 @@ def recipes(
     ]
 
 
-def add(out: Path, name: str, recipe: Recipe, seed: Sequence[int]) -> tuple[str, Any]:
-    """Write a rig that is not there yet, and its label into ``labels.json`` beside it; return name and kind."""
+def add(out: Path, name: str, recipe: Recipe, seed: Sequence[int]) -> Any:
+    """Write a rig that is not there yet, and its label into ``labels.json`` beside it; return its kind."""
     path = out / "labels.json"
     labels = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     if name not in labels:
         labels[name] = hide(out / name, recipe, np.random.default_rng(seed))
         write_atomic(path, json.dumps(labels, indent=1))
-    return name, labels[name]["kind"]
+    return labels[name]["kind"]
 
 
-def hide(folder: Path, recipe: Recipe, random: np.random.Generator) -> dict[str, Any]:
-    """Write one rig; return its label."""
-    folder.mkdir(parents=True, exist_ok=True)
-    world = importlib.import_module(f"{recipe.engine}_world")
-    while True:
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """A rig before anything is hidden in it, and how it is driven.
+
+    Attributes
+    ----------
+    world : World
+        What moves the marble.
+    values : (5,) array
+        The parameters.
+    knobs : (runs, rows, 2) array
+        Commands as they are recorded [rad].
+    noise : float
+        Standard deviation of the tracker [board edges].
+    """
+
+    world: World
+    values: Array
+    knobs: Array
+    noise: float
+
+    @classmethod
+    def drawn(cls, world: World, random: np.random.Generator) -> Setting:
+        """Draw one."""
         values = np.array(
             [
                 *random.uniform(0.04, 0.1, 2),
@@ -159,60 +181,73 @@ def hide(folder: Path, recipe: Recipe, random: np.random.Generator) -> dict[str,
             ]
         )
         knobs = np.array([_drive(random, random.uniform(0.06, 0.15)) for _ in range(TRAIN + TEST)])
-        noise = float(random.uniform(0.2e-3, 0.6e-3)) / EDGE_M
-        moved = _effects(world, recipe.effects, values, knobs, noise, random)
-        if moved is not None:
+        return cls(world, values, knobs, float(random.uniform(0.2e-3, 0.6e-3)) / EDGE_M)
+
+    def simulate(
+        self, effects: Sequence[dict[str, Any]], knobs: Array | None = None, start: Array | None = None
+    ) -> Array:
+        """Return paths (n, rows, 2) [board edges], of other commands than its own if there are any."""
+        knobs = self.knobs if knobs is None else knobs
+        seeds = DRAWS + np.arange(len(knobs))
+        return self.world.simulate(self.values, knobs, effects, start=start, seeds=seeds)
+
+    def effects(
+        self, count: int, random: np.random.Generator
+    ) -> tuple[list[dict[str, Any]], dict[str, float]]:
+        """Draw effects, and how far each moves the path by itself [noises]; fewer if too little shows."""
+        names = [info.name for info in hypothetical() if info.name in self.world.KNOWN]
+        plain = self.simulate([])
+        effects: list[dict[str, Any]] = []
+        moves: dict[str, float] = {}
+        for _ in range(20 * count):
+            name = str(random.choice([name for name in names if name not in moves]))
+            one = {**_drawn(name, random), **self.world.CHOICES.get(name, {})}
+            moved = float(np.abs(self.simulate([one]) - plain).mean()) / self.noise
+            if moved > SHOWS:
+                effects.append(one)
+                moves[name] = moved
+            if len(effects) == count:
+                break
+        return effects, moves
+
+
+def hide(folder: Path, recipe: Recipe, random: np.random.Generator) -> dict[str, Any]:
+    """Write one rig; return its label."""
+    folder.mkdir(parents=True, exist_ok=True)
+    world: World = importlib.import_module(f"{recipe.engine}_world")
+    while True:
+        setting = Setting.drawn(world, random)
+        effects, moves = setting.effects(recipe.effects, random)
+        if len(effects) == recipe.effects:
             break
-    effects, moves = moved
     rest = _left_over(random, effects) if recipe.left_over else []
-    largest = np.abs(knobs).max(axis=(1, 2), keepdims=True)
-    pushed = knobs + recipe.push * largest * random.normal(size=knobs.shape)
-    paths = _simulated(world, values, pushed, [*effects, *rest])
+    largest = np.abs(setting.knobs).max(axis=(1, 2), keepdims=True)
+    pushed = setting.knobs + recipe.push * largest * random.normal(size=setting.knobs.shape)
     kind = str(random.choice(list(NOISE), p=list(NOISE.values())))
-    for index, seen in enumerate(paths + noise * _noise(kind, random)):
+    paths = setting.simulate([*effects, *rest], pushed) + setting.noise * _noise(kind, random)
+    for index, seen in enumerate(paths):
         name = f"train-{index + 1}" if index < TRAIN else f"test-{index + 1 - TRAIN}"
-        _write(folder / f"{name}.csv", knobs[index], seen)
+        _write(folder / f"{name}.csv", setting.knobs[index], seen)
     write_atomic(folder / "rig.toml", f"[board]\nedge_x_m = {EDGE_M}\nedge_y_m = 0.231\n")
     rig = irt.load_rig(folder)
     tests = [one for one in rig.recordings if one.name.startswith("test-")]
     training = tuple(one for one in rig.recordings if one.name.startswith("train-"))
-    seen = np.array([test.marble for test in tests])
-    known = _simulated(world, values, knobs[TRAIN:], effects, start=seen[:, 0])
-    names = [one["name"] for one in effects]
     base = irt.tune(replace(rig, recordings=training), threads=1).model
+    seen = np.array([test.marble for test in tests])
+    known = setting.simulate(effects, setting.knobs[TRAIN:], start=seen[:, 0])
+    names = [one["name"] for one in effects]
     return {
         "kind": names if len(names) > 1 else names[0] if names else "none",
-        "truth": {**dict(zip(PARAMETERS, values.tolist(), strict=True)), "effects": effects},
+        "truth": {**dict(zip(PARAMETERS, setting.values.tolist(), strict=True)), "effects": effects},
         "moves": moves,
         "engine": recipe.engine,
         "push": recipe.push,
         "left_over": rest,
-        "sigma": noise,
+        "sigma": setting.noise,
         "noise": kind,
         "base": float(irt.evaluate(base, tests).mae),
         "oracle": float(np.abs(known - seen).mean()),
     }
-
-
-def _effects(
-    world: World, count: int, values: Array, knobs: Array, noise: float, random: np.random.Generator
-) -> tuple[list[dict[str, Any]], dict[str, float]] | None:
-    """Draw effects and how far each moves the path by itself [noises]; none if nothing shows here."""
-    names = [info.name for info in hypothetical() if info.name in world.KNOWN]
-    plain = _simulated(world, values, knobs, [])
-    effects: list[dict[str, Any]] = []
-    moves: dict[str, float] = {}
-    tries = 20 * count
-    while len(effects) < count:
-        if not tries:
-            return None
-        tries -= 1
-        one = _drawn(str(random.choice([name for name in names if name not in moves])), random)
-        moved = float(np.abs(_simulated(world, values, knobs, [one]) - plain).mean()) / noise
-        if moved > SHOWS:
-            effects.append(one)
-            moves[one["name"]] = moved
-    return effects, moves
 
 
 def _left_over(random: np.random.Generator, effects: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -224,16 +259,6 @@ def _left_over(random: np.random.Generator, effects: Sequence[dict[str, Any]]) -
     ]
     hidden = {one["name"] for one in effects}
     return [one for one in rest if one["name"] not in hidden]
-
-
-def _simulated(
-    world: World,
-    values: Array,
-    knobs: Array,
-    effects: Sequence[dict[str, Any]],
-    start: Array | None = None,
-) -> Array:
-    return world.simulate(values, knobs, effects, start=start, seeds=DRAWS + np.arange(len(knobs)))
 
 
 def _noise(kind: str, random: np.random.Generator) -> Array:

@@ -1,4 +1,4 @@
-"""Marbles moved by rapier in 3-D: a world for hidden effects (`hide_effects.World`)."""
+"""Marbles moved by rapier in 3-D: a world of `hide_effects`."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import irt
 Array = NDArray[np.float64]
 
 KNOWN = frozenset(one.name for one in irt.effects())
+CHOICES: dict[str, dict[str, float]] = {}
 
 
 def simulate(
