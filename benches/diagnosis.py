@@ -4,8 +4,9 @@
 
 A rig is a folder of recordings ``train-*.csv``, which a diagnosis sees, and ``test-*.csv``, which it does
 not. ``labels.json`` beside them is read only after all answers are written: ``kind`` (an effect, two,
-``none``, ``outliers`` or ``unlisted_...``), the errors ``base`` and ``oracle`` on the test runs, and the
-``truth``.
+``none``, ``outliers`` or ``unlisted_...``), the errors ``base`` and ``oracle`` on the test runs, the
+``truth``, and perhaps what is ``left_over`` besides, which an answer may name or not. A rig that has its
+answer already is not diagnosed again.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import argparse
 import json
 import math
 import multiprocessing
+import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from typing import Any
 import numpy as np
 
 import irt
+from irt.files import write_atomic
 from irt.residual import free_run_error
 
 NOTHING = ("none", "outliers")
@@ -34,6 +37,15 @@ ALIASES = {
     "time_scale": ("dt", 240.0),
     "observation_scale": ("scale", 1.0),
 }
+#: What a map of slopes, or a sticky board, that is left over may be taken for.
+LIKE = {
+    "slope_map": {"bump", "board_warp", "point_field"},
+    "static_friction": {"static_friction", "stribeck"},
+}
+#: What a diagnosis calls physics that it cannot name: neither right nor false.
+NAMELESS = "unlisted"
+#: The fewest inclusion probabilities of a decile from which a share of true ones says anything.
+ENOUGH = 20
 
 
 def main() -> None:
@@ -62,59 +74,117 @@ def main() -> None:
 
 
 def answer(rigs: Path, out: Path, seed: int, threads: int | None, name: str) -> str:
-    """Diagnose a rig from its training recordings alone; write ``diagnosis.json`` and ``model.toml``."""
+    """Diagnose a rig from its training recordings alone; write ``model.toml`` and ``diagnosis.json``."""
     folder = out / name
-    folder.mkdir(exist_ok=True)
+    if (folder / "diagnosis.json").exists():
+        return f"{name}: as before"
+    folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as seen:
         for path in (rigs / name).iterdir():
             if path.name == "rig.toml" or path.name.startswith("train-"):
                 shutil.copy(path, seen)
-        began = time.perf_counter()
-        found = irt.diagnose(irt.load_rig(seen), seed=seed, threads=threads)
-        seconds = time.perf_counter() - began
+        found = diagnosed(irt.load_rig(seen), folder, seed, threads)
+    ties = {one["name"]: one["confusable_with"] for one in found["effects"] if one["confusable_with"]}
+    names = [one["name"] for one in found["effects"]]
+    return f"{name}: {found['verdict']} {names} {ties or ''} {found['cpu_seconds']:.1f} CPU s"
+
+
+def diagnosed(rig: irt.Rig, folder: Path, seed: int, threads: int | None) -> dict[str, Any]:
+    """Diagnose a rig; write ``model.toml`` and, last, ``diagnosis.json``, and return what that says."""
+    began, spent = time.perf_counter(), cpu_seconds()
+    found = irt.diagnose(rig, seed=seed, threads=threads)
+    said = {
+        **found.as_dict(),
+        "bench_seconds": time.perf_counter() - began,
+        "cpu_seconds": cpu_seconds() - spent,
+    }
     irt.save_model(folder / "model.toml", found.model)
-    told = {**found.as_dict(), "seconds": seconds, "bench_seconds": seconds}
-    (folder / "diagnosis.json").write_text(json.dumps(told, indent=1), encoding="utf-8")
-    ties = {one.name: list(one.confusable_with) for one in found.effects if one.confusable_with}
-    return f"{name}: {found.verdict} {[one.name for one in found.effects]} {ties or ''} {seconds:.1f} s"
+    write_atomic(folder / "diagnosis.json", json.dumps(said, indent=1))
+    return said
+
+
+def cpu_seconds() -> float:
+    """Return the processor time of this process so far, with all its threads and its children that ended."""
+    return sum(os.times()[:4])
 
 
 def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> dict[str, Any]:
     """Compare an answer with its label."""
-    told = json.loads((out / name / "diagnosis.json").read_text(encoding="utf-8"))
+    said = json.loads((out / name / "diagnosis.json").read_text(encoding="utf-8"))
     model = irt.load_model(out / name / "model.toml")
     tests = [irt.load_recording(path) for path in sorted((rigs / name).glob("test-*.csv"))]
     final = float(np.mean([free_run_error(model, test) for test in tests]))
     kinds = label["kind"] if isinstance(label["kind"], list) else [label["kind"]]
-    named = {one["name"]: {one["name"], *one["confusable_with"]} for one in told["effects"]}
+    named = {one["name"]: {one["name"], *one["confusable_with"]} for one in said["effects"]}
     ties = [len(alike) for alike in named.values()]
+    right, false = compared(kinds, named, [one["name"] for one in label.get("left_over", [])])
     return {
         "rig": name,
         "kind": kinds,
-        "verdict": told["verdict"],
+        "verdict": said["verdict"],
         "named": list(named),
         "ties": {key: sorted(alike - {key}) for key, alike in named.items()},
         "exact": set(kinds) == set(named),
         "found": len(named) == len(kinds) and all(any(k in alike for alike in named.values()) for k in kinds),
         "contains": all(any(k in alike for alike in named.values()) for k in kinds),
+        "right": right,
+        "false": false,
         "tie_size": float(np.mean(ties)) if ties else None,
         "final": final,
         "base": label["base"],
         "oracle": label["oracle"],
         "closed": (label["base"] - final) / (label["base"] - label["oracle"]),
-        "intervals": intervals(told, label["truth"]),
-        "seconds": told["bench_seconds"],
+        "intervals": intervals(said, label["truth"]),
+        "inclusion": {
+            effect: [probability, effect in kinds]
+            for effect, probability in said.get("inclusion", {}).items()
+        },
+        "seconds": said["bench_seconds"],
+        "cpu_seconds": said["cpu_seconds"],
     }
 
 
-def intervals(told: dict[str, Any], truth: dict[str, Any]) -> dict[str, bool]:
+def compared(
+    hidden: Sequence[str], named: Mapping[str, Collection[str]], left_over: Sequence[str] = ()
+) -> tuple[list[str], list[str]]:
+    """Return which hidden effects are named, and which names are false.
+
+    Parameters
+    ----------
+    hidden : sequence of str
+        The truth.
+    named : mapping
+        By each name of an answer the effects among which it leaves the choice. A name stands for one hidden
+        effect at most.
+    left_over : sequence of str
+        What is hidden besides: names of what is like it are neither right nor false.
+    """
+    stands_for: dict[str, str] = {}
+
+    def stand(effect: str, asked: set[str]) -> bool:
+        """Find a name for an effect, by way of names that may stand for another one as well."""
+        for name, alike in named.items():
+            if effect in alike and name not in asked:
+                asked.add(name)
+                if name not in stands_for or stand(stands_for[name], asked):
+                    stands_for[name] = effect
+                    return True
+        return False
+
+    right = [effect for effect in hidden if stand(effect, set())]
+    excused = {NAMELESS}.union(*(LIKE.get(effect, {effect}) for effect in left_over))
+    false = [name for name, alike in named.items() if name not in stands_for and not excused & {*alike}]
+    return right, false
+
+
+def intervals(said: dict[str, Any], truth: dict[str, Any]) -> dict[str, bool]:
     """Return for each parameter, of the base and of effects rightly named, whether its interval holds."""
     held = {}
-    for name, one in told["parameters"].items():
+    for name, one in said["parameters"].items():
         alias, factor = ALIASES.get(name, (name, 1.0))
         held[name] = _holds(one, truth[name] if name in truth else factor * truth[alias])
     hidden = {one["name"]: one for one in truth.get("effects", [])}
-    for effect in told["effects"]:
+    for effect in said["effects"]:
         for name, one in effect["parameters"].items():
             if name in hidden.get(effect["name"], {}):
                 held[f"{effect['name']}.{name}"] = _holds(one, hidden[effect["name"]][name])
@@ -128,42 +198,90 @@ def _holds(one: dict[str, Any], value: float) -> bool:
 
 def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Return the scored table."""
-    nothing = [row for row in rows if row["kind"][0] in NOTHING]
-    unlisted = [row for row in rows if row["kind"][0].startswith("unlisted")]
-    single = [row for row in rows if len(row["kind"]) == 1 and row not in nothing and row not in unlisted]
-    pairs = [row for row in rows if len(row["kind"]) == 2]
-
-    def rate(what: str, among: list[Any], good: list[Any]) -> str:
-        return f"{what:<46} {len(good):>3} of {len(among):>3}" + (
-            f"  {100.0 * len(good) / len(among):.0f} %" if among else ""
-        )
-
-    yield rate("false alarms", nothing, [row for row in nothing if row["verdict"] != "sufficient"])
-    yield rate("single effects named, or in a tie", single, [row for row in single if row["found"]])
-    yield rate("single effects named exactly", single, [row for row in single if row["exact"]])
-    sizes = [row["tie_size"] for row in single if row["tie_size"]]
-    yield f"{'mean size of a tie':<46} {np.mean(sizes) if sizes else float('nan'):.2f}"
-    yield rate("pairs, both named", pairs, [row for row in pairs if row["found"]])
-    yield rate("unlisted told so", unlisted, [row for row in unlisted if row["verdict"] == "unlisted"])
-    for what, among in (("gap closed", single + pairs), ("gap closed, unlisted", unlisted)):
-        # Delays that differ by chance differ in the test runs too: no answer closes that gap.
-        closed = [row["closed"] for row in among if "delay_jitter" not in row["kind"]]
-        if closed:
-            middle, low = np.median(closed), np.quantile(closed, 0.1)
-            yield f"{what + ': median, 10th percentile':<46} {middle:.3f}, {low:.3f}"
-    held = [holds for row in rows for holds in row["intervals"].values()]
-    yield rate("95 % intervals that hold the truth", held, [holds for holds in held if holds])
-    seconds = [row["seconds"] for row in rows]
-    yield f"{'seconds a rig: median, largest':<46} {np.median(seconds):.1f}, {np.max(seconds):.1f}"
+    for what, value in figures(rows).items():
+        yield f"{what:<46} {value}"
     for row in rows:
-        right = row["verdict"] == "sufficient" if row in nothing else row["exact"]
-        if row in unlisted:
-            right = row["verdict"] == "unlisted"
-        if not right or row["closed"] < 0.85:
+        if not is_right(row) or row["closed"] < 0.85:
             yield (
                 f"  {row['rig']}: {'+'.join(row['kind'])} -> {row['verdict']} {'+'.join(row['named'])} "
                 f"ties {row['ties']} closed {row['closed']:.3f}"
             )
+
+
+def is_right(row: dict[str, Any]) -> bool:
+    """Return whether an answer is what the label says, without a tie or a false name."""
+    if row["kind"][0] in NOTHING:
+        return bool(row["verdict"] == "sufficient")
+    if row["kind"][0].startswith(NAMELESS):
+        return bool(row["verdict"] == "unlisted")
+    return bool(row["exact"])
+
+
+def figures(rows: list[dict[str, Any]]) -> dict[str, str]:
+    """Return the figures of scored rigs, by what they say; none where no rig has a say."""
+    nothing = [row for row in rows if row["kind"][0] in NOTHING]
+    unlisted = [row for row in rows if row["kind"][0].startswith(NAMELESS)]
+    hidden = [row for row in rows if row not in nothing and row not in unlisted]
+    single = [row for row in hidden if len(row["kind"]) == 1]
+    pairs = [row for row in hidden if len(row["kind"]) == 2]
+    several = [row for row in hidden if len(row["kind"]) > 1]
+    found = {
+        "false alarms": _rate(nothing, lambda row: row["verdict"] != "sufficient"),
+        "nulls with a false name": _rate(nothing, lambda row: bool(row["false"])),
+        "single effects named, or in a tie": _rate(single, lambda row: row["found"]),
+        "single effects named exactly": _rate(single, is_right),
+        "mean size of a tie": _mean([row["tie_size"] for row in single if row["tie_size"]]),
+        "pairs, both named": _rate(pairs, lambda row: row["found"]),
+        "several at once: effects named": _share(
+            [effect in row["right"] for row in several for effect in row["kind"]]
+        ),
+        "several at once: false names a rig": _mean([len(row["false"]) for row in several]),
+        "unlisted said so": _rate(unlisted, is_right),
+        "false names a rig": _mean([len(row["false"]) for row in rows]),
+        "gap closed: median, 10th percentile": _closed(hidden),
+        "gap closed, unlisted": _closed(unlisted),
+        "95 % intervals that hold the truth": _share(
+            [holds for row in rows for holds in row["intervals"].values()]
+        ),
+        **calibration(rows),
+        "CPU seconds a rig: median, largest": _middle([row["cpu_seconds"] for row in rows], np.max),
+    }
+    return {what: value for what, value in found.items() if value}
+
+
+def calibration(rows: list[dict[str, Any]]) -> dict[str, str]:
+    """Return for each decile of inclusion probabilities, where there are enough, how many were true."""
+    pairs = [pair for row in rows for pair in row["inclusion"].values()]
+    found = {}
+    for decile in range(10):
+        among = [pair for pair in pairs if min(int(10 * pair[0]), 9) == decile]
+        if len(among) >= ENOUGH:
+            mean = np.mean([probability for probability, _ in among])
+            what = f"inclusion {decile / 10:.1f} to {(decile + 1) / 10:.1f}, mean {mean:.3f}: true"
+            found[what] = _share([true for _, true in among])
+    return found
+
+
+def _rate(among: list[dict[str, Any]], good: Callable[[dict[str, Any]], bool]) -> str:
+    return _share([good(row) for row in among])
+
+
+def _share(good: list[bool]) -> str:
+    return f"{sum(good):>3} of {len(good):>3}  {100.0 * sum(good) / len(good):.0f} %" if good else ""
+
+
+def _mean(values: list[float]) -> str:
+    return f"{np.mean(values):.2f}" if values else ""
+
+
+def _middle(values: list[float], other: Callable[[list[float]], float]) -> str:
+    return f"{np.median(values):.3g}, {other(values):.3g}" if values else ""
+
+
+def _closed(rows: list[dict[str, Any]]) -> str:
+    # Delays that differ by chance differ in the test runs too: no answer closes that gap.
+    closed = [row["closed"] for row in rows if "delay_jitter" not in row["kind"]]
+    return _middle(closed, lambda values: float(np.quantile(values, 0.1)))
 
 
 if __name__ == "__main__":

@@ -112,11 +112,14 @@ def main() -> None:
     parser.add_argument("--left-over", action="store_true", help="uneven and sticky boards")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
-    for index, recipe in enumerate(
-        recipes(args.rigs, args.nulls, Recipe(args.engine, left_over=args.left_over), args.effects, args.push)
-    ):
+    labels = read_labels(args.out)
+    common = Recipe(args.engine, left_over=args.left_over)
+    for index, recipe in enumerate(recipes(args.rigs, args.nulls, common, args.effects, args.push)):
         name = f"own-{args.seed}-{index:03d}"
-        print(name, add(args.out, name, recipe, (args.seed, index)), flush=True)
+        if name not in labels:
+            labels[name] = hide(args.out / name, recipe, np.random.default_rng([args.seed, index]))
+            write_labels(args.out, labels)
+        print(name, labels[name]["kind"], flush=True)
 
 
 def recipes(
@@ -138,14 +141,16 @@ def recipes(
     ]
 
 
-def add(out: Path, name: str, recipe: Recipe, seed: Sequence[int]) -> Any:
-    """Write a rig that is not there yet, and its label into ``labels.json`` beside it; return its kind."""
-    path = out / "labels.json"
-    labels = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    if name not in labels:
-        labels[name] = hide(out / name, recipe, np.random.default_rng(seed))
-        write_atomic(path, json.dumps(labels, indent=1))
-    return labels[name]["kind"]
+def read_labels(rigs: Path) -> dict[str, Any]:
+    """Return the labels of the rigs in a folder that are there already, by their names."""
+    path = rigs / "labels.json"
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return found
+
+
+def write_labels(rigs: Path, labels: dict[str, Any]) -> None:
+    """Write the labels of the rigs in a folder."""
+    write_atomic(rigs / "labels.json", json.dumps(labels, indent=1))
 
 
 @dataclass(frozen=True, eq=False)
