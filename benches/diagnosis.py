@@ -162,9 +162,9 @@ def compared(
     stands_for: dict[str, str] = {}
 
     def stand(effect: str, asked: set[str]) -> bool:
-        """Find a name for an effect, by way of names that may stand for another one as well."""
-        for name, alike in named.items():
-            if effect in alike and name not in asked:
+        """Find a name for an effect: its own, or else one that may leave another effect to its own name."""
+        for name in sorted(named, key=lambda name: name != effect):
+            if effect in named[name] and name not in asked:
                 asked.add(name)
                 if name not in stands_for or stand(stands_for[name], asked):
                     stands_for[name] = effect

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 BOARD, MARBLE = Board(), Marble()
 #: Time that the plate takes from one set point to the next [s]: less jolts the marble off. It passes the
 #: middle when the command comes, so that this is no delay.
-TURN_S = 0.03
+TURN_S = 0.05
 #: Friction of marble and plate against slipping, and against spinning about the vertical [radii].
 SLIDING, SPINNING = 0.25, 1e-3
 #: Inertia of a plate about its hinges [marbles radii²]: its drive yields to no marble.
@@ -31,9 +31,14 @@ PLATE = 1e7
 APART = 400.0
 #: Time constant of a contact [s]. With two steps, the least that MuJoCo allows, it is chance how a marble
 #: leaves a wall: its speed differs by 4 % of what it came with, depending on when in a step they met.
-CONTACT_S = 8.0 * STEP_S
+CONTACT_S = 4.0 * STEP_S
+#: Damping ratio of a rim that throws nothing back. With 1, as a contact does not hold on to what leaves it,
+#: a seventh of the speed comes back.
+DEAD = 3.0
 #: One over the frequency of a rim that throws marbles back [s]: it takes sixteen steps.
 REBOUND_S = 16.0 * STEP_S / np.pi
+#: The least restitution that such a rim is tuned to, and the damping ratio that is more than enough for it.
+LEAST, DULL = 0.05, 2.5
 #: Speed of the marbles by whose rebound rims are tuned [m/s], and how near that comes to the restitution.
 TRIED_M_PER_S, NEAR = 0.1, 1e-3
 #: The most that a rim gives back.
@@ -179,8 +184,8 @@ def _xml(runs: int, rolling_friction: float, restitution: float, hidden: Hidden)
 
 def _rim_contact(restitution: float) -> str:
     """Return how stiff and how damped a rim is."""
-    if restitution <= 0.0:
-        return f'solref="{CONTACT_S} 1"'
+    if restitution < LEAST:
+        return f'solref="{CONTACT_S} {DEAD}"'
     return _spring(_damping_ratio(restitution))
 
 
@@ -192,7 +197,7 @@ def _spring(damping: float) -> str:
 @functools.cache
 def _damping_ratio(restitution: float) -> float:
     """Return the damping ratio of a rim that returns this part of a marble's speed, found by trying."""
-    low, high = 1e-3, 1.0
+    low, high = 1e-3, DULL
     while True:
         damping = 0.5 * (low + high)
         returned = _rebound(_spring(damping))
