@@ -43,8 +43,9 @@ DRAWS = 1_000_000
 #: Kinds of tracker noise, and how often each is drawn: white; a tenth of its samples five times as large;
 #: each sample carrying on half of the one before.
 NOISE = {"white": 0.6, "heavy": 0.2, "coloured": 0.2}
-#: Standard deviation of each mode of a board that is uneven besides [rad]: a sheet of paper under a corner.
-SLOPE = 1e-3
+#: Standard deviation of each of 14 modes of a board that is uneven besides [rad]: together about half of what
+#: holds a marble up; with ten times as much, the truth explains nothing.
+SLOPE = 1e-4
 #: How much more tilt a sticky marble needs to start than to roll on.
 STICKY = (1.5, 3.0)
 

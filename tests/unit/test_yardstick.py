@@ -139,6 +139,8 @@ def row(kind, right=(), false=(), **others):
         "tie_size": None,
         "right": list(right),
         "false": list(false),
+        "base": 0.1,
+        "oracle": 0.01,
         "closed": 0.9,
         "intervals": {"gear_x": True},
         "inclusion": {},
@@ -163,6 +165,12 @@ def test_figures_count_effects_named_and_names_that_are_false():
     assert "single effects named, or in a tie" not in found
     lines = list(table({"made-up": found}, {"made-up": {"false alarms": "2 of 2"}}))
     assert any("| 2 of 2 |" in line for line in lines)
+
+
+def test_a_gap_counts_only_where_the_truth_closes_one():
+    lag, jitter = row(["lag"], ["lag"]), row(["delay_jitter"], ["delay_jitter"], closed=0.2)
+    pushed = row(["lag"], ["lag"], closed=-3.0, oracle=0.099)
+    assert figures([lag, jitter, pushed])["gap closed: median, 10th percentile"] == "0.9, 0.9"
 
 
 def test_probabilities_are_held_against_the_truth_by_decile():
