@@ -86,6 +86,7 @@ class Problem:
         tilt_noise: float | None = None,
         held: Mapping[str, Mapping[str, float]] | None = None,
         fixed: Mapping[str, float] | None = None,
+        within: Mapping[str, tuple[float, float]] | None = None,
         engine: Engine = "rolling",
         threads: int | None = None,
     ) -> Problem:
@@ -113,6 +114,8 @@ class Problem:
             Values at which parameters of effects are held, by effect and name.
         fixed : mapping, optional
             Values at which some of the five parameters are held, by name.
+        within : mapping, optional
+            Other ranges of parameters of effects, by ``effect.parameter``.
         engine, threads
             As for `irt.rollouts`.
 
@@ -130,7 +133,7 @@ class Problem:
             parameters[TIME] = np.nan, np.nan, time_scale
         for name, value in (fixed or {}).items():
             parameters[PARAMETERS.index(name)] = np.nan, np.nan, value
-        infos = [_in_units_of(rig, effect(one.name)) for one in effects]
+        infos = [_within(_in_units_of(rig, effect(one.name)), within or {}) for one in effects]
         named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
         pairs = list(zip(infos, named, strict=True))
         all_of_effects = [one for info, names in pairs for one in info.used(names)]
@@ -316,6 +319,13 @@ def _in_units_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
         return info
     most = max(abs(end) for name in ("gear_x", "gear_y") for end in rig.ranges[name])
     return replace(info, parameters=tuple(replace(one, low=-most, high=most) for one in info.parameters))
+
+
+def _within(info: EffectInfo, within: Mapping[str, tuple[float, float]]) -> EffectInfo:
+    """Return an effect with other ranges."""
+    ends = [within.get(f"{info.name}.{one.name}", (one.low, one.high)) for one in info.parameters]
+    pairs = zip(info.parameters, ends, strict=True)
+    return replace(info, parameters=tuple(replace(one, low=low, high=high) for one, (low, high) in pairs))
 
 
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:

@@ -2,8 +2,7 @@
 //!
 //! The likelihood is that of the filter ([`crate::filter`]), so start states are no unknowns, and what never
 //! repeats is a size that is estimated. Values have a prior: the mean and the variance of their plausible ranges.
-//! Gauss-Newton steps on the normalised innovations go uphill in the values, Newton steps in the sizes of what is
-//! random. The evidence is Laplace's approximation about the top, with the sizes at their best ("Bayesian interpolation", 1992).
+//! Fisher's scoring goes uphill in the values and in the sizes of what is random together. The evidence is Laplace's approximation about the top, with the sizes at their best ("Bayesian interpolation", 1992).
 
 use std::sync::atomic::AtomicBool;
 
@@ -20,16 +19,22 @@ use crate::noise::Noise;
 
 /// Steps of the finite differences, in coordinates and in logarithms of sizes.
 const STEP: f64 = 1e-4;
-const SIZE_STEP: f64 = 0.1;
-/// The most that a coordinate or the logarithm of a size changes in one step.
+const SIZE_STEP: f64 = 1e-3;
+/// The most that a coordinate, and the logarithm of a size, change in one step: a push that is needless shrinks
+/// by many powers of ten.
 const FARTHEST: f64 = 0.7;
+const FARTHEST_SIZE: f64 = 2.0;
 /// An ascent ends where a step gains less [nats].
 const LITTLE: f64 = 0.02;
 /// Dampings tried in each step, in units of the last one that helped, and that of the first step.
-const DAMPINGS: [f64; 4] = [0.0, 0.1, 10.0, 1000.0];
+const DAMPINGS: [f64; 3] = [0.1, 10.0, 1000.0];
+/// Shares of a step that are tried: of all, of values alone, of sizes alone.
+const SHARES: [(f64, f64); 3] = [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)];
 const DAMPING: f64 = 1e-3;
-/// A size changes where its logarithm is worth this much [nats].
-const MATTERS: f64 = 1e-3;
+/// Fisher's information in one innovation about the logarithm of its variance.
+const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
+/// What is known about the logarithm of a size beforehand: a deviation of ten, so that those without effect stay.
+const KNOWN: f64 = 0.01;
 /// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
 /// the push (m²/s³) and the restitution.
 const SMALLEST: [f64; 5] = [1e-6, 1e-6, 0.01, 1e-10, 1e-3];
@@ -64,12 +69,12 @@ struct Ascent {
     gain: f64,
 }
 
-/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior.
+/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior, in values and
+/// in logarithms of sizes.
 struct Slope {
     log_likelihood: f64,
     curvature: DMatrix<f64>,
     uphill: DVector<f64>,
-    sizes: [f64; 5],
 }
 
 impl Problem<'_> {
@@ -141,25 +146,25 @@ impl Hill<'_> {
         let places: Vec<&Place> = ascents.iter().map(|one| &one.place).collect();
         let slopes = self.slopes(&places)?;
         let mut tried = Vec::new();
+        let count = self.coordinates.len();
         for (ascent, slope) in ascents.iter().zip(&slopes) {
             let here = &ascent.place;
-            let sized = with_sizes(&here.noise, slope.sizes);
-            tried.push(Place {
-                z: here.z.clone(),
-                noise: sized,
-            });
             for factor in DAMPINGS {
-                let step = Self::newton(slope, ascent.damping * factor);
-                for (share, noise) in [(1.0, sized), (1.0, here.noise), (0.3, sized)] {
+                let step = self.scoring(slope, ascent.damping * factor);
+                for (of_values, of_sizes) in SHARES {
                     let moved: Vec<f64> = here
                         .z
                         .iter()
                         .zip(&step)
-                        .map(|(z, step)| z + share * step)
+                        .map(|(z, step)| z + of_values * step)
                         .collect();
+                    let mut sizes = sizes(&here.noise);
+                    for (size, step) in sizes.iter_mut().zip(&step[count..]) {
+                        *size *= (of_sizes * step).exp();
+                    }
                     tried.push(Place {
                         z: self.coordinates.clip(&moved),
-                        noise,
+                        noise: with_sizes(&here.noise, sizes),
                     });
                 }
             }
@@ -189,7 +194,7 @@ impl Hill<'_> {
         Ok(())
     }
 
-    /// Curvature and slope of the log-posterior at each place, and the sizes that Newton's method asks for.
+    /// Curvature and slope of the log-posterior at each place.
     fn slopes(&self, places: &[&Place]) -> Result<Vec<Slope>> {
         let count = self.coordinates.len();
         let mut trials = Vec::new();
@@ -204,15 +209,10 @@ impl Hill<'_> {
                 trials.push((trial, place.noise));
             }
             for i in 0..SMALLEST.len() {
-                for sign in [1.0, -1.0] {
-                    let mut sizes = sizes(&place.noise);
-                    sizes[i] *= f64::exp(sign * SIZE_STEP);
-                    let noise = with_sizes(&place.noise, sizes);
-                    trials.push((
-                        self.shooting.trial(&place.z, &self.states, Some(updates)),
-                        noise,
-                    ));
-                }
+                let mut sizes = sizes(&place.noise);
+                sizes[i] *= SIZE_STEP.exp();
+                let trial = self.shooting.trial(&place.z, &self.states, Some(updates));
+                trials.push((trial, of_sizes(&place.noise, sizes)));
             }
         }
         let filtered = self.filtered(&trials)?;
@@ -225,75 +225,78 @@ impl Hill<'_> {
             .collect())
     }
 
+    /// Fisher's scoring: of predictions and of the logarithms of their variances.
     fn slope(&self, place: &Place, found: &[Filtered]) -> Slope {
         let count = self.coordinates.len();
+        let all = count + SMALLEST.len();
         let (here, rest) = (&found[0], &found[1..]);
-        let mut curvature = DMatrix::zeros(count, count);
-        let mut uphill = DVector::zeros(count);
-        let mut row = vec![0.0; count];
+        let mut curvature = DMatrix::zeros(all, all);
+        let mut uphill = DVector::zeros(all);
+        let (mut of_mean, mut of_spread) = (vec![0.0; all], vec![0.0; all]);
+        let mut log_likelihood = 0.0;
         self.each_innovation(here, |window, i, axis, off, variance| {
-            for (slope, moved) in row.iter_mut().zip(rest) {
-                *slope =
-                    (moved.predicted[window][i][axis] - here.predicted[window][i][axis]) / STEP;
+            log_likelihood += log_density(off, variance);
+            let predicted = here.predicted[window][i][axis];
+            for (a, moved) in rest.iter().enumerate() {
+                let step = if a < count { STEP } else { SIZE_STEP };
+                of_mean[a] = (moved.predicted[window][i][axis] - predicted) / step;
+                of_spread[a] = (moved.variance[window][i][axis] / variance).ln() / step;
             }
-            // The derivative of Student's t, over the innovation.
+            // The derivatives of Student's t: over the innovation, and over the logarithm of the variance.
             let weight = (TAIL + 1.0) / (TAIL * variance + off * off);
-            for a in 0..count {
-                uphill[a] += weight * off * row[a];
+            let wider = 0.5 * (weight * off * off - 1.0);
+            for a in 0..all {
+                uphill[a] += weight * off * of_mean[a] + wider * of_spread[a];
                 for b in 0..=a {
-                    curvature[(a, b)] += weight * row[a] * row[b];
+                    curvature[(a, b)] +=
+                        weight * of_mean[a] * of_mean[b] + SPREAD * of_spread[a] * of_spread[b];
                 }
             }
         });
-        for a in 0..count {
+        for a in 0..all {
             for b in 0..a {
                 curvature[(b, a)] = curvature[(a, b)];
             }
-            let (mean, deviation) = self.prior[a];
+        }
+        for (a, (mean, deviation)) in self.prior.iter().enumerate() {
             curvature[(a, a)] += deviation.powi(-2);
             uphill[a] -= (place.z[a] - mean) * deviation.powi(-2);
         }
-        let log_likelihoods: Vec<f64> = rest[count..]
-            .iter()
-            .map(|one| self.log_likelihood(one))
-            .collect();
-        let here = self.log_likelihood(here);
-        let mut sizes = sizes(&place.noise);
-        for (i, size) in sizes.iter_mut().enumerate() {
-            let (more, less) = (log_likelihoods[2 * i], log_likelihoods[2 * i + 1]);
-            let slope = (more - less) / (2.0 * SIZE_STEP);
-            let bend = (more - 2.0 * here + less) / (SIZE_STEP * SIZE_STEP);
-            if slope.abs() > MATTERS {
-                let step = if bend < 0.0 {
-                    -slope / bend
-                } else {
-                    slope.signum() * FARTHEST
-                };
-                *size *= step.clamp(-FARTHEST, FARTHEST).exp();
-            }
+        for a in count..all {
+            curvature[(a, a)] += KNOWN;
         }
         Slope {
-            log_likelihood: here,
+            log_likelihood,
             curvature,
             uphill,
-            sizes,
         }
     }
 
-    fn newton(slope: &Slope, damping: f64) -> Vec<f64> {
+    /// The step of values, and of the logarithms of sizes.
+    fn scoring(&self, slope: &Slope, damping: f64) -> Vec<f64> {
         let mut matrix = slope.curvature.clone();
         for i in 0..matrix.nrows() {
             matrix[(i, i)] *= 1.0 + damping;
         }
         let step = matrix.cholesky().map(|one| one.solve(&slope.uphill));
         let step = step.unwrap_or_else(|| DVector::zeros(slope.uphill.len()));
+        let farthest = |i| {
+            if i < self.coordinates.len() {
+                FARTHEST
+            } else {
+                FARTHEST_SIZE
+            }
+        };
         step.iter()
-            .map(|one| one.clamp(-FARTHEST, FARTHEST))
+            .enumerate()
+            .map(|(i, one)| one.clamp(-farthest(i), farthest(i)))
             .collect()
     }
 
     fn top(&self, place: &Place, slope: &Slope) -> Probable {
-        let covariance = slope.curvature.clone().cholesky();
+        let count = self.coordinates.len();
+        let of_values = slope.curvature.view((0, 0), (count, count)).into_owned();
+        let covariance = of_values.cholesky();
         let log_volume: f64 = covariance.as_ref().map_or(f64::NAN, |one| {
             one.l_dirty().diagonal().iter().map(|one| one.ln()).sum()
         });
@@ -383,8 +386,14 @@ fn sizes(noise: &Noise) -> [f64; 5] {
 }
 
 fn with_sizes(noise: &Noise, sizes: [f64; 5]) -> Noise {
-    let [white, lasting, lasting_s, push, restitution] =
-        std::array::from_fn(|i| sizes[i].clamp(SMALLEST[i], LARGEST[i]));
+    of_sizes(
+        noise,
+        std::array::from_fn(|i| sizes[i].clamp(SMALLEST[i], LARGEST[i])),
+    )
+}
+
+fn of_sizes(noise: &Noise, sizes: [f64; 5]) -> Noise {
+    let [white, lasting, lasting_s, push, restitution] = sizes;
     Noise {
         white,
         lasting,

@@ -16,6 +16,13 @@ use crate::noise::Noise;
 /// ([`crate::fit`]), rows beyond about three standard deviations lose their weight.
 pub(crate) const TAIL: f64 = 4.0;
 
+/// Standard deviation of a speed of which nothing is known (m/s): a hundred times what a marble on a board may
+/// have, so that a row in which it changes without a reason costs about ten nats.
+const JUMP: f64 = 30.0;
+
+/// Speed along either axis below which a marble is at rest (m/s).
+const REST: f64 = 1e-6;
+
 /// The filters of a register.
 pub(super) struct Estimator<S: Simd> {
     axes: [Covariance<S>; 2],
@@ -148,6 +155,8 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             let measured = job.measured.as_ref();
             measured.map_or(0.0, |one| libm::exp(-seconds / one.noise.lasting_s))
         });
+        let still = seconds.like(REST);
+        let rests = marbles.vx.abs().lt(still) & marbles.vy.abs().lt(still);
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
@@ -158,6 +167,7 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             let before = estimator.velocity[axis];
             let hit = hits(*place, before, *velocity, seconds, reach);
             covariance.advance(seconds, remembered, &estimator.variances);
+            covariance.settle(rests, seconds, &estimator.variances);
             covariance.bounce(hit, before, rims.restitution, &estimator.variances);
 
             let lasting = &mut estimator.lasting[axis];
@@ -171,11 +181,10 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
                 let measured = job.measured.as_ref();
                 measured.map_or(f64::NAN, |one| one.observed[row - job.first][axis])
             });
-            let (variance, gain) = covariance.update(
-                measured - predicted,
-                estimator.edges_per_m,
-                &estimator.variances,
-            );
+            let off = measured - predicted;
+            covariance.follow(off, seconds, estimator.edges_per_m, &estimator.variances);
+            let (variance, gain) =
+                covariance.update(off, estimator.edges_per_m, &estimator.variances);
             *place = (*place + gain[0]).clamp(reach);
             *velocity = *velocity + gain[1];
             *spin = *spin + gain[1];
@@ -218,6 +227,49 @@ impl<S: Simd> Covariance<S> {
         let one = remembered.like(1.0);
         let square = remembered * remembered;
         self.bb = square * self.bb + (one - square) * variances.lasting;
+    }
+
+    /// A marble that friction holds at the end of a row has the velocity that the push gave it in that row, and
+    /// nothing of what was unknown about its motion before: else small corrections would never let it rest.
+    #[inline(always)]
+    fn settle(&mut self, rests: Mask<S>, seconds: Lanes<S>, variances: &Variances<S>) {
+        let push = variances.push * seconds;
+        self.xv = rests.select(0.5 * seconds * push, self.xv);
+        self.vv = rests.select(push, self.vv);
+        self.vb = rests.select(push.like(0.0), self.vb);
+    }
+
+    /// Gives marbles that are lost an unknown speed, where that is likelier than an outlier of the tracker.
+    ///
+    /// A marble that just stops, or just does not, or meets a corner, goes two ways from there, and a normal
+    /// distribution has one middle; outliers count so little that the mean would never come back.
+    #[inline(always)]
+    fn follow(
+        &mut self,
+        off: Lanes<S>,
+        seconds: Lanes<S>,
+        edges_per_m: Lanes<S>,
+        variances: &Variances<S>,
+    ) {
+        let speed = off.like(JUMP * JUMP);
+        let here = self.seen(edges_per_m) + variances.white;
+        let step = edges_per_m * seconds;
+        let gone = here + step * step * speed;
+        // Squares of inverse densities of Student's t.
+        let rarity = |variance: Lanes<S>| {
+            let far = off.like(1.0) + (1.0 / TAIL) * (off * off).over(variance);
+            variance * far * far * far * far * far
+        };
+        let speed = rarity(here).gt(rarity(gone)).select(speed, off.like(0.0));
+        self.xx = self.xx + seconds * seconds * speed;
+        self.xv = self.xv + seconds * speed;
+        self.vv = self.vv + speed;
+    }
+
+    /// The variance of what would be seen without the error of the row (board edges squared).
+    #[inline(always)]
+    fn seen(&self, edges_per_m: Lanes<S>) -> Lanes<S> {
+        edges_per_m * (edges_per_m * self.xx + 2.0 * self.xb) + self.bb
     }
 
     /// A wall that was met at some speed sends back a share of all deviations, and adds one of its own.
@@ -263,7 +315,7 @@ impl<S: Simd> Covariance<S> {
             edges_per_m * self.xv + self.vb,
             edges_per_m * self.xb + self.bb,
         ];
-        let own = edges_per_m * with[0] + with[2];
+        let own = self.seen(edges_per_m);
         let variance = own + variances.white;
         let wild =
             off.like(TAIL / (TAIL + 1.0)) + (1.0 / (TAIL + 1.0)) * (off * off).over(variance);
