@@ -16,8 +16,9 @@ pub struct Noise {
     pub push: f64,
     /// Standard deviation of the coefficient of restitution from impact to impact.
     pub restitution: f64,
-    /// Standard deviation of the start velocity (m/s); zero for a marble at rest.
-    pub start_velocity: f64,
+    /// Standard deviation of the start velocity (m/s), zero for a marble at rest, where it is let go where it was
+    /// first seen; none where the start state is known.
+    pub start_velocity: Option<f64>,
 }
 
 impl Noise {
@@ -31,7 +32,7 @@ impl Noise {
             ("lasting", self.lasting),
             ("push", self.push),
             ("restitution", self.restitution),
-            ("start_velocity", self.start_velocity),
+            ("start_velocity", self.start_velocity.unwrap_or(0.0)),
         ];
         for (name, size) in positive {
             if !(size > 0.0 && size.is_finite()) {

@@ -97,10 +97,20 @@ class Scores:
         white = max(self.case.noise, 1e-5)
         return np.array([white, max(lasting, 1e-6), 0.15, push, 0.1, config.START_VELOCITY])
 
-    def ascend(self, effects: Sequence[str], values: Array, noise: Array, *, iterations: int) -> list[Scored]:
-        """Go uphill from (k, n) values and (k, 6) sizes of what is random; remember the best."""
+    def ascend(
+        self,
+        effects: Sequence[str],
+        values: Array,
+        noise: Array,
+        states: Array | None = None,
+        *,
+        iterations: int,
+    ) -> list[Scored]:
+        """Go uphill from (k, n) values, (k, 6) sizes of what is random and (s, 4) states; remember the best."""
         problem = self.problem(effects)
-        tops = problem.ascend(values, noise, iterations=iterations)
+        tops = problem.ascend(
+            values, noise, None if states is None else [states] * len(values), iterations=iterations
+        )
         found = [Scored(tuple(effects), problem.names, top) for top in tops]
         for one in found:
             self.remember(one)

@@ -50,7 +50,9 @@ class Screening:
         moved = np.tile(here, (1 + len(free), 1))
         for row, index in enumerate(free, start=1):
             moved[row, index] += STEP * span[index]
-        found = problem.filter(moved, np.tile(parent.noise, (len(moved), 1)))
+        found = problem.filter(
+            moved, np.tile(parent.noise, (len(moved), 1)), [parent.top.states] * len(moved)
+        )
         seen = np.concatenate([one.observed.ravel() for one in self._case.segments])
         predicted = [np.concatenate([one.ravel() for one in each.predicted]) for each in found]
         variance = np.concatenate([one.ravel() for one in found[0].variance])
@@ -79,7 +81,11 @@ class Screening:
             np.array([self._parent.values.get(one, 0.0) for one in problem.names]), (len(drawn), 1)
         )
         values[:, own:] = drawn
-        found = problem.filter(values, np.tile(self._parent.noise, (len(values), 1)))
+        found = problem.filter(
+            values,
+            np.tile(self._parent.noise, (len(values), 1)),
+            [self._parent.top.states] * len(values),
+        )
         actual, linear, share = np.full((3, len(values)), 0.0)
         for index, one in enumerate(found):
             actual[index] = float(one.log_likelihood.sum()) - self._likelihood

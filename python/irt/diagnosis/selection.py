@@ -79,7 +79,7 @@ class Selection:
         effects = (*parent.effects, promise.name)
         self.report(" + ".join(effects))
         noise = np.tile(parent.noise, (len(promise.starts), 1))
-        found = self.scores.ascend(effects, promise.starts, noise, iterations=config.FIRST)
+        found = self.scores.ascend(effects, promise.starts, noise, parent.top.states, iterations=config.FIRST)
         found = [one for one in found if math.isfinite(one.score)]
         return max(found, key=lambda one: one.score, default=None)
 
@@ -88,7 +88,7 @@ class Selection:
         noises = np.tile(one.noise, (3, 1))
         noises[1:, PUSH] = 1e-8, 1e-5
         values = np.tile(one.top.values, (3, 1))
-        self.scores.ascend(one.effects, values, noises, iterations=config.THOROUGH)
+        self.scores.ascend(one.effects, values, noises, one.top.states, iterations=config.THOROUGH)
         return self.scores.known[frozenset(one.effects)]
 
     def without(self, one: Scored, name: str) -> Scored:
@@ -98,7 +98,7 @@ class Selection:
         values = np.tile(self.scores.from_where(problem, one), (3, 1))
         noises = np.tile(one.noise, (3, 1))
         noises[1:, PUSH] = 1e-6, 1e-4
-        self.scores.ascend(rest, values, noises, iterations=config.THOROUGH)
+        self.scores.ascend(rest, values, noises, one.top.states, iterations=config.THOROUGH)
         return self.scores.known[frozenset(rest)]
 
     def _pruned(self, one: Scored) -> Scored:

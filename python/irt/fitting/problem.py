@@ -209,7 +209,9 @@ class Problem:
         """Say what each of (k, n) values leaves over, as it is: only start states are estimated."""
         return self._refined(values, STATE_ITERATIONS, held=True)
 
-    def filter(self, values: Array, noise: Array) -> list[Filtered]:
+    def filter(
+        self, values: Array, noise: Array, states: Sequence[Array] | None = None
+    ) -> list[Filtered]:
         """Predict each row from all rows before, at each of (k, n) values: an extended Kalman filter.
 
         Parameters
@@ -220,24 +222,33 @@ class Problem:
             The tracker's error from row to row and its lasting error [board edges], how long that lasts [s],
             the spectral density of the marble's random acceleration [m^2/s^3], and the standard deviations of
             the coefficient of restitution and of the start velocity [m/s].
+        states : sequence of (s, 4) arrays, optional
+            Known start states of the segments for each of the values, as of a `Solution`; by default a marble
+            starts where it was first seen, at rest on average.
         """
         found: dict[int, Filtered] = {}
         for asked, own in self._by_choice(values):
-            filtered = _labsim.filtered(asked, self._of_engine(values[own]), np.ascontiguousarray(noise[own]))
+            begun = None if states is None else [np.ascontiguousarray(states[index]) for index in own]
+            of_engine = self._of_engine(values[own])
+            filtered = _labsim.filtered(asked, of_engine, np.ascontiguousarray(noise[own]), begun)
             found.update(zip(own, (Filtered(**one) for one in filtered), strict=True))
         return [found[index] for index in range(len(values))]
 
-    def ascend(self, values: Array, noise: Array, *, iterations: int = 30) -> list[Probable]:
+    def ascend(
+        self, values: Array, noise: Array, states: Sequence[Array] | None = None, *, iterations: int = 30
+    ) -> list[Probable]:
         """Go uphill from (k, n) values and (k, 6) sizes of what is random, as `filter` takes them.
 
-        The hill is the probability of the values where the marble is also pushed at random: the likelihood
-        of the filter, and a prior with mean and variance of the parameters' ranges. The gears of all must
-        have the signs of the first ones.
+        The hill is the probability of the values and start states where the marble is also pushed at random:
+        the likelihood of the filter, and a prior with mean and variance of the parameters' ranges. Start
+        states are sought from those given, (s, 4) for each of the values, or from the first rows. The gears
+        of all must have the signs of the first ones.
         """
         found: dict[int, Probable] = {}
         for asked, own in self._by_choice(values):
-            begin = self._of_engine(values[own])
-            tops = _labsim.ascend(asked, begin, np.ascontiguousarray(noise[own]), iterations=iterations)
+            begin, sizes = self._of_engine(values[own]), np.ascontiguousarray(noise[own])
+            begun = None if states is None else [np.ascontiguousarray(states[index]) for index in own]
+            tops = _labsim.ascend(asked, begin, sizes, begun, iterations=iterations)
             found.update(zip(own, (Probable.of(one, self.slots) for one in tops), strict=True))
         return [found[index] for index in range(len(values))]
 

@@ -6,7 +6,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
 use super::coordinates::Coordinates;
 use super::problem::Problem;
@@ -20,6 +20,11 @@ use crate::noise::Noise;
 /// Steps of the finite differences, in coordinates and in logarithms of sizes.
 const STEP: f64 = 1e-4;
 const SIZE_STEP: f64 = 1e-3;
+/// The same in start states (board edges, board edges a row).
+const STATE_STEP: f64 = 1e-5;
+/// What is known about start states beforehand, as standard deviations: places (board edges) about the first guess,
+/// and rates (board edges a row) about rest.
+const STATES: [f64; 4] = [1.0, 1.0, 0.1, 0.1];
 /// The most that a coordinate, and the logarithm of a size, change in one step: a push that is needless shrinks
 /// by many powers of ten.
 const FARTHEST: f64 = 0.7;
@@ -45,6 +50,8 @@ const LARGEST: [f64; 5] = [0.1, 0.1, 5.0, 10.0, 1.0];
 pub struct Probable {
     /// The five parameters, then those of the effects.
     pub values: Vec<f64>,
+    /// Start states of the stretches, as of [`super::Refined`].
+    pub states: Vec<Option<[f64; 4]>>,
     /// The sizes of what is random.
     pub noise: Noise,
     /// Of what was seen [nats].
@@ -59,6 +66,7 @@ pub struct Probable {
 #[derive(Clone)]
 struct Place {
     z: Vec<f64>,
+    states: Vec<State>,
     noise: Noise,
 }
 
@@ -70,15 +78,54 @@ struct Ascent {
 }
 
 /// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior, in values and
-/// in logarithms of sizes.
+/// in logarithms of sizes, and in the start state of each window.
 struct Slope {
     log_likelihood: f64,
     curvature: DMatrix<f64>,
     uphill: DVector<f64>,
+    starts: Vec<Start>,
+}
+
+/// The part of a start state, which nothing else has to do with but what is common to all windows.
+#[derive(Clone)]
+struct Start {
+    curvature: Matrix4<f64>,
+    cross: DMatrix<f64>,
+    uphill: SVector<f64, 4>,
+}
+
+/// A step in coordinates, logarithms of sizes, and start states.
+struct Step {
+    common: Vec<f64>,
+    states: Vec<State>,
+}
+
+impl Slope {
+    /// Curvature and slope in what is common, with start states at their best; and the inverse curvatures of those.
+    fn without_starts(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix4<f64>>) {
+        let (mut curvature, mut uphill) = (self.curvature.clone(), self.uphill.clone());
+        for i in 0..curvature.nrows() {
+            curvature[(i, i)] *= 1.0 + damping;
+        }
+        let mut inverses = Vec::with_capacity(self.starts.len());
+        for start in &self.starts {
+            let mut own = start.curvature;
+            for i in 0..4 {
+                own[(i, i)] *= 1.0 + damping;
+            }
+            let inverse = own.try_inverse().unwrap_or_else(Matrix4::zeros);
+            let gain = &start.cross * inverse;
+            curvature -= &gain * start.cross.transpose();
+            uphill -= gain * start.uphill;
+            inverses.push(inverse);
+        }
+        (curvature, uphill, inverses)
+    }
 }
 
 impl Problem<'_> {
-    /// Goes uphill from values and sizes of what is random, all of them in lockstep.
+    /// Goes uphill from values and sizes of what is random, all of them in lockstep; start states begin at those of
+    /// the stretches where they are given.
     ///
     /// The gears of all values must have the signs of the first ones.
     ///
@@ -88,6 +135,7 @@ impl Problem<'_> {
         &self,
         values: &[Vec<f64>],
         noise: &[Noise],
+        states: Option<&[Vec<Option<[f64; 4]>>]>,
         iterations: usize,
         cancel: &AtomicBool,
     ) -> Result<Vec<Probable>> {
@@ -100,15 +148,20 @@ impl Problem<'_> {
         let hill = Hill {
             shooting: &shooting,
             coordinates: &coordinates,
-            states: self.filter_states(&whole),
+            guesses: whole.guesses(),
             prior: coordinates.prior(),
         };
         let mut ascents = Vec::with_capacity(values.len());
-        for (values, noise) in values.iter().zip(noise) {
+        for (i, (values, noise)) in values.iter().zip(noise).enumerate() {
             self.check_values(values)?;
             let z = coordinates.clip(&coordinates.to_z(values));
+            let noise = Noise {
+                start_velocity: None,
+                ..*noise
+            };
+            let states = self.of_windows(&whole, states.map_or(&[], |states| &states[i]));
             ascents.push(Ascent {
-                place: Place { z, noise: *noise },
+                place: Place { z, states, noise },
                 damping: DAMPING,
                 gain: f64::INFINITY,
             });
@@ -126,7 +179,7 @@ impl Problem<'_> {
         Ok(places
             .into_iter()
             .zip(slopes)
-            .map(|(place, slope)| hill.top(place, &slope))
+            .map(|(place, slope)| hill.top(place, &slope, |states| self.of_stretches(&whole, |i| states[i])))
             .collect())
     }
 }
@@ -135,7 +188,7 @@ impl Problem<'_> {
 struct Hill<'a> {
     shooting: &'a Shooting<'a>,
     coordinates: &'a Coordinates,
-    states: Vec<State>,
+    guesses: Vec<State>,
     /// Mean and standard deviation of each coordinate.
     prior: Vec<(f64, f64)>,
 }
@@ -155,15 +208,21 @@ impl Hill<'_> {
                     let moved: Vec<f64> = here
                         .z
                         .iter()
-                        .zip(&step)
+                        .zip(&step.common)
                         .map(|(z, step)| z + of_values * step)
                         .collect();
                     let mut sizes = sizes(&here.noise);
-                    for (size, step) in sizes.iter_mut().zip(&step[count..]) {
+                    for (size, step) in sizes.iter_mut().zip(&step.common[count..]) {
                         *size *= (of_sizes * step).exp();
+                    }
+                    let mut states = here.states.clone();
+                    let all = states.iter_mut().zip(&step.states);
+                    for (state, step) in all.flat_map(|(state, step)| state.iter_mut().zip(step)) {
+                        *state += of_values * step;
                     }
                     tried.push(Place {
                         z: self.coordinates.clip(&moved),
+                        states,
                         noise: with_sizes(&here.noise, sizes),
                     });
                 }
@@ -171,11 +230,11 @@ impl Hill<'_> {
         }
         let found = self.filtered(&tried.iter().map(|place| self.at(place)).collect::<Vec<_>>())?;
         let each = tried.len() / ascents.len();
-        let posterior = |i: usize| self.log_likelihood(&found[i]) + self.log_prior(&tried[i].z);
+        let posterior = |i: usize| self.log_likelihood(&found[i]) + self.log_prior(&tried[i]);
         for (number, (ascent, slope)) in ascents.iter_mut().zip(slopes).enumerate() {
             let own = number * each..(number + 1) * each;
             let best = own.max_by(|&a, &b| posterior(a).total_cmp(&posterior(b)));
-            let here = slope.log_likelihood + self.log_prior(&ascent.place.z);
+            let here = slope.log_likelihood + self.log_prior(&ascent.place);
             let Some(best) = best else { continue };
             let gain = posterior(best) - here;
             if gain > 0.0 {
@@ -201,18 +260,27 @@ impl Hill<'_> {
         for place in places {
             let here = self.at(place);
             let updates = here.0.updates;
+            let states = here.0.states.clone();
             trials.push(here);
             for i in 0..count {
                 let mut z = place.z.clone();
                 z[i] += STEP;
-                let trial = self.shooting.trial(&z, &self.states, Some(updates));
+                let trial = self.shooting.trial(&z, &states, Some(updates));
                 trials.push((trial, place.noise));
             }
             for i in 0..SMALLEST.len() {
                 let mut sizes = sizes(&place.noise);
                 sizes[i] *= SIZE_STEP.exp();
-                let trial = self.shooting.trial(&place.z, &self.states, Some(updates));
+                let trial = self.shooting.trial(&place.z, &states, Some(updates));
                 trials.push((trial, of_sizes(&place.noise, sizes)));
+            }
+            for i in 0..STATES.len() {
+                let mut states = states.clone();
+                for state in &mut states {
+                    state[i] += STATE_STEP;
+                }
+                let trial = self.shooting.trial(&place.z, &states, Some(updates));
+                trials.push((trial, place.noise));
             }
         }
         let filtered = self.filtered(&trials)?;
@@ -229,10 +297,17 @@ impl Hill<'_> {
     fn slope(&self, place: &Place, found: &[Filtered]) -> Slope {
         let count = self.coordinates.len();
         let all = count + SMALLEST.len();
-        let (here, rest) = (&found[0], &found[1..]);
+        let (here, rest) = (&found[0], &found[1..=all]);
+        let of_states = &found[1 + all..];
         let mut curvature = DMatrix::zeros(all, all);
         let mut uphill = DVector::zeros(all);
         let (mut of_mean, mut of_spread) = (vec![0.0; all], vec![0.0; all]);
+        let no_start = Start {
+            curvature: Matrix4::zeros(),
+            cross: DMatrix::zeros(all, 4),
+            uphill: SVector::zeros(),
+        };
+        let mut starts = vec![no_start; place.states.len()];
         let mut log_likelihood = 0.0;
         self.each_innovation(here, |window, i, axis, off, variance| {
             log_likelihood += log_density(off, variance);
@@ -252,7 +327,24 @@ impl Hill<'_> {
                         weight * of_mean[a] * of_mean[b] + SPREAD * of_spread[a] * of_spread[b];
                 }
             }
+            let start = &mut starts[window];
+            let of_state = SVector::<f64, 4>::from_fn(|c, _| {
+                (of_states[c].predicted[window][i][axis] - predicted) / STATE_STEP
+            });
+            start.uphill += weight * off * of_state;
+            start.curvature += weight * of_state * of_state.transpose();
+            for (a, of_mean) in of_mean.iter().enumerate() {
+                for c in 0..4 {
+                    start.cross[(a, c)] += weight * of_mean * of_state[c];
+                }
+            }
         });
+        for (start, (state, guess)) in starts.iter_mut().zip(place.states.iter().zip(&self.guesses)) {
+            for (c, size) in STATES.iter().enumerate() {
+                start.curvature[(c, c)] += size.powi(-2);
+                start.uphill[c] -= (state[c] - middle(guess)[c]) * size.powi(-2);
+            }
+        }
         for a in 0..all {
             for b in 0..a {
                 curvature[(b, a)] = curvature[(a, b)];
@@ -269,37 +361,43 @@ impl Hill<'_> {
             log_likelihood,
             curvature,
             uphill,
+            starts,
         }
     }
 
-    /// The step of values, and of the logarithms of sizes.
-    fn scoring(&self, slope: &Slope, damping: f64) -> Vec<f64> {
-        let mut matrix = slope.curvature.clone();
-        for i in 0..matrix.nrows() {
-            matrix[(i, i)] *= 1.0 + damping;
+    fn scoring(&self, slope: &Slope, damping: f64) -> Step {
+        let (curvature, uphill, inverses) = slope.without_starts(damping);
+        let step = curvature.cholesky().map(|one| one.solve(&uphill));
+        let mut step = step.unwrap_or_else(|| DVector::zeros(uphill.len()));
+        for (i, step) in step.iter_mut().enumerate() {
+            let farthest = if i < self.coordinates.len() { FARTHEST } else { FARTHEST_SIZE };
+            *step = step.clamp(-farthest, farthest);
         }
-        let step = matrix.cholesky().map(|one| one.solve(&slope.uphill));
-        let step = step.unwrap_or_else(|| DVector::zeros(slope.uphill.len()));
-        let farthest = |i| {
-            if i < self.coordinates.len() {
-                FARTHEST
-            } else {
-                FARTHEST_SIZE
-            }
+        let of_start = |(start, inverse): (&Start, &Matrix4<f64>)| {
+            let rest = start.cross.transpose() * &step;
+            let own = inverse * (start.uphill - SVector::<f64, 4>::from_column_slice(rest.as_slice()));
+            std::array::from_fn(|c| own[c].clamp(-FARTHEST * STATES[c], FARTHEST * STATES[c]))
         };
-        step.iter()
-            .enumerate()
-            .map(|(i, one)| one.clamp(-farthest(i), farthest(i)))
-            .collect()
+        let states = slope.starts.iter().zip(&inverses).map(of_start).collect();
+        Step {
+            common: step.as_slice().to_vec(),
+            states,
+        }
     }
 
-    fn top(&self, place: &Place, slope: &Slope) -> Probable {
+    fn top(&self, place: &Place, slope: &Slope, of_stretches: impl Fn(&[State]) -> Vec<Option<[f64; 4]>>) -> Probable {
         let count = self.coordinates.len();
-        let of_values = slope.curvature.view((0, 0), (count, count)).into_owned();
+        let (curvature, _, _) = slope.without_starts(0.0);
+        let of_values = curvature.view((0, 0), (count, count)).into_owned();
         let covariance = of_values.cholesky();
         let log_volume: f64 = covariance.as_ref().map_or(f64::NAN, |one| {
             one.l_dirty().diagonal().iter().map(|one| one.ln()).sum()
         });
+        let of_states: f64 = slope
+            .starts
+            .iter()
+            .map(|start| 0.5 * start.curvature.determinant().ln())
+            .sum();
         let log_width: f64 = self.prior.iter().map(|(_, deviation)| deviation.ln()).sum();
         let by_z = self.coordinates.derivative(&place.z);
         let inverse = covariance.map(|one| one.inverse());
@@ -315,22 +413,34 @@ impl Hill<'_> {
                 .coordinates
                 .own(&self.coordinates.to_values(&place.z))
                 .to_vec(),
+            states: of_stretches(&place.states),
             noise: place.noise,
             log_likelihood: slope.log_likelihood,
-            log_evidence: slope.log_likelihood + self.log_prior(&place.z) - log_volume - log_width,
+            log_evidence: slope.log_likelihood + self.log_prior(place)
+                - log_volume
+                - of_states
+                - log_width,
             deviations: slots.into_iter().zip(by_z.iter().map(deviation)).collect(),
         }
     }
 
     /// Logarithm of the prior, up to what only its widths decide.
-    fn log_prior(&self, z: &[f64]) -> f64 {
+    fn log_prior(&self, place: &Place) -> f64 {
         let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
-        -0.5 * z.iter().zip(&self.prior).map(square).sum::<f64>()
+        let of_values: f64 = place.z.iter().zip(&self.prior).map(square).sum();
+        let pairs = place.states.iter().zip(&self.guesses);
+        let of_states: f64 = pairs
+            .map(|(state, guess)| {
+                let off = |c: usize| (state[c] - middle(guess)[c]) / STATES[c];
+                (0..4).map(|c| off(c).powi(2)).sum::<f64>()
+            })
+            .sum();
+        -0.5 * (of_values + of_states)
     }
 
     fn at(&self, place: &Place) -> (Trial, Noise) {
         (
-            self.shooting.trial(&place.z, &self.states, None),
+            self.shooting.trial(&place.z, &place.states, None),
             place.noise,
         )
     }
@@ -373,6 +483,11 @@ impl Hill<'_> {
             }
         }
     }
+}
+
+/// What a start state is expected to be: where the marble was seen, at rest.
+fn middle(guess: &State) -> State {
+    [guess[0], guess[1], 0.0, 0.0]
 }
 
 fn sizes(noise: &Noise) -> [f64; 5] {

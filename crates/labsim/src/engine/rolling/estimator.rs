@@ -7,7 +7,7 @@
 use pulp::{NullaryFnOnce, Simd};
 
 use super::LaneGroup;
-use crate::engine::{Job, Sink};
+use crate::engine::{Job, Measured, Sink};
 use crate::lanes::{Lanes, Mask};
 use crate::motion::{Marbles, Pair, Rims};
 use crate::noise::Noise;
@@ -71,11 +71,16 @@ impl<S: Simd> Estimator<S> {
         };
         let (white, lasting) = (square(|one| one.white), square(|one| one.lasting));
         let m_per_edge = edges_per_m.like(1.0).over(edges_per_m);
+        let unknown = Lanes::from_fn(simd, |lane| {
+            let measured = group.of(lane).measured.as_ref();
+            let is_unknown = measured.is_some_and(|one| one.noise.start_velocity.is_some());
+            f64::from(u8::from(is_unknown))
+        });
         let start = Covariance {
-            xx: (white + lasting) * m_per_edge * m_per_edge,
+            xx: unknown * (white + lasting) * m_per_edge * m_per_edge,
             xv: white.like(0.0),
-            xb: -lasting * m_per_edge,
-            vv: square(|one| one.start_velocity),
+            xb: -unknown * lasting * m_per_edge,
+            vv: square(|one| one.start_velocity.unwrap_or(0.0)),
             vb: white.like(0.0),
             bb: lasting,
         };
@@ -137,21 +142,18 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             group,
             out,
         } = self;
-        if row == group.filler.first {
-            for out in out {
-                out.variance[0] = [f64::NAN; 2];
-            }
-            return;
-        }
         let simd = rims.reach_x.simd();
         let of_job = |of: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| of(group.of(lane)));
-        let seconds = of_job(&|job| {
-            let step = job.clock.step(row - 1);
-            f64::from(step.substeps) * step.length_s
-        });
+        let last = row.checked_sub(1).filter(|_| row > group.filler.first);
+        let length = |job: &Job<'_>| {
+            last.map_or(0.0, |last| {
+                let step = job.clock.step(last);
+                f64::from(step.substeps) * step.length_s
+            })
+        };
+        let seconds = of_job(&length);
         let remembered = of_job(&|job| {
-            let step = job.clock.step(row - 1);
-            let seconds = f64::from(step.substeps) * step.length_s;
+            let seconds = length(job);
             let measured = job.measured.as_ref();
             measured.map_or(0.0, |one| libm::exp(-seconds / one.noise.lasting_s))
         });
@@ -177,8 +179,12 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
                     .map_or(0.0, |out| out.marble[row - group.filler.first][axis])
             };
             let predicted = Lanes::from_fn(simd, seen) + *lasting;
+            // A first row that is the start itself says nothing of it.
+            let counts = |one: &Measured<'_>| {
+                last.is_some() || one.noise.start_velocity.is_none()
+            };
             let measured = of_job(&|job| {
-                let measured = job.measured.as_ref();
+                let measured = job.measured.as_ref().filter(|one| counts(one));
                 measured.map_or(f64::NAN, |one| one.observed[row - job.first][axis])
             });
             let off = measured - predicted;
@@ -193,7 +199,9 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             let (predicted, variance) = (predicted.to_array(), variance.to_array());
             for (lane, out) in out.iter_mut().enumerate().take(group.jobs.len()) {
                 out.marble[row - group.filler.first][axis] = predicted[lane];
-                out.variance[row - group.filler.first][axis] = variance[lane];
+                let is_start = !group.jobs[lane].measured.as_ref().is_some_and(counts);
+                out.variance[row - group.filler.first][axis] =
+                    if is_start { f64::NAN } else { variance[lane] };
             }
         }
     }
