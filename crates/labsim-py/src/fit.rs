@@ -377,6 +377,8 @@ pub(crate) fn ascend<'py>(
             noise.lasting,
             noise.lasting_s,
             noise.push,
+            noise.pull,
+            noise.pull_s,
             noise.restitution,
             noise.start_velocity.unwrap_or(f64::NAN),
         ];
@@ -401,12 +403,14 @@ fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<Vec<Opti
 }
 
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
-    let rows = arrays::rows::<6>(noise)?;
-    let of = |[white, lasting, lasting_s, push, restitution, start_velocity]: [f64; 6]| Noise {
+    let rows = arrays::rows::<8>(noise)?;
+    let of = |[white, lasting, lasting_s, push, pull, pull_s, restitution, start_velocity]: [f64; 8]| Noise {
         white,
         lasting,
         lasting_s,
         push,
+        pull,
+        pull_s,
         restitution,
         start_velocity: (!start_velocity.is_nan()).then_some(start_velocity),
     };

@@ -11,7 +11,9 @@ START_VELOCITY = 0.3
 DRAWS = 32
 #: Effects that are fitted after that look, and starts of each.
 FITTED, STARTS = 10, 2
-#: Steps of a first ascent, and of a thorough one.
-FIRST, THOROUGH = 6, 25
+#: Steps of a first ascent, of one of the five parameters, and of a thorough one; and how many of the first are thorough.
+FIRST, FIRST_OF_BASE, THOROUGH, TOPS = 6, 10, 25, 3
 #: By so many nats a set must be likelier than without an effect for it to be named: odds of 99 to 1.
 SURE = 4.6
+#: Standard deviation [m/s^2] and time [s] of the push that lasts at which an ascent begins.
+PULL, PULL_S = 3e-3, 0.2

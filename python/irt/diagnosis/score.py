@@ -15,11 +15,12 @@ from irt.diagnosis.case import Case
 from irt.engine import SUBSTEP_S
 from irt.fitting.problem import Problem
 from irt.fitting.solution import Probable
+from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
 #: Where the sizes of what is random stand, as `Problem.filter` takes them.
-WHITE, LASTING, LASTING_S, PUSH, RESTITUTION, START_VELOCITY = range(6)
+WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, START_VELOCITY = range(8)
 
 
 #: Effects that say when commands act: each has in it what steps in time differ by.
@@ -56,7 +57,7 @@ class Scored:
 
     @property
     def noise(self) -> Array:
-        """Sizes of what is random, as `Problem.filter` takes them, (6,)."""
+        """Sizes of what is random, as `Problem.filter` takes them, (8,)."""
         return np.asarray(self.top.noise)
 
 
@@ -76,14 +77,13 @@ class Scores:
         """Score the five parameters alone: from least squares, and from several sizes of what is random."""
         key: frozenset[str] = frozenset()
         if key not in self.known:
-            found = self.case.fit((), starts=6, rounds=1)
-            values = np.append(found.values, SUBSTEP_S / 2.0)
-            noises = [
-                self.noise(push, lasting)
-                for push in config.PUSHES
-                for lasting in (1e-2 * self.case.noise, self.case.noise)
-            ]
-            self.ascend((), np.tile(values, (len(noises), 1)), np.array(noises), iterations=40)
+            values, noises = self._starts()
+            found = self.ascend((), values, noises, iterations=config.FIRST_OF_BASE)
+            found.sort(key=lambda one: -one.score)
+            for one in found[: config.TOPS]:
+                self.ascend(
+                    (), one.top.values[None], one.noise[None], one.top.states, iterations=config.THOROUGH
+                )
         return self.known[key]
 
     def problem(self, effects: Sequence[str]) -> Problem:
@@ -92,10 +92,33 @@ class Scores:
             return self.case.problem(effects)
         return self.case.problem(["delay", *effects], within={"delay.delay_s": (0.0, SUBSTEP_S)})
 
+    def _starts(self) -> tuple[Array, Array]:
+        """Return values and sizes of what is random to begin at: least squares, and the middle of the ranges.
+
+        Where much is missing least squares go far astray, but for the signs of the gears, and their size for a
+        given clock.
+        """
+        found = self.case.fit((), starts=6, rounds=1).values
+        middle = found.copy()
+        friction, clock, scale = range(2, 5)
+        if self.case.time_scale is None:
+            middle[clock] = np.mean(self.case.rig.ranges[PARAMETERS[clock]])
+            middle[:2] *= (found[clock] / middle[clock]) ** 2
+        middle[friction] = np.mean(self.case.rig.ranges[PARAMETERS[friction]])
+        middle[scale] = 1.0
+        values, noises = [], []
+        for begin, pushes in ((found, config.PUSHES[:-1]), (middle, config.PUSHES[1:])):
+            for push in pushes:
+                values.append([*begin, SUBSTEP_S / 2.0])
+                noises.append(self.noise(push, self.case.noise))
+        return np.array(values), np.array(noises)
+
     def noise(self, push: float, lasting: float) -> Array:
-        """Return sizes of what is random to begin at, (6,)."""
+        """Return sizes of what is random to begin at, (8,)."""
         white = max(self.case.noise, 1e-5)
-        return np.array([white, max(lasting, 1e-6), 0.15, push, 0.1, config.START_VELOCITY])
+        return np.array(
+            [white, max(lasting, 1e-6), 0.15, push, config.PULL, config.PULL_S, 0.1, config.START_VELOCITY]
+        )
 
     def ascend(
         self,
@@ -106,7 +129,7 @@ class Scores:
         *,
         iterations: int,
     ) -> list[Scored]:
-        """Go uphill from (k, n) values, (k, 6) sizes of what is random and (s, 4) states; remember the best."""
+        """Go uphill from (k, n) values, (k, 8) sizes of what is random and (s, 4) states; remember the best."""
         problem = self.problem(effects)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations

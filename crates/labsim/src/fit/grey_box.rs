@@ -41,9 +41,10 @@ const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
 /// What is known about the logarithm of a size beforehand: a deviation of ten, so that those without effect stay.
 const KNOWN: f64 = 0.01;
 /// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
-/// the push (m²/s³) and the restitution.
-const SMALLEST: [f64; 5] = [1e-6, 1e-6, 0.01, 1e-10, 1e-3];
-const LARGEST: [f64; 5] = [0.1, 0.1, 5.0, 10.0, 1.0];
+/// the push (m²/s³), the push that lasts (m/s²), how long (s), and the restitution. Zero stays.
+const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3];
+const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0];
+const SIZES: usize = 7;
 
 /// The top that an ascent has reached.
 #[derive(Debug, Clone, PartialEq)]
@@ -490,30 +491,43 @@ fn middle(guess: &State) -> State {
     [guess[0], guess[1], 0.0, 0.0]
 }
 
-fn sizes(noise: &Noise) -> [f64; 5] {
+fn sizes(noise: &Noise) -> [f64; SIZES] {
     [
         noise.white,
         noise.lasting,
         noise.lasting_s,
         noise.push,
+        noise.pull,
+        noise.pull_s,
         noise.restitution,
     ]
 }
 
-fn with_sizes(noise: &Noise, sizes: [f64; 5]) -> Noise {
-    of_sizes(
-        noise,
-        std::array::from_fn(|i| sizes[i].clamp(SMALLEST[i], LARGEST[i])),
-    )
+fn with_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
+    let within = |i: usize| match sizes[i] {
+        0.0 => 0.0,
+        size => size.clamp(SMALLEST[i], LARGEST[i]),
+    };
+    of_sizes(noise, std::array::from_fn(within))
 }
 
-fn of_sizes(noise: &Noise, sizes: [f64; 5]) -> Noise {
-    let [white, lasting, lasting_s, push, restitution] = sizes;
+fn of_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
+    let [
+        white,
+        lasting,
+        lasting_s,
+        push,
+        pull,
+        pull_s,
+        restitution,
+    ] = sizes;
     Noise {
         white,
         lasting,
         lasting_s,
         push,
+        pull,
+        pull_s,
         restitution,
         ..*noise
     }
