@@ -314,7 +314,7 @@ pub(crate) fn refine<'py>(
 
 /// One-step predictions at some values; see `irt.fitting.problem`.
 #[pyfunction]
-#[pyo3(signature = (problem, values, noise))]
+#[pyo3(signature = (problem, values, noise, states=None))]
 #[expect(
     clippy::needless_pass_by_value,
     reason = "the extracted views of Python's arguments are owned here"
@@ -324,11 +324,12 @@ pub(crate) fn filtered<'py>(
     problem: Asked<'py>,
     values: Vec<Vec<f64>>,
     noise: Matrix<'py>,
+    states: Option<Vec<Matrix<'py>>>,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let problem = Owned::new(&problem)?;
-    let noise = noises(&noise)?;
+    let (noise, states) = (noises(&noise)?, given_states(states)?);
     let filtered = interrupt::interruptible(py, |cancel| {
-        problem.with(|problem| problem.filter(&values, &noise, cancel))
+        problem.with(|problem| problem.filter(&values, &noise, states.as_deref(), cancel))
     })?;
     let results = filtered.iter().map(|one| {
         let result = PyDict::new(py);
@@ -345,7 +346,7 @@ pub(crate) fn filtered<'py>(
 
 /// Where an ascent of the posterior leads from values and noise; see `irt.fitting.problem`.
 #[pyfunction]
-#[pyo3(signature = (problem, values, noise, *, iterations))]
+#[pyo3(signature = (problem, values, noise, states=None, *, iterations))]
 #[expect(
     clippy::needless_pass_by_value,
     reason = "the extracted views of Python's arguments are owned here"
@@ -355,12 +356,13 @@ pub(crate) fn ascend<'py>(
     problem: Asked<'py>,
     values: Vec<Vec<f64>>,
     noise: Matrix<'py>,
+    states: Option<Vec<Matrix<'py>>>,
     iterations: usize,
 ) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let problem = Owned::new(&problem)?;
-    let noise = noises(&noise)?;
+    let (noise, given) = (noises(&noise)?, given_states(states)?);
     let tops = interrupt::interruptible(py, |cancel| {
-        problem.with(|problem| problem.ascend(&values, &noise, iterations, cancel))
+        problem.with(|problem| problem.ascend(&values, &noise, given.as_deref(), iterations, cancel))
     })?;
     let results = tops.iter().map(|one| {
         let result = PyDict::new(py);
@@ -375,11 +377,14 @@ pub(crate) fn ascend<'py>(
             noise.lasting,
             noise.lasting_s,
             noise.push,
+            noise.pull,
+            noise.pull_s,
             noise.restitution,
-            noise.start_velocity,
+            noise.start_velocity.unwrap_or(f64::NAN),
         ];
         result.set_item("values", vector(one.values.clone()))?;
         result.set_item("deviations", vector(deviations))?;
+        result.set_item("states", self::states(py, &one.states))?;
         result.set_item("noise", vector(sizes.to_vec()))?;
         result.set_item("log_likelihood", one.log_likelihood)?;
         result.set_item("log_evidence", one.log_evidence)?;
@@ -388,15 +393,26 @@ pub(crate) fn ascend<'py>(
     results.collect()
 }
 
+/// Start states of all stretches for each of some values, a row each; those of no marble are not a number.
+fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<Vec<Option<[f64; 4]>>>>> {
+    let known = |state: [f64; 4]| state.iter().all(|one| one.is_finite()).then_some(state);
+    let of_one = |all: &Matrix<'_>| -> PyResult<Vec<Option<[f64; 4]>>> {
+        Ok(arrays::rows::<4>(all)?.into_iter().map(known).collect())
+    };
+    states.map(|states| states.iter().map(of_one).collect()).transpose()
+}
+
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
-    let rows = arrays::rows::<6>(noise)?;
-    let of = |[white, lasting, lasting_s, push, restitution, start_velocity]: [f64; 6]| Noise {
+    let rows = arrays::rows::<8>(noise)?;
+    let of = |[white, lasting, lasting_s, push, pull, pull_s, restitution, start_velocity]: [f64; 8]| Noise {
         white,
         lasting,
         lasting_s,
         push,
+        pull,
+        pull_s,
         restitution,
-        start_velocity,
+        start_velocity: (!start_velocity.is_nan()).then_some(start_velocity),
     };
     Ok(rows.into_iter().map(of).collect())
 }

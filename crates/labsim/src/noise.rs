@@ -14,10 +14,15 @@ pub struct Noise {
     /// Spectral density of the marble's random acceleration (m²/s³): a velocity (m/s) gains its square root
     /// times the square root of the time.
     pub push: f64,
+    /// Standard deviation of a push that lasts (m/s²).
+    pub pull: f64,
+    /// How long that lasts (s): its autocorrelation is exp(-t / `pull_s`).
+    pub pull_s: f64,
     /// Standard deviation of the coefficient of restitution from impact to impact.
     pub restitution: f64,
-    /// Standard deviation of the start velocity (m/s); zero for a marble at rest.
-    pub start_velocity: f64,
+    /// Standard deviation of the start velocity (m/s), zero for a marble at rest, where it is let go where it was
+    /// first seen; none where the start state is known.
+    pub start_velocity: Option<f64>,
 }
 
 impl Noise {
@@ -26,12 +31,17 @@ impl Noise {
     /// # Errors
     /// [`Error::Invalid`] names the first size that is negative, not finite, or zero where it may not be.
     pub fn check(&self) -> Result<()> {
-        let positive = [("white", self.white), ("lasting_s", self.lasting_s)];
+        let positive = [
+            ("white", self.white),
+            ("lasting_s", self.lasting_s),
+            ("pull_s", self.pull_s),
+        ];
         let others = [
             ("lasting", self.lasting),
             ("push", self.push),
+            ("pull", self.pull),
             ("restitution", self.restitution),
-            ("start_velocity", self.start_velocity),
+            ("start_velocity", self.start_velocity.unwrap_or(0.0)),
         ];
         for (name, size) in positive {
             if !(size > 0.0 && size.is_finite()) {

@@ -159,8 +159,10 @@ class Case:
         """Return the case with parameters of an effect held at these values."""
         return replace(self, held={**self.held, name: values})
 
-    def problem(self, effects: Sequence[str]) -> Problem:
-        """Return the problem of fitting the five parameters and those of effects."""
+    def problem(
+        self, effects: Sequence[str], *, within: Mapping[str, tuple[float, float]] | None = None
+    ) -> Problem:
+        """Return the problem of fitting the five parameters and those of effects, some of them `within`."""
         return Problem.of(
             self.rig,
             self.segments,
@@ -168,6 +170,7 @@ class Case:
             time_scale=self.time_scale,
             noise=self.noise,
             held=self.held,
+            within=within,
             threads=self.threads,
         )
 

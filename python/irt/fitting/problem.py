@@ -86,6 +86,7 @@ class Problem:
         tilt_noise: float | None = None,
         held: Mapping[str, Mapping[str, float]] | None = None,
         fixed: Mapping[str, float] | None = None,
+        within: Mapping[str, tuple[float, float]] | None = None,
         engine: Engine = "rolling",
         threads: int | None = None,
     ) -> Problem:
@@ -113,6 +114,8 @@ class Problem:
             Values at which parameters of effects are held, by effect and name.
         fixed : mapping, optional
             Values at which some of the five parameters are held, by name.
+        within : mapping, optional
+            Other ranges of parameters of effects, by ``effect.parameter``.
         engine, threads
             As for `irt.rollouts`.
 
@@ -130,7 +133,7 @@ class Problem:
             parameters[TIME] = np.nan, np.nan, time_scale
         for name, value in (fixed or {}).items():
             parameters[PARAMETERS.index(name)] = np.nan, np.nan, value
-        infos = [_in_units_of(rig, effect(one.name)) for one in effects]
+        infos = [_within(_in_units_of(rig, effect(one.name)), within or {}) for one in effects]
         named = [{*one.parameters, *(held or {}).get(one.name, {})} for one in effects]
         pairs = list(zip(infos, named, strict=True))
         all_of_effects = [one for info, names in pairs for one in info.used(names)]
@@ -206,35 +209,47 @@ class Problem:
         """Say what each of (k, n) values leaves over, as it is: only start states are estimated."""
         return self._refined(values, STATE_ITERATIONS, held=True)
 
-    def filter(self, values: Array, noise: Array) -> list[Filtered]:
+    def filter(
+        self, values: Array, noise: Array, states: Sequence[Array] | None = None
+    ) -> list[Filtered]:
         """Predict each row from all rows before, at each of (k, n) values: an extended Kalman filter.
 
         Parameters
         ----------
         values : (k, n) array
             The gears of all must have the signs of the first ones.
-        noise : (k, 6) array
+        noise : (k, 8) array
             The tracker's error from row to row and its lasting error [board edges], how long that lasts [s],
-            the spectral density of the marble's random acceleration [m^2/s^3], and the standard deviations of
-            the coefficient of restitution and of the start velocity [m/s].
+            the spectral density of the marble's random acceleration [m^2/s^3], a random acceleration that lasts
+            [m/s^2] and how long [s], and the standard deviations of the coefficient of restitution and of the
+            start velocity [m/s].
+        states : sequence of (s, 4) arrays, optional
+            Known start states of the segments for each of the values, as of a `Solution`; by default a marble
+            starts where it was first seen, at rest on average.
         """
         found: dict[int, Filtered] = {}
         for asked, own in self._by_choice(values):
-            filtered = _labsim.filtered(asked, self._of_engine(values[own]), np.ascontiguousarray(noise[own]))
+            begun = None if states is None else [np.ascontiguousarray(states[index]) for index in own]
+            of_engine = self._of_engine(values[own])
+            filtered = _labsim.filtered(asked, of_engine, np.ascontiguousarray(noise[own]), begun)
             found.update(zip(own, (Filtered(**one) for one in filtered), strict=True))
         return [found[index] for index in range(len(values))]
 
-    def ascend(self, values: Array, noise: Array, *, iterations: int = 30) -> list[Probable]:
-        """Go uphill from (k, n) values and (k, 6) sizes of what is random, as `filter` takes them.
+    def ascend(
+        self, values: Array, noise: Array, states: Sequence[Array] | None = None, *, iterations: int = 30
+    ) -> list[Probable]:
+        """Go uphill from (k, n) values and (k, 8) sizes of what is random, as `filter` takes them.
 
-        The hill is the probability of the values where the marble is also pushed at random: the likelihood
-        of the filter, and a prior with mean and variance of the parameters' ranges. The gears of all must
-        have the signs of the first ones.
+        The hill is the probability of the values and start states where the marble is also pushed at random:
+        the likelihood of the filter, and a prior with mean and variance of the parameters' ranges. Start
+        states are sought from those given, (s, 4) for each of the values, or from the first rows. The gears
+        of all must have the signs of the first ones.
         """
         found: dict[int, Probable] = {}
         for asked, own in self._by_choice(values):
-            begin = self._of_engine(values[own])
-            tops = _labsim.ascend(asked, begin, np.ascontiguousarray(noise[own]), iterations=iterations)
+            begin, sizes = self._of_engine(values[own]), np.ascontiguousarray(noise[own])
+            begun = None if states is None else [np.ascontiguousarray(states[index]) for index in own]
+            tops = _labsim.ascend(asked, begin, sizes, begun, iterations=iterations)
             found.update(zip(own, (Probable.of(one, self.slots) for one in tops), strict=True))
         return [found[index] for index in range(len(values))]
 
@@ -316,6 +331,13 @@ def _in_units_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
         return info
     most = max(abs(end) for name in ("gear_x", "gear_y") for end in rig.ranges[name])
     return replace(info, parameters=tuple(replace(one, low=-most, high=most) for one in info.parameters))
+
+
+def _within(info: EffectInfo, within: Mapping[str, tuple[float, float]]) -> EffectInfo:
+    """Return an effect with other ranges."""
+    ends = [within.get(f"{info.name}.{one.name}", (one.low, one.high)) for one in info.parameters]
+    pairs = zip(info.parameters, ends, strict=True)
+    return replace(info, parameters=tuple(replace(one, low=low, high=high) for one, (low, high) in pairs))
 
 
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:

@@ -195,7 +195,9 @@ class Probable:
     ----------
     values, deviations : (n,) arrays
         The five parameters, then the effects', and their standard deviations; 0 of what is held.
-    noise : (6,) array
+    states : (s, 4) array
+        Start states of the segments, as of a `Solution`.
+    noise : (8,) array
         Sizes of what is random, as `Problem.filter` takes them.
     log_likelihood : float
         Of what was seen [nats].
@@ -205,6 +207,7 @@ class Probable:
 
     values: Array
     deviations: Array
+    states: Array
     noise: Array
     log_likelihood: float
     log_evidence: float

@@ -2,12 +2,11 @@
 //!
 //! The likelihood is that of the filter ([`crate::filter`]), so start states are no unknowns, and what never
 //! repeats is a size that is estimated. Values have a prior: the mean and the variance of their plausible ranges.
-//! Gauss-Newton steps on the normalised innovations go uphill in the values, Newton steps in the sizes of what is
-//! random. The evidence is Laplace's approximation about the top, with the sizes at their best ("Bayesian interpolation", 1992).
+//! Fisher's scoring goes uphill in the values and in the sizes of what is random together. The evidence is Laplace's approximation about the top, with the sizes at their best ("Bayesian interpolation", 1992).
 
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
 use super::coordinates::Coordinates;
 use super::problem::Problem;
@@ -20,26 +19,40 @@ use crate::noise::Noise;
 
 /// Steps of the finite differences, in coordinates and in logarithms of sizes.
 const STEP: f64 = 1e-4;
-const SIZE_STEP: f64 = 0.1;
-/// The most that a coordinate or the logarithm of a size changes in one step.
+const SIZE_STEP: f64 = 1e-3;
+/// The same in start states (board edges, board edges a row).
+const STATE_STEP: f64 = 1e-5;
+/// What is known about start states beforehand, as standard deviations: places (board edges) about the first guess,
+/// and rates (board edges a row) about rest.
+const STATES: [f64; 4] = [1.0, 1.0, 0.1, 0.1];
+/// The most that a coordinate, and the logarithm of a size, change in one step: a push that is needless shrinks
+/// by many powers of ten.
 const FARTHEST: f64 = 0.7;
+const FARTHEST_SIZE: f64 = 2.0;
 /// An ascent ends where a step gains less [nats].
 const LITTLE: f64 = 0.02;
 /// Dampings tried in each step, in units of the last one that helped, and that of the first step.
-const DAMPINGS: [f64; 4] = [0.0, 0.1, 10.0, 1000.0];
+const DAMPINGS: [f64; 3] = [0.1, 10.0, 1000.0];
+/// Shares of a step that are tried: of all, of values alone, of sizes alone.
+const SHARES: [(f64, f64); 3] = [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)];
 const DAMPING: f64 = 1e-3;
-/// A size changes where its logarithm is worth this much [nats].
-const MATTERS: f64 = 1e-3;
+/// Fisher's information in one innovation about the logarithm of its variance.
+const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
+/// What is known about the logarithm of a size beforehand: a deviation of ten, so that those without effect stay.
+const KNOWN: f64 = 0.01;
 /// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
-/// the push (m²/s³) and the restitution.
-const SMALLEST: [f64; 5] = [1e-6, 1e-6, 0.01, 1e-10, 1e-3];
-const LARGEST: [f64; 5] = [0.1, 0.1, 5.0, 10.0, 1.0];
+/// the push (m²/s³), the push that lasts (m/s²), how long (s), and the restitution. Zero stays.
+const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3];
+const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0];
+const SIZES: usize = 7;
 
 /// The top that an ascent has reached.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Probable {
     /// The five parameters, then those of the effects.
     pub values: Vec<f64>,
+    /// Start states of the stretches, as of [`super::Refined`].
+    pub states: Vec<Option<[f64; 4]>>,
     /// The sizes of what is random.
     pub noise: Noise,
     /// Of what was seen [nats].
@@ -54,6 +67,7 @@ pub struct Probable {
 #[derive(Clone)]
 struct Place {
     z: Vec<f64>,
+    states: Vec<State>,
     noise: Noise,
 }
 
@@ -64,16 +78,55 @@ struct Ascent {
     gain: f64,
 }
 
-/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior.
+/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior, in values and
+/// in logarithms of sizes, and in the start state of each window.
 struct Slope {
     log_likelihood: f64,
     curvature: DMatrix<f64>,
     uphill: DVector<f64>,
-    sizes: [f64; 5],
+    starts: Vec<Start>,
+}
+
+/// The part of a start state, which nothing else has to do with but what is common to all windows.
+#[derive(Clone)]
+struct Start {
+    curvature: Matrix4<f64>,
+    cross: DMatrix<f64>,
+    uphill: SVector<f64, 4>,
+}
+
+/// A step in coordinates, logarithms of sizes, and start states.
+struct Step {
+    common: Vec<f64>,
+    states: Vec<State>,
+}
+
+impl Slope {
+    /// Curvature and slope in what is common, with start states at their best; and the inverse curvatures of those.
+    fn without_starts(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix4<f64>>) {
+        let (mut curvature, mut uphill) = (self.curvature.clone(), self.uphill.clone());
+        for i in 0..curvature.nrows() {
+            curvature[(i, i)] *= 1.0 + damping;
+        }
+        let mut inverses = Vec::with_capacity(self.starts.len());
+        for start in &self.starts {
+            let mut own = start.curvature;
+            for i in 0..4 {
+                own[(i, i)] *= 1.0 + damping;
+            }
+            let inverse = own.try_inverse().unwrap_or_else(Matrix4::zeros);
+            let gain = &start.cross * inverse;
+            curvature -= &gain * start.cross.transpose();
+            uphill -= gain * start.uphill;
+            inverses.push(inverse);
+        }
+        (curvature, uphill, inverses)
+    }
 }
 
 impl Problem<'_> {
-    /// Goes uphill from values and sizes of what is random, all of them in lockstep.
+    /// Goes uphill from values and sizes of what is random, all of them in lockstep; start states begin at those of
+    /// the stretches where they are given.
     ///
     /// The gears of all values must have the signs of the first ones.
     ///
@@ -83,6 +136,7 @@ impl Problem<'_> {
         &self,
         values: &[Vec<f64>],
         noise: &[Noise],
+        states: Option<&[Vec<Option<[f64; 4]>>]>,
         iterations: usize,
         cancel: &AtomicBool,
     ) -> Result<Vec<Probable>> {
@@ -95,15 +149,20 @@ impl Problem<'_> {
         let hill = Hill {
             shooting: &shooting,
             coordinates: &coordinates,
-            states: self.filter_states(&whole),
+            guesses: whole.guesses(),
             prior: coordinates.prior(),
         };
         let mut ascents = Vec::with_capacity(values.len());
-        for (values, noise) in values.iter().zip(noise) {
+        for (i, (values, noise)) in values.iter().zip(noise).enumerate() {
             self.check_values(values)?;
             let z = coordinates.clip(&coordinates.to_z(values));
+            let noise = Noise {
+                start_velocity: None,
+                ..*noise
+            };
+            let states = self.of_windows(&whole, states.map_or(&[], |states| &states[i]));
             ascents.push(Ascent {
-                place: Place { z, noise: *noise },
+                place: Place { z, states, noise },
                 damping: DAMPING,
                 gain: f64::INFINITY,
             });
@@ -121,7 +180,7 @@ impl Problem<'_> {
         Ok(places
             .into_iter()
             .zip(slopes)
-            .map(|(place, slope)| hill.top(place, &slope))
+            .map(|(place, slope)| hill.top(place, &slope, |states| self.of_stretches(&whole, |i| states[i])))
             .collect())
     }
 }
@@ -130,7 +189,7 @@ impl Problem<'_> {
 struct Hill<'a> {
     shooting: &'a Shooting<'a>,
     coordinates: &'a Coordinates,
-    states: Vec<State>,
+    guesses: Vec<State>,
     /// Mean and standard deviation of each coordinate.
     prior: Vec<(f64, f64)>,
 }
@@ -141,36 +200,42 @@ impl Hill<'_> {
         let places: Vec<&Place> = ascents.iter().map(|one| &one.place).collect();
         let slopes = self.slopes(&places)?;
         let mut tried = Vec::new();
+        let count = self.coordinates.len();
         for (ascent, slope) in ascents.iter().zip(&slopes) {
             let here = &ascent.place;
-            let sized = with_sizes(&here.noise, slope.sizes);
-            tried.push(Place {
-                z: here.z.clone(),
-                noise: sized,
-            });
             for factor in DAMPINGS {
-                let step = Self::newton(slope, ascent.damping * factor);
-                for (share, noise) in [(1.0, sized), (1.0, here.noise), (0.3, sized)] {
+                let step = self.scoring(slope, ascent.damping * factor);
+                for (of_values, of_sizes) in SHARES {
                     let moved: Vec<f64> = here
                         .z
                         .iter()
-                        .zip(&step)
-                        .map(|(z, step)| z + share * step)
+                        .zip(&step.common)
+                        .map(|(z, step)| z + of_values * step)
                         .collect();
+                    let mut sizes = sizes(&here.noise);
+                    for (size, step) in sizes.iter_mut().zip(&step.common[count..]) {
+                        *size *= (of_sizes * step).exp();
+                    }
+                    let mut states = here.states.clone();
+                    let all = states.iter_mut().zip(&step.states);
+                    for (state, step) in all.flat_map(|(state, step)| state.iter_mut().zip(step)) {
+                        *state += of_values * step;
+                    }
                     tried.push(Place {
                         z: self.coordinates.clip(&moved),
-                        noise,
+                        states,
+                        noise: with_sizes(&here.noise, sizes),
                     });
                 }
             }
         }
         let found = self.filtered(&tried.iter().map(|place| self.at(place)).collect::<Vec<_>>())?;
         let each = tried.len() / ascents.len();
-        let posterior = |i: usize| self.log_likelihood(&found[i]) + self.log_prior(&tried[i].z);
+        let posterior = |i: usize| self.log_likelihood(&found[i]) + self.log_prior(&tried[i]);
         for (number, (ascent, slope)) in ascents.iter_mut().zip(slopes).enumerate() {
             let own = number * each..(number + 1) * each;
             let best = own.max_by(|&a, &b| posterior(a).total_cmp(&posterior(b)));
-            let here = slope.log_likelihood + self.log_prior(&ascent.place.z);
+            let here = slope.log_likelihood + self.log_prior(&ascent.place);
             let Some(best) = best else { continue };
             let gain = posterior(best) - here;
             if gain > 0.0 {
@@ -189,30 +254,34 @@ impl Hill<'_> {
         Ok(())
     }
 
-    /// Curvature and slope of the log-posterior at each place, and the sizes that Newton's method asks for.
+    /// Curvature and slope of the log-posterior at each place.
     fn slopes(&self, places: &[&Place]) -> Result<Vec<Slope>> {
         let count = self.coordinates.len();
         let mut trials = Vec::new();
         for place in places {
             let here = self.at(place);
             let updates = here.0.updates;
+            let states = here.0.states.clone();
             trials.push(here);
             for i in 0..count {
                 let mut z = place.z.clone();
                 z[i] += STEP;
-                let trial = self.shooting.trial(&z, &self.states, Some(updates));
+                let trial = self.shooting.trial(&z, &states, Some(updates));
                 trials.push((trial, place.noise));
             }
             for i in 0..SMALLEST.len() {
-                for sign in [1.0, -1.0] {
-                    let mut sizes = sizes(&place.noise);
-                    sizes[i] *= f64::exp(sign * SIZE_STEP);
-                    let noise = with_sizes(&place.noise, sizes);
-                    trials.push((
-                        self.shooting.trial(&place.z, &self.states, Some(updates)),
-                        noise,
-                    ));
+                let mut sizes = sizes(&place.noise);
+                sizes[i] *= SIZE_STEP.exp();
+                let trial = self.shooting.trial(&place.z, &states, Some(updates));
+                trials.push((trial, of_sizes(&place.noise, sizes)));
+            }
+            for i in 0..STATES.len() {
+                let mut states = states.clone();
+                for state in &mut states {
+                    state[i] += STATE_STEP;
                 }
+                let trial = self.shooting.trial(&place.z, &states, Some(updates));
+                trials.push((trial, place.noise));
             }
         }
         let filtered = self.filtered(&trials)?;
@@ -225,78 +294,111 @@ impl Hill<'_> {
             .collect())
     }
 
+    /// Fisher's scoring: of predictions and of the logarithms of their variances.
     fn slope(&self, place: &Place, found: &[Filtered]) -> Slope {
         let count = self.coordinates.len();
-        let (here, rest) = (&found[0], &found[1..]);
-        let mut curvature = DMatrix::zeros(count, count);
-        let mut uphill = DVector::zeros(count);
-        let mut row = vec![0.0; count];
+        let all = count + SMALLEST.len();
+        let (here, rest) = (&found[0], &found[1..=all]);
+        let of_states = &found[1 + all..];
+        let mut curvature = DMatrix::zeros(all, all);
+        let mut uphill = DVector::zeros(all);
+        let (mut of_mean, mut of_spread) = (vec![0.0; all], vec![0.0; all]);
+        let no_start = Start {
+            curvature: Matrix4::zeros(),
+            cross: DMatrix::zeros(all, 4),
+            uphill: SVector::zeros(),
+        };
+        let mut starts = vec![no_start; place.states.len()];
+        let mut log_likelihood = 0.0;
         self.each_innovation(here, |window, i, axis, off, variance| {
-            for (slope, moved) in row.iter_mut().zip(rest) {
-                *slope =
-                    (moved.predicted[window][i][axis] - here.predicted[window][i][axis]) / STEP;
+            log_likelihood += log_density(off, variance);
+            let predicted = here.predicted[window][i][axis];
+            for (a, moved) in rest.iter().enumerate() {
+                let step = if a < count { STEP } else { SIZE_STEP };
+                of_mean[a] = (moved.predicted[window][i][axis] - predicted) / step;
+                of_spread[a] = (moved.variance[window][i][axis] / variance).ln() / step;
             }
-            // The derivative of Student's t, over the innovation.
+            // The derivatives of Student's t: over the innovation, and over the logarithm of the variance.
             let weight = (TAIL + 1.0) / (TAIL * variance + off * off);
-            for a in 0..count {
-                uphill[a] += weight * off * row[a];
+            let wider = 0.5 * (weight * off * off - 1.0);
+            for a in 0..all {
+                uphill[a] += weight * off * of_mean[a] + wider * of_spread[a];
                 for b in 0..=a {
-                    curvature[(a, b)] += weight * row[a] * row[b];
+                    curvature[(a, b)] +=
+                        weight * of_mean[a] * of_mean[b] + SPREAD * of_spread[a] * of_spread[b];
+                }
+            }
+            let start = &mut starts[window];
+            let of_state = SVector::<f64, 4>::from_fn(|c, _| {
+                (of_states[c].predicted[window][i][axis] - predicted) / STATE_STEP
+            });
+            start.uphill += weight * off * of_state;
+            start.curvature += weight * of_state * of_state.transpose();
+            for (a, of_mean) in of_mean.iter().enumerate() {
+                for c in 0..4 {
+                    start.cross[(a, c)] += weight * of_mean * of_state[c];
                 }
             }
         });
-        for a in 0..count {
+        for (start, (state, guess)) in starts.iter_mut().zip(place.states.iter().zip(&self.guesses)) {
+            for (c, size) in STATES.iter().enumerate() {
+                start.curvature[(c, c)] += size.powi(-2);
+                start.uphill[c] -= (state[c] - middle(guess)[c]) * size.powi(-2);
+            }
+        }
+        for a in 0..all {
             for b in 0..a {
                 curvature[(b, a)] = curvature[(a, b)];
             }
-            let (mean, deviation) = self.prior[a];
+        }
+        for (a, (mean, deviation)) in self.prior.iter().enumerate() {
             curvature[(a, a)] += deviation.powi(-2);
             uphill[a] -= (place.z[a] - mean) * deviation.powi(-2);
         }
-        let log_likelihoods: Vec<f64> = rest[count..]
-            .iter()
-            .map(|one| self.log_likelihood(one))
-            .collect();
-        let here = self.log_likelihood(here);
-        let mut sizes = sizes(&place.noise);
-        for (i, size) in sizes.iter_mut().enumerate() {
-            let (more, less) = (log_likelihoods[2 * i], log_likelihoods[2 * i + 1]);
-            let slope = (more - less) / (2.0 * SIZE_STEP);
-            let bend = (more - 2.0 * here + less) / (SIZE_STEP * SIZE_STEP);
-            if slope.abs() > MATTERS {
-                let step = if bend < 0.0 {
-                    -slope / bend
-                } else {
-                    slope.signum() * FARTHEST
-                };
-                *size *= step.clamp(-FARTHEST, FARTHEST).exp();
-            }
+        for a in count..all {
+            curvature[(a, a)] += KNOWN;
         }
         Slope {
-            log_likelihood: here,
+            log_likelihood,
             curvature,
             uphill,
-            sizes,
+            starts,
         }
     }
 
-    fn newton(slope: &Slope, damping: f64) -> Vec<f64> {
-        let mut matrix = slope.curvature.clone();
-        for i in 0..matrix.nrows() {
-            matrix[(i, i)] *= 1.0 + damping;
+    fn scoring(&self, slope: &Slope, damping: f64) -> Step {
+        let (curvature, uphill, inverses) = slope.without_starts(damping);
+        let step = curvature.cholesky().map(|one| one.solve(&uphill));
+        let mut step = step.unwrap_or_else(|| DVector::zeros(uphill.len()));
+        for (i, step) in step.iter_mut().enumerate() {
+            let farthest = if i < self.coordinates.len() { FARTHEST } else { FARTHEST_SIZE };
+            *step = step.clamp(-farthest, farthest);
         }
-        let step = matrix.cholesky().map(|one| one.solve(&slope.uphill));
-        let step = step.unwrap_or_else(|| DVector::zeros(slope.uphill.len()));
-        step.iter()
-            .map(|one| one.clamp(-FARTHEST, FARTHEST))
-            .collect()
+        let of_start = |(start, inverse): (&Start, &Matrix4<f64>)| {
+            let rest = start.cross.transpose() * &step;
+            let own = inverse * (start.uphill - SVector::<f64, 4>::from_column_slice(rest.as_slice()));
+            std::array::from_fn(|c| own[c].clamp(-FARTHEST * STATES[c], FARTHEST * STATES[c]))
+        };
+        let states = slope.starts.iter().zip(&inverses).map(of_start).collect();
+        Step {
+            common: step.as_slice().to_vec(),
+            states,
+        }
     }
 
-    fn top(&self, place: &Place, slope: &Slope) -> Probable {
-        let covariance = slope.curvature.clone().cholesky();
+    fn top(&self, place: &Place, slope: &Slope, of_stretches: impl Fn(&[State]) -> Vec<Option<[f64; 4]>>) -> Probable {
+        let count = self.coordinates.len();
+        let (curvature, _, _) = slope.without_starts(0.0);
+        let of_values = curvature.view((0, 0), (count, count)).into_owned();
+        let covariance = of_values.cholesky();
         let log_volume: f64 = covariance.as_ref().map_or(f64::NAN, |one| {
             one.l_dirty().diagonal().iter().map(|one| one.ln()).sum()
         });
+        let of_states: f64 = slope
+            .starts
+            .iter()
+            .map(|start| 0.5 * start.curvature.determinant().ln())
+            .sum();
         let log_width: f64 = self.prior.iter().map(|(_, deviation)| deviation.ln()).sum();
         let by_z = self.coordinates.derivative(&place.z);
         let inverse = covariance.map(|one| one.inverse());
@@ -312,22 +414,34 @@ impl Hill<'_> {
                 .coordinates
                 .own(&self.coordinates.to_values(&place.z))
                 .to_vec(),
+            states: of_stretches(&place.states),
             noise: place.noise,
             log_likelihood: slope.log_likelihood,
-            log_evidence: slope.log_likelihood + self.log_prior(&place.z) - log_volume - log_width,
+            log_evidence: slope.log_likelihood + self.log_prior(place)
+                - log_volume
+                - of_states
+                - log_width,
             deviations: slots.into_iter().zip(by_z.iter().map(deviation)).collect(),
         }
     }
 
     /// Logarithm of the prior, up to what only its widths decide.
-    fn log_prior(&self, z: &[f64]) -> f64 {
+    fn log_prior(&self, place: &Place) -> f64 {
         let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
-        -0.5 * z.iter().zip(&self.prior).map(square).sum::<f64>()
+        let of_values: f64 = place.z.iter().zip(&self.prior).map(square).sum();
+        let pairs = place.states.iter().zip(&self.guesses);
+        let of_states: f64 = pairs
+            .map(|(state, guess)| {
+                let off = |c: usize| (state[c] - middle(guess)[c]) / STATES[c];
+                (0..4).map(|c| off(c).powi(2)).sum::<f64>()
+            })
+            .sum();
+        -0.5 * (of_values + of_states)
     }
 
     fn at(&self, place: &Place) -> (Trial, Noise) {
         (
-            self.shooting.trial(&place.z, &self.states, None),
+            self.shooting.trial(&place.z, &place.states, None),
             place.noise,
         )
     }
@@ -372,24 +486,48 @@ impl Hill<'_> {
     }
 }
 
-fn sizes(noise: &Noise) -> [f64; 5] {
+/// What a start state is expected to be: where the marble was seen, at rest.
+fn middle(guess: &State) -> State {
+    [guess[0], guess[1], 0.0, 0.0]
+}
+
+fn sizes(noise: &Noise) -> [f64; SIZES] {
     [
         noise.white,
         noise.lasting,
         noise.lasting_s,
         noise.push,
+        noise.pull,
+        noise.pull_s,
         noise.restitution,
     ]
 }
 
-fn with_sizes(noise: &Noise, sizes: [f64; 5]) -> Noise {
-    let [white, lasting, lasting_s, push, restitution] =
-        std::array::from_fn(|i| sizes[i].clamp(SMALLEST[i], LARGEST[i]));
+fn with_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
+    let within = |i: usize| match sizes[i] {
+        0.0 => 0.0,
+        size => size.clamp(SMALLEST[i], LARGEST[i]),
+    };
+    of_sizes(noise, std::array::from_fn(within))
+}
+
+fn of_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
+    let [
+        white,
+        lasting,
+        lasting_s,
+        push,
+        pull,
+        pull_s,
+        restitution,
+    ] = sizes;
     Noise {
         white,
         lasting,
         lasting_s,
         push,
+        pull,
+        pull_s,
         restitution,
         ..*noise
     }

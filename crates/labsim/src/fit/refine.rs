@@ -113,8 +113,8 @@ impl Problem<'_> {
 
     /// Predicts each row of whole stretches from all rows before, at values and with noise, one for each of them.
     ///
-    /// The marble starts where it is first seen, at rest on average. The gears of all values must have the signs
-    /// of the first ones.
+    /// The marble starts in the states of the stretches that are given for each of the values, else where it is first
+    /// seen, at rest on average. The gears of all values must have the signs of the first ones.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -122,6 +122,7 @@ impl Problem<'_> {
         &self,
         values: &[Vec<f64>],
         noise: &[Noise],
+        states: Option<&[Vec<Option<[f64; 4]>>]>,
         cancel: &AtomicBool,
     ) -> Result<Vec<Filtered>> {
         self.check()?;
@@ -130,13 +131,20 @@ impl Problem<'_> {
         };
         let (coordinates, whole) = self.around(first, cancel)?;
         let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
-        let states = self.filter_states(&whole);
+        let seen = self.filter_states(&whole);
+        let known = |noise: &Noise| Noise {
+            start_velocity: noise.start_velocity.filter(|_| states.is_none()),
+            ..*noise
+        };
+        let noise: Vec<Noise> = noise.iter().map(known).collect();
         let mut trials = Vec::with_capacity(values.len());
-        for values in values {
+        for (i, values) in values.iter().enumerate() {
             self.check_values(values)?;
-            trials.push(shooting.trial(&coordinates.to_z(values), &states, None));
+            let given = states.map(|states| self.of_windows(&whole, &states[i]));
+            let begun = given.as_ref().unwrap_or(&seen);
+            trials.push(shooting.trial(&coordinates.to_z(values), begun, None));
         }
-        shooting.filter(&trials.iter().collect::<Vec<_>>(), noise)
+        shooting.filter(&trials.iter().collect::<Vec<_>>(), &noise)
     }
 
     /// Where a filter starts: where the marble was first seen, at rest.

@@ -324,13 +324,14 @@ impl<'a> Shooting<'a> {
             let noise: Vec<Noise> = noise
                 .iter()
                 .flat_map(|noise| {
-                    windows.iter().map(|window| Noise {
-                        start_velocity: if window.at_rest {
-                            0.0
-                        } else {
-                            noise.start_velocity
-                        },
-                        ..*noise
+                    windows.iter().map(|window| {
+                        let start_velocity = noise.start_velocity;
+                        Noise {
+                            start_velocity: start_velocity.map(|size| {
+                                if window.at_rest { 0.0 } else { size }
+                            }),
+                            ..*noise
+                        }
                     })
                 })
                 .collect();

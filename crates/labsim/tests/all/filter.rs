@@ -21,7 +21,7 @@ fn noise() -> Noise {
         lasting_s: 0.2,
         push: 1e-4,
         restitution: 0.1,
-        start_velocity: 0.1,
+        start_velocity: Some(0.1),
     }
 }
 
@@ -76,7 +76,7 @@ fn conditioned(free: &[f64], observed: &[f64], noise: &Noise, edge_m: f64) -> Ve
     let covariance = DMatrix::from_fn(rows, rows, |i, j| {
         let (s, t) = (i.min(j) as f64 * ROW_S, i.max(j) as f64 * ROW_S);
         let push = noise.push * s * s * (3.0 * t - s) / 6.0;
-        let start = noise.start_velocity.powi(2) * s * t;
+        let start = noise.start_velocity.unwrap_or(0.0).powi(2) * s * t;
         let lasting = noise.lasting.powi(2) * (-(t - s) / noise.lasting_s).exp();
         let white = if i == j { noise.white.powi(2) } else { 0.0 };
         (push + start) / edge_m.powi(2) + lasting + white
@@ -115,7 +115,7 @@ proptest! {
         start_velocity in 0.0..0.2,
         signs in prop::collection::vec(prop::array::uniform2(-0.5..0.5), 25),
     ) {
-        let noise = Noise { white, lasting, lasting_s, push, restitution: 0.3, start_velocity };
+        let noise = Noise { white, lasting, lasting_s, push, restitution: 0.3, start_velocity: Some(start_velocity) };
         let values = [0.02, 0.03, 0.0, 12.0, 1.1];
         let commands: Vec<[f64; 2]> = (0..25).map(|i| [0.05 * f64::from(i % 5), -0.03]).collect();
         let start = [0.02, -0.01];
@@ -185,7 +185,7 @@ proptest! {
             lasting_s: 1e-3 + sizes[2],
             push: sizes[3],
             restitution: sizes[4],
-            start_velocity: sizes[5],
+            start_velocity: Some(sizes[5]),
         };
         let values = [values.0, values.1, values.2, values.3, values.4];
         let commands: Vec<[f64; 2]> = (0..40)
@@ -233,7 +233,7 @@ fn a_push_that_is_there_is_found() {
             let noise = Noise {
                 lasting: 0.0,
                 push: factor * truth,
-                start_velocity: 0.0,
+                start_velocity: Some(0.0),
                 ..noise()
             };
             let (predicted, likelihood) = filtered(values, &[], &commands, &observed, noise);

@@ -44,7 +44,7 @@ fn top(planted: &mut Planted, share: f64, effects: &[(&str, &[f64])]) -> Probabl
         lasting_s: 0.1,
         push,
         restitution: 0.1,
-        start_velocity: 0.1,
+        start_velocity: Some(0.1),
     };
     // The hill has several tops: with a large push it is smooth, and lower ones hold no longer.
     let noise = [1e-8, 1e-6, 1e-4, 1e-2].map(noise);

@@ -1,0 +1,19 @@
+"""Every knob of the diagnosis, with its unit and its reason."""
+
+from __future__ import annotations
+
+#: Spectral densities of the push at which an ascent of the five parameters begins [m^2/s^3]: from a hundredth of
+#: what a good tracker sees to what overwhelms the drive. The hill has a top for each regime.
+PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
+#: Standard deviation of the start velocity [m/s]: a marble that is let go, or rolls as the recording begins.
+START_VELOCITY = 0.3
+#: Draws of each effect that are looked at to first order.
+DRAWS = 32
+#: Effects that are fitted after that look, and starts of each.
+FITTED, STARTS = 10, 2
+#: Steps of a first ascent, of one of the five parameters, and of a thorough one; and how many of the first are thorough.
+FIRST, FIRST_OF_BASE, THOROUGH, TOPS = 6, 10, 25, 3
+#: By so many nats a set must be likelier than without an effect for it to be named: odds of 99 to 1.
+SURE = 4.6
+#: Standard deviation [m/s^2] and time [s] of the push that lasts at which an ascent begins.
+PULL, PULL_S = 3e-3, 0.2
