@@ -21,6 +21,7 @@ import tempfile
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,8 @@ LIKE = {
 NAMELESS = "unlisted"
 #: The most that the truth's error is of the base model's where there is a gap to close.
 GAP = 0.9
+#: Bands of how far effects move the path by themselves [tracker noises].
+BANDS = (3.0, 10.0, 30.0, math.inf)
 #: The fewest inclusion probabilities of a decile from which a share of true ones says anything.
 ENOUGH = 20
 
@@ -130,6 +133,7 @@ def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> dict[str, 
         "found": len(named) == len(kinds) and all(any(k in alike for alike in named.values()) for k in kinds),
         "contains": all(any(k in alike for alike in named.values()) for k in kinds),
         "right": right,
+        "moves": label.get("moves", {}),
         "false": false,
         "tie_size": float(np.mean(ties)) if ties else None,
         "final": final,
@@ -237,6 +241,7 @@ def figures(rows: list[dict[str, Any]]) -> dict[str, str]:
         "several at once: effects named": _share(
             [effect in row["right"] for row in several for effect in row["kind"]]
         ),
+        **by_size(several),
         "several at once: false names a rig": _mean([len(row["false"]) for row in several]),
         "unlisted said so": _rate(unlisted, is_right),
         "false names a rig": _mean([len(row["false"]) for row in rows]),
@@ -249,6 +254,17 @@ def figures(rows: list[dict[str, Any]]) -> dict[str, str]:
         "CPU seconds a rig: median, largest": _middle([row["cpu_seconds"] for row in rows], np.max),
     }
     return {what: value for what, value in found.items() if value}
+
+
+def by_size(rows: list[dict[str, Any]]) -> dict[str, str]:
+    """Return for bands of how far effects move the path by themselves how many are named."""
+    moves = [(moved, name in row["right"]) for row in rows for name, moved in row["moves"].items()]
+    return {
+        f"several at once: named of {low:g} to {high:g} noises": _share(
+            [right for moved, right in moves if low <= moved < high]
+        )
+        for low, high in pairwise(BANDS)
+    }
 
 
 def calibration(rows: list[dict[str, Any]]) -> dict[str, str]:

@@ -87,7 +87,8 @@ def main() -> None:
     parser.add_argument("--beside", type=Path, help="another folder whose figures stand beside these")
     args = parser.parse_args()
     threads = None if args.jobs == 1 else 1
-    found: dict[str, dict[str, str]] = {}
+    before = _figures(args.beside) if args.beside else {}
+    found = _figures(args.out)
     with multiprocessing.get_context("spawn").Pool(args.jobs) if args.jobs > 1 else _Alone() as pool:
         for name in args.only or [*SETS, PRACTICE, *REAL]:
             if name in REAL:
@@ -102,10 +103,16 @@ def main() -> None:
                 found[name] = scored(folder / "rigs", folder, names, threads, pool.imap_unordered)
             write_atomic(args.out / "figures.json", json.dumps(found, indent=1))
             print("\n".join(table({name: found[name]} if name in found else {})), flush=True)
-    before = json.loads((args.beside / "figures.json").read_text("utf-8")) if args.beside else {}
     lines = "\n".join(table(found, before))
     write_atomic(args.out / "table.md", lines + "\n")
     print(f"\n{lines}")
+
+
+def _figures(out: Path) -> dict[str, dict[str, str]]:
+    """Return what was measured in a folder before, by set and figure."""
+    path = out / "figures.json"
+    found: dict[str, dict[str, str]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    return found
 
 
 class _Alone:

@@ -138,6 +138,7 @@ def row(kind, right=(), false=(), **others):
         "found": set(kind) <= {*right},
         "tie_size": None,
         "right": list(right),
+        "moves": {name: 4.0 if name == "delay" else 50.0 for name in kind},
         "false": list(false),
         "base": 0.1,
         "oracle": 0.01,
@@ -159,6 +160,8 @@ def test_figures_count_effects_named_and_names_that_are_false():
         ]
     )
     assert found["several at once: effects named"].split()[:3] == ["5", "of", "6"]
+    assert found["several at once: named of 3 to 10 noises"].split()[:3] == ["1", "of", "2"]
+    assert found["several at once: named of 30 to inf noises"].split()[:3] == ["4", "of", "4"]
     assert found["several at once: false names a rig"] == "0.50"
     assert found["false alarms"].split()[:3] == ["1", "of", "2"]
     assert found["CPU seconds a rig: median, largest"] == "2, 9"
