@@ -1,4 +1,4 @@
-"""Every knob of the diagnosis, with its unit and its reason."""
+"""Every knob of the search for the most probable set of effects, with its unit and its reason."""
 
 from __future__ import annotations
 
@@ -11,9 +11,20 @@ START_VELOCITY = 0.3
 DRAWS = 32
 #: Effects that are fitted after that look, and starts of each.
 FITTED, STARTS = 10, 2
+#: Effects that are fitted in the place of one of a set.
+SWAPPED = 5
 #: Steps of a first ascent, of one of the five parameters, and of a thorough one; and how many of the first are thorough.
 FIRST, FIRST_OF_BASE, THOROUGH, TOPS = 6, 10, 25, 3
 #: By so many nats a set must be likelier than without an effect for it to be named: odds of 99 to 1.
 SURE = 4.6
 #: Standard deviation [m/s^2] and time [s] of the push that lasts at which an ascent begins.
 PULL, PULL_S = 3e-3, 0.2
+#: By so many nats one set must be likelier to take the place of another: less is the ascents' own tolerance.
+BETTER = 0.5
+#: Share of the tracker's noise by which the error on runs held out must grow without an effect: as much as if the
+#: tracker's variance doubled, sqrt(2) - 1.
+MATTERS = 0.41
+#: Effects less probable than this are not mentioned.
+MENTIONED = 0.01
+#: Sets whose log posteriors are no farther apart may not be told from each other [nats]: odds of 20 to 1.
+TIE = 3.0

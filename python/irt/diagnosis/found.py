@@ -21,6 +21,7 @@ from irt.diagnosis.resampled import with_scatter
 from irt.diagnosis.result import UNLISTED, Candidate, Diagnosis, Finding, NamedEffect, RunProof, units
 from irt.diagnosis.rivals import reason
 from irt.diagnosis.search import Search
+from irt.diagnosis.several import Several
 from irt.engine import SUBSTEP_S
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
@@ -47,6 +48,8 @@ class Found:
         Those that do as well, for each of its effects.
     spread : Parameter or None
         Standard deviation of the delays [s], where they differ from command to command.
+    several : Several, optional
+        How the hypothesis was found, where the marble was taken to be pushed at random besides.
     """
 
     def __init__(
@@ -55,8 +58,10 @@ class Found:
         possible: Sequence[tuple[Case, Fitted]],
         tied: dict[str, list[Fitted]],
         spread: Parameter | None,
+        several: Several | None = None,
     ) -> None:
         self._search, self._possible, self._tied, self._spread = search, possible, tied, spread
+        self._several = several
         self._case, self._best = possible[0]
         told = [_information(*one, search.held_out(self._best)) for one in possible]
         self._unidentifiable = unidentifiable(told[0])
@@ -69,7 +74,8 @@ class Found:
     def diagnosis(self, where: Sequence[Finding]) -> Diagnosis:
         """Put everything together."""
         case, base, best = self._case, self._search.base, self._best
-        explained = is_explained(case, best, base)
+        set_found = self._several if self._several is not None and best.effects else None
+        explained = is_explained(case, best, base) or (set_found is not None and set_found.is_whole)
         between = self._search.is_explained_between(best)
         before, after = self._proofs[base.effects], self._proofs[best.effects]
         effects = tuple(self._named(name) for name in self._ordered())
@@ -77,7 +83,8 @@ class Found:
             effects = tuple(self._jitter(one) if one.name == "delay" else one for one in effects)
         noise = max(best.noise, FINEST) if explained else case.noise
         verdict = "missing" if effects else "sufficient"
-        lost = self._spread is None and not explained and not between and is_lost(case, best, base)
+        leaves = self._spread is None and not explained and not between and is_lost(case, best, base)
+        lost = leaves and set_found is None
         if UNLISTED in best.effects or lost:
             verdict = "unlisted"
         base_heldout, final_heldout = self._heldout(before), self._heldout(after)
@@ -91,11 +98,12 @@ class Found:
                 after=_mean(after),
                 heldout=len(case.rig.recordings) > 1,
                 explained=explained or between,
-                lost=lost,
+                leaves=leaves,
                 row_s=None if case.time_scale is not None else case.row_s(best),
             ),
             where=tuple(where),
             effects=effects,
+            inclusion={} if self._several is None else self._several.posterior.probabilities(),
             noise=noise,
             base_mae=_free_run(self._search.case, base),
             final_mae=_free_run(case, best),

@@ -61,7 +61,7 @@ def shows(between: Case, one: Fitted, over: Fitted) -> bool:
     """
     added = [name for name in one.effects if name not in over.effects]
     if all(acts_on_impacts_alone(name) for name in added):
-        return all(not is_law_of_impacts(name) or _size(one, name) > LEAST_OF_IMPACTS for name in added)
+        return all(not is_law_of_impacts(name) or size_of_law(one, name) > LEAST_OF_IMPACTS for name in added)
     if not between.segments:
         return False
     # Each from where the other led, too: the gain must not be one of a better start.
@@ -83,7 +83,7 @@ def is_explained_between(between: Case, one: Fitted) -> bool:
     return is_noise(between, refitted(between, one, [one]))
 
 
-def _size(one: Fitted, name: str) -> float:
+def size_of_law(one: Fitted, name: str) -> float:
     """Return how far the values of an effect are from neutral, the farthest, as a share of their ranges."""
     values = one.value_of(name)
     return max(

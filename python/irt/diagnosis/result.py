@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -203,6 +203,8 @@ class Diagnosis:
         Of everything drawn.
     seconds : float
         Wall time.
+    inclusion : dict
+        Probability of each effect of the catalogue that it is at work, where sets of effects were compared.
     """
 
     verdict: Verdict
@@ -226,6 +228,7 @@ class Diagnosis:
     settings: dict[str, Any]
     seed: int
     seconds: float
+    inclusion: dict[str, float] = field(default_factory=dict)
 
     @property
     def is_held_out(self) -> bool:
@@ -277,6 +280,7 @@ class Diagnosis:
                 for one in self.where
             ],
             "effects": [_effect(one) for one in self.effects],
+            "inclusion": self.inclusion,
             "fit": {
                 "noise": self.noise,
                 "base_mae": self.base_mae,

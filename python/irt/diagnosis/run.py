@@ -23,8 +23,9 @@ from irt.diagnosis.locate import locate, stages, variables
 from irt.diagnosis.partners import Report
 from irt.diagnosis.result import UNLISTED, Diagnosis, Finding, NamedEffect
 from irt.diagnosis.rivals import rivals
-from irt.diagnosis.search import MOST_EFFECTS, Search
-from irt.diagnosis.unlisted import MANY, Library
+from irt.diagnosis.search import Search
+from irt.diagnosis.several import Several, several
+from irt.diagnosis.unlisted import Library, is_more_probable
 from irt.files import PathLike
 from irt.fitting.effect_size import size_of
 from irt.fitting.fit import Progress
@@ -106,7 +107,7 @@ def _found(search: Search, report: Report) -> Diagnosis:
     report("rivals")
     tied = {} if UNLISTED in best.effects else rivals(search, best, _rivalled(best, answer.spread))
     report("the proof")
-    told = Found(search, possible, tied, answer.spread).diagnosis(where)
+    told = Found(search, possible, tied, answer.spread, answer.several).diagnosis(where)
     leaves = answer.is_of_catalogue and not _is_all(search, best)
     if leaves or answer.spread is not None:
         # Beside what was not found, or differs by chance, a size that may as well be none says nothing.
@@ -114,7 +115,7 @@ def _found(search: Search, report: Report) -> Diagnosis:
         for name in [one.name for one in told.effects if one.name in best.effects and may_be_absent(one)]:
             kept = search.without(kept, name)
         if kept is not best:
-            told, best = _told(search, kept, where, answer.spread), kept
+            told, best = _told(search, kept, where, answer.spread, answer.several), kept
     if not best.effects or not is_doubtful(told, leaves=leaves, is_of_catalogue=answer.is_of_catalogue):
         return told
     if answer.known is not None and answer.known.effects:
@@ -127,14 +128,18 @@ def _found(search: Search, report: Report) -> Diagnosis:
 
 
 def _told(
-    search: Search, one: Fitted, where: Sequence[Finding], of_chance: Parameter | None = None
+    search: Search,
+    one: Fitted,
+    where: Sequence[Finding],
+    of_chance: Parameter | None = None,
+    found: Several | None = None,
 ) -> Diagnosis:
     """Say what a hypothesis of the catalogue comes to, as the answer; `of_chance` if its delays differ."""
     if of_chance is not None:
         shown = kicks(search.case, one, search.evidence().price(2, 1))
         of_chance = of_chance if shown is None else spread(search.case, one, shown)
     tied = rivals(search, one, _rivalled(one, of_chance))
-    return Found(search, [(search.case, one)], tied, of_chance).diagnosis(where)
+    return Found(search, [(search.case, one)], tied, of_chance, found).diagnosis(where)
 
 
 def _rivalled(one: Fitted, of_chance: Parameter | None) -> list[str]:
@@ -176,8 +181,8 @@ def is_doubtful(told: Diagnosis, *, leaves: bool, is_of_catalogue: bool) -> bool
 class _Answer:
     """The hypothesis chosen, and the case with what it holds.
 
-    With the spread of delays where they differ [s], the terms of what was learned, and what the catalogue has
-    in its place.
+    With the spread of delays where they differ [s], the terms of what was learned, what the catalogue has in
+    its place, and how the set was found where it was searched with a random push.
     """
 
     case: Case
@@ -185,6 +190,7 @@ class _Answer:
     spread: Parameter | None = None
     terms: tuple[Term, ...] = ()
     known: Fitted | None = None
+    several: Several | None = None
 
     @property
     def is_of_catalogue(self) -> bool:
@@ -192,15 +198,14 @@ class _Answer:
 
 
 def _searched(search: Search, report: Report) -> _Answer:
-    """Choose a hypothesis: one effect, several effects, delays that differ, something unlisted.
+    """Choose a hypothesis: one effect, several effects and a random push, delays that differ, something unlisted.
 
-    What leaves noise ends the search: nothing that repeats does so where delays differ, while a lag and a
-    clock that drifts together may look like those. What was learned has to beat the catalogue: two terms of a
-    library can stand for two effects that have names. Effects that seem to leave noise in most windows, and
-    no more, have to stand up to further ones and to it, too. Chance and it are asked before three effects,
-    and may end the search, where two leave most or one term explains the motion: a board that swings after
-    its knobs, and a drag by the direction of motion, were taken for delays that differ. It is asked before
-    two effects where none does much alone and pushes of one family explain the motion.
+    One effect that leaves noise ends the search. So does what was learned and leaves noise, where no effect alone
+    does much and pushes of one family explain the motion: a board that swings after its knobs, and a drag by the
+    direction of motion, were taken for delays that differ. Else the most probable set of effects is searched, with
+    a random push besides. If it needs no push, nothing is missing. If it does, and one term explains the motion or
+    the set leaves most of the mismatch, delays that differ by chance and a learned push are asked; a learned push has
+    to be more probable than the set.
     """
     case, best = search.case, search.singles()
     if search.is_done(best):
@@ -210,23 +215,17 @@ def _searched(search: Search, report: Report) -> _Answer:
         answer = _learned(library, best, report)
         if search.is_done(answer.best):
             return answer
-    best = search.larger(best, 2)
-    left = not (search.is_done(best) or search.is_explained_between(best))
-    if left and (library.is_repeatable or is_most_left(case, best, search.base)):
-        kept = search.pruned(best)
-        by_chance = None if _is_all(search, kept) else _by_chance(search, library, kept, report)
-        answer = by_chance or _learned(library, kept, report)
-        if answer.spread is not None or search.is_done(answer.best):
+    found = several(search)
+    if found.is_whole:
+        return _Answer(case, found.fitted, several=found)
+    if library.is_repeatable or not found.fitted.effects or is_most_left(case, found.fitted, search.base):
+        answer = _by_chance(search, library, found.fitted, report)
+        if answer is not None:
             return answer
-    best = search.pruned(search.larger(best, MOST_EFFECTS))
-    if not _is_all(search, best):
-        by_chance = _by_chance(search, library, best, report)
-        if by_chance is not None:
-            return by_chance
-        best = search.pruned(search.with_partners(best))
-    if len(best.effects) < MANY and (search.is_done(best) or search.is_explained_between(best)):
-        return _Answer(case, best)
-    return _learned(library, best, report)
+        learned = _learned(library, found.fitted, report)
+        if learned.terms and is_more_probable(learned.case, learned.best, len(learned.terms), found):
+            return learned
+    return _Answer(case, found.fitted, several=found)
 
 
 def _by_chance(search: Search, library: Library, best: Fitted, report: Report) -> _Answer | None:

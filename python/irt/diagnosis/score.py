@@ -139,6 +139,16 @@ class Scores:
             self.remember(one)
         return found
 
+    def push(self, one: Scored) -> float:
+        """Return by how many nats a set is likelier with a random push than without."""
+        problem = self.problem(one.effects)
+        noise = one.noise.copy()
+        noise[[PUSH, PULL]] = 0.0
+        (top,) = problem.ascend(
+            self.from_where(problem, one)[None], noise[None], [one.top.states], iterations=config.THOROUGH
+        )
+        return max(0.0, one.top.log_likelihood - float(top.log_likelihood))
+
     def remember(self, one: Scored) -> None:
         """Keep a set, if it is the best of its effects."""
         key = frozenset(one.effects)

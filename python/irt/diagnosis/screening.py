@@ -14,7 +14,6 @@ from irt.diagnosis import config
 from irt.diagnosis.score import Scored, Scores
 from irt.fitting.effect_size import size_of
 from irt.fitting.problem import Problem
-from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 

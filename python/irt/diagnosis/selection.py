@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,9 +32,27 @@ class Posterior:
 
     def inclusion(self, name: str) -> float:
         """Return the probability that an effect is at work."""
-        weights = np.exp([one.score - self.best.score for one in self.sets])
+        highest = max(one.score for one in self.sets)
+        weights = np.exp([one.score - highest for one in self.sets])
         with_it = [name in one.effects for one in self.sets]
         return float(weights[with_it].sum() / weights.sum())
+
+    def probabilities(self) -> dict[str, float]:
+        """Return the probability of each effect that was tried, as far as it is worth a mention."""
+        names = sorted({name for one in self.sets for name in one.effects})
+        found = {name: self.inclusion(name) for name in names}
+        return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
+
+    def instead(self) -> list[Scored]:
+        """Return the sets that have another effect in the place of one of the best, and are about as probable."""
+        best = frozenset(self.best.effects)
+        return [
+            one
+            for one in self.sets
+            if len(one.effects) == len(best)
+            and len(best & frozenset(one.effects)) == len(best) - 1
+            and one.score > self.best.score - config.TIE
+        ]
 
 
 @dataclass(eq=False)
@@ -44,19 +62,18 @@ class Selection:
     scores: Scores
     names: Sequence[str]
     report: Report
+    _without: dict[tuple[frozenset[str], str, float], Scored] = field(default_factory=dict)
 
     def run(self) -> Posterior:
         """Add what raises the score most, drop what became needless, then try others in each one's place."""
         best = self.scores.base()
-        while True:
-            grown = self._grown(best)
-            if grown is None:
-                swapped = self._swapped(best)
-                if swapped is None:
-                    break
-                best = self._pruned(swapped)
-            else:
-                best = self._pruned(grown)
+        seen: set[frozenset[str]] = set()
+        # A set that comes back has a better top than before, and leads nowhere else.
+        while frozenset(best.effects) not in seen:
+            seen.add(frozenset(best.effects))
+            better = self._grown(best) or self._swapped(best)
+            if better is not None:
+                best = self._pruned(better)
         ranked = sorted(self.scores.known.values(), key=lambda one: (-one.score, one.effects))
         return Posterior(best, tuple(ranked))
 
@@ -66,12 +83,13 @@ class Selection:
         child = self._best_child(parent, names, config.FITTED)
         return child if child is not None and child.score > parent.score + config.SURE else None
 
-    def _best_child(self, parent: Scored, names: Sequence[str], count: int, beside: Sequence[Scored] = ()) -> Scored | None:
+    def _best_child(self, parent: Scored, names: Sequence[str], count: int) -> Scored | None:
+        """Return the best set with one effect more, of those that promise most."""
         promises = Screening(self.scores, parent).promises(names)
         found = [self._first(parent, promise) for promise in promises[:count]]
         found = [one for one in found if one is not None]
         found.sort(key=lambda one: -one.score)
-        tops = [self.thorough(one) for one in found[:3]]
+        tops = [self.thorough(one) for one in found[: config.TOPS]]
         return max(tops, key=lambda one: one.score, default=None)
 
     def _first(self, parent: Scored, promise: Promise) -> Scored | None:
@@ -93,13 +111,17 @@ class Selection:
 
     def without(self, one: Scored, name: str) -> Scored:
         """Return a set without one of its effects, fitted from where the set is."""
+        key = (frozenset(one.effects), name, one.score)
+        if key in self._without:
+            return self._without[key]
         rest = tuple(other for other in one.effects if other != name)
         problem = self.scores.problem(rest)
         values = np.tile(self.scores.from_where(problem, one), (3, 1))
         noises = np.tile(one.noise, (3, 1))
         noises[1:, PUSH] = 1e-6, 1e-4
         self.scores.ascend(rest, values, noises, one.top.states, iterations=config.THOROUGH)
-        return self.scores.known[frozenset(rest)]
+        self._without[key] = self.scores.known[frozenset(rest)]
+        return self._without[key]
 
     def _pruned(self, one: Scored) -> Scored:
         """Drop effects that are worth nothing beside the others."""
@@ -114,7 +136,7 @@ class Selection:
         for name in one.effects:
             less = self.without(one, name)
             names = [other for other in self.names if other not in one.effects]
-            child = self._best_child(less, names, 5)
-            if child is not None and child.score > one.score + 0.5:
+            child = self._best_child(less, names, config.SWAPPED)
+            if child is not None and child.score > one.score + config.BETTER:
                 return child
         return None

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irt.catalogue import effect
+from irt.diagnosis import config
 from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.evidence import Evidence, excess, is_explained, is_most_left, is_trusted
 from irt.diagnosis.heldout import hold_out, is_supported
@@ -21,7 +22,10 @@ from irt.diagnosis.impacts import shows
 from irt.diagnosis.library import BRAKE, GEARS, PROFILES, PUSH, VECTORS, Term, in_slots, of_slot
 from irt.diagnosis.profiles import BOUNDED, ROUND, SHAPES
 from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.score import PUSH as PUSH_SIZE
+from irt.diagnosis.score import Scores, price
 from irt.diagnosis.search import Search
+from irt.diagnosis.several import Several
 from irt.diagnosis.view import View, likely_terms, motion_seen
 from irt.rig import PARAMETERS
 
@@ -245,6 +249,22 @@ def _is_preferred(search: Search, learned: Fitted, best: Fitted) -> bool:
     if excess(case, learned) > HALF * excess(case, best):
         return False
     return is_supported(search.held_out(learned), search.held_out(best), evidence.scale)
+
+
+def is_more_probable(case: Case, learned: Fitted, terms: int, found: Several) -> bool:
+    """Whether a learned push is likelier than a set of effects, by the same score.
+
+    Each term is a choice from the library, as each effect is one from the catalogue.
+    """
+    scores = Scores(case)
+    problem = scores.problem([UNLISTED])
+    known = found.scored.values | dict(zip(learned.names, learned.values.tolist(), strict=True))
+    values = np.array([known[name] for name in problem.names])
+    noises = np.tile(found.scored.noise, (len(config.PUSHES), 1))
+    noises[:, PUSH_SIZE] = config.PUSHES
+    tops = scores.ascend([UNLISTED], np.tile(values, (len(noises), 1)), noises, iterations=config.THOROUGH)
+    best = max(one.top.log_evidence for one in tops) - price(terms)
+    return best > found.scored.score + config.SURE
 
 
 def formula(values: dict[str, float]) -> str:

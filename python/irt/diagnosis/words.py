@@ -16,9 +16,7 @@ from irt.model import Parameter
 #: Mean absolute value of a normal variable over its standard deviation.
 _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 #: What is said of names that leave far more than noise.
-_MORE = (
-    " Much is left that nothing known explains: these names may stand in for what is missing, or be a part."
-)
+_MORE = " More than noise is not explained: it does not repeat from run to run, or no effect of the catalogue describes it."
 #: How the note begins that tells what was learned without a name, as a formula.
 LEARNED = "What was learned, in SI units: "
 #: Recordings, and rows in which the marble moves, below which little could have been shown.
@@ -33,7 +31,7 @@ def summary(
     after: float,
     heldout: bool,
     explained: bool = True,
-    lost: bool = False,
+    leaves: bool = False,
     row_s: float | None = None,
 ) -> str:
     """Return the answer in one or two sentences.
@@ -50,8 +48,8 @@ def summary(
         Whether these are errors on recordings that the models were not fitted to.
     explained : bool
         Whether noise is all that is left.
-    lost : bool
-        Whether what is left is far beyond noise.
+    leaves : bool
+        Whether what is not explained is far beyond noise.
     row_s : float, optional
         What a row lasts in the simulation [s], where recordings have no stamps: rows stand for seconds then.
     """
@@ -79,7 +77,7 @@ def summary(
         for one in effects
         if one.confusable_with
     )
-    more = _MORE if lost and all(one.name != UNLISTED for one in effects) else ""
+    more = _MORE if leaves and all(one.name != UNLISTED for one in effects) else ""
     return (
         f"{_capital(named)}: with {'it' if one else 'them'}, {better} to {_percent(after)} of the board's "
         f"edge instead of {_percent(before)}; the tracker's noise alone makes {floor}.{ties}{more}"
@@ -100,7 +98,7 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     if effects:
         names = " and ".join(one.name for one in effects)
         return (
-            f"Nothing is left to tell apart; the run that `irt suggest {rig}` designs would sharpen the "
+            f"No effect is tied with another; the run that `irt suggest {rig}` designs would sharpen the "
             f"values of {names}."
         )
     return (

@@ -209,9 +209,7 @@ class Problem:
         """Say what each of (k, n) values leaves over, as it is: only start states are estimated."""
         return self._refined(values, STATE_ITERATIONS, held=True)
 
-    def filter(
-        self, values: Array, noise: Array, states: Sequence[Array] | None = None
-    ) -> list[Filtered]:
+    def filter(self, values: Array, noise: Array, states: Sequence[Array] | None = None) -> list[Filtered]:
         """Predict each row from all rows before, at each of (k, n) values: an extended Kalman filter.
 
         Parameters

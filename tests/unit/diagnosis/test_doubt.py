@@ -14,7 +14,7 @@ HEIGHTS = {"there": (1e-4, 3e-4), "may be absent": (-1e-4, 3e-4)}
 class Told:
     """Says what a hypothesis of a delay, or of delays that differ, and a bump comes to."""
 
-    def __init__(self, search, possible, tied, spread):
+    def __init__(self, search, possible, tied, spread, several=None):
         self.effects, self.spread, self.bump = possible[0][1].effects, spread, search.bump
 
     def diagnosis(self, where):

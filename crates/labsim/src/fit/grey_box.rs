@@ -401,7 +401,10 @@ impl Hill<'_> {
             .sum();
         let log_width: f64 = self.prior.iter().map(|(_, deviation)| deviation.ln()).sum();
         let by_z = self.coordinates.derivative(&place.z);
-        let inverse = covariance.map(|one| one.inverse());
+        // How well values are known where the sizes are not.
+        let inverse = curvature
+            .cholesky()
+            .map(|one| one.inverse().view((0, 0), (count, count)).into_owned());
         let deviation = |row: &Vec<f64>| {
             let row = DVector::from_column_slice(row);
             inverse

@@ -20,6 +20,8 @@ fn noise() -> Noise {
         lasting: 5e-4,
         lasting_s: 0.2,
         push: 1e-4,
+        pull: 0.0,
+        pull_s: 0.2,
         restitution: 0.1,
         start_velocity: Some(0.1),
     }
@@ -79,7 +81,20 @@ fn conditioned(free: &[f64], observed: &[f64], noise: &Noise, edge_m: f64) -> Ve
         let start = noise.start_velocity.unwrap_or(0.0).powi(2) * s * t;
         let lasting = noise.lasting.powi(2) * (-(t - s) / noise.lasting_s).exp();
         let white = if i == j { noise.white.powi(2) } else { 0.0 };
-        (push + start) / edge_m.powi(2) + lasting + white
+        // A push that lasts goes over evenly from row to row.
+        let kept = (-ROW_S / noise.pull_s).exp();
+        let moves = |row: usize, k: usize| {
+            let rolls = (row - 1 - k) as f64 * ROW_S * ROW_S * (1.0 + kept) / 2.0;
+            rolls + ROW_S * ROW_S * (2.0 + kept) / 6.0
+        };
+        let mut pull = 0.0;
+        for k in 0..i {
+            for l in 0..j {
+                let both = kept.powi(k.abs_diff(l) as i32) * noise.pull.powi(2);
+                pull += both * moves(i, k) * moves(j, l);
+            }
+        }
+        (push + start + pull) / edge_m.powi(2) + lasting + white
     });
     // The first place was seen, and nothing else is known of it: differences from it are all that counts.
     let from_first = DMatrix::from_fn(rows - 1, rows - 1, |i, j| {
@@ -112,10 +127,12 @@ proptest! {
         lasting in 0.0..3e-3,
         lasting_s in 0.02..2.0,
         push in 0.0..1e-3,
+        (pull, pull_s) in (0.0..0.1, 0.02..2.0),
         start_velocity in 0.0..0.2,
         signs in prop::collection::vec(prop::array::uniform2(-0.5..0.5), 25),
     ) {
-        let noise = Noise { white, lasting, lasting_s, push, restitution: 0.3, start_velocity: Some(start_velocity) };
+        let start_velocity = Some(start_velocity);
+        let noise = Noise { white, lasting, lasting_s, push, pull, pull_s, restitution: 0.3, start_velocity };
         let values = [0.02, 0.03, 0.0, 12.0, 1.1];
         let commands: Vec<[f64; 2]> = (0..25).map(|i| [0.05 * f64::from(i % 5), -0.03]).collect();
         let start = [0.02, -0.01];
@@ -175,7 +192,7 @@ proptest! {
     #[test]
     fn nothing_makes_it_fail(
         values in (-0.8..0.8, -0.8..0.8, 0.0..0.1, 0.0..50.0, 0.2..5.0),
-        sizes in prop::array::uniform6(0.0..1.0f64),
+        sizes in prop::array::uniform8(0.0..1.0f64),
         seen in prop::collection::vec(prop::option::of(prop::array::uniform2(-2.0..2.0)), 40),
         amplitude in 0.0..1.5,
     ) {
@@ -186,6 +203,8 @@ proptest! {
             push: sizes[3],
             restitution: sizes[4],
             start_velocity: Some(sizes[5]),
+            pull: sizes[6],
+            pull_s: 1e-3 + sizes[7],
         };
         let values = [values.0, values.1, values.2, values.3, values.4];
         let commands: Vec<[f64; 2]> = (0..40)

@@ -31,6 +31,8 @@ pub(super) struct Estimator<S: Simd> {
     lasting: Pair<S>,
     /// Means of the pushes that last (m/s²).
     pull: Pair<S>,
+    /// Whether it is known of the marbles that they rest, if they do: 1 or 0.
+    known: Lanes<S>,
     /// The marbles' velocities as the row began (m/s).
     velocity: Pair<S>,
     edges_per_m: Lanes<S>,
@@ -114,6 +116,7 @@ impl<S: Simd> Estimator<S> {
             axes: [start; 2],
             lasting: [white.like(0.0); 2],
             pull: [white.like(0.0); 2],
+            known: unknown.like(1.0) - unknown,
             velocity: [marbles.vx, marbles.vy],
             edges_per_m,
             variances: Variances {
@@ -196,6 +199,11 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
         };
         let still = seconds.like(REST);
         let rests = marbles.vx.abs().lt(still) & marbles.vy.abs().lt(still);
+        // Of a marble that was let go at an unknown velocity, nobody knows that it rests before it has moved.
+        let [x, y] = estimator.velocity;
+        let moved = x.abs().ge(still) | y.abs().ge(still);
+        let rests = rests & (moved | estimator.known.gt(still.like(0.0)));
+        estimator.known = (rests | moved).select(still.like(1.0), estimator.known);
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
