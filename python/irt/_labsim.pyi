@@ -73,11 +73,15 @@ def ascend(
     problem: Mapping[str, Any],
     values: Sequence[Sequence[float]],
     noise: npt.NDArray[np.float64],
+    states: Sequence[npt.NDArray[np.float64]] | None = None,
     *,
     iterations: int,
 ) -> list[dict[str, Any]]: ...
 def filtered(
-    problem: Mapping[str, Any], values: Sequence[Sequence[float]], noise: npt.NDArray[np.float64]
+    problem: Mapping[str, Any],
+    values: Sequence[Sequence[float]],
+    noise: npt.NDArray[np.float64],
+    states: Sequence[npt.NDArray[np.float64]] | None = None,
 ) -> list[dict[str, Any]]: ...
 def fit(
     problem: Mapping[str, Any],

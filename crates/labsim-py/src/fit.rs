@@ -362,7 +362,8 @@ pub(crate) fn ascend<'py>(
     let problem = Owned::new(&problem)?;
     let (noise, given) = (noises(&noise)?, given_states(states)?);
     let tops = interrupt::interruptible(py, |cancel| {
-        problem.with(|problem| problem.ascend(&values, &noise, given.as_deref(), iterations, cancel))
+        problem
+            .with(|problem| problem.ascend(&values, &noise, given.as_deref(), iterations, cancel))
     })?;
     let results = tops.iter().map(|one| {
         let result = PyDict::new(py);
@@ -399,12 +400,23 @@ fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<Vec<Opti
     let of_one = |all: &Matrix<'_>| -> PyResult<Vec<Option<[f64; 4]>>> {
         Ok(arrays::rows::<4>(all)?.into_iter().map(known).collect())
     };
-    states.map(|states| states.iter().map(of_one).collect()).transpose()
+    states
+        .map(|states| states.iter().map(of_one).collect())
+        .transpose()
 }
 
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
     let rows = arrays::rows::<8>(noise)?;
-    let of = |[white, lasting, lasting_s, push, pull, pull_s, restitution, start_velocity]: [f64; 8]| Noise {
+    let of = |[
+        white,
+        lasting,
+        lasting_s,
+        push,
+        pull,
+        pull_s,
+        restitution,
+        start_velocity,
+    ]: [f64; 8]| Noise {
         white,
         lasting,
         lasting_s,

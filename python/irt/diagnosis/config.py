@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-#: Spectral densities of the push at which an ascent of the five parameters begins [m^2/s^3]: from a hundredth of
-#: what a good tracker sees to what overwhelms the drive. The hill has a top for each regime.
+#: Spectral densities of the push at which an ascent of the five parameters begins [m^2/s^3]: from a hundredth
+#: of what a good tracker sees to what overwhelms the drive. The hill has a top for each regime.
 PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
 #: Standard deviation of the start velocity [m/s]: a marble that is let go, or rolls as the recording begins.
 START_VELOCITY = 0.3
@@ -13,7 +13,8 @@ DRAWS = 32
 FITTED, STARTS = 10, 2
 #: Effects that are fitted in the place of one of a set.
 SWAPPED = 5
-#: Steps of a first ascent, of one of the five parameters, and of a thorough one; and how many of the first are thorough.
+#: Steps of a first ascent, of one of the five parameters, and of a thorough one; and how many of the first
+#: are thorough.
 FIRST, FIRST_OF_BASE, THOROUGH, TOPS = 6, 10, 25, 3
 #: By so many nats a set must be likelier than without an effect for it to be named: odds of 99 to 1.
 SURE = 4.6
@@ -21,8 +22,8 @@ SURE = 4.6
 PULL, PULL_S = 3e-3, 0.2
 #: By so many nats one set must be likelier to take the place of another: less is the ascents' own tolerance.
 BETTER = 0.5
-#: Share of the tracker's noise by which the error on runs held out must grow without an effect: as much as if the
-#: tracker's variance doubled, sqrt(2) - 1.
+#: Share of the tracker's noise by which the error on runs held out must grow without an effect: as much as if
+#: the tracker's variance doubled, sqrt(2) - 1.
 MATTERS = 0.41
 #: Effects less probable than this are not mentioned.
 MENTIONED = 0.01

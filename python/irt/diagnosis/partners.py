@@ -1,4 +1,4 @@
-"""Which effect to add to a hypothesis: by draws laid beside residuals, and by fits between impacts."""
+"""Where the fit of an effect beside a hypothesis begins: at draws laid beside residuals."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.evidence import Evidence, excess
-from irt.diagnosis.heldout import hold_out, is_supported
-from irt.diagnosis.hypotheses import PLACE, acts_on_impacts_alone, hypotheses
-from irt.diagnosis.impacts import refitted
+from irt.diagnosis.hypotheses import PLACE
 from irt.diagnosis.screen import ROWS, Screen, drawn_values
 
 Array = NDArray[np.float64]
@@ -23,7 +20,7 @@ HORIZONS: tuple[int | None, ...] = (ROWS, 60, None)
 MOVED = 64
 #: A further effect must take away this share of what was left beyond noise.
 WORTH = 0.3
-#: Partners that are asked whether recordings held out agree.
+#: Of them so many begin a fit.
 LIKELIEST = 3
 
 Report = Callable[[str], None]
@@ -78,30 +75,3 @@ def _best(name: str, drawn: Array) -> Array:
         return drawn[:1]
     _, first = np.unique(drawn[:, choices], axis=0, return_index=True)
     return np.asarray(drawn[np.sort(first)])
-
-
-def likeliest_partner(between: Case, parent: Fitted, noise: float, report: Report) -> Fitted | None:
-    """Return a hypothesis with the effect more that stretches between impacts ask for, fitted to these.
-
-    After impacts a marble goes elsewhere than the engine says, and what is left over there hides a small
-    effect. Between them nothing does: so every effect of the catalogue is fitted to the stretches alone, and
-    the best is taken if it is worth its price, takes away enough, and recordings held out agree.
-    """
-    if not between.segments:
-        return None
-    before = refitted(between, parent, [parent])
-    names = [name for name in hypotheses() if name not in parent.effects and not acts_on_impacts_alone(name)]
-    fits = []
-    for name, (_, points) in seeds(between, before, names, report).items():
-        report(f"{' + '.join([*parent.effects, name])}, between impacts")
-        found = between.refine((*parent.effects, name), points)
-        fits.append(min(found, key=lambda one: one.loss(noise)))
-    evidence, left = Evidence.of(between, [*fits, before]), excess(between, before)
-    held_before = None
-    for one in sorted(fits, key=lambda one: -evidence.margin(one, before))[:LIKELIEST]:
-        if not evidence.is_better(one, before) or excess(between, one) > (1.0 - WORTH) * left:
-            break
-        held_before = held_before or hold_out(between, before)
-        if is_supported(hold_out(between, one), held_before, evidence.scale):
-            return one
-    return None

@@ -198,14 +198,14 @@ class _Answer:
 
 
 def _searched(search: Search, report: Report) -> _Answer:
-    """Choose a hypothesis: one effect, several effects and a random push, delays that differ, something unlisted.
+    """Choose a hypothesis: one effect, several and a random push, delays that differ, something unlisted.
 
-    One effect that leaves noise ends the search. So does what was learned and leaves noise, where no effect alone
-    does much and pushes of one family explain the motion: a board that swings after its knobs, and a drag by the
-    direction of motion, were taken for delays that differ. Else the most probable set of effects is searched, with
-    a random push besides. If it needs no push, nothing is missing. If it does, and one term explains the motion or
-    the set leaves most of the mismatch, delays that differ by chance and a learned push are asked; a learned push has
-    to be more probable than the set.
+    One effect that leaves noise ends the search. So does what was learned and leaves noise, where no effect
+    alone does much and pushes of one family explain the motion: a board that swings after its knobs, and a
+    drag by the direction of motion, were taken for delays that differ. Else the most probable set of effects
+    is searched, with a random push besides. If it needs no push, nothing is missing. If it does, and one term
+    explains the motion or the set leaves most of the mismatch, delays that differ by chance and a learned
+    push are asked; a learned push has to be more probable than the set.
     """
     case, best = search.case, search.singles()
     if search.is_done(best):
@@ -219,9 +219,9 @@ def _searched(search: Search, report: Report) -> _Answer:
     if found.is_whole:
         return _Answer(case, found.fitted, several=found)
     if library.is_repeatable or not found.fitted.effects or is_most_left(case, found.fitted, search.base):
-        answer = _by_chance(search, library, found.fitted, report)
-        if answer is not None:
-            return answer
+        by_chance = _by_chance(search, library, found.fitted, report)
+        if by_chance is not None:
+            return by_chance
         learned = _learned(library, found.fitted, report)
         if learned.terms and is_more_probable(learned.case, learned.best, len(learned.terms), found):
             return learned

@@ -87,16 +87,16 @@ class Scores:
         return self.known[key]
 
     def problem(self, effects: Sequence[str]) -> Problem:
-        """Return the problem of a set: beside it, a time by which engines and clocks are apart that step in time."""
+        """Return the problem of a set, and of a time by which engines that step in time are apart."""
         if set(effects) & TIMES:
             return self.case.problem(effects)
         return self.case.problem(["delay", *effects], within={"delay.delay_s": (0.0, SUBSTEP_S)})
 
     def _starts(self) -> tuple[Array, Array]:
-        """Return values and sizes of what is random to begin at: least squares, and the middle of the ranges.
+        """Return values and sizes of what is random to begin at: least squares, and the middle of ranges.
 
-        Where much is missing least squares go far astray, but for the signs of the gears, and their size for a
-        given clock.
+        Where much is missing least squares go far astray, but for the signs of the gears, and their size for
+        a given clock.
         """
         found = self.case.fit((), starts=6, rounds=1).values
         middle = found.copy()
@@ -129,7 +129,7 @@ class Scores:
         *,
         iterations: int,
     ) -> list[Scored]:
-        """Go uphill from (k, n) values, (k, 8) sizes of what is random and (s, 4) states; remember the best."""
+        """Go uphill from (k, n) values, (k, 8) sizes and (s, 4) states; remember the best."""
         problem = self.problem(effects)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations
@@ -156,9 +156,8 @@ class Scores:
         if math.isfinite(one.score) and (known is None or one.score > known.score):
             self.known[key] = one
 
-    def from_where(self, problem: Problem, *sources: Scored) -> Array:
-        """Return the values of a problem, (n,), from the first source that has each."""
-        values = {}
-        for source in reversed(sources):
-            values |= source.values
+    @staticmethod
+    def from_where(problem: Problem, source: Scored) -> Array:
+        """Return the values that a set has of a problem, (n,); engines may be half a step apart."""
+        values = source.values
         return np.array([values.get(name, SUBSTEP_S / 2.0) for name in problem.names])

@@ -13,7 +13,6 @@ from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.score import Scored, Scores
 from irt.fitting.effect_size import size_of
-from irt.fitting.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -75,7 +74,7 @@ class Screening:
     def _promise(self, name: str) -> Promise:
         problem = self._scores.problem([*self._parent.effects, name])
         own = next(i for i, one in enumerate(problem.names) if one.startswith(f"{name}."))
-        drawn = draws(name, problem, own, config.DRAWS, self._case.seed)
+        drawn = draws(name, config.DRAWS, self._case.seed)
         values = np.tile(
             np.array([self._parent.values.get(one, 0.0) for one in problem.names]), (len(drawn), 1)
         )
@@ -96,13 +95,13 @@ class Screening:
                 share[index] = amount
                 amount = np.clip(amount, -3.0 if _both_ways(name) else 0.0, 3.0)
                 linear[index] = amount * along - 0.5 * amount * amount * square
-        scaled = self._scaled(name, problem, own, values, share)
+        scaled = self._scaled(name, own, values, share)
         best = [*np.argsort(-linear)[: config.STARTS], int(np.argmax(actual))]
         starts = [scaled[best[0]], values[best[-1]], *(scaled[index] for index in best[1:-1])]
         gain = float(max(linear.max(), actual.max()))
         return Promise(name, gain if np.isfinite(gain) else -np.inf, np.array(starts))
 
-    def _scaled(self, name: str, problem: Problem, own: int, values: Array, share: Array) -> Array:
+    def _scaled(self, name: str, own: int, values: Array, share: Array) -> Array:
         """Return draws with their size as large as explains most, within their ranges."""
         scaled = values.copy()
         known = effect(name).required
@@ -121,13 +120,14 @@ class Screening:
 
 
 def _both_ways(name: str) -> bool:
+    """Whether an effect may be of either sign."""
     size = size_of(name)
     required = effect(name).required
     asked = required if size is None else (required[size],)
     return all(one.low < one.neutral < one.high for one in asked)
 
 
-def draws(name: str, problem: Problem, own: int, count: int, seed: int) -> Array:
+def draws(name: str, count: int, seed: int) -> Array:
     """Draw values of an effect, (count, p): its sizes log-uniformly, everything else over its range."""
     known = effect(name).required
     size = size_of(name)

@@ -1,4 +1,4 @@
-"""Which effects, added to the base model, explain the recordings: forward and backward over the catalogue."""
+"""Which effect of the catalogue, added to the base model, explains the recordings; and fits of others."""
 
 from __future__ import annotations
 
@@ -13,24 +13,20 @@ from numpy.typing import NDArray
 from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.evidence import Evidence, excess, is_explained, is_trusted
 from irt.diagnosis.heldout import HeldOut, hold_out, is_supported
-from irt.diagnosis.hypotheses import ALIKE, acts_on_impacts_alone, has_place, hypotheses
+from irt.diagnosis.hypotheses import has_place, hypotheses
 from irt.diagnosis.impacts import (
     between_impacts,
     is_explained_between,
     shows,
 )
-from irt.diagnosis.partners import WORTH, Report, likeliest_partner, moved_in, seeds
+from irt.diagnosis.partners import WORTH, Report, moved_in, seeds
 from irt.diagnosis.result import UNLISTED
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Effects fitted alone before all are, and as partners of the best of those and of the second.
-SINGLES, PARTNERS = 8, (6, 4)
-#: Of the best effects alone so many are fitted in twos.
-PAIRED = 4
-#: Effects tried in the place of each one of the best hypothesis.
-SWAPS = 4
+#: Effects fitted alone before all are, and beside delays that differ.
+SINGLES, PARTNERS = 8, 6
 #: Hypotheses of each size that are refined.
 REFINED = 3
 #: Once a hypothesis leaves nothing to explain, others are fitted if they explained this share of its share.
@@ -39,8 +35,6 @@ RIVAL = 0.3
 CLEAR = 100.0
 #: Share of what chance leaves that an effect with a place takes away by more than chance.
 MORE_THAN_CHANCE = 0.5
-#: Effects that are named together, at most.
-MOST_EFFECTS = 3
 
 
 @dataclass
@@ -99,45 +93,12 @@ class Search:
             best = self._grown(self.base, 1)
         return best
 
-    def larger(self, best: Fitted, size: int) -> Fitted:
-        """Try so many effects together where fewer leave something, and return the best hypothesis."""
-        # Two effects may show together where neither does alone; a third one needs two.
-        if size > max(2, len(best.effects) + 1) or self.is_done(best):
-            return best
-        between = self.is_explained_between(best)
-        # Few rows between impacts may take one effect's values for two: what leaves much of whole runs has to
-        # stand up to a second one. A third has to show between impacts.
-        if between and (size > 2 or not best.effects or is_trusted(self.case, best, self.base)):
-            return self._with_impacts(best)
-        if size == 2:
-            self._pair_up()
-        counts = PARTNERS if size == 2 else PARTNERS[:1]
-        for parent, count in zip(self._different(size - 1), counts, strict=False):
-            if self.ranked(size) and self.is_done(self.ranked(size)[0]):
-                break
-            self._expand_by_any(parent, count)
-        self._move_in(size)
-        self._refine(size)
-        if self._takes_enough(self.ranked(size)[0], self.ranked(size - 1)[0]):
-            self._replace(self.ranked(size)[0])
-            self._swap(self.ranked(size)[0])
-        grown = self._grown(best, size)
-        return self._with_impacts(grown) if between and grown.effects == best.effects else grown
-
-    def pruned(self, best: Fitted) -> Fitted:
-        """Return the best hypothesis without effects that turn out to be worth nothing beside the others."""
-        for name in best.effects:
-            without = self.without(best, name)
-            if not self.evidence().is_better(best, without) or not self.is_supported(best, without):
-                return self.pruned(without)
-        return best
-
     def beside(self, parent: Fitted, names: Sequence[str]) -> Fitted:
         """Return a hypothesis that has to stay with the one effect more that is worth it, or as it is.
 
         Of what delays leave that differ by chance, something with a place takes a third, wherever it is.
         """
-        self._expand(parent, names, PARTNERS[0])
+        self._expand(parent, names, PARTNERS)
         least = (1.0 - MORE_THAN_CHANCE) * excess(self.case, parent)
         tried = {name: self.fits.get(frozenset({*parent.effects, name}), parent) for name in names}
         found = [one for name, one in tried.items() if not has_place(name) or excess(self.case, one) < least]
@@ -153,31 +114,6 @@ class Search:
     def is_explained_between(self, one: Fitted) -> bool:
         """Whether nothing is left between impacts, so that what is left is how the marble meets the rim."""
         return is_explained_between(self.between_impacts, one)
-
-    def _with_impacts(self, best: Fitted) -> Fitted:
-        """Try a law of impacts beside a hypothesis that leaves nothing between them."""
-        names = [name for name in hypotheses() if acts_on_impacts_alone(name)]
-        if set(names) & set(best.effects):
-            return best
-        self._expand(best, names, len(names))
-        size = len(best.effects) + 1
-        self._refine(size)
-        return self._grown(best, size)
-
-    def with_partners(self, best: Fitted) -> Fitted:
-        """Add what explains most between impacts, where whole runs go astray at the rim and hide it."""
-        while len(best.effects) < MOST_EFFECTS:
-            if is_explained(self.case, best, self.base) or self.is_explained_between(best):
-                break
-            found = likeliest_partner(self.between_impacts, best, self.case.noise, self.report)
-            if found is None:
-                break
-            points = np.array([found.values, found.begun_at(best)])
-            whole = self.fit(found.effects, points, rounds=0)
-            if whole.loss(self.case.noise) > best.loss(self.case.noise):
-                break
-            best = self.fits[frozenset(whole.effects)]
-        return best
 
     def fit(self, effects: Sequence[str], points: Array, *, rounds: int) -> Fitted:
         """Fit a hypothesis from points, unless that was done, and remember it if it is the best one."""
@@ -199,29 +135,6 @@ class Search:
         seeds = self.seeds(parent, names) if names else {}
         self._fit(parent, {name: seeds[name] for name in [*seeds][:count]})
 
-    def _different(self, size: int) -> list[Fitted]:
-        """Return the hypotheses of a size, the best first, of those that are one by two names the better."""
-        found: dict[frozenset[str], Fitted] = {}
-        for one in self.ranked(size):
-            names = frozenset(one.effects)
-            found.setdefault(names - ALIKE | ({min(ALIKE)} if names & ALIKE else set()), one)
-        return list(found.values())
-
-    def _pair_up(self) -> None:
-        """Fit the best effects alone in twos, from where each led.
-
-        A draw of one, laid beside what the other leaves, hardly tells them: alone each also did what it could
-        of the other's part.
-        """
-        count = len(PARAMETERS)
-        for one, other in itertools.combinations(self._different(1)[:PAIRED], 2):
-            values = [*one.values[count:], *other.values[count:]]
-            self._fit_from_both((*one.effects, *other.effects), values, (one, other))
-
-    def _expand_by_any(self, parent: Fitted, count: int) -> None:
-        """Fit a parent with one effect more, of all that it does not have."""
-        self._expand(parent, [name for name in hypotheses() if name not in parent.effects], count)
-
     def _fit(
         self, parent: Fitted, seeds: Mapping[str, tuple[float, Array]], *, rivals_alone: bool = True
     ) -> None:
@@ -238,36 +151,6 @@ class Search:
     def seeds(self, parent: Fitted, names: Iterable[str]) -> dict[str, tuple[float, Array]]:
         """Return for each effect the largest share that a draw explains, and points to begin a fit at."""
         return seeds(self.case, parent, names, self.report)
-
-    def _swap(self, one: Fitted) -> None:
-        """Try others in the place of each effect of a hypothesis: what came first may only have stood in.
-
-        And each effect anew beside the others: which came first decides in which minimum a fit ends.
-        """
-        for name in one.effects:
-            self._expand_by_any(self.without(one, name), SWAPS)
-        self._refine(len(one.effects))
-
-    def _replace(self, one: Fitted) -> None:
-        """Try what does most alone, from where it led, in the place of each effect of a hypothesis.
-
-        Without what stands in for it the others may be lost, and a draw beside them hardly tells anything.
-        """
-        count = len(PARAMETERS)
-        for name, single in itertools.product(one.effects, self._different(1)[:PAIRED]):
-            if single.effects[0] in one.effects:
-                continue
-            rest = [other for other in one.effects if other != name]
-            kept = [value for other in rest for value in one.value_of(other).values()]
-            self._fit_from_both((*single.effects, *rest), [*single.values[count:], *kept], (single, one))
-
-    def _fit_from_both(
-        self, names: tuple[str, ...], values: Sequence[float], begun: tuple[Fitted, Fitted]
-    ) -> None:
-        """Fit effects from these values of theirs, with the five parameters of each of two hypotheses."""
-        self.report(" + ".join(names))
-        points = [[*one.values[: len(PARAMETERS)], *values] for one in begun]
-        self.fit(names, np.array(points), rounds=0)
 
     def _move_in(self, size: int) -> None:
         """Try, where the best hypothesis of a size has an effect with a place, the others that have one.

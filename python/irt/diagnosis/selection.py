@@ -44,7 +44,7 @@ class Posterior:
         return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
 
     def instead(self) -> list[Scored]:
-        """Return the sets that have another effect in the place of one of the best, and are about as probable."""
+        """Return the sets with another effect in the place of one that are about as probable."""
         best = frozenset(self.best.effects)
         return [
             one
@@ -86,9 +86,8 @@ class Selection:
     def _best_child(self, parent: Scored, names: Sequence[str], count: int) -> Scored | None:
         """Return the best set with one effect more, of those that promise most."""
         promises = Screening(self.scores, parent).promises(names)
-        found = [self._first(parent, promise) for promise in promises[:count]]
-        found = [one for one in found if one is not None]
-        found.sort(key=lambda one: -one.score)
+        tried = (self._first(parent, promise) for promise in promises[:count])
+        found = sorted((one for one in tried if one is not None), key=lambda one: -one.score)
         tops = [self.thorough(one) for one in found[: config.TOPS]]
         return max(tops, key=lambda one: one.score, default=None)
 

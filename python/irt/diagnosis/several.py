@@ -1,4 +1,4 @@
-"""Several effects at once, and whatever else pushes the marble: the most probable set, as far as it matters."""
+"""Several effects at once beside a random push: the most probable set, as far as it matters."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def several(search: Search) -> Several:
 def _what_matters(search: Search, fitted: Fitted) -> Fitted:
     """Drop effects without which runs held out are predicted as well, to a share of the tracker's noise.
 
-    No engine is the rig: what a marble does at walls and in its last millimetre differs between any two, and in long
-    recordings some small effect of the catalogue describes it better than nothing does.
+    No engine is the rig: what a marble does at walls and in its last millimetre differs between any two, and
+    in long recordings some small effect of the catalogue describes it better than nothing does.
     """
     losses = {name: _loss_without(search, fitted, name) for name in fitted.effects}
     for name in sorted(losses, key=lambda name: losses[name]):

@@ -16,7 +16,10 @@ from irt.model import Parameter
 #: Mean absolute value of a normal variable over its standard deviation.
 _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
 #: What is said of names that leave far more than noise.
-_MORE = " More than noise is not explained: it does not repeat from run to run, or no effect of the catalogue describes it."
+_MORE = (
+    " More than noise is not explained: it does not repeat from run to run, or no effect of the catalogue "
+    "describes it."
+)
 #: How the note begins that tells what was learned without a name, as a formula.
 LEARNED = "What was learned, in SI units: "
 #: Recordings, and rows in which the marble moves, below which little could have been shown.

@@ -180,7 +180,11 @@ impl Problem<'_> {
         Ok(places
             .into_iter()
             .zip(slopes)
-            .map(|(place, slope)| hill.top(place, &slope, |states| self.of_stretches(&whole, |i| states[i])))
+            .map(|(place, slope)| {
+                hill.top(place, &slope, |states| {
+                    self.of_stretches(&whole, |i| states[i])
+                })
+            })
             .collect())
     }
 }
@@ -340,7 +344,10 @@ impl Hill<'_> {
                 }
             }
         });
-        for (start, (state, guess)) in starts.iter_mut().zip(place.states.iter().zip(&self.guesses)) {
+        for (start, (state, guess)) in starts
+            .iter_mut()
+            .zip(place.states.iter().zip(&self.guesses))
+        {
             for (c, size) in STATES.iter().enumerate() {
                 start.curvature[(c, c)] += size.powi(-2);
                 start.uphill[c] -= (state[c] - middle(guess)[c]) * size.powi(-2);
@@ -371,12 +378,17 @@ impl Hill<'_> {
         let step = curvature.cholesky().map(|one| one.solve(&uphill));
         let mut step = step.unwrap_or_else(|| DVector::zeros(uphill.len()));
         for (i, step) in step.iter_mut().enumerate() {
-            let farthest = if i < self.coordinates.len() { FARTHEST } else { FARTHEST_SIZE };
+            let farthest = if i < self.coordinates.len() {
+                FARTHEST
+            } else {
+                FARTHEST_SIZE
+            };
             *step = step.clamp(-farthest, farthest);
         }
         let of_start = |(start, inverse): (&Start, &Matrix4<f64>)| {
             let rest = start.cross.transpose() * &step;
-            let own = inverse * (start.uphill - SVector::<f64, 4>::from_column_slice(rest.as_slice()));
+            let own =
+                inverse * (start.uphill - SVector::<f64, 4>::from_column_slice(rest.as_slice()));
             std::array::from_fn(|c| own[c].clamp(-FARTHEST * STATES[c], FARTHEST * STATES[c]))
         };
         let states = slope.starts.iter().zip(&inverses).map(of_start).collect();
@@ -386,7 +398,12 @@ impl Hill<'_> {
         }
     }
 
-    fn top(&self, place: &Place, slope: &Slope, of_stretches: impl Fn(&[State]) -> Vec<Option<[f64; 4]>>) -> Probable {
+    fn top(
+        &self,
+        place: &Place,
+        slope: &Slope,
+        of_stretches: impl Fn(&[State]) -> Vec<Option<[f64; 4]>>,
+    ) -> Probable {
         let count = self.coordinates.len();
         let (curvature, _, _) = slope.without_starts(0.0);
         let of_values = curvature.view((0, 0), (count, count)).into_owned();
@@ -515,15 +532,7 @@ fn with_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
 }
 
 fn of_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
-    let [
-        white,
-        lasting,
-        lasting_s,
-        push,
-        pull,
-        pull_s,
-        restitution,
-    ] = sizes;
+    let [white, lasting, lasting_s, push, pull, pull_s, restitution] = sizes;
     Noise {
         white,
         lasting,

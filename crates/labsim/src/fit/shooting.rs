@@ -327,9 +327,8 @@ impl<'a> Shooting<'a> {
                     windows.iter().map(|window| {
                         let start_velocity = noise.start_velocity;
                         Noise {
-                            start_velocity: start_velocity.map(|size| {
-                                if window.at_rest { 0.0 } else { size }
-                            }),
+                            start_velocity: start_velocity
+                                .map(|size| if window.at_rest { 0.0 } else { size }),
                             ..*noise
                         }
                     })

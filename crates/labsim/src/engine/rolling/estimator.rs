@@ -230,9 +230,7 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             };
             let predicted = Lanes::from_fn(simd, seen) + estimator.edges_per_m * moved + *lasting;
             // A first row that is the start itself says nothing of it.
-            let counts = |one: &Measured<'_>| {
-                last.is_some() || one.noise.start_velocity.is_none()
-            };
+            let counts = |one: &Measured<'_>| last.is_some() || one.noise.start_velocity.is_none();
             let measured = of_job(&|job| {
                 let measured = job.measured.as_ref().filter(|one| counts(one));
                 measured.map_or(f64::NAN, |one| one.observed[row - job.first][axis])
@@ -297,10 +295,8 @@ impl<S: Simd> Covariance<S> {
         );
         let velocity_v = self.vv + of_velocity * self.va;
         let place_x = self.xx + seconds * self.xv + of_place * self.xa;
-        self.xx = place_x
-            + seconds * place_v
-            + of_place * place_a
-            + 1.0 / 3.0 * seconds * seconds * push;
+        self.xx =
+            place_x + seconds * place_v + of_place * place_a + 1.0 / 3.0 * seconds * seconds * push;
         self.xv = place_v + of_velocity * place_a + 0.5 * seconds * push;
         self.vv = velocity_v + of_velocity * velocity_a + push;
         self.xa = kept * place_a;

@@ -54,8 +54,8 @@ fn top(planted: &mut Planted, share: f64, effects: &[(&str, &[f64])]) -> Probabl
     let noise = [1e-8, 1e-6, 1e-4, 1e-2].map(noise);
     let best = |values: &[f64]| {
         let values = vec![values.to_vec(); noise.len()];
-        let tops =
-            planted.with(|problem| problem.ascend(&values, &noise, None, 30, &AtomicBool::new(false)));
+        let tops = planted
+            .with(|problem| problem.ascend(&values, &noise, None, 30, &AtomicBool::new(false)));
         let tops = tops.unwrap().into_iter();
         tops.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
             .unwrap()
