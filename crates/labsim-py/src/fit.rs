@@ -394,10 +394,13 @@ pub(crate) fn ascend<'py>(
     results.collect()
 }
 
+/// The start state of each stretch; none where nothing is known of it.
+type States = Vec<Option<[f64; 4]>>;
+
 /// Start states of all stretches for each of some values, a row each; those of no marble are not a number.
-fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<Vec<Option<[f64; 4]>>>>> {
+fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<States>>> {
     let known = |state: [f64; 4]| state.iter().all(|one| one.is_finite()).then_some(state);
-    let of_one = |all: &Matrix<'_>| -> PyResult<Vec<Option<[f64; 4]>>> {
+    let of_one = |all: &Matrix<'_>| -> PyResult<States> {
         Ok(arrays::rows::<4>(all)?.into_iter().map(known).collect())
     };
     states

@@ -1,8 +1,9 @@
 //! The most probable values where the marble is also pushed at random, and the evidence for the model.
 //!
-//! The likelihood is that of the filter ([`crate::filter`]), so start states are no unknowns, and what never
-//! repeats is a size that is estimated. Values have a prior: the mean and the variance of their plausible ranges.
-//! Fisher's scoring goes uphill in the values and in the sizes of what is random together. The evidence is Laplace's approximation about the top, with the sizes at their best ("Bayesian interpolation", 1992).
+//! The likelihood is that of the filter ([`crate::filter`]), and what never repeats is a size that is estimated.
+//! Values have a prior: the mean and the variance of their plausible ranges. Fisher's scoring goes uphill in the
+//! values, the start states and the sizes of what is random together. The evidence is Laplace's approximation about
+//! the top, over values and start states, with the sizes at their best ("Bayesian interpolation", 1992).
 
 use std::sync::atomic::AtomicBool;
 
@@ -10,6 +11,8 @@ use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
 use super::coordinates::Coordinates;
 use super::problem::Problem;
+use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
+use super::scoring::{Slope, Start, Step};
 use super::shooting::{Filtered, Shooting, Trial};
 use super::windows::State;
 use crate::engine::TAIL;
@@ -33,18 +36,13 @@ const FARTHEST_SIZE: f64 = 2.0;
 const LITTLE: f64 = 0.02;
 /// Dampings tried in each step, in units of the last one that helped, and that of the first step.
 const DAMPINGS: [f64; 3] = [0.1, 10.0, 1000.0];
-/// Shares of a step that are tried: of all, of values alone, of sizes alone.
-const SHARES: [(f64, f64); 3] = [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)];
 const DAMPING: f64 = 1e-3;
+/// Shares of a step that are tried: of all, of values and states alone, of sizes alone.
+const SHARES: [(f64, f64); 3] = [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)];
 /// Fisher's information in one innovation about the logarithm of its variance.
 const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
 /// What is known about the logarithm of a size beforehand: a deviation of ten, so that those without effect stay.
 const KNOWN: f64 = 0.01;
-/// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
-/// the push (m²/s³), the push that lasts (m/s²), how long (s), and the restitution. Zero stays.
-const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3];
-const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0];
-const SIZES: usize = 7;
 
 /// The top that an ascent has reached.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,52 +74,6 @@ struct Ascent {
     place: Place,
     damping: f64,
     gain: f64,
-}
-
-/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior, in values and
-/// in logarithms of sizes, and in the start state of each window.
-struct Slope {
-    log_likelihood: f64,
-    curvature: DMatrix<f64>,
-    uphill: DVector<f64>,
-    starts: Vec<Start>,
-}
-
-/// The part of a start state, which nothing else has to do with but what is common to all windows.
-#[derive(Clone)]
-struct Start {
-    curvature: Matrix4<f64>,
-    cross: DMatrix<f64>,
-    uphill: SVector<f64, 4>,
-}
-
-/// A step in coordinates, logarithms of sizes, and start states.
-struct Step {
-    common: Vec<f64>,
-    states: Vec<State>,
-}
-
-impl Slope {
-    /// Curvature and slope in what is common, with start states at their best; and the inverse curvatures of those.
-    fn without_starts(&self, damping: f64) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix4<f64>>) {
-        let (mut curvature, mut uphill) = (self.curvature.clone(), self.uphill.clone());
-        for i in 0..curvature.nrows() {
-            curvature[(i, i)] *= 1.0 + damping;
-        }
-        let mut inverses = Vec::with_capacity(self.starts.len());
-        for start in &self.starts {
-            let mut own = start.curvature;
-            for i in 0..4 {
-                own[(i, i)] *= 1.0 + damping;
-            }
-            let inverse = own.try_inverse().unwrap_or_else(Matrix4::zeros);
-            let gain = &start.cross * inverse;
-            curvature -= &gain * start.cross.transpose();
-            uphill -= gain * start.uphill;
-            inverses.push(inverse);
-        }
-        (curvature, uphill, inverses)
-    }
 }
 
 impl Problem<'_> {
@@ -273,7 +225,7 @@ impl Hill<'_> {
                 let trial = self.shooting.trial(&z, &states, Some(updates));
                 trials.push((trial, place.noise));
             }
-            for i in 0..SMALLEST.len() {
+            for i in 0..SIZES {
                 let mut sizes = sizes(&place.noise);
                 sizes[i] *= SIZE_STEP.exp();
                 let trial = self.shooting.trial(&place.z, &states, Some(updates));
@@ -301,7 +253,7 @@ impl Hill<'_> {
     /// Fisher's scoring: of predictions and of the logarithms of their variances.
     fn slope(&self, place: &Place, found: &[Filtered]) -> Slope {
         let count = self.coordinates.len();
-        let all = count + SMALLEST.len();
+        let all = count + SIZES;
         let (here, rest) = (&found[0], &found[1..=all]);
         let of_states = &found[1 + all..];
         let mut curvature = DMatrix::zeros(all, all);
@@ -509,38 +461,4 @@ impl Hill<'_> {
 /// What a start state is expected to be: where the marble was seen, at rest.
 fn middle(guess: &State) -> State {
     [guess[0], guess[1], 0.0, 0.0]
-}
-
-fn sizes(noise: &Noise) -> [f64; SIZES] {
-    [
-        noise.white,
-        noise.lasting,
-        noise.lasting_s,
-        noise.push,
-        noise.pull,
-        noise.pull_s,
-        noise.restitution,
-    ]
-}
-
-fn with_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
-    let within = |i: usize| match sizes[i] {
-        0.0 => 0.0,
-        size => size.clamp(SMALLEST[i], LARGEST[i]),
-    };
-    of_sizes(noise, std::array::from_fn(within))
-}
-
-fn of_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
-    let [white, lasting, lasting_s, push, pull, pull_s, restitution] = sizes;
-    Noise {
-        white,
-        lasting,
-        lasting_s,
-        push,
-        pull,
-        pull_s,
-        restitution,
-        ..*noise
-    }
 }

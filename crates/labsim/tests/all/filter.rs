@@ -90,7 +90,7 @@ fn conditioned(free: &[f64], observed: &[f64], noise: &Noise, edge_m: f64) -> Ve
         let mut pull = 0.0;
         for k in 0..i {
             for l in 0..j {
-                let both = kept.powi(k.abs_diff(l) as i32) * noise.pull.powi(2);
+                let both = kept.powf(k.abs_diff(l) as f64) * noise.pull.powi(2);
                 pull += both * moves(i, k) * moves(j, l);
             }
         }

@@ -1,0 +1,47 @@
+//! The sizes of what is random as an ascent changes them.
+
+use crate::noise::Noise;
+
+/// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
+/// the push (m²/s³), the push that lasts (m/s²), how long (s), and the restitution. Zero stays.
+const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3];
+const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0];
+/// How many sizes are estimated.
+pub(super) const SIZES: usize = 7;
+
+/// The sizes that are estimated.
+pub(super) fn sizes(noise: &Noise) -> [f64; SIZES] {
+    [
+        noise.white,
+        noise.lasting,
+        noise.lasting_s,
+        noise.push,
+        noise.pull,
+        noise.pull_s,
+        noise.restitution,
+    ]
+}
+
+/// Noise of other sizes, each within its bounds; zero stays.
+pub(super) fn with_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
+    let within = |i: usize| match sizes[i] {
+        0.0 => 0.0,
+        size => size.clamp(SMALLEST[i], LARGEST[i]),
+    };
+    of_sizes(noise, std::array::from_fn(within))
+}
+
+/// Noise of other sizes.
+pub(super) fn of_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
+    let [white, lasting, lasting_s, push, pull, pull_s, restitution] = sizes;
+    Noise {
+        white,
+        lasting,
+        lasting_s,
+        push,
+        pull,
+        pull_s,
+        restitution,
+        ..*noise
+    }
+}

@@ -1,0 +1,54 @@
+//! What an ascent knows about a place: slope and curvature, with the start states apart.
+
+use nalgebra::{DMatrix, DVector, Matrix4, SVector};
+
+use super::windows::State;
+
+/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior, in values and
+/// in logarithms of sizes, and in the start state of each window.
+pub(super) struct Slope {
+    pub(super) log_likelihood: f64,
+    pub(super) curvature: DMatrix<f64>,
+    pub(super) uphill: DVector<f64>,
+    pub(super) starts: Vec<Start>,
+}
+
+/// The part of a start state, which nothing else has to do with but what is common to all windows.
+#[derive(Clone)]
+pub(super) struct Start {
+    pub(super) curvature: Matrix4<f64>,
+    pub(super) cross: DMatrix<f64>,
+    pub(super) uphill: SVector<f64, 4>,
+}
+
+/// A step in coordinates, logarithms of sizes, and start states.
+pub(super) struct Step {
+    pub(super) common: Vec<f64>,
+    pub(super) states: Vec<State>,
+}
+
+impl Slope {
+    /// Curvature and slope in what is common, with start states at their best; and the inverse curvatures of those.
+    pub(super) fn without_starts(
+        &self,
+        damping: f64,
+    ) -> (DMatrix<f64>, DVector<f64>, Vec<Matrix4<f64>>) {
+        let (mut curvature, mut uphill) = (self.curvature.clone(), self.uphill.clone());
+        for i in 0..curvature.nrows() {
+            curvature[(i, i)] *= 1.0 + damping;
+        }
+        let mut inverses = Vec::with_capacity(self.starts.len());
+        for start in &self.starts {
+            let mut own = start.curvature;
+            for i in 0..4 {
+                own[(i, i)] *= 1.0 + damping;
+            }
+            let inverse = own.try_inverse().unwrap_or_else(Matrix4::zeros);
+            let gain = &start.cross * inverse;
+            curvature -= &gain * start.cross.transpose();
+            uphill -= gain * start.uphill;
+            inverses.push(inverse);
+        }
+        (curvature, uphill, inverses)
+    }
+}
