@@ -140,20 +140,21 @@ class Scores:
         return found
 
     def push(self, one: Scored) -> float:
-        """Return by how many nats a set is likelier with a random push than without."""
+        """Return by how many nats a set is likelier with a random push than without; infinite if unknown."""
         problem = self.problem(one.effects)
         noise = one.noise.copy()
         noise[[PUSH, PULL]] = 0.0
         (top,) = problem.ascend(
             self.from_where(problem, one)[None], noise[None], [one.top.states], iterations=config.THOROUGH
         )
-        return max(0.0, one.top.log_likelihood - float(top.log_likelihood))
+        gain = one.top.log_likelihood - float(top.log_likelihood)
+        return max(0.0, gain) if math.isfinite(gain) else math.inf
 
     def remember(self, one: Scored) -> None:
         """Keep a set, if it is the best of its effects."""
         key = frozenset(one.effects)
         known = self.known.get(key)
-        if math.isfinite(one.score) and (known is None or one.score > known.score):
+        if known is None or one.score > known.score or math.isnan(known.score):
             self.known[key] = one
 
     @staticmethod

@@ -74,8 +74,8 @@ class Selection:
             better = self._grown(best) or self._swapped(best)
             if better is not None:
                 best = self._pruned(better)
-        ranked = sorted(self.scores.known.values(), key=lambda one: (-one.score, one.effects))
-        return Posterior(best, tuple(ranked))
+        scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
+        return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
 
     def _grown(self, parent: Scored) -> Scored | None:
         """Return the best set with one effect more, if it is better."""

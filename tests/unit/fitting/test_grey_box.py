@@ -62,3 +62,17 @@ def test_a_size_that_nothing_random_has_is_refused(planted):
     problem = problem_of(planted(1, stamped=True))
     with pytest.raises(IrtError, match="push: expected a number of at least 0"):
         problem.filter(TRUTH[None], np.array([[*NOISE[:3], -1.0, *NOISE[4:]]]))
+
+
+def test_an_axis_that_never_moves_says_nothing(planted):
+    rig = planted(4, noise=1e-3, stamped=True)
+    still = [1.0, 0.0]
+    runs = tuple(
+        replace(one, marble=one.marble * still, knobs=one.knobs * still[::-1]) for one in rig.recordings
+    )
+    problem = problem_of(replace(rig, recordings=runs))
+    (found,) = problem.filter(TRUTH[None], NOISE[None])
+    assert np.abs(found.log_likelihood[:, 0]).min() > 0.0
+    np.testing.assert_array_equal(found.log_likelihood[:, 1], 0.0)
+    (top,) = problem.ascend(TRUTH[None], NOISE[None])
+    assert np.hypot(*top.noise[:2]) == pytest.approx(1e-3, rel=0.3)

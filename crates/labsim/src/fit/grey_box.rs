@@ -9,6 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
+use super::channels::MARBLE;
 use super::coordinates::Coordinates;
 use super::problem::Problem;
 use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
@@ -432,8 +433,9 @@ impl Hill<'_> {
         sum
     }
 
-    /// Calls with window, row, axis, innovation and variance of everything that was seen.
+    /// Calls with window, row, axis, innovation and variance of everything that was seen, along axes that move.
     fn each_innovation(&self, found: &Filtered, mut of: impl FnMut(usize, usize, usize, f64, f64)) {
+        let active = &self.shooting.windows.channels.active[MARBLE];
         for (number, window) in self.shooting.windows.all.iter().enumerate() {
             let known = &self.shooting.windows.known[window.marble()];
             let observed = &self.shooting.windows.observed[window.marble()];
@@ -442,7 +444,7 @@ impl Hill<'_> {
                 .zip(&found.variance[number])
                 .enumerate()
             {
-                for axis in 0..2 {
+                for axis in (0..2).filter(|&axis| active[axis]) {
                     if known[2 * row + axis] && variance[axis].is_finite() {
                         of(
                             number,

@@ -313,13 +313,21 @@ impl<'a> Shooting<'a> {
         let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
         for ((rows, _), indices) in of_marble {
             let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
-            let observed: Vec<&[[f64; 2]]> = windows
-                .iter()
-                .map(|window| {
-                    let seen = self.problem.recordings[window.recording].observed;
-                    &seen[window.first..window.first + rows]
-                })
-                .collect();
+            // An axis along which no marble ever moves says nothing.
+            let active = &self.windows.channels.active[MARBLE];
+            let of_window = |window: &&Window| -> Vec<[f64; 2]> {
+                let seen = self.problem.recordings[window.recording].observed;
+                let rows = &seen[window.first..window.first + rows];
+                rows.iter()
+                    .map(|place| {
+                        std::array::from_fn(
+                            |axis| if active[axis] { place[axis] } else { f64::NAN },
+                        )
+                    })
+                    .collect()
+            };
+            let seen: Vec<Vec<[f64; 2]>> = windows.iter().map(of_window).collect();
+            let observed: Vec<&[[f64; 2]]> = seen.iter().map(Vec::as_slice).collect();
             let observed = observed.repeat(trials.len());
             let noise: Vec<Noise> = noise
                 .iter()
