@@ -9,7 +9,7 @@ the catalogue's range, noise from 0.2 to 0.6 mm, most of it white. With ``--push
 turned by white noise that no recording holds, with ``--left-over`` it is uneven and sticky.
 
 The label's `oracle` is the error of the hidden effects themselves, started from the row 0 that the tracker
-saw, as every prediction is: without the push, and on a board without what is left over.
+saw, as every prediction is: without the push, and on a board without the physics left over.
 """
 
 from __future__ import annotations

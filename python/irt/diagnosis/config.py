@@ -27,5 +27,5 @@ BETTER = 0.5
 MATTERS = 0.41
 #: Effects less probable than this are not mentioned.
 MENTIONED = 0.01
-#: Sets whose log posteriors are no farther apart may not be told from each other [nats]: odds of 20 to 1.
+#: Sets whose log posteriors are no farther apart may not be distinguishable [nats]: odds of 20 to 1.
 TIE = 3.0

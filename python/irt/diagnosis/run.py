@@ -107,17 +107,19 @@ def _found(search: Search, report: Report) -> Diagnosis:
     report("rivals")
     tied = {} if UNLISTED in best.effects else rivals(search, best, _rivalled(best, answer.spread))
     report("the proof")
-    told = Found(search, possible, tied, answer.spread, answer.several).diagnosis(where)
+    diagnosis = Found(search, possible, tied, answer.spread, answer.several).diagnosis(where)
     leaves = answer.is_of_catalogue and not _is_all(search, best)
     if leaves or answer.spread is not None:
         # Beside what was not found, or differs by chance, a size that may as well be none says nothing.
         kept = best
-        for name in [one.name for one in told.effects if one.name in best.effects and may_be_absent(one)]:
+        for name in [
+            one.name for one in diagnosis.effects if one.name in best.effects and may_be_absent(one)
+        ]:
             kept = search.without(kept, name)
         if kept is not best:
-            told, best = _told(search, kept, where, answer.spread, answer.several), kept
-    if not best.effects or not is_doubtful(told, leaves=leaves, is_of_catalogue=answer.is_of_catalogue):
-        return told
+            diagnosis, best = _told(search, kept, where, answer.spread, answer.several), kept
+    if not best.effects or not is_doubtful(diagnosis, leaves=leaves, is_of_catalogue=answer.is_of_catalogue):
+        return diagnosis
     if answer.known is not None and answer.known.effects:
         # What was learned does not predict; what it stood in for may.
         known = _told(search, answer.known, where)

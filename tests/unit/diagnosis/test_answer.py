@@ -48,10 +48,10 @@ def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
 
 
 def test_a_name_that_leaves_much_is_told_as_what_it_is():
-    told = summary(
+    text = summary(
         [effect()], noise=0.001, before=0.04, after=0.02, heldout=True, explained=False, leaves=True
     )
-    assert "More than noise is not explained" in told
+    assert "More than noise is not explained" in text
     assert "not explained" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
 
 
