@@ -18,7 +18,7 @@ KNOBS = np.stack([drive() * scale for scale in ([0.7, 1.0], [-1.0, 0.5])])
 
 @pytest.fixture
 def mujoco_world():
-    pytest.importorskip("mujoco")
+    pytest.importorskip("mujoco", reason="mujoco is an optional package: labsim-irt[mujoco]")
     import mujoco_world  # noqa: PLC0415
 
     return mujoco_world
