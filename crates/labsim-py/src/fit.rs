@@ -372,17 +372,7 @@ pub(crate) fn ascend<'py>(
         for &(slot, deviation) in &one.deviations {
             deviations[slot] = deviation;
         }
-        let noise = &one.noise;
-        let sizes = [
-            noise.white,
-            noise.lasting,
-            noise.lasting_s,
-            noise.push,
-            noise.pull,
-            noise.pull_s,
-            noise.restitution,
-            noise.start_velocity.unwrap_or(f64::NAN),
-        ];
+        let sizes = <[f64; 9]>::from(one.noise);
         result.set_item("values", vector(one.values.clone()))?;
         result.set_item("deviations", vector(deviations))?;
         result.set_item("states", self::states(py, &one.states))?;
@@ -409,27 +399,10 @@ fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<States>>
 }
 
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
-    let rows = arrays::rows::<8>(noise)?;
-    let of = |[
-        white,
-        lasting,
-        lasting_s,
-        push,
-        pull,
-        pull_s,
-        restitution,
-        start_velocity,
-    ]: [f64; 8]| Noise {
-        white,
-        lasting,
-        lasting_s,
-        push,
-        pull,
-        pull_s,
-        restitution,
-        start_velocity: (!start_velocity.is_nan()).then_some(start_velocity),
-    };
-    Ok(rows.into_iter().map(of).collect())
+    Ok(arrays::rows::<9>(noise)?
+        .into_iter()
+        .map(Noise::from)
+        .collect())
 }
 
 /// Standard deviation of the tracker (board edges) from `(n, 2)` recordings alone.

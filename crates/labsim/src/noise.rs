@@ -20,6 +20,8 @@ pub struct Noise {
     pub pull_s: f64,
     /// Standard deviation of the coefficient of restitution from impact to impact.
     pub restitution: f64,
+    /// Standard deviation of the time at which the board answers, from command to command (s).
+    pub jitter: f64,
     /// Standard deviation of the start velocity (m/s), zero for a marble at rest, where it is let go where it was
     /// first seen; none where the start state is known.
     pub start_velocity: Option<f64>,
@@ -41,6 +43,7 @@ impl Noise {
             ("push", self.push),
             ("pull", self.pull),
             ("restitution", self.restitution),
+            ("jitter", self.jitter),
             ("start_velocity", self.start_velocity.unwrap_or(0.0)),
         ];
         for (name, size) in positive {
@@ -54,5 +57,49 @@ impl Noise {
             }
         }
         Ok(())
+    }
+}
+
+/// In the order of the fields; a start velocity that is not a number is a known start.
+impl From<[f64; 9]> for Noise {
+    fn from(sizes: [f64; 9]) -> Self {
+        let [
+            white,
+            lasting,
+            lasting_s,
+            push,
+            pull,
+            pull_s,
+            restitution,
+            jitter,
+            start_velocity,
+        ] = sizes;
+        Self {
+            white,
+            lasting,
+            lasting_s,
+            push,
+            pull,
+            pull_s,
+            restitution,
+            jitter,
+            start_velocity: (!start_velocity.is_nan()).then_some(start_velocity),
+        }
+    }
+}
+
+impl From<Noise> for [f64; 9] {
+    fn from(noise: Noise) -> Self {
+        [
+            noise.white,
+            noise.lasting,
+            noise.lasting_s,
+            noise.push,
+            noise.pull,
+            noise.pull_s,
+            noise.restitution,
+            noise.jitter,
+            noise.start_velocity.unwrap_or(f64::NAN),
+        ]
     }
 }

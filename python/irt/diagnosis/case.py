@@ -8,21 +8,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effect
 from irt.engine import SUBSTEP_S
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
 from irt.fitting.problem import Problem, tracker_noise
-from irt.fitting.robust import deviation, student_t
+from irt.fitting.robust import deviation
 from irt.fitting.solution import Refined, Solution
 from irt.model import Effect, Model
 from irt.rig import PARAMETERS, Rig
 from irt.segments import Segment, segments
 
 Array = NDArray[np.float64]
-
-#: A value may leave its range by this share of it and still be plausible.
-SPARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +27,8 @@ class Fitted:
 
     Attributes
     ----------
+    case : Case
+        What was fitted.
     effects : tuple of str
         What was added, in the order of addition.
     names : tuple of str
@@ -41,48 +39,31 @@ class Fitted:
         Predicted minus observed for each segment [board edges], NaN where nothing was seen.
     noise : float
         Robust standard deviation of the residuals [board edges].
-    free : int
-        How many of the effects' parameters were fitted.
     """
 
+    case: Case
     effects: tuple[str, ...]
     names: tuple[str, ...]
     values: Array
     residuals: tuple[Array, ...]
     noise: float
-    free: int
 
     @classmethod
-    def of(cls, effects: Sequence[str], problem: Problem, found: Solution | Refined) -> Fitted:
+    def of(cls, case: Case, effects: Sequence[str], problem: Problem, found: Solution | Refined) -> Fitted:
         """Return what the engine found for a problem."""
         residuals = tuple(found.residuals)
         noise = deviation(np.concatenate([residual.ravel() for residual in residuals]))
-        free = sum(int(np.isfinite(sought[:, 0]).sum()) for _, sought in problem.asked["effects"])
-        return cls(tuple(effects), problem.names, found.values, residuals, noise, free)
-
-    def losses(self, scale: float) -> Array:
-        """Return the Student-t negative log-likelihood of each segment, up to a constant, (s,)."""
-        return np.array([np.nansum(student_t(residual / scale)) for residual in self.residuals])
-
-    def loss(self, scale: float) -> float:
-        """Return the Student-t negative log-likelihood of all segments, up to a constant."""
-        return float(self.losses(scale).sum())
+        return cls(case, tuple(effects), problem.names, found.values, residuals, noise)
 
     @property
-    def outside(self) -> int:
-        """How many parameters of effects lie outside the values that the catalogue finds plausible."""
-        known = {f"{name}.{one.name}": one for name in self.effects for one in effect(name).parameters}
-        found = [(value, known[key]) for key, value in self.of_effects().items() if not known[key].is_choice]
-        spares = [SPARE * (one.high - one.low) for _, one in found]
-        return sum(
-            not one.low - spare <= value <= one.high + spare
-            for (value, one), spare in zip(found, spares, strict=True)
-        )
+    def by_name(self) -> dict[str, float]:
+        """The values by name."""
+        return dict(zip(self.names, self.values.tolist(), strict=True))
 
-    def begun_at(self, other: Fitted) -> Array:
-        """Return where another hypothesis led, (n,): its values where it has them, else their own."""
-        known = dict(zip(other.names, other.values, strict=True))
-        return np.array([known.get(name, value) for name, value in zip(self.names, self.values, strict=True)])
+    @property
+    def model(self) -> Model:
+        """The simulator."""
+        return self.case.model(self.effects, self.by_name)
 
     def of_effects(self) -> dict[str, float]:
         """Return the values of the effects' parameters by ``effect.parameter``."""
@@ -196,24 +177,23 @@ class Case:
         problem = self.problem(effects)
         with located(f"{self.rig.path}"):
             solution = problem.fit(points=points, starts=starts, seed=self.seed, rounds=rounds)
-        return Fitted.of(effects, problem, solution)
-
-    def refine(self, effects: Sequence[str], points: Array, *, iterations: int = 12) -> list[Fitted]:
-        """Go from each of (k, n) points to the bottom of its valley."""
-        problem = self.problem(effects)
-        return [Fitted.of(effects, problem, one) for one in problem.refine(points, iterations=iterations)]
+        return Fitted.of(self, effects, problem, solution)
 
     def judge(self, effects: Sequence[str], points: Array) -> list[Fitted]:
         """Say what each of (k, n) points leaves over: only start states are estimated."""
         problem = self.problem(effects)
-        return [Fitted.of(effects, problem, one) for one in problem.judge(points)]
+        return [Fitted.of(self, effects, problem, one) for one in problem.judge(points)]
 
-    def model(self, fitted: Fitted) -> Model:
-        """Return the model of a hypothesis."""
+    def model(self, effects: Sequence[str], values: Mapping[str, float]) -> Model:
+        """Return the model of some effects with values by name, as of a `Fitted`."""
+        own = {name: [key for key in values if key.startswith(f"{name}.")] for name in effects}
         return Model.from_rig(
             self.rig,
-            fitted.values[: len(PARAMETERS)],
-            effects=[Effect(name, fitted.value_of(name)) for name in fitted.effects],
+            [values[name] for name in PARAMETERS],
+            effects=[
+                Effect(name, {key.removeprefix(f"{name}."): values[key] for key in keys})
+                for name, keys in own.items()
+            ],
             time_step="continuous",
         )
 

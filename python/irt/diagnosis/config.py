@@ -22,6 +22,10 @@ SURE = 4.6
 PULL, PULL_S = 3e-3, 0.2
 #: By so many nats one set must be likelier to take the place of another: less is the ascents' own tolerance.
 BETTER = 0.5
+#: Terms of the library of what can be learned without a name, as a power of ten: each is as likely.
+LIBRARY = 1e4
+#: Standard deviations of delays that differ, and their means, at which an ascent may begin [s].
+KICKS, MEANS = (0.003, 0.01, 0.03, 0.1), (0.0005, 0.03, 0.1)
 #: Share of the tracker's noise by which the error on runs held out must grow without an effect: as much as if
 #: the tracker's variance doubled, sqrt(2) - 1.
 MATTERS = 0.41
@@ -29,3 +33,8 @@ MATTERS = 0.41
 MENTIONED = 0.01
 #: Sets whose log posteriors are no farther apart may not be distinguishable [nats]: odds of 20 to 1.
 TIE = 3.0
+#: Share of the range from which on a law of impacts is told from how an engine solves contacts: rapier's walls
+#: without restitution are fitted as 0.05 to 0.11 of it.
+LEAST_OF_IMPACTS = 0.15
+#: Steps of a fit without one recording: it begins where all recordings led.
+REFIT = 6

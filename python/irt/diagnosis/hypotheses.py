@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,13 +20,27 @@ _NOTHING = 1e-12
 _LITTLE, _ALIKE = 0.01, 0.9
 
 
-def hypotheses() -> list[str]:
-    """Return the names of the effects that the same commands always bring about alike.
+#: Delays that differ from command to command: no draw of them can be predicted, and none is fitted. To the
+#: filter they are a size of what is random, beside their mean.
+JITTER = "delay_jitter"
+#: The effect that is the mean of delays that differ.
+MEAN = "delay"
+#: Effects that are not beside delays that differ: on average over many commands these come late and smoothed.
+SMOOTHED = ALIKE | {"lag"}
 
-    What is drawn anew for each command cannot be predicted: fitted, it would be one draw among all, and not
-    that of the recordings (`irt.diagnosis.jitter` looks for it in another way).
-    """
-    return [info.name for info in hypothetical() if _repeats(info.name)]
+
+def hypotheses() -> list[str]:
+    """Return the names of the effects that the recordings are asked for, one for each group of `ALIKE`."""
+    return [
+        info.name
+        for info in hypothetical()
+        if info.name != max(ALIKE) and (info.name == JITTER or _repeats(info.name))
+    ]
+
+
+def simulated(effects: Sequence[str]) -> list[str]:
+    """Return which effects the engine simulates for a set: of delays that differ, their mean."""
+    return [MEAN if name == JITTER else name for name in effects]
 
 
 @functools.cache

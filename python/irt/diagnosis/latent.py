@@ -12,15 +12,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import block_diag, cholesky, solve_triangular
+from scipy.linalg import cholesky, solve_triangular
 
-from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.colour import seeming
-from irt.diagnosis.screen import EARLIER
+from irt.diagnosis.case import Fitted
 from irt.diagnosis.stretches import LONGEST, SHORTEST, integrator, stretches
+from irt.diagnosis.windows import EARLIER
 
 Array = NDArray[np.float64]
 #: One for x and one for y.
@@ -30,18 +30,14 @@ Pair = tuple[Array, Array]
 _SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
 #: What a tracker's noise carries on from row to row, tried.
 _CARRIED = (0.0, 0.3, 0.6)
-#: Standard deviations of differing delays tried [rows].
-_SPREADS = (0.03, 0.1, 0.3, 1.0, 3.0)
-#: The 95 % point of a chi-squared variable of one degree of freedom.
-_CHI_SQUARED = 3.84
+#: Differences of this order measure the tracker's noise (`irt.fitting.problem.tracker_noise`).
+_ORDER = 4
 #: Simulated nulls.
 NULLS = 99
 #: Rows that a Gaussian process is asked about, at most.
 MOST_ROWS = 400
 #: Rows in which a command that follows its steps forgets them; after `EARLIER` rows a step is done.
 _FORGOTTEN = (2.0, 4.0, 8.0)
-#: Name of delays that differ from command to command.
-JITTER = "jitter"
 
 
 @dataclass(frozen=True)
@@ -51,7 +47,7 @@ class Source:
     Attributes
     ----------
     variable : str
-        "position", "velocity", "command", "command history", "time", or what does not repeat: "jitter", "each
+        "position", "velocity", "command", "command history", "time", or what does not repeat: "each
         row anew".
     stage : str
         "force", "command" or "camera".
@@ -72,7 +68,7 @@ class Source:
     @property
     def repeats(self) -> bool:
         """Whether the same run brings the same push again."""
-        return self.variable != JITTER and "anew" not in self.variable
+        return "anew" not in self.variable
 
 
 class Leftover:
@@ -80,8 +76,6 @@ class Leftover:
 
     Parameters
     ----------
-    case : Case
-        The recordings.
     fitted : Fitted
         The hypothesis.
     weak : bool
@@ -95,15 +89,14 @@ class Leftover:
 
     def __init__(
         self,
-        case: Case,
         fitted: Fitted,
         *,
         weak: bool = False,
         longest: int = LONGEST,
         most: int = MOST_ROWS,
     ) -> None:
-        self.rows, self._residual, self._fixed = stretches(case, fitted, longest, weak=weak, most=most)
-        self._noise = case.noise
+        self.rows, self._residual, self._fixed = stretches(fitted, longest, weak=weak, most=most)
+        self._noise = fitted.case.noise
 
     @property
     def count(self) -> int:
@@ -153,7 +146,6 @@ class Leftover:
         told = [
             (name, stage, *self._of(kernels, stage, data, noises)) for name, stage, kernels in self._kernels()
         ]
-        told.append((JITTER, "command", *self._of_jitter(data, noises)))
         gains = [np.maximum(likelihood - plain, 0.0) for _, _, likelihood, _ in told]
         highest = np.max([gain[1:] for gain in gains], axis=0)
         best: dict[str, Source] = {}
@@ -168,56 +160,12 @@ class Leftover:
         """Return the covariance (n, n) of a coordinate's noise, which carries on a share from row to row."""
         apart = np.abs(self.rows.time[:, None] - self.rows.time)
         same = self.rows.stretch[:, None] == self.rows.stretch
-        return np.asarray(np.where(same, share**apart, 0.0) * (seeming(share) * self._noise) ** 2)
+        return np.asarray(np.where(same, share**apart, 0.0) * (_seeming(share) * self._noise) ** 2)
 
     def _likelihood(self, covariances: Pair, data: Sequence[Array]) -> Array:
         """Return the log restricted likelihood of (n, k) data of both axes, of these covariances, (k,)."""
         x, y = (_restricted(*one) for one in zip(covariances, self._fixed, data, strict=True))
         return np.asarray(x + y)
-
-    def size_of_jitter(self) -> tuple[float, float, float]:
-        """Return the standard deviation of delays that differ [rows].
-
-        And the ends of its 95 % interval, where the likelihood has fallen by what chi-squared allows.
-        """
-        fixed, data = block_diag(*self._fixed), np.concatenate([self.residual(0), self.residual(1)])
-
-        noises = [self._coloured(share) for share in _CARRIED]
-
-        def likelihood(spread: float) -> float:
-            moved = self._jittered(spread)
-            told = (_restricted(moved + block_diag(one, one), fixed, data[:, None])[0] for one in noises)
-            return float(max(told))
-
-        coarse = np.logspace(-2.5, 1.0, 11)
-        spreads = coarse[int(np.argmax([likelihood(one) for one in coarse]))] * np.logspace(-0.7, 0.7, 22)
-        gains = np.array([likelihood(one) for one in spreads])
-        inside = spreads[gains > gains.max() - 0.5 * _CHI_SQUARED]
-        return float(spreads[gains.argmax()]), float(inside.min()), float(inside.max())
-
-    def _jittered(self, spread: float) -> Array:
-        """Return the covariance (2n, 2n) of how differing delays move a marble: in all rows of x, then y."""
-        covariance, first = np.zeros((2 * self.count, 2 * self.count)), 0
-        for one in self.rows.arrivals:
-            own = np.flatnonzero(self.rows.stretch == self.rows.stretch[first])
-            both = np.concatenate([own, own + self.count])
-            moved = one.jittered(self.rows.time[own], spread)
-            covariance[np.ix_(both, both)] = moved @ moved.T / moved.shape[1]
-            first += len(own)
-        return covariance
-
-    def _of_jitter(self, data: Sequence[Array], noises: Sequence[Array]) -> tuple[Array, float]:
-        """Return what `_of` does of delays that differ from command to command."""
-        fixed, both = block_diag(*self._fixed), np.concatenate(data)
-        told = np.array(
-            [
-                np.max([_restricted(moved + block_diag(one, one), fixed, both) for one in noises], axis=0)
-                for moved in map(self._jittered, _SPREADS)
-            ]
-        )
-        spread = _SPREADS[int(told[:, 0].argmax())]
-        pushes = np.concatenate([one.push for one in self.rows.arrivals])
-        return told.max(axis=0), spread * float(np.sqrt((pushes**2).sum() / max(1, pushes.size)))
 
     def _kernels(self) -> list[tuple[str, str, Pair]]:
         """Return variable, stage, and covariances (n, n) of unit size of both coordinates."""
@@ -278,6 +226,16 @@ class Leftover:
     def _shown(self, kernel: Array, stage: str) -> Array:
         """Return the covariance of what pushes, or shifts of the picture, of this covariance do."""
         return kernel if stage == "camera" else self.moved(self.moved(kernel).T)
+
+
+def _seeming(share: float) -> float:
+    """Return how much larger noise is than its differences from row to row make it seem.
+
+    Of noise that carries on a share of the row before; 1 for white noise.
+    """
+    signs = np.array([(-1.0) ** k * comb(_ORDER, k) for k in range(_ORDER + 1)])
+    apart = np.abs(np.subtract.outer(np.arange(_ORDER + 1), np.arange(_ORDER + 1)))
+    return float(np.linalg.norm(signs) / np.sqrt(signs @ share**apart @ signs))
 
 
 def _restricted(covariance: Array, fixed: Array, data: Array) -> Array:

@@ -12,7 +12,7 @@ from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.latent import Source
 from irt.diagnosis.library import Term
 from irt.diagnosis.result import Finding, Kind
-from irt.diagnosis.screen import ROWS, Screen
+from irt.diagnosis.windows import ROWS, Windows
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,20 +25,20 @@ CLEAR, MOST = 0.05, 3
 _REST, _NEAR = 0.001, 2
 
 
-def locate(case: Case, fitted: Fitted, noise: float) -> list[Finding]:
+def locate(fitted: Fitted, noise: float) -> list[Finding]:
     """Find the places where short windows leave more than noise does in simulated nulls.
 
     The noise [board edges] is that of the tracker. A place's strength is its share of all that is left beyond
     it; its p-value is the share of nulls in which any place of any kind stands out as much, so that looking
     in many places is paid for.
     """
-    screen = Screen(case, fitted, ROWS)
+    case, screen = fitted.case, Windows(fitted, ROWS)
     squares, nulls = screen.squared(NULLS, case.seed, noise)
     beyond = squares - nulls.mean(axis=0)
     total = max(float(beyond.sum()), 1e-300)
     places = [
         (kind, what, mask)
-        for kind, what, mask in _places(case, case.model(fitted).reach, screen)
+        for kind, what, mask in _places(case, fitted.model.reach, screen)
         if mask.mean() > FEWEST
     ]
     told, highest = [], np.zeros(NULLS)
@@ -56,7 +56,7 @@ def locate(case: Case, fitted: Fitted, noise: float) -> list[Finding]:
     return _strongest(findings)
 
 
-def stages(case: Case, fitted: Fitted, sources: Sequence[Source]) -> list[Finding]:
+def stages(fitted: Fitted, sources: Sequence[Source]) -> list[Finding]:
     """Return the stages that could make the leftover, the variable that it would depend on, and its size.
 
     A flexible push or shift at each stage is compared by restricted likelihood; the strength is the logarithm
@@ -70,7 +70,7 @@ def stages(case: Case, fitted: Fitted, sources: Sequence[Source]) -> list[Findin
         Finding(
             "stage",
             f"{_STAGES[one.stage]}: what is left would depend on {_VARIABLES[one.variable]}, "
-            f"{_size(case, fitted, one)}",
+            f"{_size(fitted, one)}",
             one.gain / clear[0].gain,
             one.p_value,
         )
@@ -78,8 +78,9 @@ def stages(case: Case, fitted: Fitted, sources: Sequence[Source]) -> list[Findin
     ]
 
 
-def _size(case: Case, fitted: Fitted, source: Source) -> str:
+def _size(fitted: Fitted, source: Source) -> str:
     """Return how large a push or a shift of the picture is, root mean square."""
+    case = fitted.case
     metres = source.push * case.edge_m(fitted)
     if source.stage == "camera":
         return f"a shift of {1000.0 * metres:.2g} mm"
@@ -129,7 +130,7 @@ _KINDS: dict[str, Kind] = {
 }
 
 
-def _places(case: Case, reach: Array, screen: Screen) -> Iterator[tuple[Kind, str, Mask]]:
+def _places(case: Case, reach: Array, screen: Windows) -> Iterator[tuple[Kind, str, Mask]]:
     """Yield the places looked at, with the rows of all windows that belong to them, (w * n,)."""
     windows = screen.windows()
     place = np.concatenate([one.place for one in windows])

@@ -8,58 +8,47 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectParameter, effect, hypothetical
-from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.evidence import Evidence
-from irt.diagnosis.hypotheses import acts_on_impacts_alone, is_law_of_impacts
-from irt.diagnosis.impacts import LEAST_OF_IMPACTS, between_impacts
+from irt.catalogue import EffectParameter, effect
+from irt.diagnosis import config
+from irt.diagnosis.hypotheses import JITTER, hypotheses
 from irt.diagnosis.result import Power
-from irt.diagnosis.screen import Screen
+from irt.diagnosis.score import Scored, Scores
+from irt.diagnosis.screening import Screening
 from irt.fitting.effect_size import size_of
 
 Array = NDArray[np.float64]
 
 #: Sizes tried of each effect, and values of its other parameters.
-SIZES, OTHERS = 16, 8
+SIZES, OTHERS = 8, 4
 #: Standard deviations that the gain must lie above the threshold: eight times in ten it then does.
 _SURE = 0.84
 
 
-def power(case: Case, base: Fitted, evidence: Evidence) -> list[Power]:
+def power(scores: Scores, base: Scored) -> list[Power]:
     """Return the smallest size of each effect of the catalogue that these recordings would have shown.
 
-    To first order: what an effect of this size changes, beyond what the base model could do as well, against
-    the threshold of naming it. As for naming, what counts is between impacts, but for effects that act in
-    impacts alone.
+    To first order: what an effect of this size changes of the predictions, beyond what the five parameters
+    could do as well, against the score at which it is named.
     """
-    between = between_impacts(case, base)
-    lengths = [len(one.knobs) for one in between.segments]
-    whole = Screen(case, base, max(len(one.knobs) for one in case.segments))
-    # Half of the stretches are longer, and cut.
-    apart = Screen(between, base, int(np.median(lengths))) if lengths else None
+    screening = Screening(scores, base)
     return [
         told
-        for info in hypothetical()
-        for told in _of(case, whole if acts_on_impacts_alone(info.name) else apart, info.name, evidence)
+        for name in hypotheses()
+        if name != JITTER
+        for told in _of(screening, name, scores.price([name]) + config.SURE, scores.case.seed)
     ]
 
 
-def _of(case: Case, screen: Screen | None, name: str, evidence: Evidence) -> Iterator[Power]:
+def _of(screening: Screening, name: str, needed: float, seed: int) -> Iterator[Power]:
     parameters = effect(name).required
     size = size_of(name)
     for index in range(len(parameters)) if size is None else (size,):
         one = parameters[index]
         if not math.isfinite(one.neutral):
             continue
-        values, ladder = _ladder(parameters, index, alone=size is None, seed=case.seed)
-        gains = np.zeros((SIZES, OTHERS))
-        if screen is not None:
-            gains = screen.gains(name, values).reshape(SIZES, OTHERS)
-        typical = np.median(gains, axis=1)
-        needed = evidence.needed(sum(not one.is_choice for one in parameters))
+        values, ladder = _ladder(parameters, index, alone=size is None, seed=seed)
+        typical = np.median(screening.shown(name, values).reshape(SIZES, -1), axis=1)
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
-        if is_law_of_impacts(name):
-            seen &= np.abs(ladder - one.neutral) > LEAST_OF_IMPACTS * (one.high - one.low)
         # From where on all larger ones are seen too.
         hidden = np.flatnonzero(~seen)
         first = 0 if len(hidden) == 0 else int(hidden[-1]) + 1
@@ -77,10 +66,10 @@ def _ladder(
     random = np.random.default_rng(seed)
     one = parameters[index]
     end = one.high if abs(one.high - one.neutral) >= abs(one.low - one.neutral) else one.low
-    ladder = one.neutral + (end - one.neutral) * np.logspace(-3.0, 0.0, SIZES)
-    others = np.array([[p.drawn(random) for p in parameters] for _ in range(OTHERS)])
+    ladder = one.neutral + (end - one.neutral) * np.logspace(-2.5, 0.0, SIZES)
+    others = np.array([[p.drawn(random) for p in parameters] for _ in range(1 if alone else OTHERS)])
     if alone:
         others[:] = [p.neutral for p in parameters]
     values = np.tile(others, (SIZES, 1))
-    values[:, index] = np.repeat(ladder, OTHERS)
+    values[:, index] = np.repeat(ladder, len(others))
     return values, ladder

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -69,6 +69,8 @@ class NamedEffect:
         Effects that explain the recordings as well in its place.
     reason : str
         Why they cannot be told apart, in a sentence; empty where there are none.
+    probability : float
+        That it is at work, or one of those that do as well, given these recordings and the catalogue.
     """
 
     name: str
@@ -79,6 +81,7 @@ class NamedEffect:
     heldout_mae_with: float
     confusable_with: tuple[str, ...] = ()
     reason: str = ""
+    probability: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -92,23 +95,20 @@ class Candidate:
     values : dict
         Fitted values of the effects' parameters, by ``effect.parameter``.
     gain : float
-        Log-likelihood over the base model's, in nats, freed of the residuals' memory.
+        Log-likelihood over the base model's, in nats, each beside the random push that suits it best.
     penalty : float
-        What its parameters and the width of the search cost, in nats.
-    noise : float
-        Robust standard deviation of what it leaves over [board edges].
-    heldout_gain : float or None
-        Log-likelihood over the base model's on runs held out; None where it was not worth trying.
+        What its parameters and its choice from the catalogue cost, in nats.
+    probability : float
+        Of this set among all that were tried.
     outcome : str
-        What became of it, in words: "named", "as good as delay", "does no better than the base model".
+        What became of it, in words.
     """
 
     effects: tuple[str, ...]
     values: dict[str, float]
     gain: float
     penalty: float
-    noise: float
-    heldout_gain: float | None
+    probability: float
     outcome: str
 
 
@@ -137,6 +137,49 @@ class RunProof:
     final: Array
     base_mae: float
     final_mae: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of the base model's squared error on recordings held out.
+
+    Attributes
+    ----------
+    what : str
+        An effect, "tracker" or "not repeatable".
+    share : float
+        From 0 to 1; those of one horizon add up to 1.
+    horizon_s : float or None
+        How far ahead was predicted [s]; None for runs from their start to their end.
+    """
+
+    what: str
+    share: float
+    horizon_s: float | None
+
+
+@dataclass(frozen=True)
+class Remains:
+    """What nothing that was named explains.
+
+    Attributes
+    ----------
+    share : float
+        Of the base model's squared error on recordings held out, in runs from start to end.
+    stage : str or None
+        Where a random push, or chance at the rim, makes recordings likelier: "board" or "contact"; None where
+        neither does.
+    repeats : bool
+        Whether what is left over depends on anything that comes back.
+    floor_of_the_log : float
+        Mean absolute error of the final model on recordings that it has itself made, tracked as those of the
+        rig: what a perfect simulator would be off by [board edges].
+    """
+
+    share: float
+    stage: str | None
+    repeats: bool
+    floor_of_the_log: float
 
 
 @dataclass(frozen=True)
@@ -204,7 +247,11 @@ class Diagnosis:
     seconds : float
         Wall time.
     inclusion : dict
-        Probability of each effect of the catalogue that it is at work, where sets of effects were compared.
+        Probability of each effect of the catalogue that it is at work.
+    budget : tuple of Share
+        Where the base model's error on runs held out goes, at several horizons.
+    remains : Remains or None
+        What nothing explains; None where nothing was held out.
     """
 
     verdict: Verdict
@@ -229,6 +276,8 @@ class Diagnosis:
     seed: int
     seconds: float
     inclusion: dict[str, float] = field(default_factory=dict)
+    budget: tuple[Share, ...] = ()
+    remains: Remains | None = None
 
     @property
     def is_held_out(self) -> bool:
@@ -281,6 +330,8 @@ class Diagnosis:
             ],
             "effects": [_effect(one) for one in self.effects],
             "inclusion": self.inclusion,
+            "budget": [asdict(one) for one in self.budget],
+            "remains": None if self.remains is None else asdict(self.remains),
             "fit": {
                 "noise": self.noise,
                 "base_mae": self.base_mae,
@@ -296,8 +347,7 @@ class Diagnosis:
                     "effects": list(one.effects),
                     "gain": one.gain,
                     "penalty": one.penalty,
-                    "noise": one.noise,
-                    "heldout_gain": one.heldout_gain,
+                    "probability": one.probability,
                     "outcome": one.outcome,
                 }
                 for one in self.candidates
@@ -326,6 +376,7 @@ def _effect(one: NamedEffect) -> dict[str, Any]:
         "heldout_mae_with": one.heldout_mae_with,
         "confusable_with": list(one.confusable_with),
         "reason": one.reason,
+        "probability": one.probability,
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,7 +12,10 @@ from numpy.typing import NDArray
 
 from irt.catalogue import hypothetical
 from irt.diagnosis import config
-from irt.diagnosis.case import Case
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, simulated
+from irt.diagnosis.library import Term
+from irt.diagnosis.result import UNLISTED
 from irt.engine import SUBSTEP_S
 from irt.fitting.problem import Problem
 from irt.fitting.solution import Probable
@@ -20,11 +24,10 @@ from irt.rig import PARAMETERS
 Array = NDArray[np.float64]
 
 #: Where the sizes of what is random stand, as `Problem.filter` takes them.
-WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, START_VELOCITY = range(8)
-
+WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, START_VELOCITY = range(9)
 
 #: Effects that say when commands act: each has in it what steps in time differ by.
-TIMES = frozenset({"delay", "latency"})
+TIMES = ALIKE | {JITTER}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,22 +36,31 @@ class Scored:
 
     Attributes
     ----------
+    case : Case
+        The recordings, with what of the effects is held.
     effects : tuple of str
         In the order of addition.
     names : tuple of str
         Of the n parameters: the five, then ``effect.parameter``.
     top : Probable
         Values, deviations, sizes of what is random, likelihood and evidence.
+    price : float
+        What the choice of the set costs [nats].
+    terms : tuple of Term
+        Of what was learned, where that is among the effects.
     """
 
+    case: Case
     effects: tuple[str, ...]
     names: tuple[str, ...]
     top: Probable
+    price: float
+    terms: tuple[Term, ...] = ()
 
     @property
     def score(self) -> float:
         """The log posterior of the set, up to a constant [nats]."""
-        return self.top.log_evidence - price(len(self.effects))
+        return self.top.log_evidence - self.price
 
     @property
     def values(self) -> dict[str, float]:
@@ -57,21 +69,49 @@ class Scored:
 
     @property
     def noise(self) -> Array:
-        """Sizes of what is random, as `Problem.filter` takes them, (8,)."""
+        """Sizes of what is random, as `Problem.filter` takes them, (9,)."""
         return np.asarray(self.top.noise)
 
-
-def price(effects: int) -> float:
-    """Return what a set of so many effects costs [nats]: one is expected, each of the catalogue as likely."""
-    return effects * math.log(len(hypothetical()))
+    @functools.cached_property
+    def fitted(self) -> Fitted:
+        """Its free runs."""
+        effects = simulated(self.effects)
+        problem = self.case.problem(effects)
+        values = np.array([self.values[name] for name in problem.names])
+        return self.case.judge(effects, values[None])[0]
 
 
 @dataclass(eq=False)
 class Scores:
-    """Scores of a case's sets, the best of each that was found."""
+    """Scores of a case's sets, the best of each that was found.
+
+    Attributes
+    ----------
+    case : Case
+        The recordings, with what of the effects is held.
+    terms : tuple of Term
+        Of what is learned, where that is among the effects.
+    known : dict
+        The best of each set.
+    """
 
     case: Case
+    terms: tuple[Term, ...] = ()
     known: dict[frozenset[str], Scored] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, one: Scored) -> Scores:
+        """Return scores of the sets that hold what a set does."""
+        return cls(one.case, one.terms)
+
+    def price(self, effects: Sequence[str]) -> float:
+        """Return what the choice of a set costs [nats].
+
+        One effect is expected, each of the catalogue as likely; and one term of the library, if any is there.
+        """
+        named = sum(name != UNLISTED for name in effects)
+        learned = len(self.terms) if UNLISTED in effects else 0
+        return named * math.log(len(hypothetical())) + learned * math.log(config.LIBRARY)
 
     def base(self) -> Scored:
         """Score the five parameters alone: from least squares, and from several sizes of what is random."""
@@ -89,8 +129,8 @@ class Scores:
     def problem(self, effects: Sequence[str]) -> Problem:
         """Return the problem of a set, and of a time by which engines that step in time are apart."""
         if set(effects) & TIMES:
-            return self.case.problem(effects)
-        return self.case.problem(["delay", *effects], within={"delay.delay_s": (0.0, SUBSTEP_S)})
+            return self.case.problem(simulated(effects))
+        return self.case.problem([MEAN, *effects], within={"delay.delay_s": (0.0, SUBSTEP_S)})
 
     def _starts(self) -> tuple[Array, Array]:
         """Return values and sizes of what is random to begin at: least squares, and the middle of ranges.
@@ -110,14 +150,14 @@ class Scores:
         for begin, pushes in ((found, config.PUSHES[:-1]), (middle, config.PUSHES[1:])):
             for push in pushes:
                 values.append([*begin, SUBSTEP_S / 2.0])
-                noises.append(self.noise(push, self.case.noise))
+                noises.append(self.noise(push))
         return np.array(values), np.array(noises)
 
-    def noise(self, push: float, lasting: float) -> Array:
-        """Return sizes of what is random to begin at, (8,)."""
-        white = max(self.case.noise, 1e-5)
+    def noise(self, push: float) -> Array:
+        """Return sizes of what is random to begin at, (9,)."""
+        white, lasting = max(self.case.noise, 1e-5), max(self.case.noise, 1e-6)
         return np.array(
-            [white, max(lasting, 1e-6), 0.15, push, config.PULL, config.PULL_S, 0.1, config.START_VELOCITY]
+            [white, lasting, 0.15, push, config.PULL, config.PULL_S, 0.1, 0.0, config.START_VELOCITY]
         )
 
     def ascend(
@@ -129,26 +169,40 @@ class Scores:
         *,
         iterations: int,
     ) -> list[Scored]:
-        """Go uphill from (k, n) values, (k, 8) sizes and (s, 4) states; remember the best."""
+        """Go uphill from (k, n) values, (k, 9) sizes and (s, 4) states; remember the best."""
         problem = self.problem(effects)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations
         )
-        found = [Scored(tuple(effects), problem.names, top) for top in tops]
+        price = self.price(effects)
+        terms = self.terms if UNLISTED in effects else ()
+        found = [Scored(self.case, tuple(effects), problem.names, top, price, terms) for top in tops]
         for one in found:
             self.remember(one)
         return found
 
-    def push(self, one: Scored) -> float:
-        """Return by how many nats a set is likelier with a random push than without; infinite if unknown."""
+    def loss_without(self, one: Scored, sizes: Sequence[int]) -> float:
+        """Return by how many nats a set is likelier with something random than without; infinite if unknown.
+
+        Parameters
+        ----------
+        one : Scored
+            The set.
+        sizes : sequence of int
+            Where the sizes that are to be zero stand, such as `PUSH`.
+        """
         problem = self.problem(one.effects)
         noise = one.noise.copy()
-        noise[[PUSH, PULL]] = 0.0
+        noise[list(sizes)] = 0.0
         (top,) = problem.ascend(
             self.from_where(problem, one)[None], noise[None], [one.top.states], iterations=config.THOROUGH
         )
         gain = one.top.log_likelihood - float(top.log_likelihood)
         return max(0.0, gain) if math.isfinite(gain) else math.inf
+
+    def push(self, one: Scored) -> float:
+        """Return by how many nats a set is likelier with a random push than without."""
+        return self.loss_without(one, [PUSH, PULL])
 
     def remember(self, one: Scored) -> None:
         """Keep a set, if it is the best of its effects."""

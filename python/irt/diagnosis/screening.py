@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,8 +12,11 @@ from scipy.stats import qmc
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.score import Scored, Scores
+from irt.diagnosis.hypotheses import JITTER, SMOOTHED
+from irt.diagnosis.score import KICK, Scored, Scores
+from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of
+from irt.fitting.solution import Filtered
 
 Array = NDArray[np.float64]
 
@@ -26,11 +30,24 @@ SMALLEST = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """An effect, by how many nats it might help to first order, and values to begin at."""
+    """An effect, by how many nats it might help to first order, and where to begin.
+
+    Attributes
+    ----------
+    name : str
+        Of the effect.
+    gain : float
+        What it promises [nats].
+    starts : (k, n) array
+        Values.
+    noise : (k, 9) array
+        Sizes of what is random.
+    """
 
     name: str
     gain: float
     starts: Array
+    noise: Array
 
 
 class Screening:
@@ -68,11 +85,27 @@ class Screening:
 
     def promises(self, names: Sequence[str]) -> list[Promise]:
         """Return what each effect might do, the most promising first."""
-        found = [self._promise(name) for name in names]
+        found = [self._of_jitter() if name == JITTER else self._promise(name) for name in names]
         return sorted(found, key=lambda one: -one.gain)
 
+    def _of_jitter(self) -> Promise:
+        """Return what delays that differ from command to command might do: each size and mean is tried."""
+        problem = self._scores.problem(child(self._parent.effects, JITTER))
+        mean = problem.names.index("delay.delay_s")
+        known = self._parent.values.get("delay.delay_s", 0.0)
+        means = [known] if known > SUBSTEP_S else list(config.MEANS)
+        tried = list(itertools.product(means, config.KICKS))
+        values = np.tile([self._parent.values.get(one, 0.0) for one in problem.names], (len(tried), 1))
+        noise = np.tile(self._parent.noise, (len(tried), 1))
+        values[:, mean], noise[:, KICK] = np.array(tried).T
+        found = problem.filter(values, noise, [self._parent.top.states] * len(values))
+        gains = np.array([float(one.log_likelihood.sum()) - self._likelihood for one in found])
+        gains = np.where(np.isfinite(gains), gains, -np.inf)
+        best = np.argsort(-gains)[: config.STARTS]
+        return Promise(JITTER, float(gains[best[0]]), values[best], noise[best])
+
     def _promise(self, name: str) -> Promise:
-        problem = self._scores.problem([*self._parent.effects, name])
+        problem = self._scores.problem(child(self._parent.effects, name))
         own = next(i for i, one in enumerate(problem.names) if one.startswith(f"{name}."))
         drawn = draws(name, config.DRAWS, self._case.seed)
         values = np.tile(
@@ -87,8 +120,7 @@ class Screening:
         actual, linear, share = np.full((3, len(values)), 0.0)
         for index, one in enumerate(found):
             actual[index] = float(one.log_likelihood.sum()) - self._likelihood
-            moved = np.concatenate([each.ravel() for each in one.predicted])[self._kept]
-            change = self._across((moved - self._here) / self._scale * self._root)
+            change = self._change(one)
             square, along = float(change @ change), float(change @ self._off)
             if square > 1e-9:
                 amount = along / square
@@ -99,7 +131,26 @@ class Screening:
         best = [*np.argsort(-linear)[: config.STARTS], int(np.argmax(actual))]
         starts = [scaled[best[0]], values[best[-1]], *(scaled[index] for index in best[1:-1])]
         gain = float(max(linear.max(), actual.max()))
-        return Promise(name, gain if np.isfinite(gain) else -np.inf, np.array(starts))
+        noise = np.tile(self._parent.noise, (len(starts), 1))
+        return Promise(name, gain if np.isfinite(gain) else -np.inf, np.array(starts), noise)
+
+    def shown(self, name: str, values: Array) -> Array:
+        """Return by how many nats (k, p) values of an effect, were they true, would be likelier than none."""
+        problem = self._scores.problem(child(self._parent.effects, name))
+        own = next(i for i, one in enumerate(problem.names) if one.startswith(f"{name}."))
+        tried = np.tile([self._parent.values.get(one, 0.0) for one in problem.names], (len(values), 1))
+        tried[:, own:] = values
+        count = len(tried)
+        found = problem.filter(
+            tried, np.tile(self._parent.noise, (count, 1)), [self._parent.top.states] * count
+        )
+        changes = [self._change(one) for one in found]
+        return np.array([0.5 * float(change @ change) for change in changes])
+
+    def _change(self, one: Filtered) -> Array:
+        """Return by how much predictions differ from the set's, beyond what its own parameters could do."""
+        moved = np.concatenate([each.ravel() for each in one.predicted])[self._kept]
+        return self._across((moved - self._here) / self._scale * self._root)
 
     def _scaled(self, name: str, own: int, values: Array, share: Array) -> Array:
         """Return draws with their size as large as explains most, within their ranges."""
@@ -117,6 +168,12 @@ class Screening:
     def _across(self, vector: Array) -> Array:
         """Return what the set's own parameters cannot make up for."""
         return np.asarray(vector - self._basis @ (self._basis.T @ vector))
+
+
+def child(effects: Sequence[str], name: str) -> tuple[str, ...]:
+    """Return a set with one effect more: delays that differ have a mean of their own."""
+    kept = [one for one in effects if name != JITTER or one not in SMOOTHED]
+    return (*kept, name)
 
 
 def _both_ways(name: str) -> bool:

@@ -9,8 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from irt.diagnosis import config
-from irt.diagnosis.score import PUSH, Scored, Scores
-from irt.diagnosis.screening import Promise, Screening
+from irt.diagnosis.hypotheses import JITTER, MEAN, SMOOTHED
+from irt.diagnosis.score import KICK, PUSH, Scored, Scores
+from irt.diagnosis.screening import Promise, Screening, child
 
 Report = Callable[[str], None]
 
@@ -30,29 +31,18 @@ class Posterior:
     best: Scored
     sets: tuple[Scored, ...]
 
-    def inclusion(self, name: str) -> float:
-        """Return the probability that an effect is at work."""
+    def any_of(self, names: Sequence[str]) -> float:
+        """Return the probability that one of these effects is at work, or several."""
         highest = max(one.score for one in self.sets)
         weights = np.exp([one.score - highest for one in self.sets])
-        with_it = [name in one.effects for one in self.sets]
+        with_it = [not set(names).isdisjoint(one.effects) for one in self.sets]
         return float(weights[with_it].sum() / weights.sum())
 
     def probabilities(self) -> dict[str, float]:
         """Return the probability of each effect that was tried, as far as it is worth a mention."""
         names = sorted({name for one in self.sets for name in one.effects})
-        found = {name: self.inclusion(name) for name in names}
+        found = {name: self.any_of([name]) for name in names}
         return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
-
-    def instead(self) -> list[Scored]:
-        """Return the sets with another effect in the place of one that are about as probable."""
-        best = frozenset(self.best.effects)
-        return [
-            one
-            for one in self.sets
-            if len(one.effects) == len(best)
-            and len(best & frozenset(one.effects)) == len(best) - 1
-            and one.score > self.best.score - config.TIE
-        ]
 
 
 @dataclass(eq=False)
@@ -79,9 +69,14 @@ class Selection:
 
     def _grown(self, parent: Scored) -> Scored | None:
         """Return the best set with one effect more, if it is better."""
-        names = [name for name in self.names if name not in parent.effects]
-        child = self._best_child(parent, names, config.FITTED)
-        return child if child is not None and child.score > parent.score + config.SURE else None
+        names = self._other(parent)
+        better = self._best_child(parent, names, config.FITTED)
+        return better if better is not None and better.score > parent.score + config.SURE else None
+
+    def _other(self, one: Scored) -> list[str]:
+        """Return the effects that a set lacks."""
+        held = {*one.effects, *(SMOOTHED if JITTER in one.effects else ())}
+        return [name for name in self.names if name not in held]
 
     def _best_child(self, parent: Scored, names: Sequence[str], count: int) -> Scored | None:
         """Return the best set with one effect more, of those that promise most."""
@@ -93,10 +88,11 @@ class Selection:
 
     def _first(self, parent: Scored, promise: Promise) -> Scored | None:
         """Fit a set with one effect more for a few steps, from where it promises to explain most."""
-        effects = (*parent.effects, promise.name)
+        effects = child(parent.effects, promise.name)
         self.report(" + ".join(effects))
-        noise = np.tile(parent.noise, (len(promise.starts), 1))
-        found = self.scores.ascend(effects, promise.starts, noise, parent.top.states, iterations=config.FIRST)
+        found = self.scores.ascend(
+            effects, promise.starts, promise.noise, parent.top.states, iterations=config.FIRST
+        )
         found = [one for one in found if math.isfinite(one.score)]
         return max(found, key=lambda one: one.score, default=None)
 
@@ -109,15 +105,19 @@ class Selection:
         return self.scores.known[frozenset(one.effects)]
 
     def without(self, one: Scored, name: str) -> Scored:
-        """Return a set without one of its effects, fitted from where the set is."""
+        """Return a set without one of its effects, fitted from where the set is; of jitter the mean stays."""
         key = (frozenset(one.effects), name, one.score)
         if key in self._without:
             return self._without[key]
         rest = tuple(other for other in one.effects if other != name)
+        if name == JITTER:
+            rest = (*rest, MEAN)
         problem = self.scores.problem(rest)
         values = np.tile(self.scores.from_where(problem, one), (3, 1))
         noises = np.tile(one.noise, (3, 1))
         noises[1:, PUSH] = 1e-6, 1e-4
+        if name == JITTER:
+            noises[:, KICK] = 0.0
         self.scores.ascend(rest, values, noises, one.top.states, iterations=config.THOROUGH)
         self._without[key] = self.scores.known[frozenset(rest)]
         return self._without[key]
@@ -134,8 +134,8 @@ class Selection:
         """Return a better set with another effect in the place of one, if there is any."""
         for name in one.effects:
             less = self.without(one, name)
-            names = [other for other in self.names if other not in one.effects]
-            child = self._best_child(less, names, config.SWAPPED)
-            if child is not None and child.score > one.score + config.BETTER:
-                return child
+            names = [other for other in self._other(less) if other not in one.effects]
+            better = self._best_child(less, names, config.SWAPPED)
+            if better is not None and better.score > one.score + config.BETTER:
+                return better
         return None

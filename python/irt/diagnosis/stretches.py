@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.screen import EARLIER, Screen, Window
+from irt.diagnosis.case import Fitted
+from irt.diagnosis.windows import EARLIER, Window, Windows
 from irt.engine import GRAVITY
-from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
@@ -22,69 +21,8 @@ PULL = 5.0 / 7.0 * GRAVITY
 FREE = 0.012
 #: Speed a row below which the marble may be at rest, and misses beyond which a prediction is lost [noise].
 SLOW, ASTRAY = 1.0, 50.0
-#: Commands that arrive so many rows before a stretch or after it may, by chance, arrive in it.
-_EARLY = 3.0
-#: Draws of delays that differ, and steps in which their mean is found.
-_DRAWS, _HALVINGS = 256, 10
 #: Rows to either side through which observed paths are smoothed.
 _SMOOTH = 3
-
-
-@dataclass(frozen=True, eq=False)
-class Arrivals:
-    """Changes of the commands, c of them.
-
-    Attributes
-    ----------
-    at : (c,) array
-        When they arrive on average [rows of the recording].
-    late : float
-        How long that is after they were sent [rows].
-    push : (c, 2) array
-        By how much they change the push on the marble [board edges a row squared].
-    """
-
-    at: Array
-    late: float
-    push: Array
-
-    def between(self, first: float, last: float) -> Arrivals:
-        """Return those that may arrive between two rows."""
-        own = (self.at > first - _EARLY) & (self.at < last + _EARLY)
-        return Arrivals(self.at[own], self.late, self.push[own])
-
-    def jittered(self, time: Array, spread: float) -> Array:
-        """Return draws (2m, _DRAWS) of how a marble is moved in m rows where delays differ by so many rows.
-
-        All rows of x, then of y: a command that comes late does so for both axes. One that a later one
-        overtakes does nothing, as if it came with that, and none comes before it is sent. On average they
-        come as they do without.
-        """
-        if not len(self.at):
-            return np.zeros((2 * len(time), _DRAWS))
-        drawn, sent = spread * _random(len(self.at)), self.at[:, None] - self.late
-
-        def late(mean: float) -> Array:
-            arrive = sent + np.maximum(mean + drawn, 0.0)
-            return np.asarray(np.minimum.accumulate(arrive[::-1])[::-1] - sent)
-
-        # The mean before what is overtaken comes sooner, and nothing before it is sent.
-        low, high = 0.0, self.late + 5.0 * spread
-        for _ in range(_HALVINGS):
-            mean = 0.5 * (low + high)
-            low, high = (mean, high) if late(mean).mean() < self.late else (low, mean)
-        found = late(low)
-        return self.moved(time, found - found.mean())
-
-    def moved(self, time: Array, late: Array) -> Array:
-        """Return how commands (c, k) rows late move a marble in m rows, (2m, k): first x, then y."""
-        since = time[:, None] - self.at
-        moved = np.maximum(since[:, :, None] - late, 0.0) ** 2 - np.maximum(since, 0.0)[:, :, None] ** 2
-        return np.asarray(0.5 * np.einsum("mck,ca->amk", moved, self.push).reshape(2 * len(time), -1))
-
-
-def _random(count: int) -> Array:
-    return np.random.default_rng(0).standard_normal((count, _DRAWS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +39,6 @@ class Rows:
         The command that holds [rad].
     turned : (n, EARLIER, 2) array
         By how much it differs from the one before, that from the one before it, and so on.
-    arrivals : tuple of Arrivals
-        The commands that arrive in each stretch.
     time : (n,) array
         Row of the recording.
     run : (n,) int array
@@ -115,7 +51,6 @@ class Rows:
     velocity: Array
     knobs: Array
     turned: Array
-    arrivals: tuple[Arrivals, ...]
     time: Array
     run: NDArray[np.int64]
     stretch: NDArray[np.int64]
@@ -132,22 +67,20 @@ def _spread_out(count: int) -> NDArray[np.int64]:
     return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
 
 
-def stretches(
-    case: Case, fitted: Fitted, longest: int, *, weak: bool, most: int
-) -> tuple[Rows, Array, list[Array]]:
+def stretches(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple[Rows, Array, list[Array]]:
     """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it.
 
     Of more rows than `most` whole stretches are taken, spread over the recordings.
     """
-    reach, late = case.model(fitted).reach, _Lateness.of(case, fitted)
-    screen = Screen(case, fitted, longest)
+    case, reach = fitted.case, fitted.model.reach
+    screen = Windows(fitted, longest)
     pieces: list[_Piece] = []
     windows = screen.windows()
     for index in _spread_out(len(windows)):
         if sum(len(piece.place) for piece in pieces) >= most:
             break
         window = windows[index]
-        piece = _observed(window, late, case.noise) if weak else _predicted(window, late)
+        piece = _observed(window, case.noise) if weak else _predicted(window)
         free = (np.abs(piece.place) < reach - FREE).all(axis=1) & np.isfinite(piece.residual).all(axis=1)
         if weak:
             # A marble at rest feels a push no more than the friction that holds it.
@@ -160,14 +93,13 @@ def stretches(
     if not pieces:
         empty, none = np.zeros((0, 2)), np.zeros(0, dtype=np.int64)
         turned = np.zeros((0, EARLIER, 2))
-        return Rows(empty, empty, empty, turned, (), np.zeros(0), none, none), empty, []
+        return Rows(empty, empty, empty, turned, np.zeros(0), none, none), empty, []
     lengths = [len(piece.place) for piece in pieces]
     rows = Rows(
         place=np.concatenate([piece.place for piece in pieces]),
         velocity=np.concatenate([piece.velocity for piece in pieces]),
         knobs=np.concatenate([piece.knobs for piece in pieces]),
         turned=np.concatenate([piece.turned for piece in pieces]),
-        arrivals=tuple(piece.arrivals for piece in pieces),
         time=np.concatenate([piece.time for piece in pieces]),
         run=np.repeat([piece.run for piece in pieces], lengths),
         stretch=np.repeat(np.arange(len(pieces)), lengths),
@@ -187,7 +119,6 @@ class _Piece:
     velocity: Array
     knobs: Array
     turned: Array
-    arrivals: Arrivals
     time: Array
     residual: Array
     fixed: Array
@@ -201,14 +132,13 @@ class _Piece:
             self.velocity[own],
             self.knobs[own],
             self.turned[own],
-            self.arrivals.between(time[0], time[-1]),
             time,
             self.residual[own],
             self.fixed[:, own],
         )
 
 
-def _predicted(window: Window, late: _Lateness) -> _Piece:
+def _predicted(window: Window) -> _Piece:
     """Return a window as the hypothesis predicts it: where that is near, the best view."""
     return _Piece(
         run=window.run,
@@ -216,14 +146,13 @@ def _predicted(window: Window, late: _Lateness) -> _Piece:
         velocity=np.gradient(window.place, axis=0),
         knobs=window.knobs,
         turned=window.turned,
-        arrivals=late.arrivals(window),
         time=window.first + np.arange(len(window.place), dtype=np.float64),
         residual=window.residual,
         fixed=window.of_base,
     )
 
 
-def _observed(window: Window, late: _Lateness, noise: float) -> _Piece:
+def _observed(window: Window, noise: float) -> _Piece:
     """Return a window as it was observed, whatever the base model makes of it.
 
     The motion itself is the residual: gears and rolling friction are among what else could move the marble.
@@ -239,43 +168,11 @@ def _observed(window: Window, late: _Lateness, noise: float) -> _Piece:
         velocity=velocity,
         knobs=window.knobs,
         turned=window.turned,
-        arrivals=late.arrivals(window),
         time=window.first + np.arange(len(path), dtype=np.float64),
         residual=seen,
         # A turn about y pushes along x, a turn about x along y.
         fixed=np.array([integral @ window.knobs[:, ::-1], integral @ friction]),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _Lateness:
-    """When the commands of a hypothesis arrive, and what they do.
-
-    Attributes
-    ----------
-    rows : float
-        How late they arrive on average.
-    pull : (2,) array
-        Push along x of a turn of the y knob, and along y of one of the x knob [board edges a row squared].
-    """
-
-    rows: float
-    pull: Array
-
-    @classmethod
-    def of(cls, case: Case, fitted: Fitted) -> _Lateness:
-        row_s, told = case.row_s(fitted), fitted.of_effects()
-        seconds = sum(told.get(name, 0.0) for name in ("delay.delay_s", "latency.latency_s"))
-        gear_x, gear_y = (fitted.values[PARAMETERS.index(name)] for name in ("gear_x", "gear_y"))
-        # A turn about y pushes along x, a turn about x against y.
-        pull = PULL * row_s**2 / case.edge_m(fitted) * np.array([gear_y, -gear_x])
-        return cls(seconds / row_s, pull)
-
-    def arrivals(self, window: Window) -> Arrivals:
-        """Return the changes of the commands of a window, and of those before it."""
-        changes = np.concatenate([window.turned[0, :0:-1], window.turned[:, 0]])
-        at = np.asarray(window.first + np.arange(len(changes)) - (EARLIER - 1) + self.rows)
-        return Arrivals(at, self.rows, self.pull * changes[:, ::-1])
 
 
 def _smoothed(seen: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.case import Fitted
 from irt.diagnosis.latent import Leftover
 from irt.diagnosis.library import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
 from irt.diagnosis.profiles import (
@@ -61,17 +61,15 @@ HORIZONS = (LONGEST, 60, 120)
 AT = 0.1
 
 
-def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence[Term]) -> list[Term]:
+def likely_terms(learned: Fitted, seen: View | None, terms: Sequence[Term]) -> list[Term]:
     """Return terms that explain most of what is left over, as the motion itself shows it and predictions do.
 
     Parameters
     ----------
-    case : Case
-        The recordings.
+    learned : Fitted
+        A set of effects with what was learned so far.
     seen : View or None
         The motion as it was observed, freed of what these terms could do to it.
-    learned : Fitted
-        The base model with what was learned so far.
     terms : sequence of Term
         Those that were learned.
 
@@ -84,21 +82,22 @@ def likely_terms(case: Case, seen: View | None, learned: Fitted, terms: Sequence
     found = [] if seen is None else seen.likely(terms, FAMILIES)
     if terms:
         # In long stretches small pushes show, in short ones predictions do not go astray.
-        views = (Leftover(case, learned, longest=rows, most=MOST_ROWS) for rows in HORIZONS)
-        found += [term for one in views if one.count for term in View(one, case, learned).likely(terms, 1)]
+        views = (Leftover(learned, longest=rows, most=MOST_ROWS) for rows in HORIZONS)
+        found += [term for one in views if one.count for term in View(one, learned).likely(terms, 1)]
     return found
 
 
-def motion_seen(case: Case, base: Fitted) -> View | None:
+def motion_seen(base: Fitted) -> View | None:
     """Return the motion as it was observed; None where the marble never moved far from the rim."""
-    leftover = Leftover(case, base, weak=True, longest=SEEN, most=MOST_ROWS)
-    return View(leftover, case, base) if leftover.count else None
+    leftover = Leftover(base, weak=True, longest=SEEN, most=MOST_ROWS)
+    return View(leftover, base) if leftover.count else None
 
 
 class View:
     """A leftover, and what the marble, the board and the time were in its rows."""
 
-    def __init__(self, leftover: Leftover, case: Case, parent: Fitted) -> None:
+    def __init__(self, leftover: Leftover, parent: Fitted) -> None:
+        case = parent.case
         edge_m, row_s = case.edge_m(parent), case.row_s(parent)
         rows = leftover.rows
         self._leftover, self._case, self._row_s = leftover, case, row_s

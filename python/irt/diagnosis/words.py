@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
-from irt.diagnosis.unlisted import formula, variables
 from irt.display import in_rows
 from irt.model import Parameter
 
@@ -110,9 +110,7 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     )
 
 
-def notes(
-    case: Case, best: Fitted, spread: Parameter | None, *, explained: bool, explained_between: bool
-) -> Iterator[str]:
+def notes(case: Case, best: Fitted, spread: Parameter | None, *, explained: bool) -> Iterator[str]:
     """Say what else the user should know.
 
     Parameters
@@ -121,15 +119,10 @@ def notes(
         The recordings, and the hypothesis chosen.
     spread : Parameter or None
         Standard deviation of delays that differ [s].
-    explained, explained_between : bool
-        Whether the hypothesis leaves nothing but noise: everywhere, and between impacts.
+    explained : bool
+        Whether the hypothesis leaves nothing but noise.
     """
-    if not explained and explained_between:
-        yield (
-            "Between impacts nothing but noise is left; what is left begins where the marble meets the rim. "
-            "How exactly it leaves a wall is no better known than that."
-        )
-    elif not explained and spread is None:
+    if not explained and spread is None:
         yield (
             f"The predictions miss by {max(best.noise / case.noise, 1.0):.1f} times the tracker's scatter, "
             "and what is left does not look like noise: part of the mismatch was not found, or does not "

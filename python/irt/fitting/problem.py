@@ -216,11 +216,11 @@ class Problem:
         ----------
         values : (k, n) array
             The gears of all must have the signs of the first ones.
-        noise : (k, 8) array
+        noise : (k, 9) array
             The tracker's error from row to row and its lasting error [board edges], how long that lasts [s],
             the spectral density of the marble's random acceleration [m^2/s^3], a random acceleration that
-            lasts [m/s^2] and how long [s], and the standard deviations of the coefficient of restitution and
-            of the start velocity [m/s].
+            lasts [m/s^2] and how long [s], and the standard deviations of the coefficient of restitution, of
+            the time at which the board answers [s] and of the start velocity [m/s].
         states : sequence of (s, 4) arrays, optional
             Known start states of the segments for each of the values, as of a `Solution`; by default a marble
             starts where it was first seen, at rest on average.
@@ -236,7 +236,7 @@ class Problem:
     def ascend(
         self, values: Array, noise: Array, states: Sequence[Array] | None = None, *, iterations: int = 30
     ) -> list[Probable]:
-        """Go uphill from (k, n) values and (k, 8) sizes of what is random, as `filter` takes them.
+        """Go uphill from (k, n) values and (k, 9) sizes of what is random, as `filter` takes them.
 
         The hill is the probability of the values and start states where the marble is also pushed at random:
         the likelihood of the filter, and a prior with mean and variance of the parameters' ranges. Start

@@ -100,7 +100,8 @@ fn simulate<S: Simd, const N: usize>(
         let each = estimators.iter_mut().zip(&mut marbles);
         for (i, (estimator, out)) in each.zip(out.chunks_mut(S::F64_LANES)).enumerate() {
             if let (Some(estimator), marbles) = estimator {
-                estimator.correct(row, &registers[i].rims, marbles, groups[i], out);
+                let Register { rims, actuation, .. } = &registers[i];
+                estimator.correct(row, rims, marbles, &actuation.tilt, groups[i], out);
             }
         }
         if row + 1 == first + setup.rows || setup.is_cancelled() {
@@ -264,7 +265,7 @@ impl<S: Simd> Register<S> {
     }
 
     fn estimator(&self, marbles: &Marbles<S>, group: LaneGroup<'_, '_>) -> Option<Estimator<S>> {
-        Estimator::new(&self.rims, self.camera.edges_per_m, marbles, group)
+        Estimator::new(&self.rims, self.camera.edges_per_m, marbles, &self.actuation.tilt, group)
     }
 
     /// Writes down what the camera sees, and the tilt sensor, as a row begins.

@@ -3,23 +3,16 @@
 use crate::noise::Noise;
 
 /// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
-/// the push (m²/s³), the push that lasts (m/s²), how long (s), and the restitution. Zero stays.
-const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3];
-const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0];
-/// How many sizes are estimated.
-pub(super) const SIZES: usize = 7;
+/// the push (m²/s³), the push that lasts (m/s²), how long (s), the restitution, and the jitter (s). Zero stays.
+const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3, 1e-5];
+const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0, 1.0];
+/// How many sizes are estimated: all but the start velocity, the last of a [`Noise`].
+pub(super) const SIZES: usize = 8;
 
 /// The sizes that are estimated.
 pub(super) fn sizes(noise: &Noise) -> [f64; SIZES] {
-    [
-        noise.white,
-        noise.lasting,
-        noise.lasting_s,
-        noise.push,
-        noise.pull,
-        noise.pull_s,
-        noise.restitution,
-    ]
+    let all = <[f64; SIZES + 1]>::from(*noise);
+    std::array::from_fn(|i| all[i])
 }
 
 /// Noise of other sizes, each within its bounds; zero stays.
@@ -33,15 +26,7 @@ pub(super) fn with_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
 
 /// Noise of other sizes.
 pub(super) fn of_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
-    let [white, lasting, lasting_s, push, pull, pull_s, restitution] = sizes;
-    Noise {
-        white,
-        lasting,
-        lasting_s,
-        push,
-        pull,
-        pull_s,
-        restitution,
-        ..*noise
-    }
+    let mut all = <[f64; SIZES + 1]>::from(*noise);
+    all[..SIZES].copy_from_slice(&sizes);
+    Noise::from(all)
 }

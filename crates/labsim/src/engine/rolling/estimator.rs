@@ -8,6 +8,7 @@
 use pulp::{NullaryFnOnce, Simd};
 
 use super::LaneGroup;
+use crate::board::GRAVITY;
 use crate::engine::{Job, Measured, Sink};
 use crate::lanes::{Lanes, Mask};
 use crate::motion::{Marbles, Pair, Rims};
@@ -20,6 +21,9 @@ pub(crate) const TAIL: f64 = 4.0;
 /// Standard deviation of a speed of which nothing is known (m/s): a hundred times what a marble on a board may
 /// have, so that a row in which it changes without a reason costs about ten nats.
 const JUMP: f64 = 30.0;
+
+/// What a marble that rolls gains by a tilt (m/s² per rad).
+const ACCELERATION: f64 = 5.0 / 7.0 * GRAVITY;
 
 /// Speed along either axis below which a marble is at rest (m/s).
 const REST: f64 = 1e-6;
@@ -35,6 +39,8 @@ pub(super) struct Estimator<S: Simd> {
     known: Lanes<S>,
     /// The marbles' velocities as the row began (m/s).
     velocity: Pair<S>,
+    /// The board's angles as the row began (rad).
+    tilt: Pair<S>,
     edges_per_m: Lanes<S>,
     variances: Variances<S>,
 }
@@ -46,6 +52,7 @@ struct Variances<S: Simd> {
     push: Lanes<S>,
     pull: Lanes<S>,
     restitution: Lanes<S>,
+    jitter: Lanes<S>,
 }
 
 /// The covariance of one axis: of place, velocity, push and lasting error.
@@ -82,6 +89,7 @@ impl<S: Simd> Estimator<S> {
         rims: &Rims<S>,
         edges_per_m: Lanes<S>,
         marbles: &Marbles<S>,
+        tilt: &Pair<S>,
         group: LaneGroup<'_, '_>,
     ) -> Option<Self> {
         group.jobs.first()?.measured?;
@@ -118,6 +126,7 @@ impl<S: Simd> Estimator<S> {
             pull: [white.like(0.0); 2],
             known: unknown.like(1.0) - unknown,
             velocity: [marbles.vx, marbles.vy],
+            tilt: *tilt,
             edges_per_m,
             variances: Variances {
                 white,
@@ -125,6 +134,7 @@ impl<S: Simd> Estimator<S> {
                 push: square(|one| one.push.sqrt()),
                 pull,
                 restitution: square(|one| one.restitution),
+                jitter: square(|one| one.jitter),
             },
         })
     }
@@ -136,6 +146,7 @@ impl<S: Simd> Estimator<S> {
         row: usize,
         rims: &Rims<S>,
         marbles: &mut Marbles<S>,
+        tilt: &Pair<S>,
         group: LaneGroup<'_, '_>,
         out: &mut [Sink<'_>],
     ) {
@@ -144,6 +155,7 @@ impl<S: Simd> Estimator<S> {
             row,
             rims,
             marbles,
+            tilt,
             group,
             out,
         });
@@ -156,6 +168,7 @@ struct Correction<'a, 'b, 'c, 'd, S: Simd> {
     row: usize,
     rims: &'a Rims<S>,
     marbles: &'a mut Marbles<S>,
+    tilt: &'a Pair<S>,
     group: LaneGroup<'b, 'c>,
     out: &'a mut [Sink<'d>],
 }
@@ -170,6 +183,7 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             row,
             rims,
             marbles,
+            tilt,
             group,
             out,
         } = self;
@@ -214,6 +228,9 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             let before = estimator.velocity[axis];
             let hit = hits(*place, before, *velocity, seconds, reach);
             covariance.advance(&lasted, &estimator.variances);
+            // A turn about y pushes along x, a turn about x against y.
+            let turned = ACCELERATION * (tilt[1 - axis] - estimator.tilt[1 - axis]);
+            covariance.kick(turned, seconds, &estimator.variances);
             covariance.settle(rests, seconds, &estimator.variances);
             covariance.bounce(hit, before, rims.restitution, &estimator.variances);
 
@@ -253,6 +270,7 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
                     if is_start { f64::NAN } else { variance[lane] };
             }
         }
+        estimator.tilt = *tilt;
     }
 }
 
@@ -308,6 +326,15 @@ impl<S: Simd> Covariance<S> {
         self.aa = square * self.aa + (one - square) * variances.pull;
         let square = remembered * remembered;
         self.bb = square * self.bb + (one - square) * variances.lasting;
+    }
+
+    /// A command that came early or late by some time has given the marble another velocity since.
+    #[inline(always)]
+    fn kick(&mut self, turned: Lanes<S>, seconds: Lanes<S>, variances: &Variances<S>) {
+        let kick = variances.jitter * turned * turned;
+        self.xx = self.xx + seconds * seconds * kick;
+        self.xv = self.xv + seconds * kick;
+        self.vv = self.vv + kick;
     }
 
     /// A marble that friction holds at the end of a row has the velocity that the push gave it in that row, and

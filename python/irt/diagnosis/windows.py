@@ -1,25 +1,19 @@
-"""What effects would change, window by window, beside what a hypothesis leaves over: where to look first.
+"""A hypothesis in short windows, each from a start state of its own: what it leaves over there.
 
-In short windows, each from a start state of its own, everything is close to linear: what a draw of an
-effect's parameters changes is simulated, freed of what start states and the five parameters could do as well,
-and laid beside the residuals. So thousands of draws cost less than one fit.
+In short windows everything is close to linear, and no chaos carries a small mismatch away. What start states and
+the five parameters could do is taken away from what is left.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import EffectParameter, effect
 from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.hypotheses import is_rough
 from irt.engine import SUBSTEP_S
-from irt.fitting.effect_size import size_of
 from irt.fitting.robust import deviation
 from irt.rig import PARAMETERS, RANGES
 from irt.segments import Segment, inputs_of
@@ -33,38 +27,12 @@ ROWS = 24
 _STEP = 1e-4
 #: Change of the five parameters for derivatives, relative to their values.
 _PART = 1e-3
-#: Draws of an effect with one, two, and more parameters.
-DRAWS = (32, 128, 512)
-#: Draws of an effect of which a little more is another.
-OF_ROUGH = 1024
 #: Rows before a row whose commands a window tells.
 EARLIER = 10
 #: Physics updates are this many times longer than the engine's own.
 COARSENESS = 4.0
 #: Residuals beyond so many standard deviations count no more than these.
 _CLIP = 4.0
-#: Share of a parameter's range over which its changes are taken for straight lines.
-_STRAIGHT = 0.02
-#: Smallest size drawn, as a share of the largest.
-_LEAST = 1e-3
-#: Without stamps a row may last so many times as long as a hypothesis has it, or so many times less.
-_SLOWER = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class Draws:
-    """Draws of an effect's p parameters, the best first.
-
-    Attributes
-    ----------
-    values : (k, p) array
-        In the catalogue's order.
-    explained : (k,) array
-        Share of the sum of squares that each takes away, from 0 to 1.
-    """
-
-    values: Array
-    explained: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,21 +65,20 @@ class Window:
     of_base: Array
 
 
-class Screen:
+class Windows:
     """A hypothesis in windows of equal length, linearised.
 
     Parameters
     ----------
-    case : Case
-        The recordings.
     fitted : Fitted
         The hypothesis.
     rows : int
         Of a window, at most those of the longest segment; last rows that fill none are left out.
     """
 
-    def __init__(self, case: Case, fitted: Fitted, rows: int = ROWS) -> None:
-        self._case, self._model = case, case.model(fitted)
+    def __init__(self, fitted: Fitted, rows: int = ROWS) -> None:
+        case, self._model = fitted.case, fitted.model
+        self._case = case
         rows = min(rows, max(len(segment.knobs) for segment in case.segments))
         self._inputs, self._observed, guess, self._runs = _cut(case, rows)
         self._at_rest = np.array([case.rig.start == "rest" and first == 0 for first in self._inputs.first])
@@ -133,11 +100,6 @@ class Screen:
         norms = np.linalg.norm(base, axis=1)
         self._of_base = np.linalg.qr(base[norms > 1e-9 * max(norms.max(initial=0.0), 1e-300)].T)[0].T
         self._residual = self._freed(np.nan_to_num(residual)[None])[0]
-
-    @property
-    def squares(self) -> float:
-        """Weighted sum of squares that is left."""
-        return float(self._residual @ self._residual)
 
     def windows(self) -> list[Window]:
         """Return what the hypothesis makes of each window."""
@@ -162,16 +124,6 @@ class Screen:
             )
         return found
 
-    def misfits(self) -> Array:
-        """Return how far each window is from noise, (w,): 1 on average if noise is all that is left.
-
-        Wild rows count no more than a few standard deviations.
-        """
-        windows = len(self._states)
-        left = np.clip(self._residual.reshape(windows, -1) / self._case.noise, -_CLIP, _CLIP)
-        seen = self._known.reshape(windows, -1).sum(axis=1)
-        return np.asarray((left**2).sum(axis=1) / np.maximum(seen - 4, 1))
-
     def squared(self, nulls: int, seed: int, scale: float) -> tuple[Array, Array]:
         """Return squared residuals of each row of all windows in units of a variance, (w * n,).
 
@@ -182,64 +134,6 @@ class Screen:
         told = np.concatenate([self._residual[None] / scale, self._freed(noise)])
         rows = (np.clip(told, -_CLIP, _CLIP) ** 2).reshape(nulls + 1, -1, 2).sum(axis=2)
         return rows[0], rows[1:]
-
-    def draws(self, name: str, count: int | None = None) -> Draws:
-        """Draw an effect's parameters over their ranges, and rank the draws by what they would explain.
-
-        The size of an effect, where one parameter is that, is the one that suits each draw best, unless a
-        little more of it is another effect: a knob that moves in steps shows it only if the step is exact.
-        """
-        parameters, size, rough = self._plausible(name), size_of(name), is_rough(name)
-        if count is None:
-            count = OF_ROUGH if rough else DRAWS[min(len(parameters), len(DRAWS)) - 1]
-        drawn = drawn_values(parameters, size, count, self._case.seed)
-        if size is None:
-            drawn = np.concatenate([self._straight(name), drawn])
-        changed = self._freed(self._changes(name, drawn))
-        along, length = changed @ self._residual, (changed**2).sum(axis=1)
-        if size is None or rough:
-            gain = 2.0 * along - length
-        else:
-            factor = np.divide(along, length, out=np.zeros_like(along), where=length > 0.0)
-            one = parameters[size]
-            scaled = one.neutral + factor * (drawn[:, size] - one.neutral)
-            clipped = np.clip(scaled, one.low, one.high)
-            span = drawn[:, size] - one.neutral
-            factor = np.divide(clipped - one.neutral, span, out=np.zeros_like(span), where=span != 0.0)
-            drawn[:, size] = clipped
-            gain = 2.0 * factor * along - factor**2 * length
-        order = np.argsort(-gain, kind="stable")
-        return Draws(drawn[order], gain[order] / max(self.squares, 1e-300))
-
-    def _plausible(self, name: str) -> tuple[EffectParameter, ...]:
-        """Return an effect's parameters, their ranges as wide as the hypothesis' time scale may be wrong."""
-        parameters = effect(name).required
-        return parameters if self._case.time_scale is not None else tuple(map(_of_any_clock, parameters))
-
-    def _straight(self, name: str) -> Array:
-        """Return the values that explain most if changes add up and are straight lines, (1, p)."""
-        parameters = self._plausible(name)
-        neutral = np.array([one.neutral for one in parameters])
-        if not np.isfinite(neutral).all():
-            return np.zeros((0, len(parameters)))
-        low, high = np.array([(one.low, one.high) for one in parameters]).T
-        steps = _STRAIGHT * np.where(high - neutral >= neutral - low, high - neutral, low - neutral)
-        changed = self._freed(self._changes(name, neutral + np.diag(steps)))
-        factors = np.linalg.lstsq(changed.T, self._residual)[0]
-        return np.asarray(np.clip(neutral + factors * steps, low, high))[None]
-
-    def gains(self, name: str, values: Array) -> Array:
-        """Return by how many nats (k, p) values of an effect, were they true, raise the likelihood, (k,)."""
-        changed = self._freed(self._changes(name, values))
-        return np.asarray((changed**2).sum(axis=1) / (2.0 * self._case.noise**2))
-
-    def _changes(self, name: str, drawn: Array) -> Array:
-        """Return what draws of an effect add to the prediction, (k, w * n * 2)."""
-        keys = [parameter.name for parameter in effect(name).required]
-        windows, count = len(self._states), len(drawn)
-        added = {"name": name, **{key: np.repeat(drawn[:, i], windows) for i, key in enumerate(keys)}}
-        predicted = self._simulated(np.tile(self._states, (count, 1)), added=added)
-        return (predicted.reshape(count, -1) - self._coarse.ravel()).reshape(count, -1)
 
     def _state_directions(self) -> Array:
         """Return orthonormal changes of each window by its start state, (w, 4, n * 2); zeros for none."""
@@ -294,64 +188,6 @@ class Screen:
         if self._inputs.durations is not None:
             return float(np.median(self._inputs.durations))
         return float(self._model.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
-
-
-def drawn_values(parameters: tuple[EffectParameter, ...], size: int | None, count: int, seed: int) -> Array:
-    """Return draws that fill the ranges, (k, p).
-
-    Where no parameter is the effect's size, small values are as frequent as large ones.
-    """
-    places = _filling(len(parameters), count, seed)
-    spread = _uniform if size is not None and len(parameters) > 1 else _by_magnitude
-    columns = [
-        _drawn(one, places[:, index], _by_factors if index != size and _is_timed(one) else spread)
-        for index, one in enumerate(parameters)
-    ]
-    return np.stack(columns, axis=1)
-
-
-@functools.cache
-def _filling(dimensions: int, count: int, seed: int) -> Array:
-    """Return points that fill the unit cube, (count, dimensions)."""
-    from scipy.stats import qmc  # noqa: PLC0415
-
-    return np.asarray(qmc.Sobol(dimensions, seed=seed).random(count))
-
-
-def _drawn(one: EffectParameter, places: Array, spread: Callable[[EffectParameter, Array], Array]) -> Array:
-    return np.where(places < 0.5, one.most, one.least) if one.is_choice else spread(one, places)
-
-
-def _is_timed(one: EffectParameter) -> bool:
-    """Whether it is a time, a speed or such, of one sign: what the clock is wrong by multiplies it."""
-    return one.time_power != 0 and one.low > 0.0
-
-
-def _of_any_clock(one: EffectParameter) -> EffectParameter:
-    """Return a parameter with the values that are plausible if the time scale is wrong."""
-    factor = _SLOWER ** abs(one.time_power)
-    low, high = (min(end * factor, end / factor) for end in (one.low, -one.high))
-    return replace(one, low=max(low, one.least), high=min(-high, one.most))
-
-
-def _by_factors(one: EffectParameter, places: Array) -> Array:
-    """Return values of which each factor is as frequent, (k,)."""
-    return np.asarray(one.low * (one.high / one.low) ** places)
-
-
-def _uniform(one: EffectParameter, places: Array) -> Array:
-    return np.asarray(one.low + (one.high - one.low) * places)
-
-
-def _by_magnitude(one: EffectParameter, places: Array) -> Array:
-    """Return values of all magnitudes, from a thousandth of the range on, to either side of neutral."""
-    if not one.low <= one.neutral <= one.high:
-        return _by_factors(one, places)
-    below, above = one.neutral - one.low, one.high - one.neutral
-    side = places * (below + above) - below
-    reach = np.where(side < 0.0, below, above)
-    share = np.divide(np.abs(side), reach, out=np.zeros_like(side), where=reach > 0.0)
-    return np.asarray(one.neutral + np.sign(side) * reach * _LEAST ** (1.0 - share))
 
 
 def _orthonormal(directions: Array) -> Array:

@@ -1,0 +1,290 @@
+"""The set that was chosen, put into numbers and words."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effect
+from irt.diagnosis import config, intervals, words
+from irt.diagnosis.budget import REST, budget, twins_of
+from irt.diagnosis.case import Case
+from irt.diagnosis.hypotheses import JITTER, MEAN
+from irt.diagnosis.latent import Leftover, Source
+from irt.diagnosis.locate import locate, stages, variables
+from irt.diagnosis.power import power
+from irt.diagnosis.relevance import Relevance
+from irt.diagnosis.result import (
+    UNLISTED,
+    Candidate,
+    Diagnosis,
+    Finding,
+    NamedEffect,
+    Remains,
+    RunProof,
+    Share,
+    Verdict,
+    units,
+)
+from irt.diagnosis.score import LASTING, RESTITUTION, WHITE, Scored, Scores
+from irt.diagnosis.selection import Posterior
+from irt.diagnosis.ties import Tie, reason, ties
+from irt.diagnosis.validation import HeldOut
+from irt.engine import SUBSTEP_S
+from irt.model import Model, Parameter
+from irt.residual import evaluate
+from irt.rig import PARAMETERS
+
+Array = NDArray[np.float64]
+
+#: Mean absolute value of a normal variable over its standard deviation.
+_MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
+
+
+class Answer:
+    """A set of effects that was chosen.
+
+    Parameters
+    ----------
+    best : Scored
+        The set, with the effects that matter.
+    posterior : Posterior
+        All sets that were scored.
+    relevance : Relevance
+        What recordings held out say.
+    """
+
+    def __init__(self, best: Scored, posterior: Posterior, relevance: Relevance) -> None:
+        self._best, self._posterior, self._relevance = best, posterior, relevance
+        self._case: Case = relevance.selection.scores.case
+        self._base = relevance.selection.scores.base()
+        self._proof = relevance.validation.of(best)
+        self._base_proof = relevance.validation.of(self._base)
+        self._parameters, self._unidentifiable = intervals.parameters(best, self._proof)
+
+    def diagnosis(self, report: Callable[[str], None]) -> Diagnosis:
+        """Put everything together."""
+        case, best = self._case, self._best
+        report("where the mismatch is")
+        where = self._where()
+        report("ties")
+        tied = [] if UNLISTED in best.effects else ties(self._scores, self._posterior, best)
+        report("the proof")
+        order = self._ordered()
+        effects = tuple(self._named(name, [one for one in tied if one.name == name]) for name in order)
+        base, answer = self._base_proof, self._proof
+        is_held_out = answer.is_proof
+        twins = twins_of(case.rig, answer.runs[0].model, self._noise, case.seed)
+        floor = evaluate(answer.runs[0].model, twins).mae
+        shares = (
+            budget(case.rig, base, answer, {name: self._without(name) for name in order}, twins)
+            if is_held_out
+            else ()
+        )
+        return Diagnosis(
+            verdict=self._verdict(order),
+            summary=words.summary(
+                effects,
+                noise=self._noise,
+                before=base.mae,
+                after=answer.mae,
+                heldout=is_held_out,
+                explained=self._is_whole,
+                leaves=not self._is_whole,
+                row_s=None if case.time_scale is not None else case.row_s(best.fitted),
+            ),
+            where=where,
+            effects=effects,
+            noise=self._noise,
+            base_mae=_free_run(self._base),
+            final_mae=_free_run(best),
+            base_heldout_mae=base.mae if is_held_out else float("nan"),
+            final_heldout_mae=answer.mae if is_held_out else float("nan"),
+            base=_model(self._base, intervals.parameters(self._base, base)[0]),
+            model=_model(best, self._parameters),
+            rivals=tuple(one.scored.fitted.model for one in tied),
+            unidentifiable=self._unidentifiable,
+            suggestion=words.suggestion(effects, case.rig.path),
+            candidates=self._candidates(tied),
+            runs=self._runs(),
+            power=() if effects else tuple(power(self._scores, self._base)),
+            notes=tuple(
+                words.notes(
+                    case, best.fitted, self._parameters.get(f"{JITTER}.sd_s"), explained=self._is_whole
+                )
+            ),
+            settings={
+                "rig": str(case.rig.path),
+                "recordings": len(case.rig.recordings),
+                "recordings_sha256": case.rig.digest,
+                "version": version("labsim-irt"),
+            },
+            seed=case.seed,
+            seconds=0.0,
+            inclusion=self._posterior.probabilities(),
+            budget=shares,
+            remains=self._remains(shares, floor, where) if is_held_out else None,
+        )
+
+    @property
+    def _scores(self) -> Scores:
+        return self._relevance.selection.scores
+
+    @functools.cached_property
+    def _noise(self) -> float:
+        """Standard deviation of the tracker [board edges], of errors from row to row and of those that last."""
+        return float(np.hypot(*self._best.noise[[WHITE, LASTING]]))
+
+    @functools.cached_property
+    def _push(self) -> float:
+        """By how many nats a random push makes the recordings likelier."""
+        return Scores.of(self._best).push(self._best)
+
+    @property
+    def _is_whole(self) -> bool:
+        """Whether the set lacks nothing: no random push, or none that matters to the error."""
+        floor = (1.0 + config.MATTERS) * _MEAN_ABSOLUTE * self._noise
+        return self._push < config.SURE or self._proof.mae < floor
+
+    def _verdict(self, order: list[str]) -> Verdict:
+        """Return the verdict: what matters most decides whether physics has a name."""
+        if not order:
+            return "sufficient" if self._is_whole else "unlisted"
+        return "unlisted" if order[0] == UNLISTED else "missing"
+
+    def _where(self) -> tuple[Finding, ...]:
+        if not self._best.effects and self._is_whole:
+            return ()
+        base = self._base.fitted
+        sources = Leftover(base).sources(self._case.seed)
+        return (
+            *variables(self._best.terms, sources),
+            *locate(base, self._noise),
+            *stages(base, sources),
+        )
+
+    def _without(self, name: str) -> HeldOut:
+        return self._relevance.validation.of(self._relevance.without(self._best, name))
+
+    def _ordered(self) -> list[str]:
+        """Return the effects, the most important first: without which recordings held out are missed most."""
+        return sorted(self._best.effects, key=lambda name: -self._without(name).mae)
+
+    def _named(self, name: str, tied: list[Tie]) -> NamedEffect:
+        own = f"{MEAN if name == JITTER else name}."
+        found = {key.removeprefix(own): one for key, one in self._parameters.items() if key.startswith(own)}
+        if name == JITTER:
+            found = {"sd_s": self._parameters[f"{JITTER}.sd_s"], "mean_s": found["delay_s"]}
+        alike = [name, *(one.instead for one in tied)]
+        # What was learned has no name, and is not among those that the catalogue was asked for.
+        chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
+        return NamedEffect(
+            name=name,
+            stage=effect(name).stage,
+            parameters=found,
+            units={"sd_s": "s", "mean_s": "s"} if name == JITTER else units(name),
+            heldout_mae_without=self._without(name).mae if self._proof.is_proof else float("nan"),
+            heldout_mae_with=self._proof.mae if self._proof.is_proof else float("nan"),
+            confusable_with=tuple(one.instead for one in tied),
+            reason=" ".join(reason(self._best, one) for one in tied),
+            probability=chance,
+        )
+
+    def _remains(self, shares: tuple[Share, ...], floor: float, where: tuple[Finding, ...]) -> Remains:
+        rest = [one.share for one in shares if one.what == REST and one.horizon_s is None]
+        stage = None
+        if not self._is_whole:
+            at_rim = Scores.of(self._best).loss_without(self._best, [RESTITUTION])
+            stage = "contact" if at_rim > self._push else "board"
+        repeats = UNLISTED not in self._best.effects and not self._is_whole and self._repeats
+        return Remains(share=rest[0] if rest else 0.0, stage=stage, repeats=repeats, floor_of_the_log=floor)
+
+    @functools.cached_property
+    def _repeats(self) -> bool:
+        """Whether what the answer leaves depends on anything that comes back."""
+        sources: list[Source] = Leftover(self._best.fitted).sources(self._case.seed)
+        return any(one.repeats and one.p_value <= 1.0 - 0.99 for one in sources)
+
+    def _candidates(self, tied: list[Tie]) -> tuple[Candidate, ...]:
+        alike = {frozenset(one.scored.effects) for one in tied}
+        base = self._base
+        sets = {frozenset(one.effects): one for one in (*self._posterior.sets, self._best)}
+        highest = max(one.score for one in sets.values())
+        weights = {key: float(np.exp(one.score - highest)) for key, one in sets.items()}
+        total = sum(weights.values())
+        found = []
+        for key, one in sets.items():
+            gain = one.top.log_likelihood - base.top.log_likelihood
+            found.append(
+                Candidate(
+                    effects=one.effects,
+                    values={name: value for name, value in one.values.items() if "." in name},
+                    gain=gain,
+                    penalty=gain - (one.score - base.score),
+                    probability=weights[key] / total,
+                    outcome=_outcome(one, base, self._best, alike),
+                )
+            )
+        return tuple(sorted(found, key=lambda one: one.penalty - one.gain))
+
+    def _runs(self) -> tuple[RunProof, ...]:
+        case, found = self._case, []
+        step = case.time_scale or float(np.mean(case.rig.ranges["time_scale"]))
+        proofs = zip(case.rig.recordings, self._base_proof.runs, self._proof.runs, strict=True)
+        for recording, before, after in proofs:
+            rows = np.arange(len(recording.knobs))
+            times = recording.stamps if recording.stamps is not None else rows * step * SUBSTEP_S
+            found.append(
+                RunProof(
+                    recording=recording.name,
+                    times=np.asarray(times),
+                    observed=recording.marble,
+                    base=before.prediction,
+                    final=after.prediction,
+                    base_mae=before.mae,
+                    final_mae=after.mae,
+                )
+            )
+        return tuple(found)
+
+
+def _outcome(one: Scored, base: Scored, best: Scored, alike: set[frozenset[str]]) -> str:
+    """Say in words what became of a set."""
+    own, named = set(one.effects), set(best.effects)
+    if own == named:
+        return "named" if named else "enough"
+    if not own:
+        return "the base model"
+    if frozenset(own) in alike:
+        return "does as well"
+    if one.score < base.score + config.SURE:
+        return "no better than the base model"
+    if named < own:
+        return "adds nothing that recordings held out confirm"
+    return "explains less"
+
+
+def _model(one: Scored, parameters: dict[str, Parameter]) -> Model:
+    """Return a set's model; its five parameters carry their intervals."""
+    plain = one.fitted.model
+    return Model(
+        board=plain.board,
+        marble=plain.marble,
+        start=plain.start,
+        ranges=plain.ranges,
+        parameters={name: parameters[name] for name in PARAMETERS},
+        effects=plain.effects,
+        time_step=plain.time_step,
+    )
+
+
+def _free_run(one: Scored) -> float:
+    """Return the mean absolute error on the recordings that a set was fitted to."""
+    evaluation = evaluate(one.fitted.model, one.case.rig.recordings)
+    if one.case.rig.start == "moving" and evaluation.windowed is not None:
+        return evaluation.windowed.mae
+    return evaluation.mae

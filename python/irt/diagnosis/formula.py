@@ -1,0 +1,152 @@
+"""What was learned without a name, as a formula, and what it depends on."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+from irt.diagnosis.library import BRAKE, GEARS, PROFILES, PUSH, VECTORS, of_slot
+from irt.diagnosis.profiles import BOUNDED, ROUND, SHAPES
+
+#: A formula leaves out what is less than this share of the largest: components of vectors, and profiles.
+LITTLE = 1e-2
+
+#: What a formula calls that which the parameters of a profile are multiplied by, and a profile of s.
+_SYMBOLS = dict(
+    zip(
+        itertools.chain(*VECTORS.values()),
+        ("x", "y", "v_x", "v_y", "cos heading", "sin heading", "tilt_x", "tilt_y", "t", "way"),
+        strict=True,
+    )
+)
+_FUNCTIONS = (
+    "cos({})",
+    "tanh({})",
+    "exp(-({})^2/2)",
+    "ridge({})",
+    "exp(-(({})^2 + ({})^2)/2)",
+    "({})",
+    "({})^2",
+    "({}) ({})",
+)
+
+
+def formula(values: dict[str, float]) -> str:
+    """Return the learned push as a formula, in m/s^2, without what its terms have next to none of."""
+    values = cleared(values)
+    parts, drags, slots = [], [], _profiles(values)
+    for slot in slots:
+        push, brake, gears = _push(values, slot), values[f"brake_{slot}_m_per_s2"], _gears(values, slot)
+        profile = _profile(values, slot)
+        if any(push):
+            parts.append(f"{_vector(push)} {profile}")
+        if any(gears):
+            # A turn about y pushes along x, a turn about x against y.
+            parts.append(f"5/7 g {_vector((gears[1], -gears[0]), ('tilt_y ', 'tilt_x '))} {profile}")
+        if brake:
+            drags.append(f"{brake:.3g} {profile}")
+    if values["drag_strength"]:
+        drags.insert(0, f"{values['drag_strength']:.3g}")
+    if drags:
+        drag = " + ".join(drags).replace("+ -", "- ")
+        parts.append(f"-({drag}) (v / 0.1 m/s)^{values['drag_power']:.2g} along v")
+    if values["side_strength"]:
+        parts.append(f"{values['side_strength']:.3g} (v / 0.1 m/s)^{values['side_power']:.2g} across v")
+    if values["mode_gain"]:
+        rate, damping = values["mode_rate_rad_per_s"], values["mode_damping"]
+        parts.append(
+            f"5/7 g {values['mode_gain']:.3g} (u - tilt), u'' = {rate**2:.4g} (tilt - u) "
+            f"- {2.0 * damping * rate:.3g} u'"
+        )
+    shapes = {round(values[f"shape_{slot}"]) for slot in slots}
+    what = ", ridge(s) = -s exp((1 - s^2)/2)" if SHAPES.index("ridge") in shapes else ""
+    return ("a = " + " + ".join(parts)).replace("+ -", "- ") + what
+
+
+def _vector(components: Sequence[float], factors: Sequence[str] = ("", "")) -> str:
+    """Return a vector in the plane of the board, e_x and e_y along its axes, without components of zero."""
+    parts = [
+        f"{value:.3g} {factor}e_{axis}"
+        for value, factor, axis in zip(components, factors, "xy", strict=True)
+        if value != 0.0
+    ]
+    return parts[0] if len(parts) == 1 else f"({' + '.join(parts)})".replace("+ -", "- ")
+
+
+def cleared(values: dict[str, float]) -> dict[str, float]:
+    """Return values with zeros for components along one axis that are next to nothing beside the other's.
+
+    And for waves, steps, bells, ridges and spots that are next to nothing beside others: unlike a polynomial
+    each is at most what it is multiplied by.
+    """
+    kept, slots = dict(values), range(1, PROFILES + 1)
+    for slot in slots:
+        for names in (PUSH, GEARS, *VECTORS.values()):
+            _clear(kept, [[of_slot(name, slot)] for name in names])
+    bounded = [slot for slot in slots if SHAPES[round(values[f"shape_{slot}"])] in BOUNDED]
+    for names in (PUSH, GEARS, (BRAKE,)):
+        _clear(kept, [[of_slot(name, slot) for name in names] for slot in bounded])
+    return kept
+
+
+def _clear(values: dict[str, float], groups: Sequence[Sequence[str]]) -> None:
+    """Set to zero what is next to nothing beside the largest group."""
+    sizes = [max(abs(values[name]) for name in group) for group in groups]
+    for group, size in zip(groups, sizes, strict=True):
+        if size < LITTLE * max(sizes):
+            values.update(dict.fromkeys(group, 0.0))
+
+
+def variables(values: dict[str, float]) -> list[str]:
+    """Return on what the learned push depends: position, velocity, heading, tilt, time, way, speed."""
+    values = cleared(values)
+    slots = _profiles(values)
+    gears = [_gears(values, slot) for slot in slots]
+    found = [
+        "tilt" if variable == "command" else variable
+        for variable, names in VECTORS.items()
+        if any(values[of_slot(name, slot)] != 0.0 for slot in slots for name in names)
+        or (variable == "command" and (values["mode_gain"] or any(map(any, gears))))
+    ]
+    drags = [values["drag_strength"], *(values[f"brake_{slot}_m_per_s2"] for slot in slots)]
+    return [*found, *(["speed"] if any(drags) or values["side_strength"] else [])]
+
+
+def _profile(values: dict[str, float], slot: int) -> str:
+    """Return a profile as a function of what it depends on."""
+    shape = round(values[f"shape_{slot}"])
+    symbols = [(values[of_slot(name, slot)], symbol) for name, symbol in _SYMBOLS.items()]
+    phases = [_sum(symbols, values[f"phase_{slot}_rad"])]
+    if SHAPES[shape] in ROUND:
+        across = []
+        for variable in ("position", "command"):
+            x, y = (of_slot(name, slot) for name in VECTORS[variable])
+            of_x, of_y = (_SYMBOLS[name] for name in VECTORS[variable])
+            across += [(-values[y], of_x), (values[x], of_y)]
+        phases.append(_sum(across, values[f"across_{slot}_rad"]))
+    return _FUNCTIONS[shape].format(*phases)
+
+
+def _sum(symbols: Sequence[tuple[float, str]], phase: float) -> str:
+    """Return multiples of what has a symbol, and a phase, as a sum without zeros."""
+    parts = [f"{value:.4g} {symbol}" for value, symbol in symbols if value != 0.0]
+    if phase != 0.0 or not parts:
+        parts.append(f"{phase:.3g}")
+    return " + ".join(parts).replace("+ -", "- ")
+
+
+def _push(values: dict[str, float], slot: int) -> list[float]:
+    return [values[f"push_{slot}_{axis}_m_per_s2"] for axis in "xy"]
+
+
+def _gears(values: dict[str, float], slot: int) -> list[float]:
+    return [values[f"gear_{slot}_{axis}"] for axis in "xy"]
+
+
+def _profiles(values: dict[str, float]) -> list[int]:
+    """Return the slots of the profiles that push, brake or change the gears."""
+    return [
+        slot
+        for slot in range(1, PROFILES + 1)
+        if any((*_push(values, slot), *_gears(values, slot), values[f"brake_{slot}_m_per_s2"]))
+    ]

@@ -1,0 +1,174 @@
+"""How well recordings pin the values of a set down: by curvature, by resampling, and by what no row can tell.
+
+The curvature of the free runs' likelihood knows only noise as the engine takes it to be: white, of one size,
+around a model that is right. The filter's knows a random push besides. A rim that throws the marble back a
+little otherwise, and whatever else differs from recording to recording, the jackknife over recordings sees,
+whatever its cause (Efron and Stein, 1981, "The jackknife estimate of variance"). The widest holds.
+
+Recordings without stamps do not know how long a row lasts: all of the motion can run slower under weaker
+pushes, and the path is the same. What seems to tell the time all the same is how the marble slips after an
+impact, and how an engine cuts an impact into updates; neither is known of the board well enough to read a
+clock by. So along this symmetry nothing counts as known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+from scipy.stats import norm
+
+from irt.catalogue import effect
+from irt.diagnosis import config
+from irt.diagnosis.case import Fitted
+from irt.diagnosis.hypotheses import JITTER
+from irt.diagnosis.score import KICK, Scored, Scores
+from irt.diagnosis.validation import HeldOut
+from irt.fitting.effect_size import size_of
+from irt.fitting.identifiability import unidentifiable, with_intervals
+from irt.fitting.information import CONFIDENCE, FLAT, Information
+from irt.model import Parameter
+from irt.rig import PARAMETERS
+
+Array = NDArray[np.float64]
+
+#: Recordings from which on leaving one out says something.
+FEWEST = 3
+#: Powers of the time scale with which the five parameters change along the symmetry.
+_POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
+#: Half width along the symmetry, in ranges: nothing is known.
+_UNKNOWN = 10.0
+#: Half width of a 95 % interval in standard deviations.
+_NORMAL = float(norm.ppf(0.5 + CONFIDENCE / 2.0))
+#: Factors of the spread of delays at which its likelihood is looked at.
+_FACTORS = np.geomspace(0.2, 5.0, 41)
+#: The 95 % point of a chi-squared variable of one degree of freedom, halved.
+_FALLEN = 1.92
+
+
+def parameters(one: Scored, held: HeldOut) -> tuple[dict[str, Parameter], tuple[str, ...]]:
+    """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down."""
+    told = _information(one, held)
+    deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
+    found = {
+        name: _wider(parameter, _NORMAL * deviations[name])
+        for name, parameter in with_intervals(told).items()
+    }
+    if JITTER in one.effects:
+        found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
+    return found, unidentifiable(told)
+
+
+def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
+    """Whether the interval of an effect's size, or those of all its parameters, hold the neutral values."""
+    known, size = effect(name).required, size_of(name)
+    asked = known if size is None else (known[size],)
+    told = [(found[f"{name}.{one.name}"], one.neutral) for one in asked if f"{name}.{one.name}" in found]
+    return all(one.low is None or one.high is None or one.low <= neutral <= one.high for one, neutral in told)
+
+
+def _wider(one: Parameter, half_width: float) -> Parameter:
+    """Return a parameter whose interval reaches so far to either side, at least."""
+    if one.low is None or one.high is None:
+        return one
+    return Parameter(one.value, min(one.low, one.value - half_width), max(one.high, one.value + half_width))
+
+
+def _information(one: Scored, held: HeldOut) -> Information:
+    fitted = one.fitted
+    problem = one.case.problem(fitted.effects)
+    told = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
+    own = [one.names.index(name) for name in problem.names]
+    return _with_scatter(_without_clock(fitted, told), held.values[:, own])
+
+
+def _with_scatter(told: Information, values: Array) -> Information:
+    """Return what recordings tell, no sharper along any direction than their own disagreement allows.
+
+    The (k, n) values are those of fits without each recording in turn.
+    """
+    count = len(values)
+    if count < FEWEST:
+        return told
+    along = (values - values.mean(axis=0)) / told.widths @ told.directions.T
+    deviation = np.sqrt((count - 1) / count * np.sum(along**2, axis=0))
+    scatter = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0)) * deviation
+    wider = np.maximum(told.half_width, scatter)
+    return replace(told, half_width=np.where(told.flat, told.half_width, wider))
+
+
+def _without_clock(fitted: Fitted, told: Information) -> Information:
+    """Return what recordings tell of a set, the time scale not read off impacts.
+
+    Where stamps or a damping bring in a time, all stays as it is.
+    """
+    case = fitted.case
+    if case.time_scale is not None or case.rig.marble.damping_per_s > 0.0:
+        return told
+    along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / told.widths
+    along = np.where(told.free, along, 0.0)
+    along /= np.linalg.norm(along)
+    known = np.where(np.isfinite(told.half_width), np.minimum(told.half_width, _UNKNOWN), _UNKNOWN)
+    spread = (told.directions * known[:, None] ** 2).T @ told.directions + _UNKNOWN**2 * np.outer(
+        along, along
+    )
+    free = np.flatnonzero(told.free)
+    variance, vectors = np.linalg.eigh(spread[np.ix_(free, free)])
+    directions = np.zeros((len(free), len(told.values)))
+    directions[:, free] = vectors.T[::-1]
+    half_width = np.sqrt(np.maximum(variance[::-1], 0.0))
+    offset = np.where(half_width < FLAT, directions @ (told.offset @ told.directions), 0.0)
+    return replace(told, directions=directions, half_width=half_width, offset=offset)
+
+
+def _power(name: str, fitted: Fitted) -> float:
+    """Return the power of the time scale with which a parameter changes along the symmetry."""
+    if name in PARAMETERS:
+        return _POWERS[name]
+    of_effect, parameter = name.split(".")
+    if parameter in {"drag_strength", "side_strength"}:
+        power = fitted.value_of(of_effect)[parameter.replace("strength", "power")]
+        return power - 2.0
+    return float(next(one.time_power for one in effect(of_effect).parameters if one.name == parameter))
+
+
+def _spread(one: Scored, clock: Parameter) -> Parameter:
+    """Return the standard deviation of delays that differ [s], with its 95 % interval by the likelihood.
+
+    Without stamps the interval is as much wider as the clock is unknown.
+    """
+    size = float(one.noise[KICK])
+    problem = Scores.of(one).problem(one.effects)
+    noises = np.tile(one.noise, (len(_FACTORS), 1))
+    noises[:, KICK] *= _FACTORS
+    count = len(noises)
+    found = problem.filter(np.tile(one.top.values, (count, 1)), noises, [one.top.states] * count)
+    likelihood = np.array([float(each.log_likelihood.sum()) for each in found])
+    inside = noises[likelihood > likelihood.max() - _FALLEN, KICK]
+    low, high = float(min(inside.min(), size)), float(max(inside.max(), size))
+    if one.case.time_scale is None:
+        if clock.low is None or clock.high is None:
+            return Parameter(size)
+        low, high = low * clock.low / clock.value, high * clock.high / clock.value
+    return Parameter(size, low, high)
+
+
+def is_named(name: str, found: dict[str, Parameter]) -> bool:
+    """Whether an effect is told from its absence: delays that differ by their spread, others by their size.
+
+    How a marble leaves the rim differs between any two engines, and the rig: a law of impacts has to be
+    beyond what they differ by.
+    """
+    if name == JITTER:
+        low = found[f"{JITTER}.sd_s"].low
+        return low is not None and low > 0.0
+    if may_be_absent(name, found):
+        return False
+    if name != "wall_restitution":
+        return True
+    (law,) = effect(name).required
+    return abs(found[f"{name}.{law.name}"].value - law.neutral) > config.LEAST_OF_IMPACTS * (
+        law.high - law.low
+    )

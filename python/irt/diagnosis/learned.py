@@ -1,0 +1,125 @@
+"""Physics that no effect of the catalogue describes: found, learned as a formula, and put into the model.
+
+The term of a library that explains most of what is left over is fitted inside the simulator with everything
+else, the new remainder is looked at, and so on. Terms, effects beside them and a random push are weighed by one
+score.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.catalogue import effect
+from irt.diagnosis import config
+from irt.diagnosis.library import Term, in_slots
+from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.score import PUSH, Scored, Scores
+from irt.diagnosis.selection import Report
+from irt.diagnosis.view import View, likely_terms, motion_seen
+
+Array = NDArray[np.float64]
+
+
+def learn(parent: Scored, report: Report) -> Scored | None:
+    """Add terms to a set while its score grows; None if no term is worth its price.
+
+    What does not pay may do so with the next term: of a board that is wavy both ways, one way alone predicts
+    nothing. Terms that later ones make needless are taken away again.
+    """
+    seen = motion_seen(parent.fitted)
+    best, now, doubted = parent, parent, False
+    while (found := _with_another(parent, now, seen, report)) is not None:
+        now = found
+        if now.score > best.score + config.SURE:
+            best, doubted = now, False
+            if Scores.of(now).push(now) < config.SURE:
+                break
+        elif doubted:
+            break
+        else:
+            doubted = True
+        if seen is not None:
+            seen.take(now.terms[-1])
+    return None if best is parent else _needed(best)
+
+
+def _with_another(parent: Scored, now: Scored, seen: View | None, report: Report) -> Scored | None:
+    """Return the likeliest set with one term more."""
+    tried = []
+    for term in likely_terms(now.fitted, seen, now.terms):
+        report(f"a push that depends on {term.variable}")
+        tried.append(_first(parent, now, (*now.terms, term)))
+    return _thorough(max(tried, key=_finite)) if tried else None
+
+
+def _first(parent: Scored, now: Scored, terms: tuple[Term, ...]) -> Scored:
+    """Fit a set with one term more, from where the term explains most."""
+    values = _neutral() | _of_unlisted(now)
+    *before, last = in_slots(terms)
+    shared = {name for term in before for name in term.free}
+    values |= {name: value for name, value in last.values.items() if name not in shared}
+    return _fitted((*parent.effects, UNLISTED), now, terms, values)
+
+
+def _fitted(
+    effects: tuple[str, ...], now: Scored, terms: tuple[Term, ...], values: dict[str, float]
+) -> Scored:
+    """Fit terms from these values of the engine's effect; what is of none of them stays as it is."""
+    free = {name for term in in_slots(terms) for name in term.free}
+    still = {name: value for name, value in values.items() if name not in free}
+    scores = Scores(now.case.holding(UNLISTED, still), terms)
+    problem = scores.problem(effects)
+    begun = now.values | {f"{UNLISTED}.{name}": value for name, value in values.items()}
+    point = np.array([begun.get(name, 0.0) for name in problem.names])
+    noises = np.tile(now.noise, (len(config.PUSHES), 1))
+    noises[1:, PUSH] = config.PUSHES[:-1]
+    points = np.tile(point, (len(noises), 1))
+    return max(scores.ascend(effects, points, noises, now.top.states, iterations=config.FIRST), key=_finite)
+
+
+def _finite(one: Scored) -> float:
+    return one.score if np.isfinite(one.score) else -np.inf
+
+
+def _thorough(one: Scored) -> Scored:
+    scores = Scores.of(one)
+    scores.remember(one)
+    scores.ascend(
+        one.effects, one.top.values[None], one.noise[None], one.top.states, iterations=config.THOROUGH
+    )
+    return scores.known[frozenset(one.effects)]
+
+
+def _needed(one: Scored) -> Scored:
+    """Take away what later terms make needless: one that came early may only have stood in for them."""
+    for index in reversed(range(len(one.terms) - 1)):
+        less = _thorough(_without(one, index))
+        if less.score > one.score - config.SURE:
+            one = less
+    return one
+
+
+def _without(one: Scored, index: int) -> Scored:
+    """Fit a set without one of its terms."""
+    known, values = _of_unlisted(one), _neutral()
+    kept = [
+        (term, now)
+        for place, (term, now) in enumerate(zip(one.terms, in_slots(one.terms), strict=True))
+        if place != index
+    ]
+    rest = tuple(term for term, _ in kept)
+    for (_, now), then in zip(kept, in_slots(rest), strict=True):
+        values |= {name: known[before] for name, before in zip(then.values, now.values, strict=True)}
+    return _fitted(one.effects, one, rest, values)
+
+
+def _of_unlisted(one: Scored) -> dict[str, float]:
+    """Return what a set has learned, by the names of the engine's parameters."""
+    own = f"{UNLISTED}."
+    return {key.removeprefix(own): value for key, value in one.values.items() if key.startswith(own)}
+
+
+def _neutral() -> dict[str, float]:
+    """Return the values without effect of all parameters of the engine's effect."""
+    return {one.name: one.neutral for one in effect(UNLISTED).parameters}

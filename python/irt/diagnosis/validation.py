@@ -1,0 +1,113 @@
+"""The proof: each recording predicted by a fit to the others, by the likelihood that chose the set."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.diagnosis import config
+from irt.diagnosis.case import Case
+from irt.diagnosis.hypotheses import simulated
+from irt.diagnosis.score import Scored, Scores
+from irt.model import Model
+from irt.recording import Recording
+from irt.residual import evaluate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """One recording as a model predicts it that was fitted to the others.
+
+    Attributes
+    ----------
+    prediction : (n, 2) array
+        Of a run from its start, or of windows where recordings start in motion [board edges].
+    mae : float
+        Its mean absolute error [board edges].
+    model : Model
+        The fit to the others.
+    """
+
+    prediction: Array
+    mae: float
+    model: Model
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """A set of effects, judged by recordings that its fit has not seen.
+
+    Attributes
+    ----------
+    values : (folds, n) array
+        What the fits without each recording have come to; no rows where there is one recording alone.
+    runs : tuple of Held
+        All recordings in the order of the rig; where there is one alone, what the fit to it makes of it.
+    """
+
+    values: Array
+    runs: tuple[Held, ...]
+
+    @property
+    def is_proof(self) -> bool:
+        """Whether anything was held out."""
+        return len(self.values) > 0
+
+    @functools.cached_property
+    def mae(self) -> float:
+        """Mean over the recordings of their mean absolute errors [board edges]."""
+        return float(np.mean([one.mae for one in self.runs]))
+
+
+@dataclass(eq=False)
+class Validation:
+    """Sets of effects as recordings that were held out judge them; each is fitted once."""
+
+    _known: dict[frozenset[str], HeldOut] = field(default_factory=dict)
+
+    def of(self, one: Scored) -> HeldOut:
+        """Return how a set predicts each recording, fitted to the others."""
+        key = frozenset(one.effects)
+        if key not in self._known:
+            self._known[key] = _held_out(one)
+        return self._known[key]
+
+
+def _held_out(one: Scored) -> HeldOut:
+    case = one.case
+    folds = np.unique(case.folds)
+    if len(folds) < 2:
+        runs = tuple(_predicted(case, one.values, one.effects, each) for each in case.rig.recordings)
+        return HeldOut(np.zeros((0, len(one.names))), runs)
+    found = {int(fold): _fitted_without(one, int(fold)) for fold in folds}
+    runs = tuple(
+        _predicted(case, found.get(index, one.values), one.effects, recording)
+        for index, recording in enumerate(case.rig.recordings)
+    )
+    return HeldOut(np.array([list(values.values()) for values in found.values()]), runs)
+
+
+def _fitted_without(one: Scored, fold: int) -> Mapping[str, float]:
+    """Return the values to which a set comes without one recording, from where all of them led."""
+    keep = one.case.folds != fold
+    rest = one.case.only([other for other in np.unique(one.case.folds) if other != fold])
+    problem = Scores(rest, one.terms).problem(one.effects)
+    (top,) = problem.ascend(
+        one.top.values[None], one.noise[None], [one.top.states[keep]], iterations=config.REFIT
+    )
+    return dict(zip(problem.names, top.values.tolist(), strict=True))
+
+
+def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:
+    model = case.model(simulated(effects), values)
+    found = evaluate(model, [run]).runs[0]
+    if case.rig.start == "moving" and found.windowed is not None:
+        return Held(found.windowed_prediction, found.windowed.mae, model)
+    assert found.free_run is not None, found.recording
+    return Held(found.free_prediction, found.free_run.mae, model)
