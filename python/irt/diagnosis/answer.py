@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import effect
-from irt.diagnosis import config, intervals, words
+from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
 from irt.diagnosis.hypotheses import JITTER, MEAN
@@ -41,9 +41,6 @@ from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Mean absolute value of a normal variable over its standard deviation.
-_MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
-
 
 class Answer:
     """A set of effects that was chosen.
@@ -61,10 +58,10 @@ class Answer:
     def __init__(self, best: Scored, posterior: Posterior, relevance: Relevance) -> None:
         self._best, self._posterior, self._relevance = best, posterior, relevance
         self._case: Case = relevance.selection.scores.case
-        self._base = relevance.selection.scores.base()
+        self._base = relevance.freed(relevance.selection.scores.base())
         self._proof = relevance.validation.of(best)
         self._base_proof = relevance.validation.of(self._base)
-        self._parameters, self._unidentifiable = intervals.parameters(best, self._proof)
+        self._parameters, self._unidentifiable = relevance.parameters(best)
 
     def diagnosis(self, report: Callable[[str], None]) -> Diagnosis:
         """Put everything together."""
@@ -72,7 +69,7 @@ class Answer:
         report("where the mismatch is")
         where = self._where()
         report("ties")
-        tied = [] if UNLISTED in best.effects else ties(self._scores, self._posterior, best)
+        tied = [] if UNLISTED in best.effects else ties(self._posterior, best)
         report("the proof")
         order = self._ordered()
         effects = tuple(self._named(name, [one for one in tied if one.name == name]) for name in order)
@@ -104,7 +101,7 @@ class Answer:
             final_mae=_free_run(best),
             base_heldout_mae=base.mae if is_held_out else float("nan"),
             final_heldout_mae=answer.mae if is_held_out else float("nan"),
-            base=_model(self._base, intervals.parameters(self._base, base)[0]),
+            base=_model(self._base, self._relevance.parameters(self._base)[0]),
             model=_model(best, self._parameters),
             rivals=tuple(one.scored.fitted.model for one in tied),
             unidentifiable=self._unidentifiable,
@@ -147,8 +144,7 @@ class Answer:
     @property
     def _is_whole(self) -> bool:
         """Whether the set lacks nothing: no random push, or none that matters to the error."""
-        floor = (1.0 + config.MATTERS) * _MEAN_ABSOLUTE * self._noise
-        return self._push < config.SURE or self._proof.mae < floor
+        return self._push < config.SURE or self._best.fitted.noise < (1.0 + config.MATTERS) * self._noise
 
     def _verdict(self, order: list[str]) -> Verdict:
         """Return the verdict: what matters most decides whether physics has a name."""

@@ -13,9 +13,14 @@ DRAWS = 32
 FITTED, STARTS = 10, 2
 #: Effects that are fitted in the place of one of a set.
 SWAPPED = 5
-#: Steps of a first ascent, of one of the five parameters, and of a thorough one; and how many of the first
-#: are thorough.
-FIRST, FIRST_OF_BASE, THOROUGH, TOPS = 6, 10, 25, 3
+#: Steps that all starts of an effect take, that the best of them take, that the five parameters take from each
+#: start, and that a thorough ascent takes at most.
+BEGUN, FIRST, FIRST_OF_BASE, THOROUGH = 3, 6, 10, 25
+#: How many starts take more steps, and how many sets are fitted thoroughly.
+SECOND, TOPS = 6, 2
+#: Push [m^2/s^3], push that lasts [m/s^2] and standard deviation of the coefficient of restitution on a rig that
+#: lacks nothing: what engines differ by.
+LITTLE = (1e-10, 1e-4, 0.02)
 #: By so many nats a set must be likelier than without an effect for it to be named: odds of 99 to 1.
 SURE = 4.6
 #: Standard deviation [m/s^2] and time [s] of the push that lasts at which an ascent begins.
@@ -38,3 +43,11 @@ TIE = 3.0
 LEAST_OF_IMPACTS = 0.15
 #: Steps of a fit without one recording: it begins where all recordings led.
 REFIT = 6
+#: Two names of one thing predict alike where most rows differ by less than this share of the tracker's noise.
+SAME = 0.1
+#: Effects are fitted that promise this share of the most promising one's nats.
+PROMISING = 0.02
+#: Sets so close to the best are fitted until nothing is gained, so many times at most [nats].
+NEAR, AGAIN = 60.0, 3
+#: Between sets so close recordings held out decide: engines that agree in physics differ by this much [nats].
+CLOSE = 20.0

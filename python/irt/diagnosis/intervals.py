@@ -13,6 +13,7 @@ clock by. So along this symmetry nothing counts as known.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -48,17 +49,63 @@ _FACTORS = np.geomspace(0.2, 5.0, 41)
 _FALLEN = 1.92
 
 
-def parameters(one: Scored, held: HeldOut) -> tuple[dict[str, Parameter], tuple[str, ...]]:
-    """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down."""
+def parameters(
+    one: Scored, held: HeldOut, losses: Mapping[str, float]
+) -> tuple[dict[str, Parameter], tuple[str, ...]]:
+    """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down.
+
+    Parameters
+    ----------
+    one : Scored
+        The set.
+    held : HeldOut
+        The same set as recordings held out see it.
+    losses : mapping
+        For each effect by how many nats the set is likelier than without it.
+    """
     told = _information(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
     found = {
         name: _wider(parameter, _NORMAL * deviations[name])
         for name, parameter in with_intervals(told).items()
     }
+    for name, loss in losses.items():
+        size = _size_of(name)
+        key = f"{name}.{size}"
+        if size is not None and key in found:
+            far = (
+                _NORMAL * abs(one.values[key] - _neutral(name, size)) / float(np.sqrt(2.0 * max(loss, 1e-9)))
+            )
+            scatter = _scatter(held.values[:, one.names.index(key)])
+            found[key] = _sharper(found[key], max(far, float(scatter)))
     if JITTER in one.effects:
         found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
     return found, unidentifiable(told)
+
+
+def _size_of(name: str) -> str | None:
+    """Return the parameter that is an effect's size, or its only one; None of those with several."""
+    known, size = effect(name).required, size_of(name)
+    if size is None and len(known) > 1:
+        return None
+    one = known[size or 0]
+    return one.name if np.isfinite(one.neutral) else None
+
+
+def _neutral(name: str, parameter: str) -> float:
+    return next(one.neutral for one in effect(name).required if one.name == parameter)
+
+
+def _sharper(one: Parameter, half_width: float) -> Parameter:
+    """Return a parameter whose interval reaches no farther to either side.
+
+    What sticks and slips has no curvature to speak of where it is most probable, and yet nothing does in its
+    place. Were the likelihood normal, it would fall by half of the squared distance in deviations: by how much it
+    falls as far as no effect says what a deviation is.
+    """
+    if one.low is None or one.high is None:
+        return one
+    return Parameter(one.value, max(one.low, one.value - half_width), min(one.high, one.value + half_width))
 
 
 def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
@@ -89,14 +136,18 @@ def _with_scatter(told: Information, values: Array) -> Information:
 
     The (k, n) values are those of fits without each recording in turn.
     """
-    count = len(values)
-    if count < FEWEST:
-        return told
-    along = (values - values.mean(axis=0)) / told.widths @ told.directions.T
-    deviation = np.sqrt((count - 1) / count * np.sum(along**2, axis=0))
-    scatter = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0)) * deviation
+    scatter = _scatter(values / told.widths @ told.directions.T)
     wider = np.maximum(told.half_width, scatter)
     return replace(told, half_width=np.where(told.flat, told.half_width, wider))
+
+
+def _scatter(values: Array) -> Array:
+    """Return half widths of 95 % intervals by the jackknife, of (k, ...) fits without each recording in turn."""
+    count = len(values)
+    if count < FEWEST:
+        return np.zeros(values.shape[1:])
+    deviation = np.sqrt((count - 1) / count * np.sum((values - values.mean(axis=0)) ** 2, axis=0))
+    return np.asarray(float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0)) * deviation)
 
 
 def _without_clock(fitted: Fitted, told: Information) -> Information:

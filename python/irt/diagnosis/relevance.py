@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from irt.diagnosis import config, intervals
 from irt.diagnosis.hypotheses import JITTER
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Selection
 from irt.diagnosis.validation import Validation
+from irt.model import Parameter
 
 
 @dataclass(eq=False)
@@ -22,23 +23,49 @@ class Relevance:
     """
 
     selection: Selection
-    validation: Validation
+    _freed: dict[Scored, Scored] = field(default_factory=dict)
+
+    @property
+    def validation(self) -> Validation:
+        """The recordings held out."""
+        return self.selection.validation
 
     def without(self, one: Scored, name: str) -> Scored:
         """Return a set without one of its effects."""
         if one.case is self.selection.scores.case:
-            return self.selection.without(one, name)
-        return Selection(Scores.of(one), (), self.selection.report).without(one, name)
+            return self.freed(self.selection.without(one, name))
+        return self.freed(Selection(Scores.of(one), (), self.selection.report).without(one, name))
+
+    def freed(self, one: Scored) -> Scored:
+        """Return a set with values by free runs, if these predict recordings held out better.
+
+        A filter corrects a marble that sticks, or just does not, in every row; a free run sees where it leads.
+        Where free runs are off by about the tracker's noise there is nothing to gain.
+        """
+        if one not in self._freed:
+            self._freed[one] = one
+            if not one.is_free and one.fitted.noise > (1.0 + config.MATTERS) * one.case.noise:
+                other = Scores.of(one).freed(one)
+                self._freed[one] = min(one, other, key=lambda each: self.validation.of(each).mae)
+        return self._freed[one]
 
     def loss(self, one: Scored, name: str) -> float:
         """Return by how much the error on recordings held out grows without an effect [board edges]."""
         return self.validation.of(self.without(one, name)).mae - self.validation.of(one).mae
 
+    def parameters(self, one: Scored) -> tuple[dict[str, Parameter], tuple[str, ...]]:
+        """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down."""
+        gains = {
+            name: one.top.log_likelihood - self.without(one, name).top.log_likelihood for name in one.effects
+        }
+        return intervals.parameters(one, self.validation.of(one), gains)
+
     def kept(self, one: Scored) -> Scored:
         """Return a set without effects that do not matter, the least of them first."""
+        one = self.freed(one)
         if not one.effects:
             return one
-        found, _ = intervals.parameters(one, self.validation.of(one))
+        found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
             # Delays that differ predict no run better: their likelihood is all there is of them.

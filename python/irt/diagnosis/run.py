@@ -18,7 +18,6 @@ from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Posterior, Selection
-from irt.diagnosis.validation import Validation
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.rig import Rig, as_rig
@@ -68,7 +67,7 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
     selection = Selection(scores, hypotheses(), report)
     posterior = selection.run()
     chosen = _with_learned(scores, posterior, report)
-    relevance = Relevance(selection, Validation())
+    relevance = Relevance(selection)
     report("which effects matter")
     kept = relevance.kept(chosen)
     return Answer(kept, posterior, relevance).diagnosis(report)

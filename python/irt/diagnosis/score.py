@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,8 @@ class Scored:
         What the choice of the set costs [nats].
     terms : tuple of Term
         Of what was learned, where that is among the effects.
+    is_free : bool
+        Whether the values are those of free runs, by least squares, and not of the filter.
     """
 
     case: Case
@@ -56,6 +58,7 @@ class Scored:
     top: Probable
     price: float
     terms: tuple[Term, ...] = ()
+    is_free: bool = False
 
     @property
     def score(self) -> float:
@@ -108,8 +111,9 @@ class Scores:
         """Return what the choice of a set costs [nats].
 
         One effect is expected, each of the catalogue as likely; and one term of the library, if any is there.
+        Delays that differ are two effects: their mean, and their spread.
         """
-        named = sum(name != UNLISTED for name in effects)
+        named = sum(name != UNLISTED for name in effects) + (JITTER in effects)
         learned = len(self.terms) if UNLISTED in effects else 0
         return named * math.log(len(hypothetical())) + learned * math.log(config.LIBRARY)
 
@@ -181,6 +185,18 @@ class Scores:
             self.remember(one)
         return found
 
+    def freed(self, one: Scored) -> Scored:
+        """Return a set with the values to which free runs lead."""
+        return replace(one, top=replace(one.top, values=self.least_squares(one)), is_free=True)
+
+    def least_squares(self, one: Scored) -> Array:
+        """Return the values of a set to which free runs lead from where it is, (n,)."""
+        effects = simulated(one.effects)
+        names = self.case.problem(effects).names
+        found = self.case.fit(effects, points=np.array([[one.values[name] for name in names]]), rounds=0)
+        values = dict(zip(names, found.values.tolist(), strict=True))
+        return np.array([values.get(name, SUBSTEP_S / 2.0) for name in one.names])
+
     def loss_without(self, one: Scored, sizes: Sequence[int]) -> float:
         """Return by how many nats a set is likelier with something random than without; infinite if unknown.
 
@@ -193,6 +209,8 @@ class Scores:
         """
         problem = self.problem(one.effects)
         noise = one.noise.copy()
+        if LASTING in sizes:
+            noise[WHITE] = np.hypot(noise[WHITE], noise[LASTING])
         noise[list(sizes)] = 0.0
         (top,) = problem.ascend(
             self.from_where(problem, one)[None], noise[None], [one.top.states], iterations=config.THOROUGH

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -9,9 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import JITTER, MEAN, SMOOTHED
-from irt.diagnosis.score import KICK, PUSH, Scored, Scores
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, SMOOTHED
+from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, RESTITUTION, Array, Scored, Scores
 from irt.diagnosis.screening import Promise, Screening, child
+from irt.diagnosis.validation import Validation
 
 Report = Callable[[str], None]
 
@@ -47,25 +49,64 @@ class Posterior:
 
 @dataclass(eq=False)
 class Selection:
-    """A search for the most probable set among some effects."""
+    """A search for the most probable set among some effects.
+
+    Attributes
+    ----------
+    scores : Scores
+        Of the sets.
+    names : sequence of str
+        Effects that are tried.
+    report : callable
+        Called with what is tried next.
+    validation : Validation
+        Judges between sets that are about as probable.
+    """
 
     scores: Scores
     names: Sequence[str]
     report: Report
+    validation: Validation = field(default_factory=Validation)
     _without: dict[tuple[frozenset[str], str, float], Scored] = field(default_factory=dict)
 
     def run(self) -> Posterior:
-        """Add what raises the score most, drop what became needless, then try others in each one's place."""
+        """Add what raises the score most, drop what became needless, then try others in each one's place.
+
+        A set that leaves white noise has everything.
+        """
         best = self.scores.base()
         seen: set[frozenset[str]] = set()
         # A set that comes back has a better top than before, and leads nowhere else.
-        while frozenset(best.effects) not in seen:
+        while frozenset(best.effects) not in seen and not self._is_whole(best):
             seen.add(frozenset(best.effects))
             better = self._grown(best) or self._swapped(best)
             if better is not None:
                 best = self._pruned(better)
+        best = self._renamed(best)
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
+
+    def _is_whole(self, one: Scored) -> bool:
+        """Whether a push and an error that lasts gain a set less than any effect would have to."""
+        needed = self.scores.price([*one.effects, MEAN]) - self.scores.price(one.effects) + config.SURE
+        return self.scores.loss_without(one, [PUSH, PULL, LASTING]) < needed
+
+    def _renamed(self, one: Scored) -> Scored:
+        """Return the likelier of a set and the same by the other name of one of its effects (`ALIKE`)."""
+        own = ALIKE.intersection(one.effects)
+        if not own:
+            return one
+        (name,) = own
+        (other,) = ALIKE - own
+        effects = tuple(other if each == name else each for each in one.effects)
+        rest = iter([value for key, value in one.values.items() if key.startswith(f"{name}.")])
+        point = [
+            one.values[key] if key in one.values else next(rest) for key in self.scores.problem(effects).names
+        ]
+        found = self.scores.ascend(
+            effects, np.array([point]), one.noise[None], one.top.states, iterations=config.THOROUGH
+        )
+        return max((one, *found), key=lambda each: each.score)
 
     def _grown(self, parent: Scored) -> Scored | None:
         """Return the best set with one effect more, if it is better."""
@@ -79,29 +120,76 @@ class Selection:
         return [name for name in self.names if name not in held]
 
     def _best_child(self, parent: Scored, names: Sequence[str], count: int) -> Scored | None:
-        """Return the best set with one effect more, of those that promise most."""
-        promises = Screening(self.scores, parent).promises(names)
-        tried = (self._first(parent, promise) for promise in promises[:count])
-        found = sorted((one for one in tried if one is not None), key=lambda one: -one.score)
-        tops = [self.thorough(one) for one in found[: config.TOPS]]
-        return max(tops, key=lambda one: one.score, default=None)
+        """Return the best set with one effect more, of those that promise most.
 
-    def _first(self, parent: Scored, promise: Promise) -> Scored | None:
-        """Fit a set with one effect more for a few steps, from where it promises to explain most."""
+        All starts of those take a few steps, the best of them some more, and the best effects all they need.
+        """
+        promises = Screening(self.scores, parent).promises(names)
+        worth = config.PROMISING * max((one.gain for one in promises), default=0.0)
+        promises = [
+            one for rank, one in enumerate(promises[:count]) if one.gain > worth or rank < config.TOPS
+        ]
+        begun = [one for promise in promises for one in self._begun(parent, promise)]
+        for one in _best(begun, config.SECOND):
+            begun += self._further(one, one.noise[None], config.FIRST)
+        effects: dict[tuple[str, ...], Scored] = {}
+        for one in _best(begun, len(begun)):
+            effects.setdefault(one.effects, one)
+        chosen = list(effects.values())[: config.TOPS]
+        # What promises most may have begun in a valley from which no small step leads.
+        first = child(parent.effects, promises[0].name) if promises else ()
+        if first in effects and effects[first] not in chosen:
+            chosen.append(effects[first])
+        found = [self.thorough(one) for one in chosen]
+        highest = max((one.score for one in found), default=0.0)
+        near = [one for one in found if one.score > max(highest - config.NEAR, parent.score)]
+        if len(near) > 1:
+            found = [self._settled(one) for one in near]
+        return functools.reduce(self._better, found) if found else None
+
+    def _settled(self, one: Scored) -> Scored:
+        """Fit a set until another thorough fit gains nothing."""
+        for _ in range(config.AGAIN):
+            before, one = one, self.thorough(one)
+            if one.score < before.score + config.BETTER:
+                break
+        return one
+
+    def _better(self, one: Scored, other: Scored) -> Scored:
+        """Return the more probable of two sets; of two that are about as probable what predicts better.
+
+        A push makes up for much in each row, but not in runs that nobody corrects.
+        """
+        if abs(one.score - other.score) < config.CLOSE:
+            return min(one, other, key=lambda each: self.validation.of(each).mae)
+        return max(one, other, key=lambda each: each.score)
+
+    def _begun(self, parent: Scored, promise: Promise) -> list[Scored]:
+        """Fit a set with one effect more for a few steps, from where it promises to explain most.
+
+        With what is random as large as without the effect, and as if the effect left nothing.
+        """
         effects = child(parent.effects, promise.name)
         self.report(" + ".join(effects))
-        found = self.scores.ascend(
-            effects, promise.starts, promise.noise, parent.top.states, iterations=config.FIRST
-        )
-        found = [one for one in found if math.isfinite(one.score)]
-        return max(found, key=lambda one: one.score, default=None)
+        values = np.concatenate([promise.starts, promise.starts[:2]])
+        noise = np.concatenate([promise.noise, _quiet(promise.noise[:2])])
+        return self.scores.ascend(effects, values, noise, parent.top.states, iterations=config.BEGUN)
+
+    def _further(self, one: Scored, noise: Array, iterations: int) -> list[Scored]:
+        values = np.tile(one.top.values, (len(noise), 1))
+        return self.scores.ascend(one.effects, values, noise, one.top.states, iterations=iterations)
 
     def thorough(self, one: Scored) -> Scored:
-        """Fit a set from where it is, and with a small and a middling push."""
-        noises = np.tile(one.noise, (3, 1))
-        noises[1:, PUSH] = 1e-8, 1e-5
-        values = np.tile(one.top.values, (3, 1))
-        self.scores.ascend(one.effects, values, noises, one.top.states, iterations=config.THOROUGH)
+        """Fit a set from where it is, with little that is random, and from where least squares lead.
+
+        Free runs see a marble that sticks, or just does not, for as long as it takes; a filter that corrects it
+        in every row is led astray.
+        """
+        self._further(one, np.stack([one.noise, *_quiet(one.noise[None])]), config.THOROUGH)
+        free = self.scores.least_squares(one)
+        self.scores.ascend(
+            one.effects, free[None], _quiet(one.noise[None]), one.top.states, iterations=config.THOROUGH
+        )
         return self.scores.known[frozenset(one.effects)]
 
     def without(self, one: Scored, name: str) -> Scored:
@@ -115,7 +203,7 @@ class Selection:
         problem = self.scores.problem(rest)
         values = np.tile(self.scores.from_where(problem, one), (3, 1))
         noises = np.tile(one.noise, (3, 1))
-        noises[1:, PUSH] = 1e-6, 1e-4
+        noises[1:, PUSH] = config.PUSHES[1:3]
         if name == JITTER:
             noises[:, KICK] = 0.0
         self.scores.ascend(rest, values, noises, one.top.states, iterations=config.THOROUGH)
@@ -132,10 +220,24 @@ class Selection:
 
     def _swapped(self, one: Scored) -> Scored | None:
         """Return a better set with another effect in the place of one, if there is any."""
-        for name in one.effects:
+        for name in one.effects if len(one.effects) > 1 else ():
             less = self.without(one, name)
             names = [other for other in self._other(less) if other not in one.effects]
             better = self._best_child(less, names, config.SWAPPED)
-            if better is not None and better.score > one.score + config.BETTER:
+            is_better = better is not None and better.score > one.score + config.BETTER
+            if better is not None and is_better and self._better(one, better) is better:
                 return better
         return None
+
+
+def _best(found: Sequence[Scored], count: int) -> list[Scored]:
+    """Return the best of some, the very best first."""
+    kept = [one for one in found if math.isfinite(one.score)]
+    return sorted(kept, key=lambda one: -one.score)[:count]
+
+
+def _quiet(noise: Array) -> Array:
+    """Return (k, 9) sizes with as little push, and as little chance at the rim, as on a rig that lacks nothing."""
+    quiet = noise.copy()
+    quiet[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
+    return quiet

@@ -8,7 +8,7 @@ import numpy as np
 
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER
-from irt.diagnosis.score import Scored, Scores
+from irt.diagnosis.score import Array, Scored
 from irt.diagnosis.selection import Posterior
 
 
@@ -29,22 +29,18 @@ class Tie:
     scored: Scored
 
 
-def ties(scores: Scores, posterior: Posterior, answer: Scored) -> list[Tie]:
-    """Return for each effect of an answer those that do as well in its place.
-
-    Two names of one thing are tried; others are those of the sets that the selection has scored.
-    """
+def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
+    """Return for each effect of an answer those that do as well in its place, of the sets that were scored."""
     found = []
-    for name in answer.effects:
-        if name in ALIKE:
-            found += _renamed(scores, answer, name)
-        found += [
-            Tie(name, instead, one)
-            for one in posterior.sets
-            for gone, instead in [_difference(posterior.best, one)]
-            if gone == name and {gone, instead} != ALIKE and JITTER not in {gone, instead}
-            if one.score > posterior.best.score - config.TIE
-        ]
+    for one in posterior.sets:
+        gone, instead = _difference(posterior.best, one)
+        close = one.score > posterior.best.score - config.TIE
+        if (
+            gone in answer.effects
+            and JITTER not in {gone, instead}
+            and (close or ({gone, instead} == ALIKE and _is_same(posterior.best, one)))
+        ):
+            found.append(Tie(gone, instead, one))
     return found
 
 
@@ -54,24 +50,20 @@ def _difference(best: Scored, one: Scored) -> tuple[str, str]:
     return (gone.pop(), instead.pop()) if len(gone) == len(instead) == 1 else ("", "")
 
 
-def _renamed(scores: Scores, answer: Scored, name: str) -> list[Tie]:
-    """Return the same set with the other name of an effect, if recordings do not tell them apart."""
-    (other,) = ALIKE - {name}
-    effects = tuple(other if one == name else one for one in answer.effects)
-    problem = scores.problem(effects)
-    own = iter([value for key, value in answer.values.items() if key.startswith(f"{name}.")])
-    point = [answer.values[key] if key in answer.values else next(own) for key in problem.names]
-    (renamed,) = scores.ascend(
-        effects, np.array([point]), answer.noise[None], answer.top.states, iterations=config.THOROUGH
-    )
-    return [Tie(name, other, renamed)] if renamed.score > answer.score - config.TIE else []
+def _is_same(one: Scored, other: Scored) -> bool:
+    """Whether two sets predict most rows alike: where in an update a command falls is no physics."""
+    return float(np.nanmedian(np.abs(_between(one, other)))) < config.SAME * one.case.noise
+
+
+def _between(one: Scored, other: Scored) -> Array:
+    """Return by how much two sets' free runs differ, all coordinates in a row [board edges]."""
+    pairs = zip(one.fitted.residuals, other.fitted.residuals, strict=True)
+    return np.concatenate([(a - b).ravel() for a, b in pairs])
 
 
 def reason(answer: Scored, tie: Tie) -> str:
     """Say why two sets cannot be distinguished, with the size of what is between them."""
-    pairs = zip(answer.fitted.residuals, tie.scored.fitted.residuals, strict=True)
-    between = np.concatenate([(a - b).ravel() for a, b in pairs])
-    size = float(np.sqrt(np.nanmean(between**2))) / answer.case.noise
+    size = float(np.sqrt(np.nanmean(_between(answer, tie.scored) ** 2))) / answer.case.noise
     if {tie.name, tie.instead} == ALIKE:
         why = (
             "the marble is seen to move alike whether the command comes late or the picture does; only what "

@@ -69,14 +69,13 @@ class HeldOut:
 class Validation:
     """Sets of effects as recordings that were held out judge them; each is fitted once."""
 
-    _known: dict[frozenset[str], HeldOut] = field(default_factory=dict)
+    _known: dict[Scored, HeldOut] = field(default_factory=dict)
 
     def of(self, one: Scored) -> HeldOut:
         """Return how a set predicts each recording, fitted to the others."""
-        key = frozenset(one.effects)
-        if key not in self._known:
-            self._known[key] = _held_out(one)
-        return self._known[key]
+        if one not in self._known:
+            self._known[one] = _held_out(one)
+        return self._known[one]
 
 
 def _held_out(one: Scored) -> HeldOut:
@@ -97,11 +96,15 @@ def _fitted_without(one: Scored, fold: int) -> Mapping[str, float]:
     """Return the values to which a set comes without one recording, from where all of them led."""
     keep = one.case.folds != fold
     rest = one.case.only([other for other in np.unique(one.case.folds) if other != fold])
-    problem = Scores(rest, one.terms).problem(one.effects)
-    (top,) = problem.ascend(
-        one.top.values[None], one.noise[None], [one.top.states[keep]], iterations=config.REFIT
-    )
-    return dict(zip(problem.names, top.values.tolist(), strict=True))
+    scores = Scores(rest, one.terms)
+    if one.is_free:
+        values = scores.least_squares(one)
+    else:
+        (top,) = scores.problem(one.effects).ascend(
+            one.top.values[None], one.noise[None], [one.top.states[keep]], iterations=config.REFIT
+        )
+        values = top.values
+    return dict(zip(one.names, values.tolist(), strict=True))
 
 
 def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:

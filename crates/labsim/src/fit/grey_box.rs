@@ -35,11 +35,17 @@ const FARTHEST: f64 = 0.7;
 const FARTHEST_SIZE: f64 = 2.0;
 /// An ascent ends where a step gains less [nats].
 const LITTLE: f64 = 0.02;
-/// Dampings tried in each step, in units of the last one that helped, and that of the first step.
-const DAMPINGS: [f64; 3] = [0.1, 10.0, 1000.0];
+/// The damping of the first step.
 const DAMPING: f64 = 1e-3;
-/// Shares of a step that are tried: of all, of values and states alone, of sizes alone.
-const SHARES: [(f64, f64); 3] = [(1.0, 1.0), (1.0, 0.0), (0.0, 1.0)];
+/// Dampings tried in each step, in units of the last one that helped, with shares of the step in values and states,
+/// and of that in sizes.
+const TRIED: [(f64, f64, f64); 5] = [
+    (0.1, 1.0, 1.0),
+    (10.0, 1.0, 1.0),
+    (1000.0, 1.0, 1.0),
+    (0.1, 1.0, 0.0),
+    (0.1, 0.0, 1.0),
+];
 /// Fisher's information in one innovation about the logarithm of its variance.
 const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
 /// What is known about the logarithm of a size beforehand: a deviation of ten, so that those without effect stay.
@@ -104,6 +110,9 @@ impl Problem<'_> {
             coordinates: &coordinates,
             guesses: whole.guesses(),
             prior: coordinates.prior(),
+            sizes: (0..SIZES)
+                .filter(|&i| noise.iter().any(|noise| sizes(noise)[i] > 0.0))
+                .collect(),
         };
         let mut ascents = Vec::with_capacity(values.len());
         for (i, (values, noise)) in values.iter().zip(noise).enumerate() {
@@ -149,6 +158,8 @@ struct Hill<'a> {
     guesses: Vec<State>,
     /// Mean and standard deviation of each coordinate.
     prior: Vec<(f64, f64)>,
+    /// Which sizes are estimated: those that are not zero everywhere.
+    sizes: Vec<usize>,
 }
 
 impl Hill<'_> {
@@ -160,30 +171,28 @@ impl Hill<'_> {
         let count = self.coordinates.len();
         for (ascent, slope) in ascents.iter().zip(&slopes) {
             let here = &ascent.place;
-            for factor in DAMPINGS {
+            for (factor, of_values, of_sizes) in TRIED {
                 let step = self.scoring(slope, ascent.damping * factor);
-                for (of_values, of_sizes) in SHARES {
-                    let moved: Vec<f64> = here
-                        .z
-                        .iter()
-                        .zip(&step.common)
-                        .map(|(z, step)| z + of_values * step)
-                        .collect();
-                    let mut sizes = sizes(&here.noise);
-                    for (size, step) in sizes.iter_mut().zip(&step.common[count..]) {
-                        *size *= (of_sizes * step).exp();
-                    }
-                    let mut states = here.states.clone();
-                    let all = states.iter_mut().zip(&step.states);
-                    for (state, step) in all.flat_map(|(state, step)| state.iter_mut().zip(step)) {
-                        *state += of_values * step;
-                    }
-                    tried.push(Place {
-                        z: self.coordinates.clip(&moved),
-                        states,
-                        noise: with_sizes(&here.noise, sizes),
-                    });
+                let moved: Vec<f64> = here
+                    .z
+                    .iter()
+                    .zip(&step.common)
+                    .map(|(z, step)| z + of_values * step)
+                    .collect();
+                let mut sizes = sizes(&here.noise);
+                for (&i, step) in self.sizes.iter().zip(&step.common[count..]) {
+                    sizes[i] *= (of_sizes * step).exp();
                 }
+                let mut states = here.states.clone();
+                let all = states.iter_mut().zip(&step.states);
+                for (state, step) in all.flat_map(|(state, step)| state.iter_mut().zip(step)) {
+                    *state += of_values * step;
+                }
+                tried.push(Place {
+                    z: self.coordinates.clip(&moved),
+                    states,
+                    noise: with_sizes(&here.noise, sizes),
+                });
             }
         }
         let found = self.filtered(&tried.iter().map(|place| self.at(place)).collect::<Vec<_>>())?;
@@ -226,7 +235,7 @@ impl Hill<'_> {
                 let trial = self.shooting.trial(&z, &states, Some(updates));
                 trials.push((trial, place.noise));
             }
-            for i in 0..SIZES {
+            for &i in &self.sizes {
                 let mut sizes = sizes(&place.noise);
                 sizes[i] *= SIZE_STEP.exp();
                 let trial = self.shooting.trial(&place.z, &states, Some(updates));
@@ -254,7 +263,7 @@ impl Hill<'_> {
     /// Fisher's scoring: of predictions and of the logarithms of their variances.
     fn slope(&self, place: &Place, found: &[Filtered]) -> Slope {
         let count = self.coordinates.len();
-        let all = count + SIZES;
+        let all = count + self.sizes.len();
         let (here, rest) = (&found[0], &found[1..=all]);
         let of_states = &found[1 + all..];
         let mut curvature = DMatrix::zeros(all, all);

@@ -43,6 +43,8 @@ pub(super) struct Estimator<S: Simd> {
     tilt: Pair<S>,
     edges_per_m: Lanes<S>,
     variances: Variances<S>,
+    /// The last row: most are as long as the one before.
+    row: Option<Row<S>>,
 }
 
 /// Variances of the random quantities.
@@ -136,6 +138,7 @@ impl<S: Simd> Estimator<S> {
                 restitution: square(|one| one.restitution),
                 jitter: square(|one| one.jitter),
             },
+            row: None,
         })
     }
 
@@ -203,14 +206,23 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
                 measured.map_or(0.0, |one| libm::exp(-length(job) / lasts(&one.noise)))
             })
         };
-        let (remembered, kept) = (share(&|one| one.lasting_s), share(&|one| one.pull_s));
-        let lasted = Row {
-            seconds,
-            remembered,
-            kept,
-            of_velocity: 0.5 * seconds * (kept + kept.like(1.0)),
-            of_place: (1.0 / 6.0) * seconds * seconds * (kept + kept.like(2.0)),
+        let lasted = match estimator.row {
+            Some(row) if row.seconds.to_array() == seconds.to_array() => row,
+            _ => {
+                let (remembered, kept) = (share(&|one| one.lasting_s), share(&|one| one.pull_s));
+                Row {
+                    seconds,
+                    remembered,
+                    kept,
+                    of_velocity: 0.5 * seconds * (kept + kept.like(1.0)),
+                    of_place: (1.0 / 6.0) * seconds * seconds * (kept + kept.like(2.0)),
+                }
+            }
         };
+        estimator.row = Some(lasted);
+        let Row {
+            remembered, kept, ..
+        } = lasted;
         let still = seconds.like(REST);
         let rests = marbles.vx.abs().lt(still) & marbles.vy.abs().lt(still);
         // Of a marble that was let go at an unknown velocity, nobody knows that it rests before it has moved.
