@@ -78,9 +78,7 @@ class Answer:
         twins = twins_of(case.rig, answer.runs[0].model, self._noise, case.seed)
         floor = evaluate(answer.runs[0].model, twins).mae
         shares = (
-            budget(case.rig, base, answer, {name: self._without(name) for name in order}, twins)
-            if is_held_out
-            else ()
+            budget(base, answer, {name: self._without(name) for name in order}, twins) if is_held_out else ()
         )
         return Diagnosis(
             verdict=self._verdict(order),
@@ -176,6 +174,8 @@ class Answer:
         if name == JITTER:
             found = {"sd_s": self._parameters[f"{JITTER}.sd_s"], "mean_s": found["delay_s"]}
         alike = [name, *(one.instead for one in tied)]
+        if name == MEAN:
+            alike.append(JITTER)
         # What was learned has no name, and is not among those that the catalogue was asked for.
         chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
         return NamedEffect(

@@ -8,25 +8,24 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.diagnosis import config
 from irt.diagnosis.result import Share
-from irt.diagnosis.validation import Held, HeldOut
+from irt.diagnosis.validation import HeldOut
 from irt.model import Model
 from irt.recording import Recording
-from irt.residual import evaluate
+from irt.residual import RunEvaluation, evaluate
 from irt.rig import Rig
 
 Array = NDArray[np.float64]
 
 #: Lengths of the windows in which errors are counted [s]; a free run has none.
-HORIZONS: tuple[float | None, ...] = (0.5, 1.0, None)
-#: A length where none matters [s].
-_ANY_S = 1.0
+HORIZONS: tuple[float | None, ...] = (config.HORIZON_S, None)
 #: What is not of an effect.
 TRACKER, REST = "tracker", "not repeatable"
 
 
 def budget(
-    rig: Rig, base: HeldOut, answer: HeldOut, without: Mapping[str, HeldOut], twins: Sequence[Recording]
+    base: HeldOut, answer: HeldOut, without: Mapping[str, HeldOut], twins: Sequence[Recording]
 ) -> tuple[Share, ...]:
     """Return the shares of the base model's squared error on recordings held out, at each horizon.
 
@@ -35,8 +34,6 @@ def budget(
 
     Parameters
     ----------
-    rig : Rig
-        The recordings.
     base, answer : HeldOut
         The five parameters alone, and with all effects.
     without : mapping
@@ -44,17 +41,18 @@ def budget(
     twins : sequence of Recording
         What the answer itself would have been seen to do (`twins_of`).
     """
-    seen = tuple(replace(one, model=answer.runs[0].model) for one in answer.runs)
+    seen = evaluate(answer.runs[0].model, twins, config.HORIZON_S).runs
+    of_runs = [[each.evaluation for each in one.runs] for one in (base, answer)]
     shares: list[Share] = []
     for horizon in HORIZONS:
-        before, after = (_squared(rig.recordings, one.runs, horizon) for one in (base, answer))
+        before, after = (_squared(one, horizon) for one in of_runs)
         if before is None or after is None or before <= 0.0:
             continue
         losses = {
-            name: max(0.0, (_squared(rig.recordings, one.runs, horizon) or after) - after)
+            name: max(0.0, (_squared([each.evaluation for each in one.runs], horizon) or after) - after)
             for name, one in without.items()
         }
-        tracker = min(_squared(twins, seen, horizon) or 0.0, before)
+        tracker = min(_squared(seen, horizon) or 0.0, before)
         rest = min(max(after - tracker, 0.0), before - tracker)
         taken, total = before - tracker - rest, sum(losses.values())
         for name, loss in losses.items():
@@ -87,12 +85,9 @@ def twins_of(rig: Rig, model: Model, noise: float, seed: int) -> list[Recording]
     ]
 
 
-def _squared(recordings: Sequence[Recording], held: Sequence[Held], horizon: float | None) -> float | None:
-    """Return the mean squared error of recordings, each predicted by the fit to the others."""
-    squares, rows = 0.0, 0
-    for recording, one in zip(recordings, held, strict=True):
-        found = evaluate(one.model, [recording], horizon or _ANY_S).runs[0]
-        errors = found.free_run if horizon is None else found.windowed
-        if errors is not None:
-            squares, rows = squares + errors.rmse**2 * errors.rows, rows + errors.rows
-    return squares / rows if rows else None
+def _squared(runs: Sequence[RunEvaluation], horizon: float | None) -> float | None:
+    """Return the mean squared error of recordings at a horizon, None where no window fits."""
+    errors = [one.free_run if horizon is None else one.windowed for one in runs]
+    seen = [one for one in errors if one is not None]
+    rows = sum(one.rows for one in seen)
+    return sum(one.rmse**2 * one.rows for one in seen) / rows if rows else None

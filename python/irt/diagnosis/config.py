@@ -15,7 +15,7 @@ FITTED, STARTS = 10, 2
 SWAPPED = 5
 #: Steps that all starts of an effect take, that the best of them take, that the five parameters take from each
 #: start, and that a thorough ascent takes at most.
-BEGUN, FIRST, FIRST_OF_BASE, THOROUGH = 3, 6, 10, 25
+BEGUN, FIRST, FIRST_OF_BASE, THOROUGH = 2, 6, 10, 25
 #: How many starts take more steps, and how many sets are fitted thoroughly.
 SECOND, TOPS = 6, 2
 #: Push [m^2/s^3], push that lasts [m/s^2] and standard deviation of the coefficient of restitution on a rig that
@@ -45,9 +45,11 @@ LEAST_OF_IMPACTS = 0.15
 REFIT = 6
 #: Two names of one thing predict alike where most rows differ by less than this share of the tracker's noise.
 SAME = 0.1
-#: Effects are fitted that promise this share of the most promising one's nats.
-PROMISING = 0.02
+#: Effects are fitted that promise this share of the most promising one's nats, and one nat.
+PROMISING, LEAST = 0.02, 1.0
 #: Sets so close to the best are fitted until nothing is gained, so many times at most [nats].
 NEAR, AGAIN = 60.0, 3
 #: Between sets so close recordings held out decide: engines that agree in physics differ by this much [nats].
 CLOSE = 20.0
+#: How far ahead windows predict in the error budget [s].
+HORIZON_S = 1.0

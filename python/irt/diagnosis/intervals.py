@@ -13,7 +13,7 @@ clock by. So along this symmetry nothing counts as known.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 from scipy.stats import norm
 
-from irt.catalogue import effect
+from irt.catalogue import EffectParameter, effect
 from irt.diagnosis import config
 from irt.diagnosis.case import Fitted
 from irt.diagnosis.hypotheses import JITTER
@@ -70,49 +70,41 @@ def parameters(
         for name, parameter in with_intervals(told).items()
     }
     for name, loss in losses.items():
-        size = _size_of(name)
-        key = f"{name}.{size}"
-        if size is not None and key in found:
-            far = (
-                _NORMAL * abs(one.values[key] - _neutral(name, size)) / float(np.sqrt(2.0 * max(loss, 1e-9)))
-            )
-            scatter = _scatter(held.values[:, one.names.index(key)])
-            found[key] = _sharper(found[key], max(far, float(scatter)))
+        for parameter in effect(name).required:
+            key = f"{name}.{parameter.name}"
+            if key in found and len(_asked(name)) == 1 and parameter in _asked(name):
+                found[key] = _apart(found[key], parameter.neutral, loss)
     if JITTER in one.effects:
         found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
     return found, unidentifiable(told)
 
 
-def _size_of(name: str) -> str | None:
-    """Return the parameter that is an effect's size, or its only one; None of those with several."""
+def _asked(name: str) -> Sequence[EffectParameter]:
+    """Return the parameter that is an effect's size, or all where there is no such."""
     known, size = effect(name).required, size_of(name)
-    if size is None and len(known) > 1:
-        return None
-    one = known[size or 0]
-    return one.name if np.isfinite(one.neutral) else None
+    return known if size is None else (known[size],)
 
 
-def _neutral(name: str, parameter: str) -> float:
-    return next(one.neutral for one in effect(name).required if one.name == parameter)
-
-
-def _sharper(one: Parameter, half_width: float) -> Parameter:
-    """Return a parameter whose interval reaches no farther to either side.
+def _apart(one: Parameter, neutral: float, loss: float) -> Parameter:
+    """Return a parameter whose interval leaves out values that are as unlikely as none.
 
     What sticks and slips has no curvature to speak of where it is most probable, and yet nothing does in its
-    place. Were the likelihood normal, it would fall by half of the squared distance in deviations: by how much it
-    falls as far as no effect says what a deviation is.
+    place. By how many nats the likelihood falls as far as no effect is known; were it normal, it would have
+    fallen by what a 95 % interval allows at the square root of the share on the way.
     """
-    if one.low is None or one.high is None:
+    if one.low is None or one.high is None or not np.isfinite(neutral) or loss <= _FALLEN:
         return one
-    return Parameter(one.value, max(one.low, one.value - half_width), min(one.high, one.value + half_width))
+    nearest = one.value + (neutral - one.value) * float(np.sqrt(_FALLEN / loss))
+    if neutral < one.value:
+        return Parameter(one.value, one.low if one.low > neutral else nearest, one.high)
+    return Parameter(one.value, one.low, one.high if one.high < neutral else nearest)
 
 
 def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
     """Whether the interval of an effect's size, or those of all its parameters, hold the neutral values."""
-    known, size = effect(name).required, size_of(name)
-    asked = known if size is None else (known[size],)
-    told = [(found[f"{name}.{one.name}"], one.neutral) for one in asked if f"{name}.{one.name}" in found]
+    told = [
+        (found[f"{name}.{one.name}"], one.neutral) for one in _asked(name) if f"{name}.{one.name}" in found
+    ]
     return all(one.low is None or one.high is None or one.low <= neutral <= one.high for one, neutral in told)
 
 

@@ -11,6 +11,9 @@ from irt.diagnosis.selection import Selection
 from irt.diagnosis.validation import Validation
 from irt.model import Parameter
 
+#: Parameters of a set with 95 % intervals, and sentences on what the recordings cannot pin down.
+Estimates = tuple[dict[str, Parameter], tuple[str, ...]]
+
 
 @dataclass(eq=False)
 class Relevance:
@@ -24,6 +27,7 @@ class Relevance:
 
     selection: Selection
     _freed: dict[Scored, Scored] = field(default_factory=dict)
+    _parameters: dict[Scored, Estimates] = field(default_factory=dict)
 
     @property
     def validation(self) -> Validation:
@@ -53,12 +57,13 @@ class Relevance:
         """Return by how much the error on recordings held out grows without an effect [board edges]."""
         return self.validation.of(self.without(one, name)).mae - self.validation.of(one).mae
 
-    def parameters(self, one: Scored) -> tuple[dict[str, Parameter], tuple[str, ...]]:
+    def parameters(self, one: Scored) -> Estimates:
         """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down."""
-        gains = {
-            name: one.top.log_likelihood - self.without(one, name).top.log_likelihood for name in one.effects
-        }
-        return intervals.parameters(one, self.validation.of(one), gains)
+        if one not in self._parameters:
+            likelihood = one.top.log_likelihood
+            losses = {name: likelihood - self.without(one, name).top.log_likelihood for name in one.effects}
+            self._parameters[one] = intervals.parameters(one, self.validation.of(one), losses)
+        return self._parameters[one]
 
     def kept(self, one: Scored) -> Scored:
         """Return a set without effects that do not matter, the least of them first."""

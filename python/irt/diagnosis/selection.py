@@ -125,7 +125,7 @@ class Selection:
         All starts of those take a few steps, the best of them some more, and the best effects all they need.
         """
         promises = Screening(self.scores, parent).promises(names)
-        worth = config.PROMISING * max((one.gain for one in promises), default=0.0)
+        worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
         promises = [
             one for rank, one in enumerate(promises[:count]) if one.gain > worth or rank < config.TOPS
         ]
@@ -141,11 +141,11 @@ class Selection:
         if first in effects and effects[first] not in chosen:
             chosen.append(effects[first])
         found = [self.thorough(one) for one in chosen]
-        highest = max((one.score for one in found), default=0.0)
-        near = [one for one in found if one.score > max(highest - config.NEAR, parent.score)]
-        if len(near) > 1:
-            found = [self._settled(one) for one in near]
-        return functools.reduce(self._better, found) if found else None
+        best = max(found, key=lambda one: one.score, default=None)
+        if best is None or best.score < parent.score + config.SURE:
+            return best
+        near = [one for one in found if one.score > max(best.score - config.NEAR, parent.score)]
+        return functools.reduce(self._better, [self._settled(one) for one in near]) if len(near) > 1 else best
 
     def _settled(self, one: Scored) -> Scored:
         """Fit a set until another thorough fit gains nothing."""
@@ -171,8 +171,8 @@ class Selection:
         """
         effects = child(parent.effects, promise.name)
         self.report(" + ".join(effects))
-        values = np.concatenate([promise.starts, promise.starts[:2]])
-        noise = np.concatenate([promise.noise, _quiet(promise.noise[:2])])
+        values = np.concatenate([promise.starts[:2], promise.starts[:2]])
+        noise = np.concatenate([promise.noise[:2], _quiet(promise.noise[:2])])
         return self.scores.ascend(effects, values, noise, parent.top.states, iterations=config.BEGUN)
 
     def _further(self, one: Scored, noise: Array, iterations: int) -> list[Scored]:
@@ -200,6 +200,8 @@ class Selection:
         rest = tuple(other for other in one.effects if other != name)
         if name == JITTER:
             rest = (*rest, MEAN)
+        if not rest:
+            return self.scores.base()
         problem = self.scores.problem(rest)
         values = np.tile(self.scores.from_where(problem, one), (3, 1))
         noises = np.tile(one.noise, (3, 1))

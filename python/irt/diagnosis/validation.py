@@ -15,7 +15,7 @@ from irt.diagnosis.hypotheses import simulated
 from irt.diagnosis.score import Scored, Scores
 from irt.model import Model
 from irt.recording import Recording
-from irt.residual import evaluate
+from irt.residual import RunEvaluation, evaluate
 
 Array = NDArray[np.float64]
 
@@ -32,11 +32,14 @@ class Held:
         Its mean absolute error [board edges].
     model : Model
         The fit to the others.
+    evaluation : RunEvaluation
+        Its errors from start to end, and in windows of `config.HORIZON_S`.
     """
 
     prediction: Array
     mae: float
     model: Model
+    evaluation: RunEvaluation
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +112,10 @@ def _fitted_without(one: Scored, fold: int) -> Mapping[str, float]:
 
 def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:
     model = case.model(simulated(effects), values)
-    found = evaluate(model, [run]).runs[0]
-    if case.rig.start == "moving" and found.windowed is not None:
-        return Held(found.windowed_prediction, found.windowed.mae, model)
+    found = evaluate(model, [run], config.HORIZON_S).runs[0]
+    if case.rig.start == "moving":
+        longer = evaluate(model, [run]).runs[0]
+        if longer.windowed is not None:
+            return Held(longer.windowed_prediction, longer.windowed.mae, model, found)
     assert found.free_run is not None, found.recording
-    return Held(found.free_prediction, found.free_run.mae, model)
+    return Held(found.free_prediction, found.free_run.mae, model, found)
