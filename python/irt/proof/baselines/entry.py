@@ -103,7 +103,7 @@ Method = Callable[[Task], Entry]
 def refitted(rig: Rig) -> Model:
     """Return five parameters fitted to a rig."""
     case = Case.of(rig, threads=1)
-    return case.model(case.fit())
+    return case.fit().model
 
 
 def predicted(model: Model, tests: Sequence[Recording]) -> dict[str, Array]:

@@ -29,7 +29,7 @@ def enter(task: Task) -> Entry:
     base = case.fit()
     fits = [case.fit((one.name,), points=starts(one.name, base), rounds=1) for one in hypothetical()]
     best = min(fits, key=training_error)
-    return Entry(told=True, named=best.effects, predictions=predicted(case.model(best), task.tests))
+    return Entry(told=True, named=best.effects, predictions=predicted(best.model, task.tests))
 
 
 def starts(name: str, base: Fitted) -> Array:
