@@ -58,7 +58,7 @@ class Answer:
     def __init__(self, best: Scored, posterior: Posterior, relevance: Relevance) -> None:
         self._best, self._posterior, self._relevance = best, posterior, relevance
         self._case: Case = relevance.selection.scores.case
-        self._base = relevance.freed(relevance.selection.scores.base())
+        self._base = relevance.as_free(relevance.selection.scores.base(), best)
         self._proof = relevance.validation.of(best)
         self._base_proof = relevance.validation.of(self._base)
         self._parameters, self._unidentifiable = relevance.parameters(best)

@@ -53,3 +53,5 @@ NEAR, AGAIN = 60.0, 3
 CLOSE = 20.0
 #: How far ahead windows predict in the error budget [s].
 HORIZON_S = 1.0
+#: Share of the five parameters' error on recordings held out from which on physics without a name is asked for.
+WORTH = 0.1

@@ -27,7 +27,8 @@ def learn(parent: Scored, report: Report) -> Scored | None:
     What does not pay may do so with the next term: of a board that is wavy both ways, one way alone predicts
     nothing. Terms that later ones make needless are taken away again.
     """
-    seen = motion_seen(parent.fitted)
+    # The motion itself shows pushes where commands act as they are; what effects make of them predictions show.
+    seen = None if parent.effects else motion_seen(parent.fitted)
     best, now, doubted = parent, parent, False
     while (found := _with_another(parent, now, seen, report)) is not None:
         now = found

@@ -26,7 +26,7 @@ class Relevance:
     """
 
     selection: Selection
-    _freed: dict[Scored, Scored] = field(default_factory=dict)
+    _without: dict[Scored, dict[str, Scored]] = field(default_factory=dict)
     _parameters: dict[Scored, Estimates] = field(default_factory=dict)
 
     @property
@@ -35,23 +35,31 @@ class Relevance:
         return self.selection.validation
 
     def without(self, one: Scored, name: str) -> Scored:
-        """Return a set without one of its effects."""
-        if one.case is self.selection.scores.case:
-            return self.freed(self.selection.without(one, name))
-        return self.freed(Selection(Scores.of(one), (), self.selection.report).without(one, name))
+        """Return a set without one of its effects, its values found as those of the set were."""
+        if one not in self._without:
+            self._without[one] = {}
+        known = self._without[one]
+        if name not in known:
+            selection = self.selection
+            if one.case is not selection.scores.case:
+                selection = Selection(Scores.of(one), (), selection.report)
+            known[name] = self.as_free(selection.without(one, name), one)
+        return known[name]
+
+    def as_free(self, one: Scored, other: Scored) -> Scored:
+        """Return a set with values by free runs if those of another are."""
+        return Scores.of(one).freed(one) if other.is_free and not one.is_free else one
 
     def freed(self, one: Scored) -> Scored:
         """Return a set with values by free runs, if these predict recordings held out better.
 
-        A filter corrects a marble that sticks, or just does not, in every row; a free run sees where it leads.
-        Where free runs are off by about the tracker's noise there is nothing to gain.
+        A filter corrects a marble that sticks, or just does not, in every row; a free run sees where it
+        leads. Where free runs are off by about the tracker's noise there is nothing to gain.
         """
-        if one not in self._freed:
-            self._freed[one] = one
-            if not one.is_free and one.fitted.noise > (1.0 + config.MATTERS) * one.case.noise:
-                other = Scores.of(one).freed(one)
-                self._freed[one] = min(one, other, key=lambda each: self.validation.of(each).mae)
-        return self._freed[one]
+        if one.is_free or one.fitted.noise < (1.0 + config.MATTERS) * one.case.noise:
+            return one
+        other = Scores.of(one).freed(one)
+        return min(one, other, key=lambda each: self.validation.of(each).mae)
 
     def loss(self, one: Scored, name: str) -> float:
         """Return by how much the error on recordings held out grows without an effect [board edges]."""
@@ -67,7 +75,6 @@ class Relevance:
 
     def kept(self, one: Scored) -> Scored:
         """Return a set without effects that do not matter, the least of them first."""
-        one = self.freed(one)
         if not one.effects:
             return one
         found, _ = self.parameters(one)

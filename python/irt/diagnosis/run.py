@@ -17,7 +17,7 @@ from irt.diagnosis.learned import learn
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.score import Scored, Scores
-from irt.diagnosis.selection import Posterior, Selection
+from irt.diagnosis.selection import Selection
 from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.rig import Rig, as_rig
@@ -66,24 +66,30 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
     scores = Scores(case)
     selection = Selection(scores, hypotheses(), report)
     posterior = selection.run()
-    chosen = _with_learned(scores, posterior, report)
     relevance = Relevance(selection)
     report("which effects matter")
-    kept = relevance.kept(chosen)
+    kept = relevance.kept(relevance.freed(posterior.best))
+    learned = _learned(relevance, kept, posterior.best)
+    if learned is not None:
+        kept = relevance.kept(relevance.freed(learned))
     return Answer(kept, posterior, relevance).diagnosis(report)
 
 
-def _with_learned(scores: Scores, posterior: Posterior, report: Callable[[str], None]) -> Scored:
-    """Return the most probable set; if it needs a random push, with what can be learned without a name.
+def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
+    """Return what is more probable than the best set, with what can be learned without a name.
 
-    That is learned beside the set, and in its place: effects may only have stood in for it.
+    It is asked for where the set needs a random push, and leaves a share of the error. It is learned beside
+    the set, and in its place: effects may only have stood in for it.
     """
-    best = posterior.best
-    if scores.push(best) < config.SURE:
-        return best
-    parents = [best] if not best.effects else [best, scores.base()]
+    scores, report = relevance.selection.scores, relevance.selection.report
+    base = scores.base()
+    left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
+    if scores.push(best) < config.SURE or left < config.WORTH:
+        return None
+    parents = [base] if not best.effects else [base, best]
     found = [one for parent in parents if (one := learn(parent, report)) is not None]
-    return max((best, *found), key=lambda one: one.score)
+    found = [one for one in found if one.score > best.score + config.SURE]
+    return max(found, key=lambda one: one.score, default=None)
 
 
 def _reporter(progress: Progress | None) -> Callable[[str], None]:

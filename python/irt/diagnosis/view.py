@@ -80,9 +80,10 @@ def likely_terms(learned: Fitted, seen: View | None, terms: Sequence[Term]) -> l
         more than chance does in a library of this size.
     """
     found = [] if seen is None else seen.likely(terms, FAMILIES)
-    if terms:
+    if terms or seen is None:
         # In long stretches small pushes show, in short ones predictions do not go astray.
-        views = (Leftover(learned, longest=rows, most=MOST_ROWS) for rows in HORIZONS)
+        horizons = HORIZONS if terms else HORIZONS[:1]
+        views = (Leftover(learned, longest=rows, most=MOST_ROWS) for rows in horizons)
         found += [term for one in views if one.count for term in View(one, learned).likely(terms, 1)]
     return found
 
