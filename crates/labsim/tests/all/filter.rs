@@ -23,6 +23,7 @@ fn noise() -> Noise {
         pull: 0.0,
         pull_s: 0.2,
         restitution: 0.1,
+        jitter: 0.0,
         start_velocity: Some(0.1),
     }
 }
@@ -73,8 +74,17 @@ fn rolled(
 
 /// Mean and variance of each row given all rows before, for a marble that rolls freely along one axis from a place
 /// of which nothing is known: by conditioning the joint normal distribution of all rows.
-fn conditioned(free: &[f64], observed: &[f64], noise: &Noise, edge_m: f64) -> Vec<(f64, f64)> {
+///
+/// `turns` are the changes of the board's tilt as each row begins (rad).
+fn conditioned(
+    free: &[f64],
+    observed: &[f64],
+    turns: &[f64],
+    noise: &Noise,
+    edge_m: f64,
+) -> Vec<(f64, f64)> {
     let rows = free.len();
+    let kick = |row: usize| (noise.jitter * 5.0 / 7.0 * GRAVITY * turns[row]).powi(2);
     let covariance = DMatrix::from_fn(rows, rows, |i, j| {
         let (s, t) = (i.min(j) as f64 * ROW_S, i.max(j) as f64 * ROW_S);
         let push = noise.push * s * s * (3.0 * t - s) / 6.0;
@@ -94,7 +104,11 @@ fn conditioned(free: &[f64], observed: &[f64], noise: &Noise, edge_m: f64) -> Ve
                 pull += both * moves(i, k) * moves(j, l);
             }
         }
-        (push + start + pull) / edge_m.powi(2) + lasting + white
+        // A command at the wrong time leaves another velocity from its row on.
+        let kicked: f64 = (0..i.min(j))
+            .map(|k| kick(k) * (i - k) as f64 * (j - k) as f64 * ROW_S * ROW_S)
+            .sum();
+        (push + start + pull + kicked) / edge_m.powi(2) + lasting + white
     });
     // The first place was seen, and nothing else is known of it: differences from it are all that counts.
     let from_first = DMatrix::from_fn(rows - 1, rows - 1, |i, j| {
@@ -129,10 +143,13 @@ proptest! {
         push in 0.0..1e-3,
         (pull, pull_s) in (0.0..0.1, 0.02..2.0),
         start_velocity in 0.0..0.2,
+        jitter in 0.0..0.1,
         signs in prop::collection::vec(prop::array::uniform2(-0.5..0.5), 25),
     ) {
         let start_velocity = Some(start_velocity);
-        let noise = Noise { white, lasting, lasting_s, push, pull, pull_s, restitution: 0.3, start_velocity };
+        let noise = Noise {
+            white, lasting, lasting_s, push, pull, pull_s, restitution: 0.3, jitter, start_velocity,
+        };
         let values = [0.02, 0.03, 0.0, 12.0, 1.1];
         let commands: Vec<[f64; 2]> = (0..25).map(|i| [0.05 * f64::from(i % 5), -0.03]).collect();
         let start = [0.02, -0.01];
@@ -150,7 +167,12 @@ proptest! {
         let edge_m = Rig::default().board.edge_x_m / values[4];
         for axis in 0..2 {
             let of = |rows: &[[f64; 2]]| -> Vec<f64> { rows.iter().map(|row| row[axis]).collect() };
-            let expected = conditioned(&of(&free), &of(&observed), &noise, edge_m);
+            // A turn about y pushes along x, and a turn about x against y.
+            let other = 1 - axis;
+            let turns: Vec<f64> = (0..commands.len())
+                .map(|row| values[other] * (commands[row][other] - if row > 0 { commands[row - 1][other] } else { 0.0 }))
+                .collect();
+            let expected = conditioned(&of(&free), &of(&observed), &turns, &noise, edge_m);
             for (row, (mean, variance)) in expected.into_iter().enumerate() {
                 let (got, spread) = (predicted.marble[row + 1][axis], predicted.variance[row + 1][axis]);
                 prop_assert!((spread / variance - 1.0).abs() < 1e-6, "row {row}: {spread} {variance}");
@@ -192,7 +214,7 @@ proptest! {
     #[test]
     fn nothing_makes_it_fail(
         values in (-0.8..0.8, -0.8..0.8, 0.0..0.1, 0.0..50.0, 0.2..5.0),
-        sizes in prop::array::uniform8(0.0..1.0f64),
+        sizes in prop::array::uniform9(0.0..1.0f64),
         seen in prop::collection::vec(prop::option::of(prop::array::uniform2(-2.0..2.0)), 40),
         amplitude in 0.0..1.5,
     ) {
@@ -205,6 +227,7 @@ proptest! {
             start_velocity: Some(sizes[5]),
             pull: sizes[6],
             pull_s: 1e-3 + sizes[7],
+            jitter: sizes[8],
         };
         let values = [values.0, values.1, values.2, values.3, values.4];
         let commands: Vec<[f64; 2]> = (0..40)
@@ -216,6 +239,63 @@ proptest! {
         prop_assert!(predicted.marble.as_flattened().iter().all(|one| one.is_finite()));
         prop_assert!(predicted.variance[1..].as_flattened().iter().all(|one| *one > 0.0 && one.is_finite()));
         prop_assert!(likelihood.iter().all(|one| one.is_finite()));
+    }
+}
+
+/// Nothing but a command that changes can come at another time.
+#[test]
+fn jitter_changes_no_bit_before_the_first_command_that_changes() {
+    let change = 20;
+    let commands: Vec<[f64; 2]> = (0..40)
+        .map(|row| {
+            if row < change {
+                [0.0; 2]
+            } else {
+                [0.05, -0.03]
+            }
+        })
+        .collect();
+    let observed: Vec<[f64; 2]> = (0..40)
+        .map(|row| [0.1 + 0.002 * f64::from(row), -0.1 + 0.003 * f64::from(row)])
+        .collect();
+    let run = |jitter| {
+        let noise = Noise { jitter, ..noise() };
+        filtered([0.3, 0.2, 0.0, 12.0, 1.0], &[], &commands, &observed, noise).0
+    };
+    let (none, some, more) = (run(0.0), run(0.01), run(0.1));
+    // What a command does is seen a row later.
+    let first = 1 + change as usize;
+    let until = |one: &Predictions| -> Vec<u64> {
+        let all = [&one.marble[..first], &one.variance[..first]];
+        let all = all.into_iter().flat_map(|rows| rows.as_flattened());
+        all.map(|value| value.to_bits()).collect()
+    };
+    assert!(until(&none) == until(&some) && until(&some) == until(&more));
+    for axis in 0..2 {
+        let [none, some, more] = [&none, &some, &more].map(|one| one.variance[first][axis]);
+        assert!(none < some && some < more, "{none} {some} {more}");
+    }
+}
+
+#[test]
+fn sizes_and_their_array_are_the_same_noise() {
+    for start_velocity in [Some(0.1), None] {
+        let one = Noise {
+            jitter: 0.03,
+            start_velocity,
+            ..noise()
+        };
+        let sizes = <[f64; 9]>::from(one);
+        assert_eq!(sizes[7], 0.03);
+        assert_eq!(Noise::from(sizes), one);
+    }
+}
+
+#[test]
+fn a_jitter_below_zero_is_refused() {
+    for jitter in [-1e-3, f64::NAN, f64::INFINITY] {
+        let refused = Noise { jitter, ..noise() }.check().unwrap_err();
+        assert!(refused.to_string().contains("jitter"), "{refused}");
     }
 }
 

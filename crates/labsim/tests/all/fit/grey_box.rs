@@ -25,6 +25,16 @@ fn pushed(seed: u64, effects: &[(&str, &[f64])], push_rad: f64) -> Planted {
 
 /// The top that is reached with some effects from a share of the truth.
 fn top(planted: &mut Planted, share: f64, effects: &[(&str, &[f64])]) -> Probable {
+    top_with_jitter(planted, share, effects, 0.0)
+}
+
+/// The same where the jitter of commands begins at a size (s).
+fn top_with_jitter(
+    planted: &mut Planted,
+    share: f64,
+    effects: &[(&str, &[f64])],
+    jitter: f64,
+) -> Probable {
     planted.effects = effects
         .iter()
         .map(|(name, _)| Hypothesis::free(effect(name).unwrap()))
@@ -48,6 +58,7 @@ fn top(planted: &mut Planted, share: f64, effects: &[(&str, &[f64])]) -> Probabl
         pull: 1e-3,
         pull_s: 0.2,
         restitution: 0.1,
+        jitter,
         start_velocity: Some(0.1),
     };
     // The hill has several tops: with a large push it is smooth, and lower ones hold no longer.
@@ -102,6 +113,39 @@ fn effects_are_found_beside_a_random_push() {
     }
     // Fewer than 14 of 18 intervals of 95 % hold the truth in one of 1,000 tries.
     assert!(count == 18 && held >= 14, "{held} of {count}");
+}
+
+/// Delays (s) that differ by so much (s): in each of the recordings by other draws.
+const LATE: [(&str, &[f64]); 1] = [("delay", &[0.15, 0.0])];
+const JITTER_S: f64 = 0.05;
+
+#[test]
+fn planted_jitter_is_found_in_its_size() {
+    for seed in 0..3 {
+        let differing: [(&str, &[f64]); 2] = [LATE[0], ("delay_jitter", &[JITTER_S])];
+        let mut planted = Planted::new(seed, 6, &differing, true, false);
+        let begun: [(&str, &[f64]); 1] = [("delay", &[0.1, 0.0])];
+        let with = top_with_jitter(&mut planted, 0.9, &begun, 0.01);
+        let without = top(&mut planted, 0.9, &begun);
+        let found = with.noise.jitter;
+        assert!(near(found, JITTER_S, 0.5), "{found}");
+        assert!(near(with.values[5], 0.15, 0.2), "{:?}", with.values);
+        // A push makes up for it, but acts where no command changes as well.
+        let gain = with.log_likelihood - without.log_likelihood;
+        assert!(gain > 10.0, "{gain}");
+        assert!(density(&with) < 0.5 * density(&without));
+    }
+}
+
+#[test]
+fn jitter_shrinks_where_delays_are_the_same_and_stays_zero_where_it_was() {
+    let mut planted = Planted::new(5, 6, &LATE, true, false);
+    let with = top_with_jitter(&mut planted, 1.0, &LATE, 0.03);
+    let without = top(&mut planted, 1.0, &LATE);
+    assert!(with.noise.jitter < 0.1 * JITTER_S, "{}", with.noise.jitter);
+    assert_eq!(without.noise.jitter, 0.0);
+    let gain = with.log_likelihood - without.log_likelihood;
+    assert!(gain < 10.0, "{gain}");
 }
 
 #[test]
