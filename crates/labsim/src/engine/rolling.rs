@@ -100,7 +100,9 @@ fn simulate<S: Simd, const N: usize>(
         let each = estimators.iter_mut().zip(&mut marbles);
         for (i, (estimator, out)) in each.zip(out.chunks_mut(S::F64_LANES)).enumerate() {
             if let (Some(estimator), marbles) = estimator {
-                let Register { rims, actuation, .. } = &registers[i];
+                let Register {
+                    rims, actuation, ..
+                } = &registers[i];
                 estimator.correct(row, rims, marbles, &actuation.tilt, groups[i], out);
             }
         }
@@ -265,7 +267,13 @@ impl<S: Simd> Register<S> {
     }
 
     fn estimator(&self, marbles: &Marbles<S>, group: LaneGroup<'_, '_>) -> Option<Estimator<S>> {
-        Estimator::new(&self.rims, self.camera.edges_per_m, marbles, &self.actuation.tilt, group)
+        Estimator::new(
+            &self.rims,
+            self.camera.edges_per_m,
+            marbles,
+            &self.actuation.tilt,
+            group,
+        )
     }
 
     /// Writes down what the camera sees, and the tilt sensor, as a row begins.
