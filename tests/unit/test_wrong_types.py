@@ -224,7 +224,7 @@ def empty_folder(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path_factory.mktemp("empty"))
         for module, called in (
-            ("irt.diagnosis.run", "Search"),
+            ("irt.diagnosis.run", "Scores"),
             ("irt.suggestion", "Search"),
             ("irt.fitting.least_squares", "_fit_at_once"),
         ):

@@ -38,8 +38,8 @@ _LINEAR = 10.0
 _MANY_TICKS = 20.0
 #: Letters above a panel.
 _TITLE = 48
-#: Letters above a bar.
-_LINE = 60
+#: Letters above a bar, and the fewest of an outcome that say something.
+_LINE, _SHORTEST = 62, 14
 
 
 @dataclass(frozen=True)
@@ -369,10 +369,12 @@ def plot_ranking(
 def _label_bar(axes: Any, place: int, one: Candidate, colour: str) -> None:
     """Write above a bar what it is, what became of it, and how long it is."""
     look = {"textcoords": "offset points", "va": "bottom", "xycoords": axes.get_yaxis_transform()}
-    name, evidence = together(one.effects), f"{evidence_for(one):+,.0f}".replace("-", "\N{MINUS SIGN}")
-    outcome = textwrap.shorten(one.outcome, max(5, _LINE - len(name) - len(evidence)), placeholder=" …")
+    evidence = f"{evidence_for(one):+,.0f}".replace("-", "\N{MINUS SIGN}")
+    name = style.shortened(together(one.effects), _LINE - len(evidence) - 3)
+    room = _LINE - len(name) - len(evidence) - 3
+    outcome = textwrap.shorten(one.outcome, room, placeholder=" …") if room >= _SHORTEST else ""
     axes.annotate(name, (0, place), xytext=(0, 6), color=colour, **look)
-    words = f"{outcome}   {evidence}"
+    words = f"{outcome}   {evidence}".strip()
     axes.annotate(words, (1, place), xytext=(0, 6), ha="right", color=style.INK, **look)
 
 

@@ -18,6 +18,7 @@ from irt.files import PathLike, make_folder
 from irt.model import Parameter
 from irt.report import diagnosis_tables as tables
 from irt.report.animation import PLAYER, Animation
+from irt.report.budget_plots import plot_budget
 from irt.report.diagnosis_plots import (
     Side,
     evidence_for,
@@ -29,6 +30,7 @@ from irt.report.diagnosis_plots import (
     plot_ranking,
     sides,
 )
+from irt.report.error_budget import bars, remainder
 from irt.report.learned import terms_table
 from irt.report.learned_plots import learned_pictures
 from irt.report.page import Picture, write_page
@@ -41,6 +43,8 @@ from irt.report.words import (
     millimetres,
     percent,
     plain,
+    probability,
+    share,
     together,
     versions,
 )
@@ -52,8 +56,6 @@ _LEAST_NOISE = 1e-5
 _MOST_RUNS = 8
 #: Kinds of findings of which the first stands at the top of the page, and the p-value above which none does.
 _TELLING, _CLEAR = ("region", "regime", "stage"), 0.05
-#: Share of the error above which nothing is said of the rest.
-_NEARLY_ALL = 0.95
 #: Bars of hypotheses of one and of more effects.
 _MOST_BARS = 12
 
@@ -98,7 +100,8 @@ def _title(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "sufficient":
         return "no missing physics detected"
     if diagnosis.verdict == "unlisted":
-        return "the simulator lacks physics that is not in the catalogue"
+        lacks = "the simulator lacks physics that is not in the catalogue"
+        return lacks if diagnosis.effects else "a mismatch that no effect of the catalogue explains"
     return f"the simulator lacks {listed(plain(one.name) for one in diagnosis.effects)}"
 
 
@@ -129,11 +132,31 @@ class _Report:
             "how": "in windows, each from the state estimated on the rows before it"
             if self.rig.start == "moving"
             else "from the first position and the commands alone",
-            "key_figures": _key_figures(self.rig, self.diagnosis, self.floor),
+            "key_figures": _key_figures(self.rig, self.diagnosis),
+            "budget": self._budget(),
             "certainty": " ".join(_certainty(self.diagnosis)),
-            "explanation": _explanation(self.diagnosis, self.floor),
+            "explanation": _explanation(self.diagnosis),
+            "remainder": " ".join(remainder(self.diagnosis)),
             "patterns": _patterns(self.diagnosis),
+            "repeats": _repeats(self.diagnosis),
         }
+
+    def _budget(self) -> Picture | None:
+        """Draw where the base model's error goes."""
+        found = bars(self.diagnosis, None if self.stamped else self.row_s)
+        if not found:
+            return None
+        path = self.folder / "budget.svg"
+        plot_budget(path, found)
+        caption = (
+            "Where the squared error of the five parameters on held-out runs goes, from left to right in the "
+            "order of the key."
+        )
+        shares = "; ".join(
+            f"{bar.title}: {', '.join(f'{part.name} {share(part.share)}' for part in bar.parts)}"
+            for bar in found
+        )
+        return Picture(path, caption, f"{caption} {_capital(shares)}.")
 
     def motion(self) -> dict[str, Any]:
         """Return the marble in motion, and the run that is hardest to predict as plots."""
@@ -168,7 +191,6 @@ class _Report:
         known = {one.name: one for one in effects()}
         return {
             "effects": [self._effect(one, known) for one in diagnosis.effects],
-            "pairs_tried": any(len(one.effects) > 1 for one in diagnosis.candidates),
             "formulas": [
                 note.removeprefix(LEARNED).removesuffix(".") for note in diagnosis.notes if _is_formula(note)
             ],
@@ -189,6 +211,7 @@ class _Report:
         return {
             "rankings": self._rankings(tried),
             "tried": len(tried),
+            "inclusion": tables.inclusion(diagnosis),
             "parameters": tables.parameters(diagnosis),
             "notes": [note for note in diagnosis.notes if not _is_formula(note)],
             "candidates": tables.candidates(diagnosis),
@@ -207,6 +230,7 @@ class _Report:
         info, row_s = known.get(one.name), None if self.stamped else self.row_s
         content: dict[str, Any] = {
             "effect": one,
+            "probability": probability(one.probability),
             "info": info,
             "table": None if info is None else tables.values(one, info, self.stated),
             "confusable": [
@@ -275,14 +299,22 @@ class _Report:
         return pictures
 
 
-def _key_figures(rig: Rig, diagnosis: Diagnosis, floor: float) -> list[tuple[str, str]]:
-    """Return the errors before and after, the noise floor, and the share of the error that is explained."""
+def _least(diagnosis: Diagnosis) -> tuple[float, str]:
+    """Return the error that no model can go below [board edges], and what makes it."""
+    if diagnosis.remains is None:
+        return mean_absolute(diagnosis.noise), "tracker noise"
+    return diagnosis.remains.floor_of_the_log, "tracker noise and unknown start states"
+
+
+def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Return the errors before and after, the least possible, and the share that is explained."""
     edge = rig.board.edge_x_m
+    floor, floor_is = _least(diagnosis)
     before, after = _errors_of(diagnosis)
     mean = "mean held-out error, of the board's edge" if diagnosis.is_held_out else "mean error of the fit"
     noise = (
         percent(floor),
-        f"tracker noise: the least error that any model can have ({millimetres(floor, edge)})",
+        f"the least error that any model can have: {floor_is} ({millimetres(floor, edge)})",
     )
     if not diagnosis.effects:
         return [(percent(before), f"{mean} ({millimetres(before, edge)})"), noise]
@@ -291,11 +323,9 @@ def _key_figures(rig: Rig, diagnosis: Diagnosis, floor: float) -> list[tuple[str
         (percent(after), f"after: the same with {_added(diagnosis)} ({millimetres(after, edge)})"),
         noise,
     ]
-    share = explained(before, after, floor)
-    if not math.isnan(share):
-        figures.append(
-            (_share(share), f"of the error above tracker noise is explained by {_added(diagnosis)}")
-        )
+    part = explained(before, after, floor)
+    if not math.isnan(part):
+        figures.append((share(part), f"of the error above that floor is explained by {_added(diagnosis)}"))
     return figures
 
 
@@ -323,6 +353,10 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
         if diagnosis.power:
             yield "A small effect may still be present: the table of detectable sizes says how small."
     tied = False
+    named = [one for one in diagnosis.effects if one.name != UNLISTED]
+    if named:
+        chances = listed(f"{plain(one.name)} {probability(one.probability)}" for one in named)
+        yield f"Probability, given these recordings and the catalogue: {chances}."
     for one in diagnosis.effects:
         if one.confusable_with:
             tied = True
@@ -351,29 +385,27 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
         yield "Not proved: there were no held-out runs."
 
 
-def _explanation(diagnosis: Diagnosis, floor: float) -> str:
+def _explanation(diagnosis: Diagnosis) -> str:
     """Return how much of the error the answer explains, in a sentence."""
+    floor, floor_is = _least(diagnosis)
     before, after = (percent(error) for error in _errors_of(diagnosis))
-    share = explained(*_errors_of(diagnosis), floor)
+    part = explained(*_errors_of(diagnosis), floor)
     where = (
         "On held-out runs" if diagnosis.is_held_out else "On the run that was fitted, as none was held out,"
     )
     if not diagnosis.effects:
         return (
-            f"{where} the five parameters leave an error of {before} of the edge; tracker noise alone gives "
-            f"{percent(floor)}."
+            f"{where} the five parameters leave an error of {before} of the edge; the least "
+            f"possible, by {floor_is}, is {percent(floor)}."
         )
-    if math.isnan(share):
-        return f"{where} the error was near tracker noise before: {before} of the edge, and {after} after."
-    rest = f" The other {_share(1.0 - share)} are not explained." if share < _NEARLY_ALL else ""
+    if math.isnan(part):
+        return (
+            f"{where} the error was near the least possible before: {before} of the edge, and {after} after."
+        )
     return (
-        f"{where} the error falls from {before} to {after} of the edge: {_share(share)} of what exceeds "
-        f"tracker noise ({percent(floor)}).{rest}"
+        f"{where} the error falls from {before} to {after} of the edge: {share(part)} of what exceeds "
+        f"{floor_is} ({percent(floor)})."
     )
-
-
-def _share(share: float) -> str:
-    return f"{100 * share:.0f} %" if share < 0.995 else f"{math.floor(1000 * share) / 10:.1f} %"
 
 
 def _patterns(diagnosis: Diagnosis) -> list[str]:
@@ -384,6 +416,11 @@ def _patterns(diagnosis: Diagnosis) -> list[str]:
             if finding.p_value < _CLEAR and finding.kind in _TELLING:
                 found.setdefault(finding.kind, finding.what)
     return list(found.values())
+
+
+def _repeats(diagnosis: Diagnosis) -> bool:
+    """Whether residuals of the base model are known to depend on something that comes back."""
+    return bool(diagnosis.effects) or (diagnosis.remains is not None and diagnosis.remains.repeats)
 
 
 def _is_formula(note: str) -> bool:
@@ -404,6 +441,10 @@ def _reach(run: RunProof, shown: Sequence[Side]) -> float:
     marbles = [run.observed, *(side.marble(run) for side in shown)]
     farthest = max(float(np.nanmax(np.abs(marble), initial=0.0)) for marble in marbles)
     return min(max(farthest, 0.05), 1.0)
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _or_zero(value: float) -> float:

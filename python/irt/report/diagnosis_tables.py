@@ -17,6 +17,7 @@ from irt.report.words import (
     p_value,
     percent,
     plain,
+    probability,
     quantity,
     together,
     with_interval,
@@ -32,6 +33,8 @@ _KINDS = {
 }
 #: Rows of the longest table; `diagnosis.json` holds all.
 MOST_CANDIDATES = 80
+#: Probability below which an effect is not listed.
+LEAST_PROBABLE = 0.01
 
 #: Turns a parameter's name, value and unit into what can be stated: without stamps that is in rows.
 Stated = Callable[[str, Parameter, str], tuple[str, Parameter, str]]
@@ -184,16 +187,42 @@ def candidates(diagnosis: Diagnosis) -> Table | None:
             together(one.effects),
             f"{one.gain:+,.1f}",
             f"{one.penalty:,.1f}",
-            "-" if one.heldout_gain is None else f"{one.heldout_gain:+,.1f}",
-            percent(one.noise),
+            probability(one.probability),
             one.outcome,
         ]
         for one in diagnosis.candidates[:MOST_CANDIDATES]
     ]
     return Table(
-        "Gain: log-likelihood over the base model [nats]. Penalty: for the additional parameters and the "
-        "number of hypotheses. Held out: the gain on held-out runs. Residual: its standard deviation",
-        ["hypothesis", "gain", "penalty", "held out", "residual", "outcome"],
+        "Gain: log-likelihood over the base model [nats], each beside the random push that suits it best. "
+        "Penalty: for the additional parameters, and for the choice from the catalogue. Probability: of this "
+        "set among all that were scored",
+        ["hypothesis", "gain", "penalty", "probability", "outcome"],
         rows,
-        words=(5,),
+        words=(4,),
     )
+
+
+def inclusion(diagnosis: Diagnosis) -> Table | None:
+    """Return how probable it is of each effect that it is at work, the most probable first."""
+    known = {name: chance for name, chance in diagnosis.inclusion.items() if chance > LEAST_PROBABLE}
+    if not known:
+        return None
+    return Table(
+        "Probability of each effect that it is at work: the sum over all sets that contain it. Effects below "
+        "1 % are not listed",
+        ["effect", "probability", "in the answer"],
+        [
+            [plain(name), probability(chance), _part_of_the_answer(name, diagnosis)]
+            for name, chance in sorted(known.items(), key=lambda one: (-one[1], one[0]))
+        ],
+    )
+
+
+def _part_of_the_answer(name: str, diagnosis: Diagnosis) -> str:
+    """Say what the answer makes of an effect."""
+    for one in diagnosis.effects:
+        if one.name == name:
+            return "named"
+        if name in one.confusable_with:
+            return f"ties with {plain(one.name)}"
+    return "not named"

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.diagnosis.formula import cleared
 from irt.diagnosis.library import PROFILES, VECTORS, of_slot
 from irt.diagnosis.profiles import ROUND, SHAPES, shaped
 from irt.diagnosis.result import NamedEffect
-from irt.diagnosis.formula import cleared
 from irt.model import Parameter
 from irt.report.page import Table
 from irt.report.words import in_rows, quantity, scaled, with_interval

@@ -43,11 +43,14 @@ class Picture:
     path : Path
         An SVG or PNG that `irt.report.style.drawing` wrote. No other picture of the page has its file name.
     caption : str
-        What it shows; also the text for screen readers.
+        What it shows.
+    spoken : str
+        The text for screen readers; the caption where it is empty.
     """
 
     path: Path
     caption: str
+    spoken: str = ""
 
     @property
     def is_svg(self) -> bool:

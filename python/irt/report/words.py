@@ -74,6 +74,22 @@ def duration(rows: int, seconds: float | None = None) -> str:
     return counted(rows, "row") if seconds is None else f"{seconds:.1f}{_NO_BREAK}s"
 
 
+def share(part: float) -> str:
+    """Return a share of a whole as text: in whole percent, except where that would say all or nothing."""
+    if part >= 0.995:
+        return _percentage(f"{math.floor(1000 * part) / 10:.4g}")
+    return _percentage("< 1" if 0.0 < part < 0.005 else f"{100 * part:.0f}")
+
+
+def probability(chance: float) -> str:
+    """Return a probability as text: percent, never rounded to certainty or to impossibility."""
+    if chance > 0.999:
+        return _percentage("> 99.9")
+    if chance < 0.001:
+        return _percentage("< 0.1")
+    return _percentage(f"{100 * chance:.2g}" if chance < 0.985 else f"{100 * chance:.1f}")
+
+
 def in_rows(name: str, value: Parameter, unit: str, row_s: float) -> tuple[str, Parameter, str]:
     """Return a parameter's name, value and unit, seconds replaced by rows.
 
@@ -151,6 +167,10 @@ def versions(*others: str) -> dict[str, str]:
         "versions": f"{packages}, Python {platform.python_version()}",
         "machine": f"{platform.system()} {platform.machine()}",
     }
+
+
+def _percentage(number: str) -> str:
+    return f"{number} %".replace(" ", _NO_BREAK)
 
 
 def _ratio(value: float) -> str:

@@ -14,7 +14,9 @@ from irt.diagnosis.result import (
     Finding,
     NamedEffect,
     Power,
+    Remains,
     RunProof,
+    Share,
     units,
 )
 from irt.diagnosis.words import LEARNED
@@ -76,15 +78,13 @@ def make_candidates(verdict):
     candidates = []
     for effects in hypotheses:
         gain = scale * rng.uniform(0.0, 0.3) if effects else 0.0
-        outcome = (
-            "explains less than backlash" if verdict == "missing" else "leaves as much as the base model"
-        )
-        outcome = outcome if effects else "the base model"
+        outcome = "explains less" if verdict == "missing" else "no better than the base model"
+        outcome, probability = outcome if effects else "the base model", 0.0
         if verdict == "missing" and effects in (("backlash",), ("delay",)):
-            gain, outcome = scale, "named" if effects == ("backlash",) else "as good as backlash"
-        heldout = gain / 3 if effects and gain > 0.2 * scale else None
+            gain, outcome = scale, "named" if effects == ("backlash",) else "does as well"
+            probability = 0.62 if effects == ("backlash",) else 0.38
         penalty = 6.2 * len(effects)
-        candidates.append(Candidate(effects, {}, gain, penalty, NOISE * 1.1, heldout, outcome))
+        candidates.append(Candidate(effects, {}, gain, penalty, probability, outcome))
     return tuple(sorted(candidates, key=lambda one: one.penalty - one.gain))
 
 
@@ -96,7 +96,9 @@ def make_effects(verdict, before, after):
         }
         reason = "The recordings turn the knobs at one speed only, where a gap and a lost time look alike."
         return (
-            NamedEffect(one.name, "actuation", fitted, units(one.name), before, after, ("delay",), reason),
+            NamedEffect(
+                one.name, "actuation", fitted, units(one.name), before, after, ("delay",), reason, 0.973
+            ),
         )
     if verdict == "unlisted":
         fitted = {one.name: Parameter(one.neutral) for one in effect(UNLISTED).parameters}
@@ -106,6 +108,28 @@ def make_effects(verdict, before, after):
         }
         return (NamedEffect(UNLISTED, "field", fitted, units(UNLISTED), before, after),)
     return ()
+
+
+#: The effects, the tracker, and the rest; a second ahead and over whole runs.
+BUDGETS = {
+    "sufficient": {"tracker": (0.9, 0.8), "not repeatable": (0.1, 0.2)},
+    "missing": {"backlash": (0.55, 0.9965), "tracker": (0.35, 0.001), "not repeatable": (0.1, 0.0025)},
+    "unlisted": {UNLISTED: (0.3, 0.5), "tracker": (0.4, 0.1), "not repeatable": (0.3, 0.4)},
+}
+
+
+def make_budget(verdict):
+    parts = BUDGETS[verdict].items()
+    return tuple(
+        Share(what, shares[index], horizon)
+        for index, horizon in enumerate((1.0, None))
+        for what, shares in parts
+    )
+
+
+def make_remains(verdict, floor):
+    stage = "board" if verdict == "unlisted" else None
+    return Remains(BUDGETS[verdict]["not repeatable"][1], stage, repeats=False, floor_of_the_log=floor)
 
 
 def make_diagnosis(rig, verdict):
@@ -155,7 +179,12 @@ def make_diagnosis(rig, verdict):
             Power("board_warp", "height_m", "m", None, 0.002),
         ),
         notes=("gear_x lies a little outside of the range that was searched.", *learned),
-        settings={"command": "irt diagnose rig --out out", "pairs": True, "threads": None},
+        settings={"command": "irt diagnose rig --out out", "threads": None},
         seed=7,
         seconds=83.2,
+        inclusion={"lag": 0.034, "backlash": 0.62, "delay": 0.38, "bump": 0.004}
+        if verdict == "missing"
+        else {},
+        budget=make_budget(verdict),
+        remains=make_remains(verdict, NOISE),
     )

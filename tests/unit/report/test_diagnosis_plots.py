@@ -28,7 +28,7 @@ def proof():
 
 
 def candidate(gain, *effects, outcome=""):
-    return Candidate(effects, {}, gain, 5.0, 0.001, None, outcome)
+    return Candidate(effects, {}, gain, 5.0, 0.0, outcome)
 
 
 def test_two_simulators_are_compared_only_where_there_are_two(diagnosis_of):
@@ -89,15 +89,18 @@ def test_ranking_tells_answer_tie_and_the_rest_apart(tmp_path, drawn):
         candidate(905.0, "delay", outcome="as good as backlash"),
         candidate(900.0, "backlash", outcome="named"),
         candidate(2.0, "lag", "bump", outcome="a very long outcome " * 9),
+        candidate(1.0, *(["spring_hysteresis"] * 6), outcome="a very long outcome " * 9),
     ]
     answer, ties = frozenset({"backlash"}), {frozenset({"delay"})}
     plots.plot_ranking(tmp_path / "ranking.svg", tried, answer, ties, span=(-3.0, 900.0))
     bars = drawn.figure.axes[0].patches
-    assert [bar.get_width() for bar in bars] == [900.0, 895.0, -3.0]
-    tie, named, rest = (bar.get_facecolor() for bar in bars)
+    assert [bar.get_width() for bar in bars] == [900.0, 895.0, -3.0, -4.0]
+    tie, named, rest, _ = (bar.get_facecolor() for bar in bars)
     assert tie != named != rest != tie
     words = texts(drawn.figure)
     assert {"delay", "backlash", "lag + bump", "named   +895"} <= set(words)
+    # Where a name leaves no room for an outcome there is the number alone.
+    assert "\N{MINUS SIGN}4" in words
     assert max(len(word) for word in words) < 70
 
 

@@ -14,7 +14,9 @@ from irt.report.words import (
     millimetres,
     p_value,
     percent,
+    probability,
     quantity,
+    share,
     together,
     with_interval,
 )
@@ -106,6 +108,22 @@ def test_share_of_the_error_that_is_explained_lies_between_floor_and_start():
     assert explained(0.05, 0.06, 0.01) == 0.0
     assert explained(0.05, 0.005, 0.01) == 1.0
     assert math.isnan(explained(0.0101, 0.01, 0.01))
+
+
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [(0.0, "0 %"), (0.001, "< 1 %"), (0.006, "1 %"), (0.424, "42 %"), (0.9979, "99.7 %"), (1.0, "100 %")],
+)
+def test_a_share_is_neither_all_nor_nothing_unless_it_is(part, text):
+    assert share(part).replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+@pytest.mark.parametrize(
+    ("chance", "text"),
+    [(0.0, "< 0.1 %"), (0.0123, "1.2 %"), (0.62, "62 %"), (0.989, "98.9 %"), (1.0, "> 99.9 %")],
+)
+def test_no_probability_is_certainty(chance, text):
+    assert probability(chance).replace("\N{NO-BREAK SPACE}", " ") == text
 
 
 def test_without_stamps_lengths_are_rows():

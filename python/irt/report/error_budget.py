@@ -1,0 +1,134 @@
+"""Where the base model's error goes, as the page, the terminal and the pictures of the docs say it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+from irt.diagnosis.budget import REST, TRACKER
+from irt.diagnosis.result import UNLISTED, Diagnosis, Remains
+from irt.report.words import percent, plain, share
+
+Kind = Literal["effect", "tracker", "rest"]
+
+#: Shares of the squared error below this are too small for a sentence about where they come from.
+_NOTHING = 0.005
+#: Where the remainder arises, by `Remains.stage`.
+_STAGES = {
+    "board": "It arises on the board, between impacts: a random push there makes the recordings likelier.",
+    "contact": "It arises at the rim: rebounds that differ by chance make the recordings likelier.",
+}
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a bar.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    kind : {"effect", "tracker", "rest"}
+        What it is.
+    share : float
+        Of the squared error, from 0 to 1.
+    """
+
+    name: str
+    kind: Kind
+    share: float
+
+
+@dataclass(frozen=True)
+class Bar:
+    """The whole squared error at one horizon.
+
+    Attributes
+    ----------
+    title : str
+        How far ahead was predicted.
+    parts : tuple of Part
+        From left to right; their shares add up to 1.
+    """
+
+    title: str
+    parts: tuple[Part, ...]
+
+
+def bars(diagnosis: Diagnosis, row_s: float | None = None) -> list[Bar]:
+    """Return the bars of an error budget, whole runs first.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Its `budget` is empty where nothing was held out.
+    row_s : float, optional
+        How long a row lasts [s], where recordings have no stamps: horizons are stated in rows then.
+    """
+    horizons = dict.fromkeys(one.horizon_s for one in diagnosis.budget)
+    return [
+        Bar(
+            _horizon(horizon, row_s),
+            tuple(
+                Part(_name(one.what, diagnosis.remains), _kind(one.what), one.share)
+                for one in diagnosis.budget
+                if one.horizon_s == horizon
+            ),
+        )
+        for horizon in sorted(horizons, key=lambda one: -float("inf") if one is None else -one)
+    ]
+
+
+def remainder(diagnosis: Diagnosis) -> Iterator[str]:
+    """Yield in sentences what remains beyond the effects and the tracker; nothing where none was held out."""
+    found = diagnosis.remains
+    if found is None:
+        return
+    yield _amount(diagnosis, found)
+    if found.share >= _NOTHING:
+        if found.stage is not None:
+            yield _STAGES[found.stage]
+        if found.repeats:
+            yield "It depends on something that repeats, so a better model could still explain it."
+        elif found.stage is not None:
+            yield "It was not found to depend on anything that repeats from run to run."
+        else:
+            yield (
+                "A fit to all runs leaves little but noise, so this is how uncertain the parameters are that "
+                "were fitted to the other runs."
+            )
+    if found.floor_of_the_log > 0.0:
+        yield (
+            f"A perfect simulator would still be off by {percent(found.floor_of_the_log)} of the edge: the "
+            "tracker's noise, and start states that are not known better."
+        )
+
+
+def _amount(diagnosis: Diagnosis, found: Remains) -> str:
+    beyond = "the effects and the tracker" if diagnosis.effects else "the tracker"
+    if found.share < _NOTHING:
+        return f"Less than 1 % of the squared error on held-out runs comes from anything but {beyond}."
+    return (
+        f"{share(found.share)} of the base model's squared error on held-out runs comes from something else "
+        f"than {beyond}."
+    )
+
+
+def _horizon(horizon_s: float | None, row_s: float | None) -> str:
+    if horizon_s is None:
+        return "whole runs"
+    return f"{horizon_s:g} s ahead" if row_s is None else f"{horizon_s / row_s:.0f} rows ahead"
+
+
+def _name(what: str, remains: Remains | None) -> str:
+    if what == REST:
+        by_chance = remains is not None and remains.stage is not None and not remains.repeats
+        return "does not repeat" if by_chance else "not explained"
+    if what == TRACKER:
+        return "tracker noise"
+    return "learned correction" if what == UNLISTED else plain(what)
+
+
+def _kind(what: str) -> Kind:
+    return "rest" if what == REST else "tracker" if what == TRACKER else "effect"

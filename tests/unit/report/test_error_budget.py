@@ -1,0 +1,99 @@
+"""An error budget in words and as bars."""
+
+from dataclasses import replace
+
+import pytest
+from matplotlib.patches import Rectangle
+from matplotlib.text import Text
+
+from irt.diagnosis.result import Remains, Share
+from irt.report import style
+from irt.report.budget_plots import plot_budget
+from irt.report.error_budget import bars, remainder
+
+
+@pytest.fixture
+def told(diagnosis_of):
+    """A budget of two effects, the larger first, at two horizons."""
+    shares = {
+        "tilt_bias": (0.4, 0.9),
+        "lag": (0.3, 0.08),
+        "tracker": (0.2, 0.01),
+        "not repeatable": (0.1, 0.01),
+    }
+    return replace(
+        diagnosis_of("missing"),
+        budget=tuple(
+            Share(what, both[index], horizon)
+            for index, horizon in enumerate((1.0, None))
+            for what, both in shares.items()
+        ),
+        remains=Remains(0.01, "contact", repeats=False, floor_of_the_log=0.002),
+    )
+
+
+def test_whole_runs_come_first_and_the_parts_keep_their_order(told):
+    whole, second = bars(told)
+    assert (whole.title, second.title) == ("whole runs", "1 s ahead")
+    assert [part.name for part in whole.parts] == ["tilt bias", "lag", "tracker noise", "does not repeat"]
+    assert [part.share for part in second.parts] == [0.4, 0.3, 0.2, 0.1]
+    assert [part.kind for part in whole.parts] == ["effect", "effect", "tracker", "rest"]
+
+
+def test_without_stamps_horizons_are_in_rows(told):
+    assert [bar.title for bar in bars(told, row_s=0.05)] == ["whole runs", "20 rows ahead"]
+
+
+@pytest.mark.parametrize(
+    ("stage", "repeats", "name"),
+    [("board", False, "does not repeat"), ("board", True, "not explained"), (None, False, "not explained")],
+)
+def test_only_what_a_random_push_explains_is_said_not_to_repeat(told, stage, repeats, name):
+    remains = Remains(0.3, stage, repeats, 0.002)
+    assert bars(replace(told, remains=remains))[0].parts[-1].name == name
+
+
+def test_bars_are_as_long_as_their_shares_and_the_rest_is_told_without_colour(tmp_path, told, drawn):
+    plot_budget(tmp_path / "budget.svg", bars(told))
+    patches = [one for one in drawn.figure.axes[0].patches if isinstance(one, Rectangle)]
+    # Two bars, then the key.
+    lengths = [one.get_width() for one in patches]
+    assert lengths[:8] == pytest.approx([0.9, 0.08, 0.01, 0.01, 0.4, 0.3, 0.2, 0.1])
+    assert [one.get_x() for one in patches[4:8]] == pytest.approx([0.0, 0.4, 0.7, 0.9])
+    assert [bool(one.get_hatch()) for one in patches] == [False, False, False, True] * 3
+    words = [one.get_text().replace("\N{NO-BREAK SPACE}", " ") for one in drawn.figure.findobj(Text)]
+    assert "tilt bias 90 %" in words
+    # Every share stands in the key, however narrow its part.
+    assert words.count("1 %") == 2
+    assert {"8 %", "10 %", "whole runs", "1 s ahead"} <= set(words)
+
+
+def test_the_same_parts_have_the_same_colour_in_each_bar(tmp_path, told, drawn):
+    plot_budget(tmp_path / "budget.svg", bars(told))
+    looks = [one.get_facecolor() for one in drawn.figure.axes[0].patches]
+    assert looks[:4] == looks[4:8] == looks[8:]
+    assert len(set(looks[:4])) == 4
+    svg = (tmp_path / "budget.svg").read_text()
+    # A page turns colours into its own: all are of the palette.
+    assert all(own in svg for own in (style.TUNED, style.SECOND, style.RECORDED, style.UNTUNED))
+
+
+@pytest.mark.parametrize(
+    ("remains", "said", "unsaid"),
+    [
+        (Remains(0.3, "contact", False, 0.002), "It arises at the rim", "on the board"),
+        (Remains(0.3, "board", True, 0.002), "a better model could still explain it", "not found to depend"),
+        (Remains(0.3, None, False, 0.002), "how uncertain the parameters are", "It arises"),
+        (Remains(0.001, "board", False, 0.002), "Less than 1 %", "It arises"),
+    ],
+)
+def test_what_remains_in_sentences(told, remains, said, unsaid):
+    text = " ".join(remainder(replace(told, remains=remains)))
+    assert said in text
+    assert unsaid not in text
+    assert "still be off by 0.20" in text
+
+
+def test_nothing_remains_to_be_said_where_nothing_was_held_out(told):
+    assert list(remainder(replace(told, remains=None))) == []
+    assert bars(replace(told, budget=())) == []
