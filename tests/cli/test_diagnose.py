@@ -3,11 +3,11 @@
 import json
 import re
 import shutil
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
-from irt.diagnosis import search
 from irt.engine import rollouts
 from irt.model import load_model
 from irt.residual import evaluate
@@ -50,6 +50,13 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     height = effect["parameters"]["height_m_per_rad"]
     assert height["low"] <= height["value"] <= height["high"]
     assert height["unit"] == "m/rad"
+    assert effect["probability"] > 0.9
+    assert told["inclusion"]["parallax"] > 0.9
+    for horizon in (1.0, None):
+        shares = {one["what"]: one["share"] for one in told["budget"] if one["horizon_s"] == horizon}
+        assert sum(shares.values()) == pytest.approx(1.0)
+        assert shares["parallax"] > 0.5
+    assert told["remains"]["floor_of_the_log"] < effect["heldout_mae_without"]
     assert effect["heldout_mae_with"] < 0.5 * effect["heldout_mae_without"]
     assert set(told["fit"]) == {"noise", "base_mae", "final_mae", "base_heldout_mae", "final_heldout_mae"}
     assert set(told["parameters"]) == set(PARAMETERS)
@@ -61,6 +68,9 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     assert evaluate(model, load_rig(rig).recordings).free_run.mae == told["fit"]["final_mae"]
     assert "parallax" in (out / "report.html").read_text()
     assert told["summary"] in done.out
+    assert "parallax: probability" in done.out
+    assert "where the squared error on held-out runs goes, whole runs" in done.out
+    assert "A perfect simulator would still be off by" in done.out
     assert f"wrote {out / 'model.toml'}, {out / 'diagnosis.json'} and {out / 'report.html'}" in done.out
 
 
@@ -93,6 +103,7 @@ def test_one_recording_is_not_proved(irt, lab, tmp_path):
     done = irt("diagnose", lab(*TWO, runs=1, rows=200), "--out", tmp_path / "out")
     assert (done.status, done.err) == (0, "")
     assert "the improvement is not proved" in done.out
+    assert "squared error" not in done.out
     told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert told["verdict"] == "missing"
     assert told["fit"]["final_heldout_mae"] is None
@@ -121,11 +132,15 @@ def test_commands_that_never_change_are_one_clear_line(irt, write_rig, tmp_path)
 
 
 def test_ctrl_c_leaves_nothing_half_done(irt, lab, tmp_path, monkeypatch):
-    def stop(*_):
-        raise KeyboardInterrupt
+    @contextmanager
+    def pressed():
+        def stop(*_):
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(search.Search, "_grown", stop)
-    monkeypatch.setattr(search, "SINGLES", 2)
+        yield stop
+
+    # The first thing that the bar shows is an effect that is tried.
+    monkeypatch.setattr("irt.cli.progress.progress_bar", pressed)
     done = irt("diagnose", lab(PARALLAX, runs=3), "--out", tmp_path / "out")
     assert done.status == 130
     assert "the same command begins anew" in done.err

@@ -189,14 +189,17 @@ def _or_rivals(effect: Mapping[str, Any]) -> str:
 def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
     """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
     from irt.diagnosis.result import UNLISTED
+    from irt.report.error_budget import bars, remainder
     from irt.report.learned import described
+    from irt.report.words import probability, share
 
     yield found.summary
     for effect in found.effects:
-        yield f"\n{effect.name}"
         if effect.name == UNLISTED:
+            yield f"\n{effect.name}"
             yield from (f"  {line}" for line in described(effect, row_s))
             continue
+        yield f"\n{effect.name}: probability {_plain(probability(effect.probability))}"
         for name, parameter in effect.parameters.items():
             label, value = parameter_line(name, parameter, effect.units.get(name, ""), row_s)
             yield f"  {label:<22} {value}"
@@ -204,10 +207,14 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
             yield f"  {effect.reason}"
     if row_s is not None:
         yield f"\n{TIME_UNKNOWN}"
+    for bar in bars(found, row_s):
+        yield f"\nwhere the squared error on held-out runs goes, {bar.title}"
+        yield from (f"  {part.name:<22} {_plain(share(part.share)):>6}" for part in bar.parts)
     if found.where:
         yield "\nwhere residuals exceed noise"
         yield from (f"- {one.kind}: {one.what} ({100 * one.strength:.0f} %)" for one in found.where)
     for title, sentences in (
+        ("what remains", [_plain(sentence) for sentence in remainder(found)]),
         ("not identifiable from these recordings", found.unidentifiable),
         ("notes", found.notes),
         ("what to do next", (found.suggestion,)),
@@ -215,3 +222,8 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
         if sentences:
             yield f"\n{title}"
             yield from (f"- {sentence}" for sentence in sentences)
+
+
+def _plain(text: str) -> str:
+    """Return a text with spaces that a terminal, and a search in its output, takes for spaces."""
+    return text.replace("\N{NO-BREAK SPACE}", " ")
