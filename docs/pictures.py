@@ -13,9 +13,11 @@ import numpy as np
 from irt.cli.demo import data
 from irt.diagnosis import Diagnosis, diagnose
 from irt.report import style
+from irt.report.budget_plots import bare, colour, draw_bar, labels
 from irt.report.diagnosed import write_diagnosis
 from irt.report.diagnosis_plots import Side, sides
-from irt.report.plots import TICKS, draw_rim, mean_absolute, rim_of
+from irt.report.error_budget import bars
+from irt.report.plots import TICKS, draw_rim, rim_of
 from irt.report.words import percent, plain
 from irt.rig import Rig, load_rig
 
@@ -67,25 +69,15 @@ def _draw_path(axes: Any, found: Diagnosis, side: Side) -> None:
 
 
 def _draw_budget(axes: Any, found: Diagnosis) -> None:
-    """Draw the error on runs held out as one bar: what the effects explain, noise, and the remainder."""
-    noise = mean_absolute(found.noise)
-    shares = {
-        _names(found): (found.base_heldout_mae - found.final_heldout_mae, style.TUNED),
-        "tracker's noise": (min(noise, found.final_heldout_mae), style.RECORDED),
-        "unexplained": (max(0.0, found.final_heldout_mae - noise), style.UNTUNED),
-    }
-    left, legend = 0.0, []
-    for name, (width, colour) in shares.items():
-        axes.barh(0, width, left=left, color=colour, height=0.8)
-        left += width
-        legend.append((f"{name} {100 * width / found.base_heldout_mae:.0f} %", colour))
-    axes.set(xlim=(0.0, left), ylim=(-0.5, 0.5), yticks=[], xticks=[])
-    axes.set_title(f"where the error on runs held out goes ({percent(found.base_heldout_mae)} of the edge)")
-    for place, (text, colour) in zip(np.linspace(0.0, 1.0, len(legend)), legend, strict=True):
-        align = {0.0: "left", 1.0: "right"}.get(float(place), "center")
-        axes.text(place, -0.25, text, color=colour, transform=axes.transAxes, ha=align, va="top")
-    axes.grid(visible=False)
-    axes.spines[:].set_visible(False)
+    """Draw the squared error on runs held out as one bar; what has no room in it stands below."""
+    bar = bars(found)[0]
+    nameless = draw_bar(axes, bar, (-0.4, 0.4), WIDTH)
+    axes.set(xlim=(0.0, 1.0), ylim=(-0.5, 0.5))
+    axes.set_title(f"where the squared error on runs held out goes, {bar.title}")
+    for index, place in zip(reversed(nameless), np.linspace(1.0, 0.0, 4), strict=False):
+        look = {"color": colour(bar.parts, index), "transform": axes.transAxes, "ha": "right", "va": "top"}
+        axes.text(place, -0.25, labels(bar.parts[index])[0], **look)
+    bare(axes)
 
 
 def _names(found: Diagnosis) -> str:
