@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import irt
 from irt.cli.demo import data
+from irt.diagnosis.result import Share
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -66,6 +68,21 @@ def test_numbers_of_a_diagnosis_can_be_read_as_the_docs_say(
     diagnosed: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fit = {"base_heldout_mae": 0.04, "final_heldout_mae": 0.002}
-    (diagnosed / "diagnosis.json").write_text(json.dumps({"summary": "Lag was left out.", "fit": fit}))
+    budget = [Share("lag", 0.4, 1.0), Share("lag", 0.98, None), Share("tracker", 0.02, None)]
+    told = {"summary": "Lag was left out.", "fit": fit, "budget": [asdict(one) for one in budget]}
+    (diagnosed / "diagnosis.json").write_text(json.dumps(told))
     run_blocks("diagnosis.md")
-    assert capsys.readouterr().out == "Lag was left out.\nexplained: 95 % of the error on runs held out\n"
+    assert capsys.readouterr().out.splitlines() == [
+        "Lag was left out.",
+        "explained: 95 % of the error on runs held out",
+        "lag: 98.0 % of the squared error",
+        "tracker: 2.0 % of the squared error",
+    ]
+
+
+def test_the_architecture_names_every_file_of_the_diagnosis() -> None:
+    (part,) = re.findall(
+        r"^## A diagnosis\n(.*?)^## ", (ROOT / "ARCHITECTURE.md").read_text(), re.DOTALL | re.MULTILINE
+    )
+    files = {path.name for path in (ROOT / "python/irt/diagnosis").glob("*.py")}
+    assert set(re.findall(r"`(\w+\.py)`", part)) == files - {"__init__.py"}
