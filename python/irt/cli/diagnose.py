@@ -199,7 +199,8 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
             yield f"\n{effect.name}"
             yield from (f"  {line}" for line in described(effect, row_s))
             continue
-        yield f"\n{effect.name}: probability {_plain(probability(effect.probability))}"
+        either = " or ".join([effect.name, *effect.confusable_with])
+        yield f"\n{effect.name}: {_plain(probability(effect.probability))} probable that {either} is at work"
         for name, parameter in effect.parameters.items():
             label, value = parameter_line(name, parameter, effect.units.get(name, ""), row_s)
             yield f"  {label:<22} {value}"

@@ -230,7 +230,8 @@ class _Report:
         info, row_s = known.get(one.name), None if self.stamped else self.row_s
         content: dict[str, Any] = {
             "effect": one,
-            "probability": probability(one.probability),
+            "probability": f"{probability(one.probability)} for {_with_ties(one)}, "
+            "given these recordings and the catalogue",
             "info": info,
             "table": None if info is None else tables.values(one, info, self.stated),
             "confusable": [
@@ -355,7 +356,7 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
     tied = False
     named = [one for one in diagnosis.effects if one.name != UNLISTED]
     if named:
-        chances = listed(f"{plain(one.name)} {probability(one.probability)}" for one in named)
+        chances = listed(f"{_with_ties(one)} {probability(one.probability)}" for one in named)
         yield f"Probability, given these recordings and the catalogue: {chances}."
     for one in diagnosis.effects:
         if one.confusable_with:
@@ -383,6 +384,11 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
         yield f"The error falls on {better} of {counted(len(diagnosis.runs), 'held-out run')}."
     elif diagnosis.effects and not tied:
         yield "Not proved: there were no held-out runs."
+
+
+def _with_ties(one: NamedEffect) -> str:
+    """Return an effect and those that do as well: they share a probability."""
+    return listed(map(plain, [one.name, *one.confusable_with]), "or")
 
 
 def _explanation(diagnosis: Diagnosis) -> str:

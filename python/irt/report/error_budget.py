@@ -95,8 +95,8 @@ def remainder(diagnosis: Diagnosis) -> Iterator[str]:
             yield "It was not found to depend on anything that repeats from run to run."
         else:
             yield (
-                "A fit to all runs leaves little but noise, so this is how uncertain the parameters are that "
-                "were fitted to the other runs."
+                "A fit to all runs leaves little but noise: this comes from outliers of the tracker, and "
+                "from parameters that the other runs leave uncertain."
             )
     if found.floor_of_the_log > 0.0:
         yield (

@@ -124,8 +124,8 @@ def test_the_next_best_hypothesis_neither_ties_nor_contains_the_answer(missing, 
 
 
 def test_an_effect_and_each_hypothesis_have_their_probability(missing):
-    assert "backlash 97 %" in spaced(answer(missing)["How sure is this?"])
-    assert "<dt>Probability</dt><dd>97 %, given these recordings and the catalogue</dd>" in spaced(missing)
+    assert "backlash or delay 97 %" in spaced(answer(missing)["How sure is this?"])
+    assert "<dt>Probability</dt><dd>97 % for backlash or delay, given these recordings" in spaced(missing)
     rows = re.findall(
         r'<tr><th scope="row">([\w ]+)</th>(?:<td>.*?</td>){2}<td>(.*?)</td><td', spaced(missing)
     )

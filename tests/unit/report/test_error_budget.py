@@ -83,7 +83,7 @@ def test_the_same_parts_have_the_same_colour_in_each_bar(tmp_path, told, drawn):
     [
         (Remains(0.3, "contact", False, 0.002), "It arises at the rim", "on the board"),
         (Remains(0.3, "board", True, 0.002), "a better model could still explain it", "not found to depend"),
-        (Remains(0.3, None, False, 0.002), "how uncertain the parameters are", "It arises"),
+        (Remains(0.3, None, False, 0.002), "the other runs leave uncertain", "It arises"),
         (Remains(0.001, "board", False, 0.002), "Less than 1 %", "It arises"),
     ],
 )
