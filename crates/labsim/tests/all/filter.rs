@@ -267,7 +267,7 @@ fn jitter_changes_no_bit_before_the_first_command_that_changes() {
     let first = 1 + change as usize;
     let until = |one: &Predictions| -> Vec<u64> {
         let all = [&one.marble[..first], &one.variance[..first]];
-        let all = all.into_iter().flat_map(|rows| rows.as_flattened());
+        let all = all.into_iter().flat_map(<[[f64; 2]]>::as_flattened);
         all.map(|value| value.to_bits()).collect()
     };
     assert!(until(&none) == until(&some) && until(&some) == until(&more));
