@@ -13,7 +13,7 @@ from irt.catalogue import effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
-from irt.diagnosis.hypotheses import JITTER, MEAN
+from irt.diagnosis.hypotheses import JITTER, MEAN, group_of
 from irt.diagnosis.latent import Leftover, Source
 from irt.diagnosis.locate import locate, stages, variables
 from irt.diagnosis.power import power
@@ -40,6 +40,9 @@ from irt.residual import evaluate
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
+
+#: Scale of Student's t with four degrees of freedom that is most probable for standard normal errors.
+_SCALE_OF_NORMAL = 0.8310
 
 
 class Answer:
@@ -131,8 +134,11 @@ class Answer:
 
     @functools.cached_property
     def _noise(self) -> float:
-        """Standard deviation of the tracker [board edges], of errors from row to row and of those that last."""
-        return float(np.hypot(*self._best.noise[[WHITE, LASTING]]))
+        """Standard deviation of the tracker's errors [board edges], of each row alone and of those that last.
+
+        The filter's sizes are scales of Student's t, the most probable for normal errors.
+        """
+        return float(np.hypot(*self._best.noise[[WHITE, LASTING]])) / _SCALE_OF_NORMAL
 
     @functools.cached_property
     def _push(self) -> float:
@@ -173,9 +179,7 @@ class Answer:
         found = {key.removeprefix(own): one for key, one in self._parameters.items() if key.startswith(own)}
         if name == JITTER:
             found = {"sd_s": self._parameters[f"{JITTER}.sd_s"], "mean_s": found["delay_s"]}
-        alike = [name, *(one.instead for one in tied)]
-        if name == MEAN:
-            alike.append(JITTER)
+        alike = [*group_of(name), *(one.instead for one in tied)]
         # What was learned has no name, and is not among those that the catalogue was asked for.
         chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
         return NamedEffect(
@@ -196,7 +200,7 @@ class Answer:
         if not self._is_whole:
             at_rim = Scores.of(self._best).loss_without(self._best, [RESTITUTION])
             stage = "contact" if at_rim > self._push else "board"
-        repeats = UNLISTED not in self._best.effects and not self._is_whole and self._repeats
+        repeats = not self._is_whole and self._repeats
         return Remains(share=rest[0] if rest else 0.0, stage=stage, repeats=repeats, floor_of_the_log=floor)
 
     @functools.cached_property

@@ -67,8 +67,8 @@ def budget(
 def twins_of(rig: Rig, model: Model, noise: float, seed: int) -> list[Recording]:
     """Return what a model itself would have been seen to do: the rig's commands, tracked as its marble was.
 
-    What a perfect simulator is off by there is the floor of the log: the tracker's noise, and start states that
-    nobody knows better.
+    What a perfect simulator is off by there is the floor of the log: the tracker's noise, and start states
+    that nobody knows better.
     """
     random = np.random.default_rng(seed)
     found = evaluate(model, rig.recordings).runs

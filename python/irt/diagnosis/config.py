@@ -13,13 +13,13 @@ DRAWS = 32
 FITTED, STARTS = 10, 2
 #: Effects that are fitted in the place of one of a set.
 SWAPPED = 5
-#: Steps that all starts of an effect take, that the best of them take, that the five parameters take from each
-#: start, and that a thorough ascent takes at most.
+#: Steps that all starts of an effect take, that the best of them take, that the five parameters take from
+#: each start, and that a thorough ascent takes at most.
 BEGUN, FIRST, FIRST_OF_BASE, THOROUGH = 2, 6, 10, 25
 #: How many starts take more steps, and how many sets are fitted thoroughly.
 SECOND, TOPS = 6, 2
-#: Push [m^2/s^3], push that lasts [m/s^2] and standard deviation of the coefficient of restitution on a rig that
-#: lacks nothing: what engines differ by.
+#: Push [m^2/s^3], push that lasts [m/s^2] and standard deviation of the coefficient of restitution on a rig
+#: that lacks nothing: what engines differ by.
 LITTLE = (1e-10, 1e-4, 0.02)
 #: By so many nats a set must be likelier than without an effect for it to be named: odds of 99 to 1.
 SURE = 4.6
@@ -38,8 +38,8 @@ MATTERS = 0.41
 MENTIONED = 0.01
 #: Sets whose log posteriors are no farther apart may not be distinguishable [nats]: odds of 20 to 1.
 TIE = 3.0
-#: Share of the range from which on a law of impacts is told from how an engine solves contacts: rapier's walls
-#: without restitution are fitted as 0.05 to 0.11 of it.
+#: Share of the range from which on a law of impacts is distinct from how an engine solves contacts: rapier's
+#: walls without restitution are fitted as 0.05 to 0.11 of it.
 LEAST_OF_IMPACTS = 0.15
 #: Steps of a fit without one recording: it begins where all recordings led.
 REFIT = 6
@@ -53,5 +53,7 @@ NEAR, AGAIN = 60.0, 3
 CLOSE = 20.0
 #: How far ahead windows predict in the error budget [s].
 HORIZON_S = 1.0
-#: Share of the five parameters' error on recordings held out from which on physics without a name is asked for.
+#: Share of the five parameters' error on recordings held out from which on physics without a name is sought.
 WORTH = 0.1
+#: Probability from which on an effect is named, by itself or as one of those that do as well.
+PROBABLE = 0.95

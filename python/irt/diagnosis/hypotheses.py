@@ -38,6 +38,13 @@ def hypotheses() -> list[str]:
     ]
 
 
+def group_of(name: str) -> list[str]:
+    """Return the effects that an effect is at work in: its other name, and for a delay those that differ."""
+    if name not in ALIKE:
+        return [name]
+    return [*sorted(ALIKE), JITTER]
+
+
 def simulated(effects: Sequence[str]) -> list[str]:
     """Return which effects the engine simulates for a set: of delays that differ, their mean."""
     return [MEAN if name == JITTER else name for name in effects]

@@ -65,8 +65,9 @@ def parameters(
     """
     told = _information(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
+    allowed = dict(zip(told.names, told.allowed.tolist(), strict=True))
     found = {
-        name: _wider(parameter, _NORMAL * deviations[name])
+        name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
         for name, parameter in with_intervals(told).items()
     }
     for name, loss in losses.items():
@@ -108,11 +109,13 @@ def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
     return all(one.low is None or one.high is None or one.low <= neutral <= one.high for one, neutral in told)
 
 
-def _wider(one: Parameter, half_width: float) -> Parameter:
-    """Return a parameter whose interval reaches so far to either side, at least."""
+def _wider(one: Parameter, half_width: float, least: float, most: float) -> Parameter:
+    """Return a parameter whose interval reaches so far to either side, at least, as far as physics allows."""
     if one.low is None or one.high is None:
         return one
-    return Parameter(one.value, min(one.low, one.value - half_width), max(one.high, one.value + half_width))
+    low = max(least, min(one.low, one.value - half_width))
+    high = min(most, max(one.high, one.value + half_width))
+    return Parameter(one.value, min(low, one.value), max(high, one.value))
 
 
 def _information(one: Scored, held: HeldOut) -> Information:
@@ -134,7 +137,7 @@ def _with_scatter(told: Information, values: Array) -> Information:
 
 
 def _scatter(values: Array) -> Array:
-    """Return half widths of 95 % intervals by the jackknife, of (k, ...) fits without each recording in turn."""
+    """Return half widths of 95 % intervals by the jackknife, of (k, ...) fits without a recording each."""
     count = len(values)
     if count < FEWEST:
         return np.zeros(values.shape[1:])

@@ -1,8 +1,8 @@
 """Physics that no effect of the catalogue describes: found, learned as a formula, and put into the model.
 
 The term of a library that explains most of what is left over is fitted inside the simulator with everything
-else, the new remainder is looked at, and so on. Terms, effects beside them and a random push are weighed by one
-score.
+else, the new remainder is looked at, and so on. Terms, effects beside them and a random push are weighed by
+one score.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def learn(parent: Scored, report: Report) -> Scored | None:
     What does not pay may do so with the next term: of a board that is wavy both ways, one way alone predicts
     nothing. Terms that later ones make needless are taken away again.
     """
-    # The motion itself shows pushes where commands act as they are; what effects make of them predictions show.
+    # The motion shows pushes where commands act as they are; what effects make of them predictions show.
     seen = None if parent.effects else motion_seen(parent.fitted)
     best, now, doubted = parent, parent, False
     while (found := _with_another(parent, now, seen, report)) is not None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from irt.diagnosis import config, intervals
-from irt.diagnosis.hypotheses import JITTER
+from irt.diagnosis.hypotheses import JITTER, group_of
+from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scored, Scores
-from irt.diagnosis.selection import Selection
+from irt.diagnosis.selection import Posterior, Selection
 from irt.diagnosis.validation import Validation
 from irt.model import Parameter
 
@@ -26,6 +27,7 @@ class Relevance:
     """
 
     selection: Selection
+    posterior: Posterior
     _without: dict[Scored, dict[str, Scored]] = field(default_factory=dict)
     _parameters: dict[Scored, Estimates] = field(default_factory=dict)
 
@@ -65,6 +67,10 @@ class Relevance:
         """Return by how much the error on recordings held out grows without an effect [board edges]."""
         return self.validation.of(self.without(one, name)).mae - self.validation.of(one).mae
 
+    def _is_probable(self, name: str) -> bool:
+        """Whether an effect is likely enough to be at work; what was learned is weighed against whole sets."""
+        return name == UNLISTED or self.posterior.any_of(group_of(name)) > config.PROBABLE
+
     def parameters(self, one: Scored) -> Estimates:
         """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down."""
         if one not in self._parameters:
@@ -82,6 +88,6 @@ class Relevance:
         for name in sorted(losses, key=lambda name: losses[name]):
             # Delays that differ predict no run better: their likelihood is all there is of them.
             matters = name == JITTER or losses[name] >= config.MATTERS * one.case.noise
-            if not matters or not intervals.is_named(name, found):
+            if not (matters and intervals.is_named(name, found) and self._is_probable(name)):
                 return self.kept(self.without(one, name))
         return one

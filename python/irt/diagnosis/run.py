@@ -66,7 +66,7 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
     scores = Scores(case)
     selection = Selection(scores, hypotheses(), report)
     posterior = selection.run()
-    relevance = Relevance(selection)
+    relevance = Relevance(selection, posterior)
     report("which effects matter")
     kept = relevance.kept(relevance.freed(posterior.best))
     learned = _learned(relevance, kept, posterior.best)

@@ -38,7 +38,8 @@ class Posterior:
         highest = max(one.score for one in self.sets)
         weights = np.exp([one.score - highest for one in self.sets])
         with_it = [not set(names).isdisjoint(one.effects) for one in self.sets]
-        return float(weights[with_it].sum() / weights.sum())
+        # Sums of other orders are rounded otherwise.
+        return min(1.0, float(weights[with_it].sum() / weights.sum()))
 
     def probabilities(self) -> dict[str, float]:
         """Return the probability of each effect that was tried, as far as it is worth a mention."""
@@ -182,8 +183,8 @@ class Selection:
     def thorough(self, one: Scored) -> Scored:
         """Fit a set from where it is, with little that is random, and from where least squares lead.
 
-        Free runs see a marble that sticks, or just does not, for as long as it takes; a filter that corrects it
-        in every row is led astray.
+        Free runs see a marble that sticks, or just does not, for as long as it takes; a filter that corrects
+        it in every row is led astray.
         """
         self._further(one, np.stack([one.noise, *_quiet(one.noise[None])]), config.THOROUGH)
         free = self.scores.least_squares(one)
@@ -239,7 +240,7 @@ def _best(found: Sequence[Scored], count: int) -> list[Scored]:
 
 
 def _quiet(noise: Array) -> Array:
-    """Return (k, 9) sizes with as little push, and as little chance at the rim, as on a rig that lacks nothing."""
+    """Return (k, 9) sizes with as little push, and chance at the rim, as on a rig that lacks nothing."""
     quiet = noise.copy()
     quiet[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
     return quiet

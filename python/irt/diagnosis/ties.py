@@ -30,7 +30,7 @@ class Tie:
 
 
 def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
-    """Return for each effect of an answer those that do as well in its place, of the sets that were scored."""
+    """Return for each effect of an answer those that do as well in its place, of all sets scored."""
     found = []
     for one in posterior.sets:
         gone, instead = _difference(posterior.best, one)

@@ -98,6 +98,11 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     if tied:
         pairs = " and ".join(f"{one.name} from {' or '.join(one.confusable_with)}" for one in tied)
         return f"To tell {pairs}, record the run that `irt suggest {rig}` designs for it, and diagnose again."
+    if any(one.name == UNLISTED for one in effects):
+        return (
+            "The push has no name yet: look at the formula, and at where on the board, at what speed or at "
+            "what command it acts; recordings that go there more often pin it down."
+        )
     if effects:
         names = " and ".join(one.name for one in effects)
         return (
