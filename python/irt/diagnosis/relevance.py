@@ -68,7 +68,7 @@ class Relevance:
         return self.validation.of(self.without(one, name)).mae - self.validation.of(one).mae
 
     def _is_probable(self, name: str) -> bool:
-        """Whether an effect is likely enough to be at work; what was learned is weighed against whole sets."""
+        """Whether an effect is likely enough to be at work; what was learned is weighed as a whole set."""
         return name == UNLISTED or self.posterior.any_of(group_of(name)) > config.PROBABLE
 
     def parameters(self, one: Scored) -> Estimates:
