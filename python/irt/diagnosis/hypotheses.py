@@ -7,17 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from irt.catalogue import effect, hypothetical
-from irt.fitting.effect_size import size_of, strong_values, try_path
+from irt.catalogue import hypothetical
+from irt.fitting.effect_size import strong_values, try_path
 
 #: Effects that are one thing by two names: no recording of a rig that stays the same tells them apart.
 ALIKE = frozenset({"delay", "latency"})
-#: Parameters that say where on the board something is.
-PLACE = {"x_m", "y_m"}
-#: Change of a path that is rounding [board edges].
-_NOTHING = 1e-12
-#: A change of size by so little changes a path alike, as the cosine between the changes.
-_LITTLE, _ALIKE = 0.01, 0.9
 
 
 #: Delays that differ from command to command: no draw of them can be predicted, and none is fitted. To the
@@ -54,39 +48,3 @@ def simulated(effects: Sequence[str]) -> list[str]:
 def _repeats(name: str) -> bool:
     paths = try_path([{"name": name, **strong_values(name)}], seeds=[1, 2])
     return bool(np.array_equal(paths[0], paths[1]))
-
-
-@functools.cache
-def acts_on_impacts_alone(name: str) -> bool:
-    """Whether an effect changes nothing away from the rim, but where a run is seen to begin."""
-    if not all(np.isfinite(one.neutral) for one in effect(name).required):
-        return False
-    changed = try_path([{"name": name, **strong_values(name)}])
-    return bool(np.ptp(changed - try_path([]), axis=1).max() < _NOTHING)
-
-
-def is_law_of_impacts(name: str) -> bool:
-    """Whether an effect says how a marble leaves the rim, and not where that is."""
-    return acts_on_impacts_alone(name) and effect(name).stage == "contact"
-
-
-def has_place(name: str) -> bool:
-    """Whether an effect pushes the marble at a place of the board."""
-    info = effect(name)
-    return info.stage != "sensing" and {one.name for one in info.required} >= PLACE
-
-
-@functools.cache
-def is_rough(name: str) -> bool:
-    """Whether a little more of an effect changes a path in another way: each size is to be tried."""
-    index = size_of(name)
-    if index is None:
-        return False
-    strong, one = strong_values(name), effect(name).required[index]
-    more = one.neutral + (1.0 + _LITTLE) * (strong[one.name] - one.neutral)
-    plain = try_path([])
-    changes = [
-        try_path([{"name": name, **strong, one.name: size}]) - plain for size in (strong[one.name], more)
-    ]
-    lengths = [float(np.linalg.norm(change)) for change in changes]
-    return float((changes[0] * changes[1]).sum()) < _ALIKE * lengths[0] * lengths[1]

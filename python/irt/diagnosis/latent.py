@@ -116,10 +116,6 @@ class Leftover:
         basis = self._fixed[axis]
         return np.asarray(changes - basis @ (basis.T @ changes))
 
-    def freedom(self, axis: int) -> int:
-        """Return how many rows are left of a coordinate once it is freed."""
-        return self.count - int(self._fixed[axis].shape[1])
-
     def explain(self, axis: int, changes: Array) -> None:
         """Count (n, k) changes of a coordinate among what else could move the marble."""
         # A gear whose knob never turns does nothing along its axis.

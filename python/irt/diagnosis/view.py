@@ -131,11 +131,6 @@ class View:
         ranked = sorted(best.values(), key=lambda one: -one[0])[:families]
         return [one for gain, one in ranked if gain > NEAR * ranked[0][0]]
 
-    def explains(self, term: Term) -> float:
-        """Return the share that a term explains of what is left beyond the tracker's noise."""
-        noise = self._case.noise**2 * sum(self._leftover.freedom(axis) for axis in (0, 1))
-        return min(1.0, term.explained * self.total / (self.total - noise)) if self.total > noise else 0.0
-
     def take(self, term: Term) -> None:
         """Leave a term out of what is left: what it depends on, of any strength."""
         pushes = self._pushes(term)
