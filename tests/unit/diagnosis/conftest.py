@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from irt.diagnosis.case import Case
-from irt.engine import rollouts
+from irt.engine import SUBSTEP_S, rollouts
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
 
@@ -20,23 +20,35 @@ Plant = Callable[..., Case]
 
 @pytest.fixture
 def plant() -> Plant:
-    """Return what makes a case of runs with hidden effects, under sums of sinusoids."""
+    """Return what makes a case of runs with hidden effects, under sums of sinusoids.
+
+    Of knobs that are `pushed` the recordings say what they were told to do, which they did but for a random
+    angle in each row, as a share of the largest command.
+    """
 
     def planted(
-        effects: Sequence[Mapping[str, Any]] = (), *, runs: int = 4, rows: int = 80, seed: int = 0
+        effects: Sequence[Mapping[str, Any]] = (),
+        *,
+        runs: int = 4,
+        rows: int = 80,
+        seed: int = 0,
+        stamped: bool = False,
+        pushed: float = 0.0,
+        **case: Any,
     ) -> Case:
-        random = np.random.default_rng(seed)
+        random, chance = np.random.default_rng(seed), np.random.default_rng([seed, 1])
+        stamps = TRUTH[3] * SUBSTEP_S * np.arange(rows) if stamped else None
         recordings = []
         for index in range(runs):
             time = np.arange(rows)[:, None, None] / rows
             waves = np.sin(2 * np.pi * (time * random.uniform(0.7, 5.0, (2, 3)) + random.random((2, 3))))
             knobs = (waves * random.uniform(0.01, 0.05, (2, 3))).sum(axis=2)
-            marble = rollouts(
-                [TRUTH], knobs, effects=effects, start=random.uniform(-0.1, 0.1, 2), seed=[index]
-            )[0]
+            done = knobs + pushed * np.abs(knobs).max() * chance.standard_normal(knobs.shape)
+            start = random.uniform(-0.1, 0.1, 2)
+            marble = rollouts([TRUTH], done, effects=effects, start=start, seed=[1000 * seed + index])[0]
             marble = marble + NOISE * random.standard_normal(marble.shape)
-            recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble))
+            recordings.append(Recording(f"run-{index}", Path(f"run-{index}.csv"), knobs, marble, stamps))
         rig = Rig(Path("rig"), Board(), Marble(), "rest", dict(RANGES), tuple(recordings))
-        return Case.of(rig)
+        return Case.of(rig, **case)
 
     return planted

@@ -1,0 +1,36 @@
+"""Which effects recordings are asked for, and what each of them is told by."""
+
+import pytest
+
+from irt.catalogue import effect
+from irt.diagnosis.hypotheses import ALIKE, hypotheses, simulated
+from irt.fitting.effect_size import size_of
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("bump", "height_m"),
+        ("friction_patch", "factor"),
+        ("point_field", "strength_m3_per_s2"),
+        ("lag", "time_constant_s"),
+    ],
+)
+def test_the_size_of_an_effect_is_the_parameter_without_which_there_is_none(name, size):
+    assert effect(name).parameters[size_of(name)].name == size
+
+
+@pytest.mark.parametrize("name", ["backlash", "tilt_bias"])
+def test_where_parameters_act_alone_none_is_the_size(name):
+    assert size_of(name) is None
+
+
+def test_of_two_names_of_one_thing_one_is_asked_for():
+    names = hypotheses()
+    assert len(set(names)) == len(names)
+    assert len(ALIKE.intersection(names)) == 1
+    assert {"delay_jitter", "lag", "bump"} <= set(names)
+
+
+def test_what_cannot_be_simulated_is_simulated_by_its_mean():
+    assert simulated(["delay_jitter", "lag"]) == ["delay", "lag"]

@@ -1,0 +1,69 @@
+"""What an effect promises before it is fitted."""
+
+import numpy as np
+import pytest
+
+from irt.catalogue import effect
+from irt.diagnosis.hypotheses import hypotheses
+from irt.diagnosis.score import Scores
+from irt.diagnosis.screening import Screening, draws
+
+ASKED = ("viscous_drag", "tilt_bias", "backlash", "lag", "parallax", "bump", "stribeck")
+
+
+def screened(case):
+    scores = Scores(case)
+    return Screening(scores, scores.base())
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("viscous_drag", {"rate_per_s": 0.8}),
+        ("lag", {"time_constant_s": 0.15}),
+        ("parallax", {"height_m_per_rad": 0.4}),
+        ("tilt_bias", {"bias_x_rad": 0.002, "bias_y_rad": -0.001}),
+    ],
+)
+def test_the_effect_that_acts_promises_about_most(plant, name, values):
+    case = plant([{"name": name, **values}], runs=6, stamped=True)
+    promises = screened(case).promises(ASKED)
+    # A late board looks somewhat like a picture that turns with the tilt.
+    assert name in [one.name for one in promises[:2]]
+    (own,) = [one for one in promises if one.name == name]
+    assert own.gain > 15.0
+    assert own.gain > promises[2].gain + 5.0
+
+
+def test_where_nothing_acts_no_effect_promises_much(plant):
+    best = screened(plant(stamped=True)).promises(ASKED)[0]
+    # Of a handful of parameters noise is worth half a nat each.
+    assert best.gain < 12.0
+
+
+def test_a_bump_is_looked_for_where_it_is(plant):
+    bump = {"name": "bump", "x_m": 0.02, "y_m": -0.015, "height_m": 3e-4, "width_m": 0.02}
+    (promise,) = screened(plant([bump], runs=6, stamped=True)).promises(["bump"])
+    places = promise.starts[:, -4:-2]
+    assert np.hypot(places[:, 0] - 0.02, places[:, 1] + 0.015).min() < 0.03
+
+
+def test_a_larger_effect_shows_more(plant):
+    sizes = np.array([[0.05], [0.2], [0.8]])
+    shown = screened(plant(stamped=True)).shown("viscous_drag", sizes)
+    assert (shown > 0.0).all()
+    assert (np.diff(shown) > 0.0).all()
+
+
+@pytest.mark.parametrize("name", [name for name in hypotheses() if name != "delay_jitter"])
+def test_draws_stay_within_what_physics_allows_and_are_the_same_for_a_seed(name):
+    drawn = draws(name, 32, 5)
+    np.testing.assert_array_equal(drawn, draws(name, 32, 5))
+    assert not np.array_equal(drawn, draws(name, 32, 6))
+    for one, column in zip(effect(name).required, drawn.T, strict=True):
+        if one.is_choice:
+            assert set(column) <= set(one.choices)
+        else:
+            # Sizes go down to where there is next to none.
+            assert (column >= min(one.low, one.neutral)).all()
+            assert (column <= max(one.high, one.neutral)).all()

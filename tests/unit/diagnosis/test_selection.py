@@ -1,0 +1,130 @@
+"""The most probable set of effects is the one that was planted, whatever else pushes the marble."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irt.diagnosis import config
+from irt.diagnosis.hypotheses import hypotheses
+from irt.diagnosis.score import KICK, PULL, PUSH, Scores
+from irt.diagnosis.screening import Screening
+from irt.diagnosis.selection import Selection
+
+BIAS = {"name": "tilt_bias", "bias_x_rad": 0.0015, "bias_y_rad": -0.001}
+BUMP = {"name": "bump", "x_m": 0.02, "y_m": -0.015, "height_m": 2e-4, "width_m": 0.02}
+DELAY = {"name": "delay", "delay_s": 0.15}
+DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
+LAG = {"name": "lag", "time_constant_s": 0.15}
+PARALLAX = {"name": "parallax", "height_m_per_rad": 0.4}
+#: Share of the largest command by which knobs are off at random: a push on the marble.
+PUSHED = 0.05
+
+
+def quiet(_text: str) -> None:
+    """Say nothing."""
+
+
+def select(case):
+    """Return scores, and what a search among all effects comes to."""
+    scores = Scores(case)
+    return scores, Selection(scores, hypotheses(), quiet).run()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pushed", [0.0, PUSHED])
+@pytest.mark.parametrize(
+    "planted",
+    [[DRAG], [LAG], [PARALLAX], [BUMP], [DELAY, BIAS], [DELAY, BIAS, DRAG]],
+    ids=lambda planted: "+".join(one["name"] for one in planted),
+)
+def test_what_is_planted_is_selected_beside_any_push(plant, planted, pushed):
+    scores, posterior = select(plant(planted, runs=5, stamped=True, pushed=pushed))
+    best, names = posterior.best, {one["name"] for one in planted}
+    assert set(best.effects) == names
+    chances = posterior.probabilities()
+    assert all(chances[name] > 0.9 for name in names)
+    assert all(0.0 <= chance <= 1.0 for chance in chances.values())
+    # A random push is needed where there is one.
+    assert (scores.push(best) > config.SURE) is (pushed > 0.0)
+    for one in planted:
+        for name, value in one.items():
+            if name != "name":
+                spread = 0.3 if pushed else 0.1
+                assert best.values[f"{one['name']}.{name}"] == pytest.approx(value, rel=spread, abs=0.005)
+
+
+@pytest.mark.slow
+def test_without_stamps_a_delay_is_known_in_rows(plant):
+    _, posterior = select(plant([DELAY, BIAS], runs=5, pushed=PUSHED))
+    assert set(posterior.best.effects) == {"delay", "tilt_bias"}
+    rows = posterior.best.values["delay.delay_s"] / posterior.best.values["time_scale"]
+    assert rows == pytest.approx(0.15 / 15.0, rel=0.3)
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_where_nothing_is_planted_nothing_is_even_tried(plant, seed, stamped):
+    tried = []
+    posterior = Selection(Scores(plant(seed=seed, stamped=stamped)), hypotheses(), tried.append).run()
+    assert posterior.best.effects == ()
+    assert tried == []
+    assert posterior.probabilities() == {}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_a_push_alone_asks_for_no_effect(plant, seed):
+    scores, posterior = select(plant(runs=5, seed=seed, stamped=True, pushed=PUSHED))
+    assert posterior.best.effects == ()
+    assert scores.push(posterior.best) > config.SURE
+    assert all(chance < 0.5 for chance in posterior.probabilities().values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stamped", [True, False])
+def test_delays_that_differ_are_selected_and_sized(plant, stamped):
+    jitter = {"name": "delay_jitter", "sd_s": 0.08}
+    _, posterior = select(plant([DELAY, jitter], runs=5, rows=120, stamped=stamped))
+    best = posterior.best
+    assert best.effects == ("delay_jitter",)
+    rows = best.noise[KICK] / best.values["time_scale"]
+    assert 0.5 < rows / (0.08 / 15.0) < 2.0
+    assert best.values["delay.delay_s"] / best.values["time_scale"] == pytest.approx(0.01, rel=0.4)
+
+
+@pytest.mark.slow
+def test_the_same_delay_each_time_does_not_differ(plant):
+    _, posterior = select(plant([DELAY], runs=5, rows=120, stamped=True))
+    assert posterior.best.effects in {("delay",), ("latency",)}
+    assert posterior.any_of(["delay_jitter"]) < 0.05
+
+
+def test_the_push_that_a_set_needs_shrinks_with_the_right_effect(plant):
+    scores = Scores(plant([DELAY], stamped=True))
+    base = scores.base()
+    (promise,) = Screening(scores, base).promises(["delay"])
+    noise = np.tile(base.noise, (len(promise.starts), 1))
+    found = scores.ascend(("delay",), promise.starts, noise, base.top.states, iterations=25)
+    best = max(found, key=lambda one: one.score)
+    assert best.score > base.score + 20.0
+    assert best.noise[PULL] + np.sqrt(best.noise[PUSH]) < base.noise[PULL] + np.sqrt(base.noise[PUSH])
+
+
+def test_an_effect_more_costs_its_choice(plant):
+    scores = Scores(plant(runs=2, rows=40))
+    prices = [scores.price(effects) for effects in ((), ("lag",), ("lag", "bump"))]
+    assert prices[0] == 0.0
+    assert prices[0] < prices[1] < prices[2]
+    # Their mean and their spread.
+    assert scores.price(["delay_jitter"]) == scores.price(["delay", "lag"])
+
+
+def test_threads_change_no_bit(plant):
+    case = plant([DRAG], runs=3, stamped=True)
+    sets = [select(replace(case, threads=threads))[1].sets for threads in (1, 2)]
+    assert [one.effects for one in sets[0]] == [one.effects for one in sets[1]]
+    for one, other in zip(*sets, strict=True):
+        assert one.score == other.score
+        np.testing.assert_array_equal(one.top.values, other.top.values)
+        np.testing.assert_array_equal(one.noise, other.noise)

@@ -1,0 +1,35 @@
+"""Effects that do as well in the place of another are ties, and others are not."""
+
+import pytest
+
+from irt.diagnosis.hypotheses import hypotheses
+from irt.diagnosis.score import Scores
+from irt.diagnosis.selection import Selection
+from irt.diagnosis.ties import reason, ties
+
+
+def tied(case):
+    """Return the answer, and what ties with each of its effects."""
+    posterior = Selection(Scores(case), hypotheses(), lambda _: None).run()
+    return posterior.best, ties(posterior, posterior.best)
+
+
+@pytest.mark.parametrize(
+    "planted", [{"name": "delay", "delay_s": 0.15}, {"name": "latency", "latency_s": 0.15}]
+)
+def test_a_late_command_ties_with_a_late_picture(plant, planted):
+    best, found = tied(plant([planted], stamped=True))
+    names = {"delay", "latency"}
+    assert set(best.effects) < names
+    (tie,) = [one for one in found if {one.name, one.instead} == names]
+    assert tie.name == best.effects[0]
+    assert "lamp" in reason(best, tie)
+    # Both are as late.
+    late = [one.values[f"{one.effects[0]}.{one.effects[0]}_s"] for one in (best, tie.scored)]
+    assert late[0] == pytest.approx(late[1], abs=0.01)
+
+
+def test_what_is_told_apart_ties_with_nothing(plant):
+    best, found = tied(plant([{"name": "viscous_drag", "rate_per_s": 0.8}], runs=5, stamped=True))
+    assert best.effects == ("viscous_drag",)
+    assert found == []
