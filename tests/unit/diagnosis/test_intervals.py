@@ -1,0 +1,137 @@
+"""Intervals hold what was planted, and no effect is named whose size may as well be none."""
+
+import numpy as np
+import pytest
+
+from irt.catalogue import effect
+from irt.diagnosis import intervals
+from irt.diagnosis.case import Case, Fitted
+from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.score import Scores
+from irt.diagnosis.validation import Validation
+from irt.engine import rollouts
+from irt.model import Parameter
+from irt.rig import PARAMETERS
+
+DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
+TRUTH = dict(zip(PARAMETERS, (0.06, 0.05, 4e-4, 15.0, 1.03), strict=True)) | {"viscous_drag.rate_per_s": 0.8}
+SLOWED = (0.06, 0.05, 4e-4, 20.0, 1.0)
+
+
+def parameters(case):
+    """Return the intervals of the drag that was planted in a case, fitted from near the truth."""
+    scores = Scores(case)
+    base = scores.base()
+    values = np.append(base.top.values, 0.5)[None]
+    (one,) = scores.ascend(("viscous_drag",), values, base.noise[None], base.top.states, iterations=25)
+    loss = one.top.log_likelihood - base.top.log_likelihood
+    return intervals.parameters(one, Validation().of(one), {"viscous_drag": loss})[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pushed", [0.0, 0.05])
+def test_intervals_hold_what_was_planted(plant, pushed):
+    held, widths = [], []
+    for seed in range(12):
+        found = parameters(plant([DRAG], seed=seed, stamped=True, pushed=pushed))
+        drag = found["viscous_drag.rate_per_s"]
+        widths.append(drag.high - drag.low)
+        held += [one.low <= TRUTH[name] <= one.high for name, one in found.items() if one.low is not None]
+    assert len(held) == 12 * 5
+    # Of 60 intervals of 95 % fewer than 50 hold the truth in one of 10,000 tries; those of a rig are alike.
+    assert sum(held) >= 50
+    assert np.median(widths) < (0.5 if pushed else 0.15)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_without_stamps_no_clock_is_read_off_impacts(plant, seed):
+    found = parameters(plant([DRAG], rows=120, runs=6, seed=seed))
+    assert all(one.low <= TRUTH[name] <= one.high for name, one in found.items())
+    clock = found["time_scale"]
+    assert clock.high - clock.low > 0.5 * clock.value
+
+
+def test_recordings_that_disagree_widen_the_interval(plant):
+    rates = (0.4, 0.6, 0.8, 1.0, 1.2)
+    alike = plant([DRAG], runs=5, stamped=True)
+    runs = [
+        plant([{**DRAG, "rate_per_s": rate}], runs=5, stamped=True).rig.recordings[index]
+        for index, rate in enumerate(rates)
+    ]
+    differing = Case.of(_with(alike.rig, runs))
+    same, other = (parameters(case)["viscous_drag.rate_per_s"] for case in (alike, differing))
+    assert other.high - other.low > 3.0 * (same.high - same.low)
+    assert other.low <= 0.8 <= other.high
+
+
+def _with(rig, runs):
+    return type(rig)(rig.path, rig.board, rig.marble, rig.start, rig.ranges, tuple(runs))
+
+
+@pytest.mark.parametrize(
+    ("name", "told", "may_be"),
+    [
+        ("bump", {"height_m": (-1e-4, 3e-4), "x_m": (0.01, 0.02)}, True),
+        ("bump", {"height_m": (1e-4, 3e-4), "x_m": (-0.1, 0.1)}, False),
+        ("anisotropic_friction", {"ratio": (1.0, 5.0), "grain_rad": (0.7, 2.0)}, True),
+        ("backlash", {"width_x_rad": (0.0, 0.02), "width_y_rad": (0.01, 0.03)}, False),
+        ("backlash", {"width_x_rad": (0.0, 0.02), "width_y_rad": (0.0, 0.03)}, True),
+        ("side_force", {"rate_per_s": (None, None)}, True),
+    ],
+)
+def test_a_size_that_may_as_well_be_none_is_not_named(name, told, may_be):
+    found = {
+        f"{name}.{one.name}": Parameter(0.5 * sum(told[one.name]), *told[one.name])
+        if told.get(one.name, (None,))[0] is not None
+        else Parameter(0.5)
+        for one in effect(name).parameters
+    }
+    assert intervals.may_be_absent(name, found) is may_be
+    assert intervals.is_named(name, found) is not may_be
+
+
+@pytest.mark.parametrize(("increase", "named"), [(0.05, False), (0.6, True)])
+def test_a_rebound_must_be_larger_than_what_engines_differ_by(increase, named):
+    found = {"wall_restitution.increase": Parameter(increase, 0.9 * increase, 1.1 * increase)}
+    assert intervals.is_named("wall_restitution", found) is named
+
+
+@pytest.mark.parametrize(("low", "named"), [(0.02, True), (0.0, False), (None, False)])
+def test_delays_differ_where_their_spread_is_no_zero(low, named):
+    high = None if low is None else 0.1
+    found = {"delay_jitter.sd_s": Parameter(0.05, low, high)}
+    assert intervals.is_named("delay_jitter", found) is named
+
+
+@pytest.mark.parametrize(
+    "learned",
+    [
+        {"drag_strength": 0.03, "drag_power": 2.0},
+        {"side_strength": 0.03, "side_power": 0.5},
+        {"push_1_x_m_per_s2": 0.01, "velocity_1_x_s_per_m": 5.0, "rate_1_per_s": 2.0},
+        {"shape_1": 1.0, "push_1_y_m_per_s2": 0.01, "tilt_1_x_per_rad": 500.0, "wave_1_x_per_m": 20.0},
+        {"shape_1": 2.0, "brake_1_m_per_s2": 0.004, "drag_power": 0.0, "way_1_per_m": 9.0},
+        {"shape_1": 5.0, "gear_1_x": 0.2, "gear_1_y": -0.2, "heading_1_x": 1.0, "phase_1_rad": 0.5},
+        {"mode_gain": 0.8, "mode_rate_rad_per_s": 6.0, "mode_damping": 0.2},
+    ],
+    ids=lambda learned: "-".join(name for name in learned if name != "shape_1"),
+)
+def test_the_symmetry_of_the_clock_leaves_the_path_of_what_was_learned_as_it_is(learned):
+    values = {one.name: one.neutral for one in effect(UNLISTED).parameters} | learned
+    names = tuple(f"{UNLISTED}.{name}" for name in values)
+    at = np.array([*SLOWED, *values.values()])
+    fitted = Fitted(None, (UNLISTED,), (*PARAMETERS, *names), at, (), 0.0)
+    powers = dict(zip(values, (intervals._power(name, fitted) for name in names), strict=True))
+    knobs = 0.03 * np.sin(np.arange(60)[:, None] / [9.0, 13.0])
+
+    def path(factor, *, is_slowed=True):
+        base = np.array([SLOWED])
+        base[0, :4] *= [factor**-2, factor**-2, factor**-2, factor]
+        slowed = {name: value * factor ** (is_slowed * powers[name]) for name, value in learned.items()}
+        return rollouts(base, knobs, effects=[{"name": UNLISTED, **slowed}])[0]
+
+    moved = np.abs(path(1.0) - path(1.0)[0]).max()
+    apart = np.abs(path(1.5) - path(1.0)).max()
+    assert apart < 0.03 * moved
+    if any(powers[name] for name in learned):
+        assert np.abs(path(1.5, is_slowed=False) - path(1.0)).max() > 3.0 * apart

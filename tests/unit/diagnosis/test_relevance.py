@@ -1,0 +1,53 @@
+"""What is named is told from none, and recordings held out are predicted worse without it."""
+
+import pytest
+
+from irt.catalogue import effect
+from irt.diagnosis import config
+from irt.diagnosis.relevance import Relevance
+from irt.diagnosis.score import Scores
+from irt.diagnosis.selection import Selection
+
+DELAY = {"name": "delay", "delay_s": 0.15}
+ASKED = ("delay", "lag", "backlash", "tilt_bias", "viscous_drag", "bump")
+
+
+def judged(case):
+    selection = Selection(Scores(case), ASKED, lambda _: None)
+    posterior = selection.run()
+    return posterior.best, Relevance(selection, posterior)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pushed", [0.0, 0.05])
+def test_every_effect_that_is_kept_is_lost_without(plant, pushed):
+    bias = {"name": "tilt_bias", "bias_x_rad": 0.0015, "bias_y_rad": -0.001}
+    best, relevance = judged(plant([DELAY, bias], runs=5, stamped=True, pushed=pushed))
+    kept = relevance.kept(relevance.freed(best))
+    assert set(kept.effects) == {"delay", "tilt_bias"}
+    found, _ = relevance.parameters(kept)
+    for name in kept.effects:
+        assert relevance.loss(kept, name) >= config.MATTERS * kept.case.noise
+        sizes = [(found[f"{name}.{one.name}"], one.neutral) for one in effect(name).required]
+        assert any(not one.low <= neutral <= one.high for one, neutral in sizes)
+
+
+def test_an_effect_that_does_not_matter_is_not_kept(plant):
+    """A tilt that moves the marble by one noise is seen, and predicts no recording better."""
+    bias = {"name": "tilt_bias", "bias_x_rad": 3e-6, "bias_y_rad": 0.0}
+    best, relevance = judged(plant([DELAY, bias], runs=5, stamped=True))
+    assert relevance.kept(best).effects in {("delay",), ("latency",)}
+
+
+def test_of_nothing_nothing_is_kept(plant):
+    best, relevance = judged(plant(stamped=True))
+    assert relevance.kept(relevance.freed(best)) is best
+
+
+def test_where_free_runs_are_off_by_noise_the_values_stay(plant):
+    best, relevance = judged(plant([DELAY], runs=4, stamped=True))
+    assert relevance.freed(best) is best
+    (name,) = best.effects
+    less = relevance.without(best, name)
+    assert less.effects == ()
+    assert relevance.without(best, name) is less

@@ -1,0 +1,69 @@
+"""A recording that is held out has no part in the fit that predicts it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irt.diagnosis.score import Scores
+from irt.diagnosis.validation import Validation
+from irt.segments import segments
+
+DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
+
+
+def fitted(case):
+    """Return the planted drag, fitted to all recordings."""
+    scores = Scores(case)
+    base = scores.base()
+    begin = np.append(base.top.values, 0.5)[None]
+    (found,) = scores.ascend(("viscous_drag",), begin, base.noise[None], base.top.states, iterations=25)
+    return found
+
+
+def with_marble(one, index, marble):
+    """Return a set, as it is, of recordings one of which saw the marble somewhere else."""
+    runs = list(one.case.rig.recordings)
+    runs[index] = replace(runs[index], marble=marble)
+    rig = replace(one.case.rig, recordings=tuple(runs))
+    return replace(one, case=replace(one.case, rig=rig, segments=tuple(segments(rig))))
+
+
+@pytest.mark.parametrize("free", [False, True], ids=["filter", "free runs"])
+@pytest.mark.parametrize("stamped", [True, False])
+def test_what_was_seen_of_a_recording_has_no_part_in_the_fit_that_predicts_it(plant, free, stamped):
+    one = fitted(plant([DRAG], runs=3, rows=60, stamped=stamped))
+    one = Scores.of(one).freed(one) if free else one
+    marble = one.case.rig.recordings[1].marble
+    elsewhere = marble.copy()
+    elsewhere[1:] += np.linspace(0.0, 0.03, len(marble) - 1)[:, None]
+    before, after = (Validation().of(each) for each in (one, with_marble(one, 1, elsewhere)))
+    np.testing.assert_array_equal(before.values[1], after.values[1])
+    np.testing.assert_array_equal(before.runs[1].prediction, after.runs[1].prediction)
+    assert after.runs[1].mae > 3.0 * before.runs[1].mae
+    # The other fits do see it.
+    assert not np.array_equal(before.values[0], after.values[0])
+    assert not np.array_equal(before.values[2], after.values[2])
+
+
+def test_recordings_held_out_are_predicted_as_well_as_noise_allows(plant):
+    one = fitted(plant([DRAG], runs=5, stamped=True))
+    held = Validation().of(one)
+    assert held.is_proof
+    assert held.values.shape == (5, len(one.names))
+    # The tracker's error in a row, and that of the start.
+    assert held.mae < 2.0 * np.sqrt(2.0 / np.pi) * one.case.noise
+    base = Validation().of(Scores(one.case).base())
+    assert base.mae > 2.0 * held.mae
+
+
+def test_of_one_recording_nothing_is_held_out(plant):
+    held = Validation().of(fitted(plant([DRAG], runs=1, stamped=True)))
+    assert not held.is_proof
+    assert len(held.values) == 0
+    assert len(held.runs) == 1
+
+
+def test_a_set_is_fitted_once(plant):
+    one, validation = fitted(plant([DRAG], runs=2, rows=40, stamped=True)), Validation()
+    assert validation.of(one) is validation.of(one)
