@@ -5,7 +5,7 @@ from irt.diagnosis.locate import locate
 
 def found_in(case):
     base = case.fit()
-    return locate(case, base, min(base.noise, 1.1 * case.noise))
+    return locate(base, min(base.noise, 1.1 * case.noise))
 
 
 def test_noise_is_hardly_ever_anywhere(plant):

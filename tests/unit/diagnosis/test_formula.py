@@ -1,0 +1,73 @@
+"""What was learned without a name, told as a formula."""
+
+import pytest
+
+from irt.catalogue import effect
+from irt.diagnosis.formula import formula, variables
+from irt.diagnosis.result import UNLISTED
+
+
+def neutral(**changes):
+    return {one.name: one.neutral for one in effect(UNLISTED).parameters} | changes
+
+
+@pytest.mark.parametrize(
+    ("changes", "told", "depends"),
+    [
+        ({"shape_2": 1.0, "push_2_x_m_per_s2": 0.5, "rate_2_per_s": 2.0}, "0.5 e_x tanh(2 t)", ["time"]),
+        (
+            {"shape_1": 3.0, "push_1_y_m_per_s2": 0.5, "wave_1_x_per_m": 9.0, "phase_1_rad": -1.0},
+            "0.5 e_y ridge(9 x - 1), ridge(s) = -s exp((1 - s^2)/2)",
+            ["position"],
+        ),
+        (
+            {"shape_1": 4.0, "brake_1_m_per_s2": 0.2, "wave_1_x_per_m": 9.0, "across_1_rad": 2.0},
+            "-(0.2 exp(-((9 x)^2 + (9 y + 2)^2)/2)) (v / 0.1 m/s)^1 along v",
+            ["position", "speed"],
+        ),
+        (
+            {"shape_1": 7.0, "push_1_x_m_per_s2": 0.5, "tilt_1_x_per_rad": 3.0},
+            "0.5 e_x (3 tilt_x) (3 tilt_y)",
+            ["tilt"],
+        ),
+        (
+            {"drag_strength": 0.3, "shape_1": 5.0, "brake_1_m_per_s2": 0.1, "heading_1_y": 1.0},
+            "-(0.3 + 0.1 (1 sin heading)) (v / 0.1 m/s)^1 along v",
+            ["heading", "speed"],
+        ),
+        (
+            {
+                "push_1_x_m_per_s2": 0.005,
+                "push_1_y_m_per_s2": -1e-6,
+                "wave_1_x_per_m": -0.02,
+                "wave_1_y_per_m": 90.0,
+            },
+            "0.005 e_x cos(90 y)",
+            ["position"],
+        ),
+        (
+            {"shape_1": 5.0, "gear_1_x": 0.1, "gear_1_y": -0.2, "rate_1_per_s": 3.0},
+            "5/7 g (-0.2 tilt_y e_x - 0.1 tilt_x e_y) (3 t)",
+            ["tilt", "time"],
+        ),
+        (
+            {
+                "push_1_x_m_per_s2": 4e-6,
+                "push_1_y_m_per_s2": -3e-5,
+                "wave_1_x_per_m": 26.0,
+                "rate_1_per_s": 2.0,
+                "push_2_x_m_per_s2": 0.0044,
+                "wave_2_x_per_m": 108.0,
+                "shape_3": 5.0,
+                "push_3_x_m_per_s2": 1e-5,
+                "wave_3_y_per_m": 900.0,
+            },
+            "0.0044 e_x cos(108 x) + 1e-05 e_x (900 y)",
+            ["position"],
+        ),
+        ({"mode_gain": 1.0}, "5/7 g 1 (u - tilt), u'' = 100 (tilt - u) - 4 u'", ["tilt"]),
+    ],
+)
+def test_a_formula_tells_what_was_learned(changes, told, depends):
+    assert formula(neutral(**changes)) == f"a = {told}"
+    assert variables(neutral(**changes)) == depends
