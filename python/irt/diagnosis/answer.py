@@ -151,9 +151,12 @@ class Answer:
         return self._push < config.SURE or self._best.fitted.noise < (1.0 + config.MATTERS) * self._noise
 
     def _verdict(self, order: list[str]) -> Verdict:
-        """Return the verdict: what matters most decides whether physics has a name."""
+        """Return the verdict: what matters most decides whether physics has a name.
+
+        Where nothing is named, a push that never comes back lacks no physics that a simulator could have.
+        """
         if not order:
-            return "sufficient" if self._is_whole else "unlisted"
+            return "unlisted" if not self._is_whole and self._repeats else "sufficient"
         return "unlisted" if order[0] == UNLISTED else "missing"
 
     def _where(self) -> tuple[Finding, ...]:

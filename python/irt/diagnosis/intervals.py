@@ -23,7 +23,7 @@ from scipy.stats import norm
 
 from irt.catalogue import EffectParameter, effect
 from irt.diagnosis import config
-from irt.diagnosis.case import Fitted
+from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.hypotheses import JITTER
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.diagnosis.validation import HeldOut
@@ -66,15 +66,18 @@ def parameters(
     told = _information(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
     allowed = dict(zip(told.names, told.allowed.tolist(), strict=True))
+    # Without a clock the filter's deviations reach as far along the symmetry as what is thought beforehand.
+    deviations = dict.fromkeys(deviations, 0.0) if not _has_clock(one.case) else deviations
     found = {
         name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
         for name, parameter in with_intervals(told).items()
     }
     for name, loss in losses.items():
-        for parameter in effect(name).required:
-            key = f"{name}.{parameter.name}"
-            if key in found and len(_asked(name)) == 1 and parameter in _asked(name):
-                found[key] = _apart(found[key], parameter.neutral, loss)
+        sizes = [each for each in _asked(name) if f"{name}.{each.name}" in found]
+        if sizes:
+            size = max(sizes, key=lambda each: _distance(found[f"{name}.{each.name}"], each.neutral))
+            key = f"{name}.{size.name}"
+            found[key] = _apart(found[key], size.neutral, loss)
     if JITTER in one.effects:
         found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
     return found, unidentifiable(told)
@@ -84,6 +87,13 @@ def _asked(name: str) -> Sequence[EffectParameter]:
     """Return the parameter that is an effect's size, or all where there is no such."""
     known, size = effect(name).required, size_of(name)
     return known if size is None else (known[size],)
+
+
+def _distance(one: Parameter, neutral: float) -> float:
+    """Return how far a parameter is from its neutral value, in widths of its interval."""
+    if one.low is None or one.high is None or not np.isfinite(neutral):
+        return 0.0
+    return abs(one.value - neutral) / max(one.high - one.low, 1e-300)
 
 
 def _apart(one: Parameter, neutral: float, loss: float) -> Parameter:
@@ -123,7 +133,7 @@ def _information(one: Scored, held: HeldOut) -> Information:
     problem = one.case.problem(fitted.effects)
     told = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
     own = [one.names.index(name) for name in problem.names]
-    return _with_scatter(_without_clock(fitted, told), held.values[:, own])
+    return _with_scatter(_without_clock(fitted, told), _of_one_clock(fitted, held.values[:, own]))
 
 
 def _with_scatter(told: Information, values: Array) -> Information:
@@ -151,7 +161,7 @@ def _without_clock(fitted: Fitted, told: Information) -> Information:
     Where stamps or a damping bring in a time, all stays as it is.
     """
     case = fitted.case
-    if case.time_scale is not None or case.rig.marble.damping_per_s > 0.0:
+    if _has_clock(case):
         return told
     along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / told.widths
     along = np.where(told.free, along, 0.0)
@@ -167,6 +177,20 @@ def _without_clock(fitted: Fitted, told: Information) -> Information:
     half_width = np.sqrt(np.maximum(variance[::-1], 0.0))
     offset = np.where(half_width < FLAT, directions @ (told.offset @ told.directions), 0.0)
     return replace(told, directions=directions, half_width=half_width, offset=offset)
+
+
+def _has_clock(case: Case) -> bool:
+    """Whether stamps or a damping bring in a time."""
+    return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
+
+
+def _of_one_clock(fitted: Fitted, values: Array) -> Array:
+    """Return (k, n) values as they are with the time scale of a fit: along the symmetry nothing is known."""
+    if _has_clock(fitted.case) or not len(values):
+        return values
+    clock = fitted.names.index("time_scale")
+    powers = np.array([_power(name, fitted) for name in fitted.names])
+    return np.asarray(values * (fitted.values[clock] / values[:, clock])[:, None] ** powers)
 
 
 def _power(name: str, fitted: Fitted) -> float:

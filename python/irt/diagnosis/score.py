@@ -62,7 +62,12 @@ class Scored:
 
     @property
     def score(self) -> float:
-        """The log posterior of the set, up to a constant [nats]."""
+        """The log posterior of the set, up to a constant [nats]; none where delays would be negative.
+
+        Delays that are never negative have a spread no larger than their mean, which exponential ones have.
+        """
+        if JITTER in self.effects and self.noise[KICK] > self.values["delay.delay_s"]:
+            return -math.inf
         return self.top.log_evidence - self.price
 
     @property

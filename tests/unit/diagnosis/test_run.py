@@ -46,7 +46,7 @@ def diagnosed():
     ("name", "verdict", "effects"),
     [
         ("nothing", "sufficient", set()),
-        ("a push", "unlisted", set()),
+        ("a push", "sufficient", set()),
         ("drag", "missing", {"viscous_drag"}),
         ("two", "missing", {"tilt_bias", "delay"}),
         ("jitter", "missing", {"delay_jitter"}),
