@@ -2,8 +2,8 @@
 
 The curvature of the free runs' likelihood knows only noise as the engine takes it to be: white, of one size,
 around a model that is right. The filter's knows a random push besides. A rim that throws the marble back a
-little otherwise, and whatever else differs from recording to recording, the jackknife over recordings sees,
-whatever its cause (Efron and Stein, 1981, "The jackknife estimate of variance"). The widest holds.
+little otherwise, and anything else that differs from recording to recording, the jackknife over recordings
+sees (Efron and Stein, 1981, "The jackknife estimate of variance"). The widest holds.
 
 Recordings without stamps do not know how long a row lasts: all of the motion can run slower under weaker
 pushes, and the path is the same. What seems to tell the time all the same is how the marble slips after an
@@ -63,14 +63,14 @@ def parameters(
     losses : mapping
         For each effect by how many nats the set is likelier than without it.
     """
-    told = _information(one, held)
+    information = _information(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
-    allowed = dict(zip(told.names, told.allowed.tolist(), strict=True))
+    allowed = dict(zip(information.names, information.allowed.tolist(), strict=True))
     # Without a clock the filter's deviations reach as far along the symmetry as what is thought beforehand.
     deviations = dict.fromkeys(deviations, 0.0) if not _has_clock(one.case) else deviations
     found = {
         name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
-        for name, parameter in with_intervals(told).items()
+        for name, parameter in with_intervals(information).items()
     }
     for name, loss in losses.items():
         sizes = [each for each in _asked(name) if f"{name}.{each.name}" in found]
@@ -80,7 +80,7 @@ def parameters(
             found[key] = _apart(found[key], size.neutral, loss)
     if JITTER in one.effects:
         found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
-    return found, unidentifiable(told)
+    return found, unidentifiable(information)
 
 
 def _asked(name: str) -> Sequence[EffectParameter]:
@@ -113,10 +113,12 @@ def _apart(one: Parameter, neutral: float, loss: float) -> Parameter:
 
 def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
     """Whether the interval of an effect's size, or those of all its parameters, hold the neutral values."""
-    told = [
+    asked = [
         (found[f"{name}.{one.name}"], one.neutral) for one in _asked(name) if f"{name}.{one.name}" in found
     ]
-    return all(one.low is None or one.high is None or one.low <= neutral <= one.high for one, neutral in told)
+    return all(
+        one.low is None or one.high is None or one.low <= neutral <= one.high for one, neutral in asked
+    )
 
 
 def _wider(one: Parameter, half_width: float, least: float, most: float) -> Parameter:
@@ -131,19 +133,19 @@ def _wider(one: Parameter, half_width: float, least: float, most: float) -> Para
 def _information(one: Scored, held: HeldOut) -> Information:
     fitted = one.fitted
     problem = one.case.problem(fitted.effects)
-    told = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
+    information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
     own = [one.names.index(name) for name in problem.names]
-    return _with_scatter(_without_clock(fitted, told), _of_one_clock(fitted, held.values[:, own]))
+    return _with_scatter(_without_clock(fitted, information), _of_one_clock(fitted, held.values[:, own]))
 
 
-def _with_scatter(told: Information, values: Array) -> Information:
+def _with_scatter(information: Information, values: Array) -> Information:
     """Return what recordings tell, no sharper along any direction than their own disagreement allows.
 
     The (k, n) values are those of fits without each recording in turn.
     """
-    scatter = _scatter(values / told.widths @ told.directions.T)
-    wider = np.maximum(told.half_width, scatter)
-    return replace(told, half_width=np.where(told.flat, told.half_width, wider))
+    scatter = _scatter(values / information.widths @ information.directions.T)
+    wider = np.maximum(information.half_width, scatter)
+    return replace(information, half_width=np.where(information.flat, information.half_width, wider))
 
 
 def _scatter(values: Array) -> Array:
@@ -155,28 +157,30 @@ def _scatter(values: Array) -> Array:
     return np.asarray(float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0)) * deviation)
 
 
-def _without_clock(fitted: Fitted, told: Information) -> Information:
+def _without_clock(fitted: Fitted, information: Information) -> Information:
     """Return what recordings tell of a set, the time scale not read off impacts.
 
     Where stamps or a damping bring in a time, all stays as it is.
     """
     case = fitted.case
     if _has_clock(case):
-        return told
-    along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / told.widths
-    along = np.where(told.free, along, 0.0)
+        return information
+    along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / information.widths
+    along = np.where(information.free, along, 0.0)
     along /= np.linalg.norm(along)
-    known = np.where(np.isfinite(told.half_width), np.minimum(told.half_width, _UNKNOWN), _UNKNOWN)
-    spread = (told.directions * known[:, None] ** 2).T @ told.directions + _UNKNOWN**2 * np.outer(
-        along, along
+    known = np.where(
+        np.isfinite(information.half_width), np.minimum(information.half_width, _UNKNOWN), _UNKNOWN
     )
-    free = np.flatnonzero(told.free)
+    spread = (
+        information.directions * known[:, None] ** 2
+    ).T @ information.directions + _UNKNOWN**2 * np.outer(along, along)
+    free = np.flatnonzero(information.free)
     variance, vectors = np.linalg.eigh(spread[np.ix_(free, free)])
-    directions = np.zeros((len(free), len(told.values)))
+    directions = np.zeros((len(free), len(information.values)))
     directions[:, free] = vectors.T[::-1]
     half_width = np.sqrt(np.maximum(variance[::-1], 0.0))
-    offset = np.where(half_width < FLAT, directions @ (told.offset @ told.directions), 0.0)
-    return replace(told, directions=directions, half_width=half_width, offset=offset)
+    offset = np.where(half_width < FLAT, directions @ (information.offset @ information.directions), 0.0)
+    return replace(information, directions=directions, half_width=half_width, offset=offset)
 
 
 def _has_clock(case: Case) -> bool:
@@ -226,7 +230,7 @@ def _spread(one: Scored, clock: Parameter) -> Parameter:
 
 
 def is_named(name: str, found: dict[str, Parameter]) -> bool:
-    """Whether an effect is told from its absence: delays that differ by their spread, others by their size.
+    """Whether an effect is distinct from none: delays that differ by their spread, others by their size.
 
     How a marble leaves the rim differs between any two engines, and the rig: a law of impacts has to be
     beyond what they differ by.

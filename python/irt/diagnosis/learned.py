@@ -1,6 +1,6 @@
 """Physics that no effect of the catalogue describes: found, learned as a formula, and put into the model.
 
-The term of a library that explains most of what is left over is fitted inside the simulator with everything
+The term of a library that explains most of the remainder is fitted inside the simulator with everything
 else, the new remainder is looked at, and so on. Terms, effects beside them and a random push are weighed by
 one score.
 """

@@ -32,10 +32,10 @@ def power(scores: Scores, base: Scored) -> list[Power]:
     """
     screening = Screening(scores, base)
     return [
-        told
+        one
         for name in hypotheses()
         if name != JITTER
-        for told in _of(screening, name, scores.price([name]) + config.SURE, scores.case.seed)
+        for one in _of(screening, name, scores.price([name]) + config.SURE, scores.case.seed)
     ]
 
 

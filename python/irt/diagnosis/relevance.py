@@ -1,4 +1,4 @@
-"""Which effects of a set matter: those that are told from none, and without which recordings are missed."""
+"""Which effects of a set matter: distinct from none, and missed by recordings held out."""
 
 from __future__ import annotations
 

@@ -170,7 +170,7 @@ class Remains:
         Where a random push, or chance at the rim, makes recordings likelier: "board" or "contact"; None where
         neither does.
     repeats : bool
-        Whether what is left over depends on anything that comes back.
+        Whether the remainder depends on anything that comes back.
     floor_of_the_log : float
         Mean absolute error of the final model on recordings that it has itself made, tracked as those of the
         rig: what a perfect simulator would be off by [board edges].

@@ -1,7 +1,7 @@
 """A hypothesis in short windows, each from a start state of its own: what it leaves over there.
 
 In short windows everything is close to linear, and no chaos carries a small mismatch away. What start states
-and the five parameters could do is taken away from what is left over.
+and the five parameters could do is taken away from it.
 """
 
 from __future__ import annotations
