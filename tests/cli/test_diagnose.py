@@ -41,33 +41,33 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     rig, out = lab(PARALLAX), tmp_path / "results" / "deep"
     done = irt("diagnose", rig, "--out", out)
     assert (done.status, done.err) == (0, "")
-    told = json.loads((out / "diagnosis.json").read_text())
-    assert told["verdict"] == "missing"
-    assert set(told) >= {"summary", "where", "effects", "fit", "parameters", "unidentifiable", "suggestion"}
-    (effect,) = told["effects"]
+    answer = json.loads((out / "diagnosis.json").read_text())
+    assert answer["verdict"] == "missing"
+    assert set(answer) >= {"summary", "where", "effects", "fit", "parameters", "unidentifiable", "suggestion"}
+    (effect,) = answer["effects"]
     assert effect["name"] == "parallax"
     assert effect["stage"] == "sensing"
     height = effect["parameters"]["height_m_per_rad"]
     assert height["low"] <= height["value"] <= height["high"]
     assert height["unit"] == "m/rad"
     assert effect["probability"] > 0.9
-    assert told["inclusion"]["parallax"] > 0.9
+    assert answer["inclusion"]["parallax"] > 0.9
     for horizon in (1.0, None):
-        shares = {one["what"]: one["share"] for one in told["budget"] if one["horizon_s"] == horizon}
+        shares = {one["what"]: one["share"] for one in answer["budget"] if one["horizon_s"] == horizon}
         assert sum(shares.values()) == pytest.approx(1.0)
         assert shares["parallax"] > 0.5
-    assert told["remains"]["floor_of_the_log"] < effect["heldout_mae_without"]
+    assert answer["remains"]["floor_of_the_log"] < effect["heldout_mae_without"]
     assert effect["heldout_mae_with"] < 0.5 * effect["heldout_mae_without"]
-    assert set(told["fit"]) == {"noise", "base_mae", "final_mae", "base_heldout_mae", "final_heldout_mae"}
-    assert set(told["parameters"]) == set(PARAMETERS)
-    for place in told["where"]:
+    assert set(answer["fit"]) == {"noise", "base_mae", "final_mae", "base_heldout_mae", "final_heldout_mae"}
+    assert set(answer["parameters"]) == set(PARAMETERS)
+    for place in answer["where"]:
         assert place["kind"] in {"stage", "time", "region", "regime", "run"}
         assert 0.0 <= place["strength"] <= 1.0
         assert 0.0 < place["p_value"] <= 0.05
     model = load_model(out / "model.toml")
-    assert evaluate(model, load_rig(rig).recordings).free_run.mae == told["fit"]["final_mae"]
+    assert evaluate(model, load_rig(rig).recordings).free_run.mae == answer["fit"]["final_mae"]
     assert "parallax" in (out / "report.html").read_text()
-    assert told["summary"] in done.out
+    assert answer["summary"] in done.out
     assert re.search(r"parallax: .* probable that parallax", done.out)
     assert "where the squared error on held-out runs goes, whole runs" in done.out
     assert "A perfect simulator would still be off by" in done.out
@@ -81,8 +81,8 @@ def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
     assert "time scale unknown" in done.out
     assert re.search(r"[Dd]elay \(delay [\d.]+ rows\)|[Ll]atency \(latency [\d.]+ rows\)", done.out)
     assert re.search(r"\d ?(s|ms)\b|seconds|/s", done.out) is None, done.out
-    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert told["time_base"] == "unknown: no stamps"
+    answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert answer["time_base"] == "unknown: no stamps"
 
 
 @pytest.mark.slow
@@ -104,10 +104,10 @@ def test_one_recording_is_not_proved(irt, lab, tmp_path):
     assert (done.status, done.err) == (0, "")
     assert "the improvement is not proved" in done.out
     assert "squared error" not in done.out
-    told = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert told["verdict"] == "missing"
-    assert told["fit"]["final_heldout_mae"] is None
-    assert told["fit"]["final_mae"] < 0.5 * told["fit"]["base_mae"]
+    answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
+    assert answer["verdict"] == "missing"
+    assert answer["fit"]["final_heldout_mae"] is None
+    assert answer["fit"]["final_mae"] < 0.5 * answer["fit"]["base_mae"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "Not proved: there were no held-out runs." in page
     for sentence in ("fitted to the other runs", "On held-out runs", "the held-out error is"):
@@ -175,11 +175,11 @@ def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
     done = irt("diagnose", *several, "--out", out, "--jobs", "2")
     assert (done.status, done.err) == (0, "")
     for name in ("monday", "tuesday"):
-        told = json.loads((out / name / "diagnosis.json").read_text())
-        assert told["verdict"] == "sufficient"
+        answer = json.loads((out / name / "diagnosis.json").read_text())
+        assert answer["verdict"] == "sufficient"
         assert any(line.startswith(name) and "sufficient" in line for line in done.out.splitlines())
         assert f"{name}: no missing physics detected" in (out / name / "report.html").read_text()
-        assert str(several[0].parent / name) in told["settings"]["rig"]
+        assert str(several[0].parent / name) in answer["settings"]["rig"]
     alone = irt("diagnose", several[0], "--out", tmp_path / "alone", "--threads", "1")
     assert alone.status == 0
     assert (tmp_path / "alone/model.toml").read_bytes() == (out / "monday/model.toml").read_bytes()

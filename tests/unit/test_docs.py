@@ -69,8 +69,8 @@ def test_numbers_of_a_diagnosis_can_be_read_as_the_docs_say(
 ) -> None:
     fit = {"base_heldout_mae": 0.04, "final_heldout_mae": 0.002}
     budget = [Share("lag", 0.4, 1.0), Share("lag", 0.98, None), Share("tracker", 0.02, None)]
-    told = {"summary": "Lag was left out.", "fit": fit, "budget": [asdict(one) for one in budget]}
-    (diagnosed / "diagnosis.json").write_text(json.dumps(told))
+    content = {"summary": "Lag was left out.", "fit": fit, "budget": [asdict(one) for one in budget]}
+    (diagnosed / "diagnosis.json").write_text(json.dumps(content))
     run_blocks("diagnosis.md")
     assert capsys.readouterr().out.splitlines() == [
         "Lag was left out.",

@@ -31,7 +31,7 @@ from irt.diagnosis.result import (
     units,
 )
 from irt.diagnosis.score import LASTING, RESTITUTION, WHITE, Scored, Scores
-from irt.diagnosis.selection import Posterior
+from irt.diagnosis.selection import Posterior, probabilities
 from irt.diagnosis.ties import Tie, reason, ties
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
@@ -43,6 +43,8 @@ Array = NDArray[np.float64]
 
 #: Scale of Student's t with four degrees of freedom that is most probable for standard normal errors.
 _SCALE_OF_NORMAL = 0.8310
+#: A remainder repeats if chance makes it seem to with no larger probability: no simulated null did so.
+_SURELY = 0.01
 
 
 class Answer:
@@ -52,19 +54,19 @@ class Answer:
     ----------
     best : Scored
         The set, with the effects that matter.
-    posterior : Posterior
-        All sets that were scored.
     relevance : Relevance
-        What recordings held out say.
+        What recordings held out say, and all sets that were scored.
     """
 
-    def __init__(self, best: Scored, posterior: Posterior, relevance: Relevance) -> None:
-        self._best, self._posterior, self._relevance = best, posterior, relevance
+    def __init__(self, best: Scored, relevance: Relevance) -> None:
+        self._best, self._relevance = best, relevance
+        self._posterior: Posterior = relevance.posterior
         self._case: Case = relevance.selection.scores.case
         self._base = relevance.as_free(relevance.selection.scores.base(), best)
         self._proof = relevance.validation.of(best)
         self._base_proof = relevance.validation.of(self._base)
         self._parameters, self._unidentifiable = relevance.parameters(best)
+        self._known_sources: dict[Scored, list[Source]] = {}
 
     def diagnosis(self, report: Callable[[str], None]) -> Diagnosis:
         """Put everything together."""
@@ -78,11 +80,10 @@ class Answer:
         effects = tuple(self._named(name, [one for one in tied if one.name == name]) for name in order)
         base, answer = self._base_proof, self._proof
         is_held_out = answer.is_proof
-        twins = twins_of(case.rig, answer.runs[0].model, self._noise, case.seed)
-        floor = evaluate(answer.runs[0].model, twins).mae
-        shares = (
-            budget(base, answer, {name: self._without(name) for name in order}, twins) if is_held_out else ()
-        )
+        final = answer.runs[0].model
+        twins = evaluate(final, twins_of(case.rig, final, self._noise, case.seed), config.HORIZON_S)
+        without = {name: self._without(name) for name in order}
+        shares = budget(base, answer, without, twins.runs) if is_held_out else ()
         return Diagnosis(
             verdict=self._verdict(order),
             summary=words.summary(
@@ -125,7 +126,7 @@ class Answer:
             seconds=0.0,
             inclusion=self._posterior.probabilities(),
             budget=shares,
-            remains=self._remains(shares, floor, where) if is_held_out else None,
+            remains=self._remains(shares, twins.mae) if is_held_out else None,
         )
 
     @property
@@ -162,13 +163,18 @@ class Answer:
     def _where(self) -> tuple[Finding, ...]:
         if not self._best.effects and self._is_whole:
             return ()
-        base = self._base.fitted
-        sources = Leftover(base).sources(self._case.seed)
+        base, sources = self._base.fitted, self._sources(self._base)
         return (
             *variables(self._best.terms, sources),
             *locate(base, self._noise),
             *stages(base, sources),
         )
+
+    def _sources(self, one: Scored) -> list[Source]:
+        """Return what a set's remainder may depend on."""
+        if one not in self._known_sources:
+            self._known_sources[one] = Leftover(one.fitted).sources(self._case.seed)
+        return self._known_sources[one]
 
     def _without(self, name: str) -> HeldOut:
         return self._relevance.validation.of(self._relevance.without(self._best, name))
@@ -197,7 +203,7 @@ class Answer:
             probability=chance,
         )
 
-    def _remains(self, shares: tuple[Share, ...], floor: float, where: tuple[Finding, ...]) -> Remains:
+    def _remains(self, shares: tuple[Share, ...], floor: float) -> Remains:
         rest = [one.share for one in shares if one.what == REST and one.horizon_s is None]
         stage = None
         if not self._is_whole:
@@ -206,21 +212,17 @@ class Answer:
         repeats = not self._is_whole and self._repeats
         return Remains(share=rest[0] if rest else 0.0, stage=stage, repeats=repeats, floor_of_the_log=floor)
 
-    @functools.cached_property
+    @property
     def _repeats(self) -> bool:
         """Whether what the answer leaves depends on anything that comes back."""
-        sources: list[Source] = Leftover(self._best.fitted).sources(self._case.seed)
-        return any(one.repeats and one.p_value <= 1.0 - 0.99 for one in sources)
+        return any(one.repeats and one.p_value <= _SURELY for one in self._sources(self._best))
 
     def _candidates(self, tied: list[Tie]) -> tuple[Candidate, ...]:
         alike = {frozenset(one.scored.effects) for one in tied}
         base = self._base
         sets = {frozenset(one.effects): one for one in (*self._posterior.sets, self._best)}
-        highest = max(one.score for one in sets.values())
-        weights = {key: float(np.exp(one.score - highest)) for key, one in sets.items()}
-        total = sum(weights.values())
         found = []
-        for key, one in sets.items():
+        for one, chance in zip(sets.values(), probabilities(list(sets.values())), strict=True):
             gain = one.top.log_likelihood - base.top.log_likelihood
             found.append(
                 Candidate(
@@ -228,7 +230,7 @@ class Answer:
                     values={name: value for name, value in one.values.items() if "." in name},
                     gain=gain,
                     penalty=gain - (one.score - base.score),
-                    probability=weights[key] / total,
+                    probability=float(chance),
                     outcome=_outcome(one, base, self._best, alike),
                 )
             )

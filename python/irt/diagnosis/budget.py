@@ -25,7 +25,7 @@ TRACKER, REST = "tracker", "not repeatable"
 
 
 def budget(
-    base: HeldOut, answer: HeldOut, without: Mapping[str, HeldOut], twins: Sequence[Recording]
+    base: HeldOut, answer: HeldOut, without: Mapping[str, HeldOut], twins: Sequence[RunEvaluation]
 ) -> tuple[Share, ...]:
     """Return the shares of the base model's squared error on recordings held out, at each horizon.
 
@@ -38,10 +38,9 @@ def budget(
         The five parameters alone, and with all effects.
     without : mapping
         For each effect the answer without it, the largest first.
-    twins : sequence of Recording
-        What the answer itself would have been seen to do (`twins_of`).
+    twins : sequence of RunEvaluation
+        What the answer misses on its own twins (`twins_of`).
     """
-    seen = evaluate(answer.runs[0].model, twins, config.HORIZON_S).runs
     of_runs = [[each.evaluation for each in one.runs] for one in (base, answer)]
     shares: list[Share] = []
     for horizon in HORIZONS:
@@ -52,7 +51,7 @@ def budget(
             name: max(0.0, (_squared([each.evaluation for each in one.runs], horizon) or after) - after)
             for name, one in without.items()
         }
-        tracker = min(_squared(seen, horizon) or 0.0, before)
+        tracker = min(_squared(twins, horizon) or 0.0, before)
         rest = min(max(after - tracker, 0.0), before - tracker)
         taken, total = before - tracker - rest, sum(losses.values())
         for name, loss in losses.items():

@@ -13,7 +13,7 @@ clock by. So along this symmetry nothing counts as known.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 from scipy.stats import norm
 
-from irt.catalogue import EffectParameter, effect
+from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.hypotheses import JITTER
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.diagnosis.validation import HeldOut
-from irt.fitting.effect_size import size_of
+from irt.fitting.effect_size import sizes_of
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import CONFIDENCE, FLAT, Information
 from irt.model import Parameter
@@ -73,7 +73,7 @@ def parameters(
         for name, parameter in with_intervals(information).items()
     }
     for name, loss in losses.items():
-        sizes = [each for each in _asked(name) if f"{name}.{each.name}" in found]
+        sizes = [each for each in sizes_of(name) if f"{name}.{each.name}" in found]
         if sizes:
             size = max(sizes, key=lambda each: _distance(found[f"{name}.{each.name}"], each.neutral))
             key = f"{name}.{size.name}"
@@ -81,12 +81,6 @@ def parameters(
     if JITTER in one.effects:
         found[f"{JITTER}.sd_s"] = _spread(one, found["time_scale"])
     return found, unidentifiable(information)
-
-
-def _asked(name: str) -> Sequence[EffectParameter]:
-    """Return the parameter that is an effect's size, or all where there is no such."""
-    known, size = effect(name).required, size_of(name)
-    return known if size is None else (known[size],)
 
 
 def _distance(one: Parameter, neutral: float) -> float:
@@ -114,7 +108,7 @@ def _apart(one: Parameter, neutral: float, loss: float) -> Parameter:
 def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
     """Whether the interval of an effect's size, or those of all its parameters, hold the neutral values."""
     asked = [
-        (found[f"{name}.{one.name}"], one.neutral) for one in _asked(name) if f"{name}.{one.name}" in found
+        (found[f"{name}.{one.name}"], one.neutral) for one in sizes_of(name) if f"{name}.{one.name}" in found
     ]
     return all(
         one.low is None or one.high is None or one.low <= neutral <= one.high for one, neutral in asked

@@ -72,7 +72,7 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
     learned = _learned(relevance, kept, posterior.best)
     if learned is not None:
         kept = relevance.kept(relevance.freed(learned))
-    return Answer(kept, posterior, relevance).diagnosis(report)
+    return Answer(kept, relevance).diagnosis(report)
 
 
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:

@@ -15,7 +15,7 @@ from irt.diagnosis import config
 from irt.diagnosis.hypotheses import JITTER, SMOOTHED
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.engine import SUBSTEP_S
-from irt.fitting.effect_size import size_of
+from irt.fitting.effect_size import size_of, sizes_of
 from irt.fitting.solution import Filtered
 
 Array = NDArray[np.float64]
@@ -105,18 +105,7 @@ class Screening:
         return Promise(JITTER, float(gains[best[0]]), values[best], noise[best])
 
     def _promise(self, name: str) -> Promise:
-        problem = self._scores.problem(child(self._parent.effects, name))
-        own = next(i for i, one in enumerate(problem.names) if one.startswith(f"{name}."))
-        drawn = draws(name, config.DRAWS, self._case.seed)
-        values = np.tile(
-            np.array([self._parent.values.get(one, 0.0) for one in problem.names]), (len(drawn), 1)
-        )
-        values[:, own:] = drawn
-        found = problem.filter(
-            values,
-            np.tile(self._parent.noise, (len(values), 1)),
-            [self._parent.top.states] * len(values),
-        )
+        own, values, found = self._filtered(name, draws(name, config.DRAWS, self._case.seed))
         actual, linear, share = np.full((3, len(values)), 0.0)
         for index, one in enumerate(found):
             actual[index] = float(one.log_likelihood.sum()) - self._likelihood
@@ -136,16 +125,18 @@ class Screening:
 
     def shown(self, name: str, values: Array) -> Array:
         """Return by how many nats (k, p) values of an effect, were they true, would be likelier than none."""
+        changes = [self._change(one) for one in self._filtered(name, values)[2]]
+        return np.array([0.5 * float(change @ change) for change in changes])
+
+    def _filtered(self, name: str, drawn: Array) -> tuple[int, Array, list[Filtered]]:
+        """Predict rows with (k, p) values of one effect more: where these stand, all (k, n), predictions."""
         problem = self._scores.problem(child(self._parent.effects, name))
         own = next(i for i, one in enumerate(problem.names) if one.startswith(f"{name}."))
-        tried = np.tile([self._parent.values.get(one, 0.0) for one in problem.names], (len(values), 1))
-        tried[:, own:] = values
-        count = len(tried)
-        found = problem.filter(
-            tried, np.tile(self._parent.noise, (count, 1)), [self._parent.top.states] * count
-        )
-        changes = [self._change(one) for one in found]
-        return np.array([0.5 * float(change @ change) for change in changes])
+        count = len(drawn)
+        values = np.tile([self._parent.values.get(one, 0.0) for one in problem.names], (count, 1))
+        values[:, own:] = drawn
+        noise, states = np.tile(self._parent.noise, (count, 1)), [self._parent.top.states] * count
+        return own, values, problem.filter(values, noise, states)
 
     def _change(self, one: Filtered) -> Array:
         """Return by how much predictions differ from the set's, beyond what its own parameters could do."""
@@ -178,10 +169,7 @@ def child(effects: Sequence[str], name: str) -> tuple[str, ...]:
 
 def _both_ways(name: str) -> bool:
     """Whether an effect may be of either sign."""
-    size = size_of(name)
-    required = effect(name).required
-    asked = required if size is None else (required[size],)
-    return all(one.low < one.neutral < one.high for one in asked)
+    return all(one.low < one.neutral < one.high for one in sizes_of(name))
 
 
 def draws(name: str, count: int, seed: int) -> Array:

@@ -35,17 +35,22 @@ class Posterior:
 
     def any_of(self, names: Sequence[str]) -> float:
         """Return the probability that one of these effects is at work, or several."""
-        highest = max(one.score for one in self.sets)
-        weights = np.exp([one.score - highest for one in self.sets])
         with_it = [not set(names).isdisjoint(one.effects) for one in self.sets]
         # Sums of other orders are rounded otherwise.
-        return min(1.0, float(weights[with_it].sum() / weights.sum()))
+        return min(1.0, float(probabilities(self.sets)[with_it].sum()))
 
     def probabilities(self) -> dict[str, float]:
         """Return the probability of each effect that was tried, as far as it is worth a mention."""
         names = sorted({name for one in self.sets for name in one.effects})
         found = {name: self.any_of([name]) for name in names}
         return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
+
+
+def probabilities(sets: Sequence[Scored]) -> Array:
+    """Return how probable each of some sets is, (k,), if one of them is true."""
+    scores = np.array([one.score for one in sets])
+    weights = np.exp(scores - scores.max())
+    return np.asarray(weights / weights.sum())
 
 
 @dataclass(eq=False)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import effect
+from irt.catalogue import EffectParameter, effect
 from irt.engine import rollouts
 
 Array = NDArray[np.float64]
@@ -25,6 +25,12 @@ def size_of(name: str) -> int | None:
         and np.array_equal(try_path([{"name": name, **strong_values(name), one.name: one.neutral}]), plain)
     ]
     return silent[0] if len(silent) == 1 else None
+
+
+def sizes_of(name: str) -> Sequence[EffectParameter]:
+    """Return the parameter that is an effect's size, or all where none alone is."""
+    known, size = effect(name).required, size_of(name)
+    return known if size is None else (known[size],)
 
 
 def strong_values(name: str) -> dict[str, float]:

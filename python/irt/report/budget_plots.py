@@ -14,7 +14,7 @@ from irt.report.words import share
 
 #: Colours of effects, the most important first.
 _EFFECTS = (style.TUNED, style.SECOND, style.THIRD, style.HEAT[5], style.HEAT[3])
-#: Hatch of what nothing explains: it is told apart without its colour.
+#: Hatch of what nothing explains: it is distinct without its colour.
 _HATCH = "////"
 #: Heights [inches]: of a line of text, of a bar, and of the space below it.
 _LINE, _BAR, _SPACE = 0.21, 0.3, 0.14
@@ -105,7 +105,7 @@ def colour(parts: Sequence[Part], index: int) -> str:
 
 
 def bare(axes: Any) -> None:
-    """Take away whatever axes have besides their content."""
+    """Take away all that axes have besides their content."""
     axes.set(xticks=[], yticks=[])
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)

@@ -22,7 +22,7 @@ Plant = Callable[..., Case]
 def plant() -> Plant:
     """Return what makes a case of runs with hidden effects, under sums of sinusoids.
 
-    Of knobs that are `pushed` the recordings say what they were told to do, which they did but for a random
+    Of knobs that are `pushed` the recordings hold the commands, which they followed but for a random
     angle in each row, as a share of the largest command.
     """
 

@@ -1,4 +1,4 @@
-"""What was learned without a name, told as a formula."""
+"""What was learned without a name, as a formula."""
 
 import pytest
 
@@ -12,7 +12,7 @@ def neutral(**changes):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told", "depends"),
+    ("changes", "text", "depends"),
     [
         ({"shape_2": 1.0, "push_2_x_m_per_s2": 0.5, "rate_2_per_s": 2.0}, "0.5 e_x tanh(2 t)", ["time"]),
         (
@@ -68,6 +68,6 @@ def neutral(**changes):
         ({"mode_gain": 1.0}, "5/7 g 1 (u - tilt), u'' = 100 (tilt - u) - 4 u'", ["tilt"]),
     ],
 )
-def test_a_formula_tells_what_was_learned(changes, told, depends):
-    assert formula(neutral(**changes)) == f"a = {told}"
+def test_a_formula_says_what_was_learned(changes, text, depends):
+    assert formula(neutral(**changes)) == f"a = {text}"
     assert variables(neutral(**changes)) == depends

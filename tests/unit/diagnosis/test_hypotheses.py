@@ -1,4 +1,4 @@
-"""Which effects recordings are asked for, and what each of them is told by."""
+"""Which effects recordings are asked for, and what its size is."""
 
 import pytest
 

@@ -69,7 +69,7 @@ def _with(rig, runs):
 
 
 @pytest.mark.parametrize(
-    ("name", "told", "may_be"),
+    ("name", "ends", "may_be"),
     [
         ("bump", {"height_m": (-1e-4, 3e-4), "x_m": (0.01, 0.02)}, True),
         ("bump", {"height_m": (1e-4, 3e-4), "x_m": (-0.1, 0.1)}, False),
@@ -79,10 +79,10 @@ def _with(rig, runs):
         ("side_force", {"rate_per_s": (None, None)}, True),
     ],
 )
-def test_a_size_that_may_as_well_be_none_is_not_named(name, told, may_be):
+def test_a_size_that_may_as_well_be_none_is_not_named(name, ends, may_be):
     found = {
-        f"{name}.{one.name}": Parameter(0.5 * sum(told[one.name]), *told[one.name])
-        if told.get(one.name, (None,))[0] is not None
+        f"{name}.{one.name}": Parameter(0.5 * sum(ends[one.name]), *ends[one.name])
+        if ends.get(one.name, (None,))[0] is not None
         else Parameter(0.5)
         for one in effect(name).parameters
     }

@@ -1,4 +1,4 @@
-"""Physics that the catalogue does not have: found in what is left over, and learned inside the simulator."""
+"""Physics that the catalogue does not have: found in the remainder, and learned inside the simulator."""
 
 import numpy as np
 import pytest

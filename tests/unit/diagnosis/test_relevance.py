@@ -1,4 +1,4 @@
-"""What is named is told from none, and recordings held out are predicted worse without it."""
+"""What is named is distinct from none, and recordings held out are predicted worse without it."""
 
 import pytest
 

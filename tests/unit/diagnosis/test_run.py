@@ -85,7 +85,7 @@ def test_the_budget_gives_most_to_what_was_planted(diagnosed, plant, name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["drag", "two", "jitter", "wave"])
-def test_every_effect_is_proved_and_told_from_none(diagnosed, plant, name):
+def test_every_effect_is_proved_and_distinct_from_none(diagnosed, plant, name):
     found = diagnosed(name, plant)
     assert found.is_held_out
     assert found.final_heldout_mae < 0.6 * found.base_heldout_mae
@@ -96,8 +96,8 @@ def test_every_effect_is_proved_and_told_from_none(diagnosed, plant, name):
             continue
         assert one.heldout_mae_without >= one.heldout_mae_with + config.MATTERS * 0.9e-3
         sizes = {each.name: each.neutral for each in effect(one.name).required}
-        told = [(one.parameters[key], sizes[key]) for key in sizes if one.parameters[key].low is not None]
-        assert any(not each.low <= neutral <= each.high for each, neutral in told)
+        stated = [(one.parameters[key], sizes[key]) for key in sizes if one.parameters[key].low is not None]
+        assert any(not each.low <= neutral <= each.high for each, neutral in stated)
 
 
 @pytest.mark.slow
@@ -140,7 +140,7 @@ def test_where_nothing_is_missing_most_of_the_error_is_the_trackers(diagnosed, p
 
 
 @pytest.mark.slow
-def test_spread_of_delays_is_told_and_not_simulated(diagnosed, plant):
+def test_spread_of_delays_is_stated_and_not_simulated(diagnosed, plant):
     found = diagnosed("jitter", plant)
     (one,) = found.effects
     assert set(one.parameters) == {"sd_s", "mean_s"}
@@ -149,7 +149,7 @@ def test_spread_of_delays_is_told_and_not_simulated(diagnosed, plant):
 
 
 @pytest.mark.slow
-def test_physics_that_has_no_name_is_told_as_a_formula(diagnosed, plant):
+def test_physics_that_has_no_name_is_stated_as_a_formula(diagnosed, plant):
     found = diagnosed("wave", plant)
     assert any("cos(" in note for note in found.notes)
     assert found.power == ()
@@ -157,7 +157,7 @@ def test_physics_that_has_no_name_is_told_as_a_formula(diagnosed, plant):
 
 
 @pytest.mark.slow
-def test_power_is_told_where_nothing_is_named(diagnosed, plant):
+def test_power_is_stated_where_nothing_is_named(diagnosed, plant):
     found = diagnosed("nothing", plant)
     assert {one.effect for one in found.power} >= {"lag", "bump", "parallax"}
 
@@ -166,8 +166,8 @@ def test_power_is_told_where_nothing_is_named(diagnosed, plant):
 def test_the_same_seed_gives_the_same_answer_for_any_number_of_threads(plant):
     rig = plant([DRAG], runs=3, stamped=True).rig
     found = [diagnose(rig, seed=5, threads=threads) for threads in (1, 2)]
-    told = [repr(replace(one, seconds=0.0).as_dict()) for one in found]
-    assert told[0] == told[1]
+    stated = [repr(replace(one, seconds=0.0).as_dict()) for one in found]
+    assert stated[0] == stated[1]
 
 
 @pytest.mark.slow

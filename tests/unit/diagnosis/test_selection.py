@@ -1,4 +1,4 @@
-"""The most probable set of effects is the one that was planted, whatever else pushes the marble."""
+"""The most probable set of effects is the one that was planted, beside any push."""
 
 from dataclasses import replace
 

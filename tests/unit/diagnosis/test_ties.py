@@ -29,7 +29,7 @@ def test_a_late_command_ties_with_a_late_picture(plant, planted):
     assert late[0] == pytest.approx(late[1], abs=0.01)
 
 
-def test_what_is_told_apart_ties_with_nothing(plant):
+def test_what_is_distinct_ties_with_nothing(plant):
     best, found = tied(plant([{"name": "viscous_drag", "rate_per_s": 0.8}], runs=5, stamped=True))
     assert best.effects == ("viscous_drag",)
     assert found == []

@@ -10,19 +10,19 @@ PARALLAX = {"name": "parallax", "height_m_per_rad": 0.4}
 
 def misfit(case):
     """Return the squares that are left, and the range of those that noise leaves."""
-    told, nulls = Windows(case.fit()).squared(99, 0, case.noise)
-    return told.sum(), nulls.sum(axis=1)
+    misfits, nulls = Windows(case.fit()).squared(99, 0, case.noise)
+    return misfits.sum(), nulls.sum(axis=1)
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_leaves_what_noise_does(plant, seed):
-    told, nulls = misfit(plant(seed=seed))
-    assert told == pytest.approx(nulls.mean(), rel=0.25)
+    misfits, nulls = misfit(plant(seed=seed))
+    assert misfits == pytest.approx(nulls.mean(), rel=0.25)
 
 
 def test_what_a_model_lacks_leaves_more_than_noise_ever_does(plant):
-    told, nulls = misfit(plant([PARALLAX], runs=6))
-    assert told > 1.2 * nulls.max()
+    misfits, nulls = misfit(plant([PARALLAX], runs=6))
+    assert misfits > 1.2 * nulls.max()
 
 
 def test_windows_are_cut_from_the_recordings(plant):

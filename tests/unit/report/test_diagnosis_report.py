@@ -162,26 +162,26 @@ def test_what_remains_is_said_with_its_stage_and_the_floor_of_the_log(reports, d
 
 
 def test_where_nothing_was_held_out_there_is_no_budget(tmp_path, labyrinth, diagnosis_of):
-    told = replace(
+    changed = replace(
         diagnosis_of("missing"),
         budget=(),
         remains=None,
         base_heldout_mae=math.nan,
         final_heldout_mae=math.nan,
     )
-    page = write(tmp_path, labyrinth, told)
+    page = write(tmp_path, labyrinth, changed)
     assert "What remains?" not in page
     assert "squared error" not in page
     assert not (tmp_path / "budget.svg").exists()
 
 
 def test_a_mismatch_without_a_name_is_not_said_to_repeat(tmp_path, labyrinth, diagnosis_of):
-    told = replace(diagnosis_of("unlisted"), effects=())
-    by_chance = write(tmp_path / "chance", labyrinth, told)
+    changed = replace(diagnosis_of("unlisted"), effects=())
+    by_chance = write(tmp_path / "chance", labyrinth, changed)
     assert "a mismatch that no effect of the catalogue explains" in by_chance
     assert "The residuals exceed noise." in by_chance
     assert "The residuals repeat." not in by_chance
-    repeats = replace(told, remains=replace(told.remains, repeats=True))
+    repeats = replace(changed, remains=replace(changed.remains, repeats=True))
     assert "The residuals repeat." in write(tmp_path / "repeats", labyrinth, repeats)
 
 

@@ -13,7 +13,7 @@ from irt.report.error_budget import bars, remainder
 
 
 @pytest.fixture
-def told(diagnosis_of):
+def diagnosis(diagnosis_of):
     """A budget of two effects, the larger first, at two horizons."""
     shares = {
         "tilt_bias": (0.4, 0.9),
@@ -32,29 +32,29 @@ def told(diagnosis_of):
     )
 
 
-def test_whole_runs_come_first_and_the_parts_keep_their_order(told):
-    whole, second = bars(told)
+def test_whole_runs_come_first_and_the_parts_keep_their_order(diagnosis):
+    whole, second = bars(diagnosis)
     assert (whole.title, second.title) == ("whole runs", "1 s ahead")
     assert [part.name for part in whole.parts] == ["tilt bias", "lag", "tracker noise", "does not repeat"]
     assert [part.share for part in second.parts] == [0.4, 0.3, 0.2, 0.1]
     assert [part.kind for part in whole.parts] == ["effect", "effect", "tracker", "rest"]
 
 
-def test_without_stamps_horizons_are_in_rows(told):
-    assert [bar.title for bar in bars(told, row_s=0.05)] == ["whole runs", "20 rows ahead"]
+def test_without_stamps_horizons_are_in_rows(diagnosis):
+    assert [bar.title for bar in bars(diagnosis, row_s=0.05)] == ["whole runs", "20 rows ahead"]
 
 
 @pytest.mark.parametrize(
     ("stage", "repeats", "name"),
     [("board", False, "does not repeat"), ("board", True, "not explained"), (None, False, "not explained")],
 )
-def test_only_what_a_random_push_explains_is_said_not_to_repeat(told, stage, repeats, name):
+def test_only_what_a_random_push_explains_is_said_not_to_repeat(diagnosis, stage, repeats, name):
     remains = Remains(0.3, stage, repeats, 0.002)
-    assert bars(replace(told, remains=remains))[0].parts[-1].name == name
+    assert bars(replace(diagnosis, remains=remains))[0].parts[-1].name == name
 
 
-def test_bars_are_as_long_as_their_shares_and_the_rest_is_told_without_colour(tmp_path, told, drawn):
-    plot_budget(tmp_path / "budget.svg", bars(told))
+def test_bars_are_as_long_as_their_shares_and_the_rest_is_distinct_without_colour(tmp_path, diagnosis, drawn):
+    plot_budget(tmp_path / "budget.svg", bars(diagnosis))
     patches = [one for one in drawn.figure.axes[0].patches if isinstance(one, Rectangle)]
     # Two bars, then the key.
     lengths = [one.get_width() for one in patches]
@@ -68,8 +68,8 @@ def test_bars_are_as_long_as_their_shares_and_the_rest_is_told_without_colour(tm
     assert {"8 %", "10 %", "whole runs", "1 s ahead"} <= set(words)
 
 
-def test_the_same_parts_have_the_same_colour_in_each_bar(tmp_path, told, drawn):
-    plot_budget(tmp_path / "budget.svg", bars(told))
+def test_the_same_parts_have_the_same_colour_in_each_bar(tmp_path, diagnosis, drawn):
+    plot_budget(tmp_path / "budget.svg", bars(diagnosis))
     looks = [one.get_facecolor() for one in drawn.figure.axes[0].patches]
     assert looks[:4] == looks[4:8] == looks[8:]
     assert len(set(looks[:4])) == 4
@@ -87,13 +87,13 @@ def test_the_same_parts_have_the_same_colour_in_each_bar(tmp_path, told, drawn):
         (Remains(0.001, "board", False, 0.002), "Less than 1 %", "It arises"),
     ],
 )
-def test_what_remains_in_sentences(told, remains, said, unsaid):
-    text = " ".join(remainder(replace(told, remains=remains)))
+def test_what_remains_in_sentences(diagnosis, remains, said, unsaid):
+    text = " ".join(remainder(replace(diagnosis, remains=remains)))
     assert said in text
     assert unsaid not in text
     assert "still be off by 0.20" in text
 
 
-def test_nothing_remains_to_be_said_where_nothing_was_held_out(told):
-    assert list(remainder(replace(told, remains=None))) == []
-    assert bars(replace(told, budget=())) == []
+def test_nothing_remains_to_be_said_where_nothing_was_held_out(diagnosis):
+    assert list(remainder(replace(diagnosis, remains=None))) == []
+    assert bars(replace(diagnosis, budget=())) == []
