@@ -48,8 +48,8 @@ def draw_diagnosis(found: Diagnosis) -> Path:
 
 
 def _draw_path(axes: Any, found: Diagnosis, side: Side) -> None:
-    """Draw the recorded and the predicted path of a run from above."""
-    run = max(found.runs, key=lambda one: one.base_mae)
+    """Draw the recorded and the predicted path of the run that goes farthest, from above."""
+    run = max(found.runs, key=lambda one: float(np.nansum(np.abs(np.diff(one.observed, axis=0)))))
     model = found.base if side.which == "base" else found.model
     draw_rim(axes, model)
     axes.plot(*run.observed.T, ".", color=style.RECORDED)
