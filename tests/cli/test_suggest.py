@@ -54,7 +54,8 @@ def test_commands_ready_to_play_and_what_they_are_for(irt, tmp_path: Path, rig: 
     assert lines[0].startswith(
         "Lay the marble down at rest in the centre, the knobs level, and play 40 rows: "
     )
-    assert lines[1].startswith("Told apart: lag from delay. ")
+    assert lines[1].startswith("Of the doubt which model is true (0.69 nats) this run is expected to settle ")
+    assert lines[2].startswith("Told apart: lag from delay. ")
     assert lines[-1] == f"wrote {out}: play it, put the recording into {rig}, and diagnose again"
     rows = out.read_text().splitlines()
     assert rows[0] == "step,knob_x_rad,knob_y_rad,marble_x,marble_y"
@@ -81,8 +82,7 @@ def test_without_models_it_diagnoses(irt, monkeypatch, tmp_path: Path, rig: Path
         asked.update(options, rig=given.path)
         return SimpleNamespace(
             summary="The board lags.",
-            model=load_model(models[0]),
-            rivals=(load_model(models[1]),),
+            plausible=[SimpleNamespace(model=load_model(path), probability=0.5) for path in models[:2]],
             noise=NOISE,
         )
 

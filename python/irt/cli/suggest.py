@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         type=Path,
         nargs="+",
-        help="model.toml of each hypothesis, the likeliest first; one alone is sharpened (default: what a "
-        "diagnosis of the rig leaves, which takes minutes)",
+        help="model.toml of each hypothesis, all as probable; one alone is sharpened (default: the sets of "
+        "effects that a diagnosis of the rig finds probable, which takes a minute)",
     )
     parser.add_argument(
         "--out",
@@ -59,8 +59,16 @@ def run(args: argparse.Namespace) -> None:
     say_replaced([args.out])
     # Opened beforehand: a diagnosis takes minutes, and a file that cannot be written is known at once.
     with atomic_path(args.out) as beside, progress_bar() as progress:
-        known, models, noise = _hypotheses(rig, args, progress)
-        found = suggest(rig, models, noise, seed=args.seed, threads=args.threads, progress=progress)
+        known, models, chances, noise = _hypotheses(rig, args, progress)
+        found = suggest(
+            rig,
+            models,
+            noise,
+            probabilities=chances,
+            seed=args.seed,
+            threads=args.threads,
+            progress=progress,
+        )
         found.save(beside)
     for sentence in (*known, *found.sentences):
         print(sentence)
@@ -69,14 +77,16 @@ def run(args: argparse.Namespace) -> None:
 
 def _hypotheses(
     rig: Rig, args: argparse.Namespace, progress: Progress
-) -> tuple[list[str], list[Model], float]:
-    """Return what a diagnosis says, the models to tell apart, and the tracker's noise [board edges]."""
+) -> tuple[list[str], list[Model], list[float], float]:
+    """Return what a diagnosis says, models, how probable each is, and the tracker's noise [board edges]."""
     from irt.diagnosis import diagnose
     from irt.fitting.problem import tracker_noise
     from irt.model import load_model
     from irt.segments import segments
 
     if args.models is not None:
-        return [], [load_model(path) for path in args.models], tracker_noise(segments(rig))
+        models = [load_model(path) for path in args.models]
+        return [], models, [1.0] * len(models), tracker_noise(segments(rig))
     diagnosis = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
-    return [diagnosis.summary], [diagnosis.model, *diagnosis.rivals], diagnosis.noise
+    models = [one.model for one in diagnosis.plausible]
+    return [diagnosis.summary], models, [one.probability for one in diagnosis.plausible], diagnosis.noise

@@ -24,6 +24,7 @@ from irt.diagnosis.result import (
     Diagnosis,
     Finding,
     NamedEffect,
+    Plausible,
     Remains,
     RunProof,
     Share,
@@ -106,6 +107,7 @@ class Answer:
             base=_model(self._base, self._relevance.parameters(self._base)[0]),
             model=_model(best, self._parameters),
             rivals=tuple(one.scored.fitted.model for one in tied),
+            plausible=self._plausible(),
             unidentifiable=self._unidentifiable,
             suggestion=words.suggestion(effects, case.rig.path),
             candidates=self._candidates(tied),
@@ -216,6 +218,25 @@ class Answer:
     def _repeats(self) -> bool:
         """Whether what the answer leaves depends on anything that comes back."""
         return any(one.repeats and one.p_value <= _SURELY for one in self._sources(self._best))
+
+    def _plausible(self) -> tuple[Plausible, ...]:
+        """Return the sets that are worth a mention, the answer first.
+
+        That effects of the most probable set do not matter to recordings held out says nothing of whether
+        they are there: the answer without them is as probable.
+        """
+        best, answer = self._posterior.best, self._best
+        own = frozenset(answer.effects)
+        scores = {one: one.score for one in self._posterior.sets if frozenset(one.effects) != own}
+        scores = {answer: max(answer.score, best.score)} | scores
+        chances = np.exp(np.array(list(scores.values())) - max(scores.values()))
+        found = [
+            (one, chance)
+            for one, chance in zip(scores, (chances / chances.sum()).tolist(), strict=True)
+            if chance > config.MENTIONED
+        ][: config.PLAUSIBLE]
+        total = sum(chance for _, chance in found)
+        return tuple(Plausible(one.fitted.model, chance / total) for one, chance in found)
 
     def _candidates(self, tied: list[Tie]) -> tuple[Candidate, ...]:
         alike = {frozenset(one.scored.effects) for one in tied}

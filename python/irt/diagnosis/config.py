@@ -34,8 +34,9 @@ KICKS, MEANS = (0.003, 0.01, 0.03, 0.1), (0.0005, 0.03, 0.1)
 #: Share of the tracker's noise by which the error on runs held out must grow without an effect: as much as if
 #: the tracker's variance doubled, sqrt(2) - 1.
 MATTERS = 0.41
-#: Effects less probable than this are not mentioned.
-MENTIONED = 0.01
+#: Effects, and sets of them, that are less probable than this are not mentioned; and so many sets at most are
+#: to be distinguished by the next run.
+MENTIONED, PLAUSIBLE = 0.01, 6
 #: Sets whose log posteriors are no farther apart may not be distinguishable [nats]: odds of 20 to 1.
 TIE = 3.0
 #: Share of the range from which on a law of impacts is distinct from how an engine solves contacts: rapier's

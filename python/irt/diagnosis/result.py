@@ -113,6 +113,22 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
+class Plausible:
+    """A model that may be the true one.
+
+    Attributes
+    ----------
+    model : Model
+        A set of effects, fitted.
+    probability : float
+        Of the set among those that are plausible.
+    """
+
+    model: Model
+    probability: float
+
+
+@dataclass(frozen=True, eq=False)
 class RunProof:
     """One recording of n rows, predicted by models fitted to the other recordings alone.
 
@@ -228,6 +244,8 @@ class Diagnosis:
         The best fit of five parameters, and the final model; both with 95 % intervals.
     rivals : tuple of Model
         Models with other effects that explain the recordings as well as the final one.
+    plausible : tuple of Plausible
+        Models with sets of effects that may be the true one, the final model first.
     unidentifiable : tuple of str
         Plain sentences: which combinations these recordings cannot pin down.
     suggestion : str
@@ -266,6 +284,7 @@ class Diagnosis:
     base: Model
     model: Model
     rivals: tuple[Model, ...]
+    plausible: tuple[Plausible, ...]
     unidentifiable: tuple[str, ...]
     suggestion: str
     candidates: tuple[Candidate, ...]

@@ -3,8 +3,8 @@
     python -m irt.proof.blind FOLDER OUT
 
 FOLDER is a copy of a rig's folder under a name that says nothing. OUT gets ``diagnosis.json``, ``base.toml``,
-``model.toml``, a ``rival-N.toml`` for each model that does as well, and ``seconds.json``. But for the last,
-the same recordings give the same bytes.
+``model.toml``, a ``plausible-N.toml`` for each model that may be the true one, how probable these are
+(``plausible.json``), and ``seconds.json``. But for the last, the same recordings give the same bytes.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from irt.proof.seal import canonical
 
 #: Seconds of one core, which is no part of what must be the same for the same recordings.
 SECONDS = "seconds.json"
+#: How probable the plausible models are, in order.
+CHANCES = "plausible.json"
 
 
 def main(words: Sequence[str]) -> int:
@@ -38,8 +40,9 @@ def main(words: Sequence[str]) -> int:
     del told["settings"]["seconds"]
     save_model(out / "base.toml", found.base)
     save_model(out / "model.toml", found.model)
-    for number, rival in enumerate(found.rivals, start=1):
-        save_model(out / f"rival-{number}.toml", rival)
+    for number, one in enumerate(found.plausible, start=1):
+        save_model(out / f"plausible-{number}.toml", one.model)
+    write_atomic(out / CHANCES, canonical({"probabilities": [one.probability for one in found.plausible]}))
     write_atomic(out / SECONDS, canonical({"seconds": time.process_time() - began}))
     write_atomic(out / "diagnosis.json", canonical(told))
     return 0

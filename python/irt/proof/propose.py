@@ -19,6 +19,7 @@ from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.fitting.least_squares import stamped_time_scale
 from irt.model import load_model
+from irt.proof.blind import CHANCES
 from irt.proof.hash_chain import read_json
 from irt.recording import save_recording
 from irt.rig import Rig, load_rig
@@ -34,9 +35,13 @@ def main(words: Sequence[str]) -> int:
     try:
         rig = load_rig(folder)
         told = read_json(folder / "models" / "diagnosis.json")
-        rivals = sorted((folder / "models").glob("rival-*.toml"))
-        models = [load_model(path) for path in (folder / "models" / "model.toml", *rivals)]
-        suggest(rig, models, told["fit"]["noise"], seed=0, threads=1).save(out / f"{SUGGESTED}.csv")
+        chances = read_json(folder / "models" / CHANCES)["probabilities"]
+        models = [
+            load_model(folder / "models" / f"plausible-{number}.toml")
+            for number in range(1, len(chances) + 1)
+        ]
+        found = suggest(rig, models, told["fit"]["noise"], probabilities=chances, seed=0, threads=1)
+        found.save(out / f"{SUGGESTED}.csv")
         save_random(rig, out / f"{RANDOM}.csv")
     except IrtError as error:
         print(error, file=sys.stderr)

@@ -50,6 +50,10 @@ class Suggestion:
         Kind of excitation, in words.
     separation : tuple of Separation
         One for each pair of models.
+    information, random_information : float
+        What the run is expected to tell of which model is true [nats], and what one like those recorded does.
+    doubt : float
+        The entropy of the models' probabilities, which is the most that a run can tell [nats].
     gain, random_gain : float
         What the run tells about the first model's parameters [nats], and what one like those recorded does.
     remaining : dict
@@ -67,6 +71,9 @@ class Suggestion:
     stamps: Array | None
     family: str
     separation: tuple[Separation, ...]
+    information: float
+    random_information: float
+    doubt: float
     gain: float
     random_gain: float
     remaining: dict[str, float]
@@ -108,6 +115,7 @@ def suggest(
     models: Model | Sequence[Model],
     noise: float | None = None,
     *,
+    probabilities: Sequence[float] | None = None,
     seed: int = 0,
     threads: int | None = None,
     progress: Progress | None = None,
@@ -120,9 +128,11 @@ def suggest(
         Its recordings, or those in its folder, say what the knobs can do, how long runs are, where they
         start, and how well the models' parameters are known.
     models : Model or sequence of Model
-        The final model of a diagnosis, then its rivals; with one alone its parameters are sharpened.
+        Those that may be true, as a diagnosis finds `plausible`; with one alone its parameters are sharpened.
     noise : float, optional
         The tracker's standard deviation [board edges]; by default that of the recordings.
+    probabilities : sequence of float, optional
+        How probable each model is; by default all are alike.
     seed : int
         Of all draws. The same seed gives the same bits for any number of threads.
     threads : int, optional
@@ -133,7 +143,8 @@ def suggest(
     Raises
     ------
     IrtError
-        If there is no model, the noise is none, or the recordings never moved a knob.
+        If there is no model, the noise is none, probabilities are not as many as models or not above 0, or
+        the recordings never moved a knob.
     """
     rig = as_rig(rig).of_marbles()
     models = arguments.listed("models", [models] if isinstance(models, Model) else models, Model)
@@ -145,6 +156,7 @@ def suggest(
     noise = tracker_noise(segments(rig)) if noise is None else arguments.number("noise", noise)
     if not 0.0 < noise < math.inf:
         raise IrtError(f"noise: expected a standard deviation above 0 [board edges], got {noise}")
+    chances = _probabilities(probabilities, len(models))
     stamped = stamped_time_scale(rig)
     limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
     if not limits.amplitude.any():
@@ -154,6 +166,7 @@ def suggest(
         hypotheses=tuple(
             Hypothesis.of(rig, model, cut, noise, time_scale=stamped, threads=threads) for model in models
         ),
+        probabilities=chances,
         noise=noise,
         time_scale=stamped,
         threads=threads,
@@ -161,6 +174,14 @@ def suggest(
     recorded = as_recorded(rig, limits)
     found = Search(criterion, rig, limits, seed, progress).run(recorded)
     return _suggestion(criterion, limits, found, recorded)
+
+
+def _probabilities(probabilities: Sequence[float] | None, count: int) -> Array:
+    """Return the probabilities of some models, one in sum."""
+    chances = np.ones(count) if probabilities is None else np.asarray(probabilities, dtype=np.float64)
+    if chances.shape != (count,) or not (np.isfinite(chances) & (chances > 0.0)).all():
+        raise IrtError(f"probabilities: expected {count} numbers above 0, one for each model")
+    return np.asarray(chances / chances.sum())
 
 
 def _suggestion(
@@ -182,6 +203,9 @@ def _suggestion(
         )
         for index, (a, b) in enumerate(criterion.pairs)
     )
+    chances = criterion.probabilities
+    told, random_told = (float(one.information(chances, found.alike).mean()) for one in (best, random))
+    doubt = float(-(chances * np.log(chances)).sum())
     gain, random_gain = float(best.gain[0, 0]), float(random.gain[:, 0].mean())
     unknown = np.abs(hypotheses[0].deviations).max(axis=0) > 0.0
     remaining = {
@@ -196,6 +220,9 @@ def _suggestion(
         stamps=criterion.stamps(limits.rows),
         family=run.family,
         separation=separation,
+        information=told,
+        random_information=random_told,
+        doubt=doubt,
         gain=gain,
         random_gain=random_gain,
         remaining=remaining,
@@ -206,6 +233,7 @@ def _suggestion(
             limits,
             separation=separation,
             tried=found.tried,
+            information=(told, random_told, doubt),
             gains=(gain, random_gain),
             remaining=remaining,
             at_wall=at_wall,

@@ -9,6 +9,16 @@ d the difference, S the tracker's variance and what linear slopes do not foresee
 a large S where it does, and gains nothing there. What stays of d row by row, after the best move of all
 parameters and of the start, is judged by the likelihood that fits are judged by, Student's t: a few rows that
 differ wildly count no more than they do there.
+
+A run is worth the mutual information between what it will show and which hypothesis is true. From the nats
+D_ij between two hypotheses, whose probabilities are w, its lower bound by Chernoff's distances is
+
+    -sum_i w_i log sum_j w_j exp(-a^2 D_ij / 4)
+
+(Kolchinsky and Tracey, "Estimating mixture entropy with pairwise distances", Entropy 19, 2017), between none
+and the entropy of w: a pair that one run separates anyway is worth no more for being separated twice. How far
+two hypotheses lie apart is known to about its own size: a is standard normal, and the mean of the exponential
+(1 + D_ij / 2)^-1/2. With a = 1 a run that just suffices would be as good as one with evidence to spare.
 """
 
 from __future__ import annotations
@@ -27,7 +37,7 @@ from irt.suggestion.hypothesis import Expected, Hypothesis
 
 Array = NDArray[np.float64]
 
-#: The worth of a nat about parameters beside the logarithm of nats between hypotheses.
+#: The worth of a nat about parameters beside one about which hypothesis is true.
 _SHARPEN = 0.02
 #: What a single step along an open direction must change to count, over the tracker's noise.
 _FAINT = 0.5
@@ -62,13 +72,26 @@ class Worth:
     at_wall: Array
     walls_matter: bool
 
-    def score(self, open_pairs: NDArray[np.bool_]) -> Array:
-        """Return what makes one run better than another, (e,), where some (p,) pairs can be told apart.
+    def information(self, probabilities: Array, alike: NDArray[np.bool_]) -> Array:
+        """Return what each run is expected to tell of which hypothesis is true [nats], (e,).
 
-        Logarithms: a pair that is told apart anyway must not outweigh one that is not.
+        Parameters
+        ----------
+        probabilities : (m,) array
+            Of the hypotheses.
+        alike : (p,) bool array
+            Pairs that predict the same whatever is played.
         """
-        told = np.log1p(self.nats[:, open_pairs]).sum(axis=1) / max(1, open_pairs.sum())
-        worth = told + _SHARPEN * self.gain.mean(axis=1)
+        count = len(probabilities)
+        overlap = np.ones((len(self.gain), count, count))
+        for index, (a, b) in enumerate(combinations(range(count), 2)):
+            shared = 1.0 if alike[index] else (1.0 + 0.5 * self.nats[:, index]) ** -0.5
+            overlap[:, a, b] = overlap[:, b, a] = shared
+        return np.asarray(-np.log(overlap @ probabilities) @ probabilities)
+
+    def score(self, probabilities: Array, alike: NDArray[np.bool_]) -> Array:
+        """Return what makes one run better than another, (e,); what is given is as of `information`."""
+        worth = self.information(probabilities, alike) + _SHARPEN * self.gain @ probabilities
         return np.asarray(worth if self.walls_matter else worth * (1.0 - self.at_wall))
 
 
@@ -80,6 +103,8 @@ class Criterion:
     ----------
     hypotheses : tuple of Hypothesis
         The first is the one whose parameters are told about.
+    probabilities : (m,) array
+        Of the m hypotheses, one in sum.
     noise : float
         The tracker's standard deviation [board edges].
     time_scale : float or None
@@ -89,6 +114,7 @@ class Criterion:
     """
 
     hypotheses: tuple[Hypothesis, ...]
+    probabilities: Array
     noise: float
     time_scale: float | None
     threads: int | None

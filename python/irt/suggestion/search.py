@@ -111,7 +111,7 @@ class Search:
                     self._alike[index] = alike(self.criterion, self.rig, pair, chosen)
         self._tried += len(runs)
         self._most = np.maximum(self._most, np.where(self._alike, 0.0, worth.nats.max(axis=0)))
-        return worth.score(~self._alike)
+        return worth.score(self.criterion.probabilities, self._alike)
 
 
 def _varied(genes: Array, spread: float, rng: np.random.Generator) -> Array:

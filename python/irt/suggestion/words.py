@@ -29,6 +29,7 @@ def sentences(
     *,
     separation: Sequence[Separation],
     tried: int,
+    information: tuple[float, float, float],
     gains: tuple[float, float],
     remaining: dict[str, float],
     at_wall: float,
@@ -45,6 +46,9 @@ def sentences(
         What the run tells between models; none where there is one alone.
     tried : int
         Excitations that were compared.
+    information : (float, float, float)
+        What the run, and one like those recorded, tells of which model is true; and how much is in doubt
+        [nats].
     gains : (float, float)
         What the run, and one like those recorded, tells about the first model's parameters [nats].
     remaining : dict
@@ -55,6 +59,8 @@ def sentences(
     found = [_play(run, limits)]
     if at_wall > _MUCH_WALL:
         found.append(f"Expect the marble at a wall for {100 * at_wall:.0f} % of the run.")
+    if separation:
+        found.append(_doubt(information))
     found += [sentence for pair in separation for sentence in _pair(pair, tried)]
     if all(pair.nats < TIED or pair.alike for pair in separation):
         found.append(_sharpened(gains, remaining))
@@ -74,6 +80,15 @@ def _play(run: Excitation, limits: Limits) -> str:
     rows = len(run.commands)
     lasts = "" if limits.step_s is None else f" ({limits.lasting(rows)})"
     return f"Lay the marble down at rest {where}, the knobs level, and play {rows} rows{lasts}: {run.words}."
+
+
+def _doubt(information: tuple[float, float, float]) -> str:
+    run, random, doubt = information
+    share, usual = (100.0 * one / doubt if doubt > 0.0 else 0.0 for one in (run, random))
+    return (
+        f"Of the doubt which model is true ({_nats(doubt)}) this run is expected to settle {share:.0f} %, "
+        f"one like those recorded {usual:.0f} %."
+    )
 
 
 def _pair(pair: Separation, tried: int) -> Iterator[str]:

@@ -38,11 +38,12 @@ def tied(places, tmp_path: Path) -> Path:
     (folder / "models").mkdir()
     rig = load_rig(folder)
     for name, effect in (
-        ("model", Effect("delay", {"delay_s": 0.08})),
-        ("rival-1", Effect("lag", {"time_constant_s": 0.08})),
+        ("plausible-1", Effect("delay", {"delay_s": 0.08})),
+        ("plausible-2", Effect("lag", {"time_constant_s": 0.08})),
     ):
         model = Model.from_rig(rig, VALUES, effects=[effect], time_step="continuous")
         save_model(folder / "models" / f"{name}.toml", model)
+    (folder / "models" / "plausible.json").write_text('{"probabilities": [0.6, 0.4]}')
     (folder / "models" / "diagnosis.json").write_text(told("delay", delay=["lag"]))
     return folder
 

@@ -159,7 +159,7 @@ def altered_answer(places: Places) -> None:
 
 
 def answer_more(places: Places) -> None:
-    (places.answer("rig-0002") / "rival-1.toml").write_text("")
+    (places.answer("rig-0002") / "plausible-2.toml").write_text("")
 
 
 def altered_recording(places: Places) -> None:

@@ -13,6 +13,7 @@ from irt.diagnosis.result import (
     Diagnosis,
     Finding,
     NamedEffect,
+    Plausible,
     Power,
     Remains,
     RunProof,
@@ -167,6 +168,7 @@ def make_diagnosis(rig, verdict):
         rivals=(replace(models[1], effects=(Effect("delay", {"delay_s": 0.113}),)),)
         if verdict == "missing"
         else (),
+        plausible=(Plausible(models[1], 0.7), Plausible(models[0], 0.3)),
         unidentifiable=("gear_x, gear_y and rolling_friction times L with time_scale times the root of L.",),
         suggestion="Record steps of two sizes: backlash costs the same angle at both, a delay the same time.",
         candidates=make_candidates(verdict),

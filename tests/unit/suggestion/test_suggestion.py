@@ -79,7 +79,8 @@ def test_a_lag_is_told_from_a_delay_several_times_better_than_by_runs_as_recorde
     assert (pair.first, pair.second, pair.alike) == (("lag",), ("delay",), False)
     assert pair.nats > 4.0 * pair.random_nats
     assert pair.distance > 2.0 * pair.random_distance
-    assert "Told apart: lag from delay." in told.sentences[1]
+    assert told.random_information < told.information <= told.doubt == pytest.approx(np.log(2.0))
+    assert "Told apart: lag from delay." in told.sentences[2]
 
 
 @pytest.mark.slow
@@ -127,6 +128,22 @@ def test_no_drive_tells_a_delay_from_a_latency_and_other_means_are_named() -> No
     assert "No drive of the knobs tells delay from latency" in text
     assert "a lamp in the camera's view" in text
     assert "sharpens the parameters" in text
+
+
+@pytest.mark.usefixtures("quick")
+def test_what_is_known_already_is_no_doubt(lagging: Rig, lag_or_delay: tuple[Model, Model]) -> None:
+    even, sure = (
+        suggest(lagging, lag_or_delay, NOISE, probabilities=chances, threads=1)
+        for chances in ((1.0, 1.0), (0.999, 0.001))
+    )
+    assert sure.doubt == pytest.approx(0.0079, abs=1e-4)
+    assert 0.0 < sure.information < sure.doubt < even.information < even.doubt
+
+
+@pytest.mark.parametrize("chances", [[1.0], [0.5, -0.1], [0.5, float("nan")]])
+def test_bad_probabilities(lagging: Rig, lag_or_delay: tuple[Model, Model], chances: list[float]) -> None:
+    with pytest.raises(IrtError, match="probabilities: expected 2 numbers above 0, one for each model"):
+        suggest(lagging, lag_or_delay, NOISE, probabilities=chances)
 
 
 @pytest.mark.usefixtures("quick")
@@ -221,8 +238,8 @@ def test_the_seed_decides_and_the_number_of_threads_does_not(lagging: Rig, lag_o
     one, two = (suggest(lagging, lag_or_delay, NOISE, threads=threads) for threads in (1, 2))
     np.testing.assert_array_equal(one.commands, two.commands)
     assert (one.separation, one.sentences) == (two.separation, two.sentences)
-    other = suggest(lagging, lag_or_delay, NOISE, seed=1, threads=1)
-    assert not np.array_equal(other.commands, one.commands)
+    drawn = [suggest(lagging, lag_or_delay[:1], NOISE, seed=seed, threads=1) for seed in (0, 1)]
+    assert not np.array_equal(drawn[0].commands, drawn[1].commands)
 
 
 @pytest.mark.usefixtures("quick")
