@@ -9,6 +9,8 @@ PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
 START_VELOCITY = 0.3
 #: Draws of each effect that are looked at to first order.
 DRAWS = 32
+#: Times that draws of an effect of one parameter are doubled where neighbours have nothing in common.
+FINER = 4
 #: Effects that are fitted after that look, and starts of each.
 FITTED, STARTS = 10, 2
 #: Effects that are fitted in the place of one of a set.

@@ -106,10 +106,17 @@ class Screening:
 
     def _promise(self, name: str) -> Promise:
         own, values, found = self._filtered(name, draws(name, config.DRAWS, self._case.seed))
+        changes = np.array([self._change(one) for one in found])
+        for _ in range(config.FINER if values.shape[1] == own + 1 else 0):
+            between = _between(values[:, own], changes)
+            if not len(between):
+                break
+            _, more, of_more = self._filtered(name, between[:, None])
+            values, found = np.concatenate([values, more]), [*found, *of_more]
+            changes = np.concatenate([changes, [self._change(one) for one in of_more]])
         actual, linear, share = np.full((3, len(values)), 0.0)
-        for index, one in enumerate(found):
+        for index, (one, change) in enumerate(zip(found, changes, strict=True)):
             actual[index] = float(one.log_likelihood.sum()) - self._likelihood
-            change = self._change(one)
             square, along = float(change @ change), float(change @ self._off)
             if square > 1e-9:
                 amount = along / square
@@ -159,6 +166,20 @@ class Screening:
     def _across(self, vector: Array) -> Array:
         """Return what the set's own parameters cannot make up for."""
         return np.asarray(vector - self._basis @ (self._basis.T @ vector))
+
+
+def _between(values: Array, changes: Array) -> Array:
+    """Return the middles between (k,) values of which the one says nothing of what the other does.
+
+    Steps of a knob do so if they differ by a hundredth: between two of them there is room for a third. Only
+    changes (k, rows) count that would be seen, were they true.
+    """
+    order = np.argsort(values)
+    values, changes = values[order], changes[order]
+    sizes = np.sqrt((changes**2).sum(axis=1))
+    seen = 0.5 * np.minimum(sizes[:-1], sizes[1:]) ** 2 > config.SURE
+    alike = (changes[:-1] * changes[1:]).sum(axis=1) > np.sqrt(0.5) * sizes[:-1] * sizes[1:]
+    return np.asarray(0.5 * (values[:-1] + values[1:])[seen & ~alike])
 
 
 def child(effects: Sequence[str], name: str) -> tuple[str, ...]:
