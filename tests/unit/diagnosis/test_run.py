@@ -157,6 +157,16 @@ def test_physics_that_has_no_name_is_stated_as_a_formula(diagnosed, plant):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["nothing", "drag"])
+def test_what_may_be_true_begins_with_the_answer(diagnosed, plant, name):
+    found = diagnosed(name, plant)
+    first, *others = found.plausible
+    assert [one.name for one in first.model.effects] == [one.name for one in found.model.effects]
+    assert sum(one.probability for one in found.plausible) == pytest.approx(1.0)
+    assert all(0.0 < one.probability <= first.probability for one in others)
+
+
+@pytest.mark.slow
 def test_power_is_stated_where_nothing_is_named(diagnosed, plant):
     found = diagnosed("nothing", plant)
     assert {one.effect for one in found.power} >= {"lag", "bump", "parallax"}

@@ -48,6 +48,15 @@ def test_a_bump_is_looked_for_where_it_is(plant):
     assert np.hypot(places[:, 0] - 0.02, places[:, 1] + 0.015).min() < 0.03
 
 
+def test_steps_of_a_knob_are_found_although_a_hundredth_beside_them_nothing_fits(plant):
+    step = 0.0131
+    (promise,) = screened(
+        plant([{"name": "command_quantisation", "step_rad": step}], runs=6, stamped=True)
+    ).promises(["command_quantisation"])
+    assert abs(promise.starts[:, -1] - step).min() < 0.01 * step
+    assert promise.gain > 15.0
+
+
 def test_a_larger_effect_shows_more(plant):
     sizes = np.array([[0.05], [0.2], [0.8]])
     shown = screened(plant(stamped=True)).shown("viscous_drag", sizes)
