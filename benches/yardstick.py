@@ -184,7 +184,8 @@ def real(out: Path, name: str, threads: int | None) -> dict[str, dict[str, str]]
     said = json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
     model = irt.load_model(out / "model.toml")
     base = irt.tune(rig, threads=threads).model
-    tests = [runs[one] for one in plan.test]
+    # Where a tilt was measured it would be played in place of the commands, and what makes it go unjudged.
+    tests = [replace(runs[one], tilt=None) for one in plan.test]
     names = [
         "/".join([one["name"], *one["confusable_with"]])
         + (f" ({said['inclusion'].get(one['name'], 0.0):.2f})" if "inclusion" in said else "")

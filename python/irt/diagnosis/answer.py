@@ -13,7 +13,7 @@ from irt.catalogue import effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
-from irt.diagnosis.hypotheses import JITTER, MEAN, group_of
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, group_of
 from irt.diagnosis.latent import Leftover, Source
 from irt.diagnosis.locate import locate, stages, variables
 from irt.diagnosis.power import power
@@ -107,7 +107,7 @@ class Answer:
             base=_model(self._base, self._relevance.parameters(self._base)[0]),
             model=_model(best, self._parameters),
             rivals=tuple(one.scored.fitted.model for one in tied),
-            plausible=self._plausible(),
+            plausible=self._plausible(tied),
             unidentifiable=self._unidentifiable,
             suggestion=words.suggestion(effects, case.rig.path),
             candidates=self._candidates(tied),
@@ -219,16 +219,17 @@ class Answer:
         """Whether what the answer leaves depends on anything that comes back."""
         return any(one.repeats and one.p_value <= _SURELY for one in self._sources(self._best))
 
-    def _plausible(self) -> tuple[Plausible, ...]:
+    def _plausible(self, tied: list[Tie]) -> tuple[Plausible, ...]:
         """Return the sets that are worth a mention, the answer first.
 
         That effects of the most probable set do not matter to recordings held out says nothing of whether
-        they are there: the answer without them is as probable.
+        they are there: the answer without them is as probable. So is the answer by another name.
         """
-        best, answer = self._posterior.best, self._best
-        own = frozenset(answer.effects)
-        scores = {one: one.score for one in self._posterior.sets if frozenset(one.effects) != own}
-        scores = {answer: max(answer.score, best.score)} | scores
+        renamed = [tie.scored for tie in tied if {tie.name, tie.instead} == ALIKE]
+        most = max(self._best.score, self._posterior.best.score)
+        scores = dict.fromkeys([self._best, *renamed], most)
+        known = {frozenset(one.effects) for one in scores}
+        scores |= {one: one.score for one in self._posterior.sets if frozenset(one.effects) not in known}
         chances = np.exp(np.array(list(scores.values())) - max(scores.values()))
         found = [
             (one, chance)

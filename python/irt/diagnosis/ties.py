@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER
-from irt.diagnosis.score import Array, Scored
+from irt.diagnosis.score import Array, Scored, Scores
 from irt.diagnosis.selection import Posterior
 
 
@@ -35,13 +35,27 @@ def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
     for one in posterior.sets:
         gone, instead = _difference(posterior.best, one)
         close = one.score > posterior.best.score - config.TIE
-        if (
-            gone in answer.effects
-            and JITTER not in {gone, instead}
-            and (close or ({gone, instead} == ALIKE and _is_same(posterior.best, one)))
-        ):
+        if gone in answer.effects and JITTER not in {gone, instead} and close:
             found.append(Tie(gone, instead, one))
+    for name in ALIKE.intersection(answer.effects):
+        other = _renamed(answer, name)
+        instead = other.effects[answer.effects.index(name)]
+        alike = _is_same(answer, other) or Scores.of(answer).push(answer) > config.SURE
+        if alike and all(one.instead != instead for one in found):
+            found.append(Tie(name, instead, other))
     return found
+
+
+def _renamed(one: Scored, name: str) -> Scored:
+    """Return a set at the same values, one of its effects by the other name that it may have (`ALIKE`).
+
+    Beside a push, how likely either is does not distinguish them: a filter corrects the marble by what was
+    seen in a row, not where it was when an old picture was taken (a late picture that was true came out 568
+    nats less likely than a late command).
+    """
+    (instead,) = ALIKE - {name}
+    effects = tuple(instead if each == name else each for each in one.effects)
+    return replace(one, effects=effects, names=Scores.of(one).problem(effects).names)
 
 
 def _difference(best: Scored, one: Scored) -> tuple[str, str]:
@@ -64,11 +78,11 @@ def _between(one: Scored, other: Scored) -> Array:
 def reason(answer: Scored, tie: Tie) -> str:
     """Say why two sets cannot be distinguished, with the size of what is between them."""
     size = float(np.sqrt(np.nanmean(_between(answer, tie.scored) ** 2))) / answer.case.noise
+    timed = "only what is timed by itself would distinguish them, as a lamp switched with a command"
     if {tie.name, tie.instead} == ALIKE:
-        why = (
-            "the marble is seen to move alike whether the command comes late or the picture does; only what "
-            "is timed by itself would distinguish them, as a lamp switched with a command"
-        )
+        why = f"the marble is seen to move alike whether the command comes late or the picture does; {timed}"
+        if not _is_same(answer, tie.scored):
+            why = f"beside a push that never repeats, what they differ by is not weighed; {timed}"
     else:
         why = "these commands do not excite what is different about them"
     alike = f"to {size:.1f} times the tracker's scatter"

@@ -29,6 +29,20 @@ def test_a_late_command_ties_with_a_late_picture(plant, planted):
     assert late[0] == pytest.approx(late[1], abs=0.01)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "planted", [{"name": "delay", "delay_s": 0.15}, {"name": "latency", "latency_s": 0.15}]
+)
+def test_a_push_does_not_distinguish_them(plant, planted):
+    # Of a board that is not level a late picture shows another start than a late command.
+    bias = {"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002}
+    best, found = tied(plant([planted, bias], runs=5, stamped=True, pushed=0.1))
+    names = {"delay", "latency"}
+    assert names.intersection(best.effects)
+    (tie,) = [one for one in found if {one.name, one.instead} == names]
+    assert "a push that never repeats" in reason(best, tie)
+
+
 def test_what_is_distinct_ties_with_nothing(plant):
     best, found = tied(plant([{"name": "viscous_drag", "rate_per_s": 0.8}], runs=5, stamped=True))
     assert best.effects == ("viscous_drag",)
