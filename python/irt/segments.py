@@ -76,7 +76,7 @@ class Segment:
         return Segment(self.run, slice(self.first_row + first, self.first_row + stop), unknown, unknown)
 
 
-def segments(rig: Rig, seconds: float | None = None) -> list[Segment]:
+def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> list[Segment]:
     """Return what a fit predicts: whole recordings that start at rest, or windows of them.
 
     Parameters
@@ -86,6 +86,8 @@ def segments(rig: Rig, seconds: float | None = None) -> list[Segment]:
     seconds : float, optional
         Length of a window [s]; without stamps the middle of the range of ``time_scale`` gives the time. By
         default there are windows, of 2.5 s, only where the rig's marble starts in motion.
+    whole : bool
+        No windows, even where the marble starts in motion.
 
     Returns
     -------
@@ -107,7 +109,7 @@ def segments(rig: Rig, seconds: float | None = None) -> list[Segment]:
     for recording in rig.recordings:
         rows = len(recording.knobs)
         step = row_seconds(recording, middle)
-        if seconds is not None or rig.start == "moving":
+        if seconds is not None or (rig.start == "moving" and not whole):
             rows = rows_of(seconds or SEGMENT_S, step)
         for first in range(0, len(recording.knobs), rows):
             stretch = slice(first, first + rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -85,9 +86,14 @@ class Case:
     rig : Rig
         Board, marble, ranges and recordings.
     segments : tuple of Segment
-        What is predicted in one go.
+        What free runs predict in one go: of a marble in motion windows.
     folds : (s,) int array
         Which segments belong together: those of one recording.
+    runs : tuple of Segment
+        Whole recordings. A filter corrects the marble in every row, and need not begin anew where a free run
+        would have lost it: what a board, a marble or a push remembers goes on from row to row.
+    run_folds : (r,) int array
+        Which recording each of `runs` is.
     noise : float
         Standard deviation of the tracker [board edges], from the recordings alone.
     time_scale : float or None
@@ -103,6 +109,8 @@ class Case:
     rig: Rig
     segments: tuple[Segment, ...]
     folds: NDArray[np.int64]
+    runs: tuple[Segment, ...]
+    run_folds: NDArray[np.int64]
     noise: float
     time_scale: float | None
     seed: int
@@ -119,11 +127,15 @@ class Case:
             If some recordings are stamped and others not.
         """
         cut = tuple(segments(rig))
+        runs = tuple(segments(rig, whole=True))
         names = [recording.name for recording in rig.recordings]
+        folds, run_folds = (np.array([names.index(one.recording) for one in parts]) for parts in (cut, runs))
         return cls(
             rig=rig,
             segments=cut,
-            folds=np.array([names.index(segment.recording) for segment in cut]),
+            folds=folds,
+            runs=runs,
+            run_folds=run_folds,
             noise=tracker_noise(cut),
             time_scale=stamped_time_scale(rig),
             seed=seed,
@@ -132,21 +144,38 @@ class Case:
 
     def only(self, folds: Sequence[int]) -> Case:
         """Return the case with the segments of some folds alone."""
-        keep = np.isin(self.folds, folds)
-        kept = tuple(segment for segment, stays in zip(self.segments, keep, strict=True) if stays)
-        return replace(self, segments=kept, folds=self.folds[keep])
+        keep, stay = np.isin(self.folds, folds), np.isin(self.run_folds, folds)
+        return replace(
+            self,
+            segments=tuple(itertools.compress(self.segments, keep)),
+            folds=self.folds[keep],
+            runs=tuple(itertools.compress(self.runs, stay)),
+            run_folds=self.run_folds[stay],
+        )
 
     def holding(self, name: str, values: Mapping[str, float]) -> Case:
         """Return the case with parameters of an effect held at these values."""
         return replace(self, held={**self.held, name: values})
 
-    def problem(
+    def problem(self, effects: Sequence[str]) -> Problem:
+        """Return the problem of fitting the five parameters and those of effects to free runs."""
+        return self._problem(self.segments, effects)
+
+    def grey_box(
         self, effects: Sequence[str], *, within: Mapping[str, tuple[float, float]] | None = None
     ) -> Problem:
-        """Return the problem of fitting the five parameters and those of effects, some of them `within`."""
+        """Return the same problem where a filter goes through whole recordings; some values stay `within`."""
+        return self._problem(self.runs, effects, within)
+
+    def _problem(
+        self,
+        parts: Sequence[Segment],
+        effects: Sequence[str],
+        within: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Problem:
         return Problem.of(
             self.rig,
-            self.segments,
+            parts,
             effects=[Effect(name, {}) for name in effects],
             time_scale=self.time_scale,
             noise=self.noise,

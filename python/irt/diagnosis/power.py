@@ -33,7 +33,7 @@ def power(scores: Scores, base: Scored) -> list[Power]:
     screening = Screening(scores, base)
     return [
         one
-        for name in hypotheses()
+        for name in hypotheses(scores.case.rig.start)
         if name != JITTER
         for one in _of(screening, name, scores.price([name]) + config.SURE, scores.case.seed)
     ]

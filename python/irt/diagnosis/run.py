@@ -64,7 +64,7 @@ def diagnose(
 def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
     """Go the whole way, from recordings to words."""
     scores = Scores(case)
-    selection = Selection(scores, hypotheses(), report)
+    selection = Selection(scores, hypotheses(case.rig.start), report)
     posterior = selection.run()
     relevance = Relevance(selection, posterior)
     report("which effects matter")

@@ -138,8 +138,8 @@ class Scores:
     def problem(self, effects: Sequence[str]) -> Problem:
         """Return the problem of a set, and of a time by which engines that step in time are apart."""
         if set(effects) & TIMES:
-            return self.case.problem(simulated(effects))
-        return self.case.problem([MEAN, *effects], within={"delay.delay_s": (0.0, SUBSTEP_S)})
+            return self.case.grey_box(simulated(effects))
+        return self.case.grey_box([MEAN, *effects], within={"delay.delay_s": (0.0, SUBSTEP_S)})
 
     def _starts(self) -> tuple[Array, Array]:
         """Return values and sizes of what is random to begin at: least squares, and the middle of ranges.

@@ -68,7 +68,7 @@ class Screening:
         found = problem.filter(
             moved, np.tile(parent.noise, (len(moved), 1)), [parent.top.states] * len(moved)
         )
-        seen = np.concatenate([one.observed.ravel() for one in self._case.segments])
+        seen = np.concatenate([one.observed.ravel() for one in self._case.runs])
         predicted = [np.concatenate([one.ravel() for one in each.predicted]) for each in found]
         variance = np.concatenate([one.ravel() for one in found[0].variance])
         self._kept = np.isfinite(seen) & np.isfinite(variance)

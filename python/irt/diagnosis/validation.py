@@ -97,7 +97,7 @@ def _held_out(one: Scored) -> HeldOut:
 
 def _fitted_without(one: Scored, fold: int) -> Mapping[str, float]:
     """Return the values to which a set comes without one recording, from where all of them led."""
-    keep = one.case.folds != fold
+    keep = one.case.run_folds != fold
     rest = one.case.only([other for other in np.unique(one.case.folds) if other != fold])
     scores = Scores(rest, one.terms)
     if one.is_free:

@@ -32,5 +32,9 @@ def test_of_two_names_of_one_thing_one_is_asked_for():
     assert {"delay_jitter", "lag", "bump"} <= set(names)
 
 
+def test_a_marble_that_rolls_already_lies_another_way_in_each_recording():
+    assert set(hypotheses()) - set(hypotheses("moving")) == {"eccentric_marble"}
+
+
 def test_what_cannot_be_simulated_is_simulated_by_its_mean():
     assert simulated(["delay_jitter", "lag"]) == ["delay", "lag"]

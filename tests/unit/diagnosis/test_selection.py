@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from irt.diagnosis import config
+from irt.diagnosis.case import Case
 from irt.diagnosis.hypotheses import hypotheses
 from irt.diagnosis.score import KICK, PULL, PUSH, Scores
 from irt.diagnosis.screening import Screening
@@ -128,3 +129,20 @@ def test_threads_change_no_bit(plant):
         assert one.score == other.score
         np.testing.assert_array_equal(one.top.values, other.top.values)
         np.testing.assert_array_equal(one.noise, other.noise)
+
+
+def test_a_filter_goes_through_whole_recordings_of_a_marble_in_motion(plant):
+    rows, gone = 200, 40
+    planted = plant([DRAG], runs=4, rows=rows, stamped=True, pushed=PUSHED)
+    cut = tuple(
+        replace(one, knobs=one.knobs[gone:], marble=one.marble[gone:], stamps=one.stamps[gone:])
+        for one in planted.rig.recordings
+    )
+    case = Case.of(replace(planted.rig, start="moving", recordings=cut))
+    assert [len(one.knobs) for one in case.runs] == [rows - gone] * 4
+    assert len(case.segments) > len(case.runs)
+    assert list(case.only([1, 3]).run_folds) == [1, 3]
+    scores = Scores(case)
+    posterior = Selection(scores, ["delay", "lag", "viscous_drag", "point_field"], quiet).run()
+    assert posterior.best.effects == ("viscous_drag",)
+    assert len(posterior.best.top.states) == len(case.runs)

@@ -26,7 +26,8 @@ def with_marble(one, index, marble):
     runs = list(one.case.rig.recordings)
     runs[index] = replace(runs[index], marble=marble)
     rig = replace(one.case.rig, recordings=tuple(runs))
-    return replace(one, case=replace(one.case, rig=rig, segments=tuple(segments(rig))))
+    whole = tuple(segments(rig))
+    return replace(one, case=replace(one.case, rig=rig, segments=whole, runs=whole))
 
 
 @pytest.mark.parametrize("free", [False, True], ids=["filter", "free runs"])
