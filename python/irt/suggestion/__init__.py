@@ -51,9 +51,10 @@ class Suggestion:
     separation : tuple of Separation
         One for each pair of models.
     information, random_information : float
-        What the run is expected to tell of which model is true [nats], and what one like those recorded does.
+        Mutual information between what the run will show and which model is true [nats], and that of a run
+        like those recorded.
     doubt : float
-        The entropy of the models' probabilities, which is the most that a run can tell [nats].
+        The entropy of the models' probabilities, the most that a run can give [nats].
     gain, random_gain : float
         What the run tells about the first model's parameters [nats], and what one like those recorded does.
     remaining : dict
@@ -204,7 +205,7 @@ def _suggestion(
         for index, (a, b) in enumerate(criterion.pairs)
     )
     chances = criterion.probabilities
-    told, random_told = (float(one.information(chances, found.alike).mean()) for one in (best, random))
+    expected, random_expected = (float(one.information(chances, found.alike).mean()) for one in (best, random))
     doubt = float(-(chances * np.log(chances)).sum())
     gain, random_gain = float(best.gain[0, 0]), float(random.gain[:, 0].mean())
     unknown = np.abs(hypotheses[0].deviations).max(axis=0) > 0.0
@@ -220,8 +221,8 @@ def _suggestion(
         stamps=criterion.stamps(limits.rows),
         family=run.family,
         separation=separation,
-        information=told,
-        random_information=random_told,
+        information=expected,
+        random_information=random_expected,
         doubt=doubt,
         gain=gain,
         random_gain=random_gain,
@@ -233,7 +234,7 @@ def _suggestion(
             limits,
             separation=separation,
             tried=found.tried,
-            information=(told, random_told, doubt),
+            information=(expected, random_expected, doubt),
             gains=(gain, random_gain),
             remaining=remaining,
             at_wall=at_wall,

@@ -73,14 +73,14 @@ class Worth:
     walls_matter: bool
 
     def information(self, probabilities: Array, alike: NDArray[np.bool_]) -> Array:
-        """Return what each run is expected to tell of which hypothesis is true [nats], (e,).
+        """Return the mutual information between each run and which hypothesis is true [nats], (e,).
 
         Parameters
         ----------
         probabilities : (m,) array
             Of the hypotheses.
         alike : (p,) bool array
-            Pairs that predict the same whatever is played.
+            Pairs that predict the same in all runs.
         """
         count = len(probabilities)
         overlap = np.ones((len(self.gain), count, count))

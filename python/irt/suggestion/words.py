@@ -47,8 +47,8 @@ def sentences(
     tried : int
         Excitations that were compared.
     information : (float, float, float)
-        What the run, and one like those recorded, tells of which model is true; and how much is in doubt
-        [nats].
+        Mutual information of the run, and of one like those recorded, with which model is true; and how much
+        is in doubt [nats].
     gains : (float, float)
         What the run, and one like those recorded, tells about the first model's parameters [nats].
     remaining : dict
