@@ -205,7 +205,9 @@ def _suggestion(
         for index, (a, b) in enumerate(criterion.pairs)
     )
     chances = criterion.probabilities
-    expected, random_expected = (float(one.information(chances, found.alike).mean()) for one in (best, random))
+    expected, random_expected = (
+        float(one.information(chances, found.alike).mean()) for one in (best, random)
+    )
     doubt = float(-(chances * np.log(chances)).sum())
     gain, random_gain = float(best.gain[0, 0]), float(random.gain[:, 0].mean())
     unknown = np.abs(hypotheses[0].deviations).max(axis=0) > 0.0
