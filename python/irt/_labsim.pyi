@@ -20,6 +20,7 @@ __all__ = [
     "paper_drive",
     "refine",
     "rollouts",
+    "smoothed",
     "tracker_noise",
     "turned",
 ]
@@ -96,4 +97,10 @@ def inform(problem: Mapping[str, Any], values: Sequence[float], *, noise: float)
 def refine(
     problem: Mapping[str, Any], values: Sequence[Sequence[float]], *, iterations: int, held: bool
 ) -> list[dict[str, Any]]: ...
+def smoothed(
+    problem: Mapping[str, Any],
+    values: Sequence[float],
+    noise: npt.NDArray[np.float64],
+    states: npt.NDArray[np.float64],
+) -> dict[str, Any]: ...
 def tracker_noise(observed: Sequence[npt.NDArray[np.float64]]) -> float: ...

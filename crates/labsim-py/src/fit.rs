@@ -2,6 +2,7 @@
 
 use labsim::effects::effect;
 use labsim::error::Error;
+use labsim::filter::Smoothed;
 use labsim::fit::{Hypothesis, Information, ParameterSpec, Problem, Recording, Settings, Stretch};
 use labsim::{Engine, Hold, Noise, Rig};
 use numpy::ndarray::{Array1, Array2};
@@ -344,6 +345,42 @@ pub(crate) fn filtered<'py>(
     results.collect()
 }
 
+/// What all rows say of the random push in each of them; see `irt.fitting.problem`.
+#[pyfunction]
+#[pyo3(signature = (problem, values, noise, states))]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
+pub(crate) fn smoothed<'py>(
+    py: Python<'py>,
+    problem: Asked<'py>,
+    values: Vec<f64>,
+    noise: Matrix<'py>,
+    states: Matrix<'py>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let problem = Owned::new(&problem)?;
+    let (noise, states) = (noises(&noise)?[0], of_segments(&states)?);
+    let smoothed = interrupt::interruptible(py, |cancel| {
+        problem.with(|problem| problem.smooth(&values, noise, &states, cancel))
+    })?;
+    let result = PyDict::new(py);
+    let all = |of: fn(&Smoothed) -> f64| -> Vec<_> {
+        let rows = |one: &Vec<[Smoothed; 2]>| -> Vec<[f64; 2]> {
+            one.iter().map(|row| [of(&row[0]), of(&row[1])]).collect()
+        };
+        smoothed
+            .iter()
+            .map(|one| arrays::matrix(py, &rows(one)))
+            .collect()
+    };
+    result.set_item("push", all(|one| one.push.mean))?;
+    result.set_item("push_deviation", all(|one| one.push.deviation))?;
+    result.set_item("lasting", all(|one| one.lasting.mean))?;
+    result.set_item("lasting_deviation", all(|one| one.lasting.deviation))?;
+    Ok(result)
+}
+
 /// Where an ascent of the posterior leads from values and noise; see `irt.fitting.problem`.
 #[pyfunction]
 #[pyo3(signature = (problem, values, noise, states=None, *, iterations))]
@@ -389,13 +426,14 @@ type States = Vec<Option<[f64; 4]>>;
 
 /// Start states of all stretches for each of some values, a row each; those of no marble are not a number.
 fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<States>>> {
-    let known = |state: [f64; 4]| state.iter().all(|one| one.is_finite()).then_some(state);
-    let of_one = |all: &Matrix<'_>| -> PyResult<States> {
-        Ok(arrays::rows::<4>(all)?.into_iter().map(known).collect())
-    };
     states
-        .map(|states| states.iter().map(of_one).collect())
+        .map(|states| states.iter().map(of_segments).collect())
         .transpose()
+}
+
+fn of_segments(all: &Matrix<'_>) -> PyResult<States> {
+    let known = |state: [f64; 4]| state.iter().all(|one| one.is_finite()).then_some(state);
+    Ok(arrays::rows::<4>(all)?.into_iter().map(known).collect())
 }
 
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {

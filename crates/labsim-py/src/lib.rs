@@ -20,7 +20,7 @@ mod _labsim {
     #[pymodule_export]
     use super::catalogue::catalogue;
     #[pymodule_export]
-    use super::fit::{ascend, filtered, fit, inform, refine, tracker_noise};
+    use super::fit::{ascend, filtered, fit, inform, refine, smoothed, tracker_noise};
     #[pymodule_export]
     use super::{paper_drive, rollouts, turned};
 

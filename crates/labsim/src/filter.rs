@@ -12,6 +12,12 @@ use crate::noise::Noise;
 use crate::per_rollout::PerRollout;
 use crate::rollout::Batch;
 
+mod smoother;
+
+pub(crate) use self::smoother::Correction;
+use self::smoother::smoothed;
+pub use self::smoother::{Estimate, Smoothed};
+
 /// One-step predictions of rollouts, `rows` pairs each, one rollout behind the other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Predictions {
@@ -41,15 +47,46 @@ impl Filter<'_> {
     /// # Errors
     /// [`crate::Error::Invalid`] for values that no physics allows, [`crate::Error::Cancelled`] once `cancel` is set.
     pub fn run(&self, threads: Option<usize>, cancel: &AtomicBool) -> Result<Predictions> {
+        self.check()?;
+        let measured = (self.observed, self.noise);
+        let all = self.batch.filtered(measured, false, threads, cancel)?;
+        Ok(Predictions {
+            marble: all.marble,
+            variance: all.variance,
+        })
+    }
+
+    /// What all rows of a rollout say of each: the random push that was needed, and the tracker's lasting error, along
+    /// each axis; `rows` pairs a rollout.
+    ///
+    /// # Errors
+    /// As [`Filter::run`].
+    pub fn smoothed(
+        &self,
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<[Smoothed; 2]>> {
+        self.check()?;
+        let measured = (self.observed, self.noise);
+        let all = self.batch.filtered(measured, true, threads, cancel)?;
+        let of_rollout = |rows: &[[Correction; 2]]| {
+            let of_axis =
+                |axis: usize| smoothed(&rows.iter().map(|row| row[axis]).collect::<Vec<_>>());
+            let (x, y) = (of_axis(0), of_axis(1));
+            x.into_iter()
+                .zip(y)
+                .map(|(x, y)| [x, y])
+                .collect::<Vec<_>>()
+        };
+        let rollouts = all.corrections.chunks_exact(self.batch.rows.max(1));
+        Ok(rollouts.flat_map(of_rollout).collect())
+    }
+
+    fn check(&self) -> Result<()> {
         let rollouts = self.batch.parameters.len();
         self.observed.check("observed", rollouts, self.batch.rows)?;
         self.noise.check("noise", rollouts, 1)?;
-        for rollout in 0..rollouts {
-            self.noise.of(rollout, 1)[0].check()?;
-        }
-        let measured = (self.observed, self.noise);
-        let [marble, variance] = self.batch.filtered(measured, threads, cancel)?;
-        Ok(Predictions { marble, variance })
+        (0..rollouts).try_for_each(|rollout| self.noise.of(rollout, 1)[0].check())
     }
 
     /// The log-likelihood of what was seen along each axis, for each rollout: Student's t about the predictions.

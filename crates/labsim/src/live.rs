@@ -126,6 +126,7 @@ impl Live {
             marble: &mut self.seen,
             tilt: &mut [],
             variance: &mut [],
+            corrections: &mut [],
         }];
         for substep in 0..self.step.substeps {
             self.register

@@ -14,6 +14,7 @@ use crate::board::Rig;
 use crate::effects::{EffectInstance, in_order};
 use crate::engine::{Clock, Engine, Hold, Job, Measured, Setup, Sink, Step, rapier, rolling};
 use crate::error::{Error, Result};
+use crate::filter::Correction;
 use crate::noise::Noise;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
@@ -135,16 +136,20 @@ impl<'a> Batch<'a> {
     }
 
     /// Simulates every rollout in the rolling engine, corrected in every row by what was seen in it; returns the
-    /// predictions and their variances.
+    /// predictions, their variances, and if that is wanted all that was known as each row was taken in.
     pub(crate) fn filtered(
         &self,
         (observed, noise): (PerRollout<'_, [f64; 2]>, PerRollout<'_, Noise>),
+        wanted: bool,
         threads: Option<usize>,
         cancel: &AtomicBool,
-    ) -> Result<[Vec<[f64; 2]>; 2]> {
-        let asked = Asked::Variance(observed, noise);
-        let all = self.simulate(Engine::Rolling, threads, cancel, asked)?;
-        Ok([all.marble, all.variance])
+    ) -> Result<Simulated> {
+        let asked = if wanted {
+            Asked::Corrections(observed, noise)
+        } else {
+            Asked::Variance(observed, noise)
+        };
+        self.simulate(Engine::Rolling, threads, cancel, asked)
     }
 
     fn simulate(
@@ -160,7 +165,14 @@ impl<'a> Batch<'a> {
         let mut observed = Simulated {
             marble: rows_if(true),
             tilt: rows_if(matches!(asked, Asked::Tilt)),
-            variance: rows_if(matches!(asked, Asked::Variance(..))),
+            variance: rows_if(matches!(
+                asked,
+                Asked::Variance(..) | Asked::Corrections(..)
+            )),
+            corrections: match asked {
+                Asked::Corrections(..) => vec![[Correction::default(); 2]; count],
+                _ => Vec::new(),
+            },
         };
         if count == 0 {
             return Ok(observed);
@@ -178,11 +190,13 @@ impl<'a> Batch<'a> {
             let block = BLOCK * self.rows;
             let mut tilts = observed.tilt.chunks_mut(block);
             let mut variances = observed.variance.chunks_mut(block);
+            let mut corrections = observed.corrections.chunks_mut(block);
             for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
                 let sink = Sink {
                     marble,
                     tilt: tilts.next().unwrap_or_default(),
                     variance: variances.next().unwrap_or_default(),
+                    corrections: corrections.next().unwrap_or_default(),
                 };
                 let groups = self.groups(&setup, engine, workers, (number * BLOCK, sink), asked);
                 groups.into_par_iter().for_each(|(jobs, mut out)| {
@@ -343,6 +357,7 @@ impl<'a> Batch<'a> {
     ) -> Vec<Group<'b>> {
         let mut tilts = observed.tilt.chunks_exact_mut(self.rows);
         let mut variances = observed.variance.chunks_exact_mut(self.rows);
+        let mut corrections = observed.corrections.chunks_exact_mut(self.rows);
         let mut places: Vec<_> = observed
             .marble
             .chunks_exact_mut(self.rows)
@@ -352,6 +367,7 @@ impl<'a> Batch<'a> {
                     marble,
                     tilt: tilts.next().unwrap_or_default(),
                     variance: variances.next().unwrap_or_default(),
+                    corrections: corrections.next().unwrap_or_default(),
                 };
                 Some((self.job(begin + i, asked), sink))
             })
@@ -384,10 +400,12 @@ impl<'a> Batch<'a> {
 
     fn job<'b>(&'b self, rollout: usize, asked: Asked<'b>) -> Job<'b> {
         let measured = match asked {
-            Asked::Variance(observed, noise) => Some(Measured {
-                observed: observed.of(rollout, self.rows),
-                noise: noise.of(rollout, 1)[0],
-            }),
+            Asked::Variance(observed, noise) | Asked::Corrections(observed, noise) => {
+                Some(Measured {
+                    observed: observed.of(rollout, self.rows),
+                    noise: noise.of(rollout, 1)[0],
+                })
+            }
             _ => None,
         };
         Job {
@@ -414,13 +432,16 @@ enum Asked<'a> {
     Tilt,
     /// Of predictions that are corrected by these observations, with this noise.
     Variance(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
+    /// The same, with all that the filter knows.
+    Corrections(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
 }
 
 /// What was asked for; the rest is empty.
-struct Simulated {
-    marble: Vec<[f64; 2]>,
+pub(crate) struct Simulated {
+    pub(crate) marble: Vec<[f64; 2]>,
     tilt: Vec<[f64; 2]>,
-    variance: Vec<[f64; 2]>,
+    pub(crate) variance: Vec<[f64; 2]>,
+    pub(crate) corrections: Vec<[Correction; 2]>,
 }
 
 /// How many rollouts are under way at once, so that memory does not grow with a batch.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from importlib.metadata import version
 
@@ -13,9 +14,10 @@ from irt.catalogue import effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, group_of
+from irt.diagnosis.hypotheses import ALIKE, JITTER, group_of
 from irt.diagnosis.latent import Leftover, Source
-from irt.diagnosis.locate import locate, stages, variables
+from irt.diagnosis.locate import CLEAR, locate, stages, variables
+from irt.diagnosis.needed import Needed
 from irt.diagnosis.power import power
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import (
@@ -44,7 +46,7 @@ Array = NDArray[np.float64]
 
 #: Scale of Student's t with four degrees of freedom that is most probable for standard normal errors.
 _SCALE_OF_NORMAL = 0.8310
-#: A remainder repeats if chance makes it seem to with no larger probability: no simulated null did so.
+#: A remainder repeats if chance makes it seem to with no larger probability.
 _SURELY = 0.01
 
 
@@ -167,6 +169,7 @@ class Answer:
             return ()
         base, sources = self._base.fitted, self._sources(self._base)
         return (
+            *Needed(self._base).findings(CLEAR),
             *variables(self._best.terms, sources),
             *locate(base, self._noise),
             *stages(base, sources),
@@ -186,10 +189,10 @@ class Answer:
         return sorted(self._best.effects, key=lambda name: -self._without(name).mae)
 
     def _named(self, name: str, tied: list[Tie]) -> NamedEffect:
-        own = f"{MEAN if name == JITTER else name}."
+        own = f"{name}."
         found = {key.removeprefix(own): one for key, one in self._parameters.items() if key.startswith(own)}
         if name == JITTER:
-            found = {"sd_s": self._parameters[f"{JITTER}.sd_s"], "mean_s": found["delay_s"]}
+            found["mean_s"] = self._mean_delay()
         alike = [*group_of(name), *(one.instead for one in tied)]
         # What was learned has no name, and is not among those that the catalogue was asked for.
         chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
@@ -205,6 +208,16 @@ class Answer:
             probability=chance,
         )
 
+    def _mean_delay(self) -> Parameter:
+        """Return the mean of delays that differ: of a shift and a smoothing only the sum is known well."""
+        parts = [self._parameters[key] for key in ("delay.delay_s", "lag.time_constant_s")]
+        mean = sum(one.value for one in parts)
+        if any(one.low is None or one.high is None for one in parts):
+            return Parameter(mean)
+        below = math.hypot(*(one.value - (one.low or 0.0) for one in parts))
+        above = math.hypot(*((one.high or 0.0) - one.value for one in parts))
+        return Parameter(mean, max(0.0, mean - below), mean + above)
+
     def _remains(self, shares: tuple[Share, ...], floor: float) -> Remains:
         rest = [one.share for one in shares if one.what == REST and one.horizon_s is None]
         stage = None
@@ -217,7 +230,7 @@ class Answer:
     @property
     def _repeats(self) -> bool:
         """Whether what the answer leaves depends on anything that comes back."""
-        return any(one.repeats and one.p_value <= _SURELY for one in self._sources(self._best))
+        return Needed(self._best).p_value <= _SURELY
 
     def _plausible(self, tied: list[Tie]) -> tuple[Plausible, ...]:
         """Return the sets that are worth a mention, the answer first.

@@ -50,7 +50,8 @@ REFIT = 6
 SAME = 0.1
 #: Effects are fitted that promise this share of the most promising one's nats, and one nat.
 PROMISING, LEAST = 0.02, 1.0
-#: Sets so close to the best are fitted until nothing is gained, so many times at most [nats].
+#: Sets so close to the best, or to what they are to beat, are fitted until nothing is gained [nats], so many
+#: times at most.
 NEAR, AGAIN = 60.0, 3
 #: Between sets so close recordings held out decide: engines that agree in physics differ by this much [nats].
 CLOSE = 20.0

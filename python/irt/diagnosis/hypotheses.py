@@ -15,13 +15,18 @@ ALIKE = frozenset({"delay", "latency"})
 
 
 #: Delays that differ from command to command: no draw of them can be predicted, and none is fitted. To the
-#: filter they are a size of what is random, beside their mean.
+#: filter they are a size of what is random, beside what they are on average.
 JITTER = "delay_jitter"
-#: The effect that is the mean of delays that differ.
-MEAN = "delay"
-#: Effects that are not beside delays that differ: on average over many commands these come late and smoothed.
-SMOOTHED = ALIKE | {"lag"}
+#: What delays that differ are on average over many commands, which come late and smoothed: a delay, and a lag
+#: whose time constant is their standard deviation.
+MEAN, SMOOTHING = "delay", "lag"
+ON_AVERAGE = (MEAN, SMOOTHING)
+#: Effects that are not beside delays that differ, which have them.
+SMOOTHED = ALIKE | {SMOOTHING}
 
+
+#: The board's own slopes, as a smooth map: a small push that depends on the place alone.
+MAP = "slope_map"
 
 #: Effects of how the marble lies as a recording begins. Whoever lays it down can do so alike each time; one
 #: that rolls already lies another way in each recording, and no value is common to all.
@@ -42,7 +47,7 @@ def hypotheses(start: str = "rest") -> list[str]:
         if info.name != max(ALIKE)
         and (info.name == JITTER or _repeats(info.name))
         and (start == "rest" or info.name not in OF_THE_START)
-    ]
+    ] + [MAP]
 
 
 def group_of(name: str) -> list[str]:
@@ -53,8 +58,8 @@ def group_of(name: str) -> list[str]:
 
 
 def simulated(effects: Sequence[str]) -> list[str]:
-    """Return which effects the engine simulates for a set: of delays that differ, their mean."""
-    return [MEAN if name == JITTER else name for name in effects]
+    """Return which effects the engine simulates for a set: for delays that differ, their average."""
+    return [one for name in effects for one in (ON_AVERAGE if name == JITTER else (name,))]
 
 
 @functools.cache

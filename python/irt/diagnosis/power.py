@@ -34,7 +34,7 @@ def power(scores: Scores, base: Scored) -> list[Power]:
     return [
         one
         for name in hypotheses(scores.case.rig.start)
-        if name != JITTER
+        if name != JITTER and not effect(name).shrunk
         for one in _of(screening, name, scores.price([name]) + config.SURE, scores.case.seed)
     ]
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from irt.diagnosis import config, intervals
 from irt.diagnosis.hypotheses import JITTER, group_of
 from irt.diagnosis.result import UNLISTED
@@ -64,8 +66,14 @@ class Relevance:
         return min(one, other, key=lambda each: self.validation.of(each).mae)
 
     def loss(self, one: Scored, name: str) -> float:
-        """Return by how much the error on recordings held out grows without an effect [board edges]."""
-        return self.validation.of(self.without(one, name)).mae - self.validation.of(one).mae
+        """Return by how much the error on recordings held out grows without an effect [board edges].
+
+        From start to end, or in windows of `config.HORIZON_S`, where it grows more: a push that does not
+        repeat hides in long runs what each window shows.
+        """
+        without, full = (self.validation.of(each) for each in (self.without(one, name), one))
+        windows = without.windowed - full.windowed
+        return max(without.mae - full.mae, windows if np.isfinite(windows) else -np.inf)
 
     def _is_probable(self, name: str) -> bool:
         """Whether an effect is likely enough to be at work; what was learned is weighed as a whole set."""

@@ -14,6 +14,8 @@ from irt.diagnosis.answer import Answer
 from irt.diagnosis.case import Case
 from irt.diagnosis.hypotheses import hypotheses
 from irt.diagnosis.learned import learn
+from irt.diagnosis.locate import CLEAR
+from irt.diagnosis.needed import Needed
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.score import Scored, Scores
@@ -78,13 +80,13 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     """Return what is more probable than the best set, with what can be learned without a name.
 
-    It is asked for where the set needs a random push, and leaves a share of the error. It is learned beside
-    the set, and in its place: effects may only have stood in for it.
+    It is asked for where the set needs a random push that depends on something, and leaves a share of the
+    error. It is learned beside the set, and in its place: effects may only have stood in for it.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()
     left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
-    if scores.push(best) < config.SURE or left < config.WORTH:
+    if scores.push(best) < config.SURE or left < config.WORTH or Needed(best).p_value > CLEAR:
         return None
     parents = [base] if not best.effects else [base, best]
     found = [one for parent in parents if (one := learn(parent, report)) is not None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from irt.catalogue import hypothetical
 from irt.diagnosis import config
 from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, simulated
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, simulated
 from irt.diagnosis.library import Term
 from irt.diagnosis.result import UNLISTED
 from irt.engine import SUBSTEP_S
@@ -66,7 +66,7 @@ class Scored:
 
         Delays that are never negative have a spread no larger than their mean, which exponential ones have.
         """
-        if JITTER in self.effects and self.noise[KICK] > self.values["delay.delay_s"]:
+        if JITTER in self.effects and self.noise[KICK] > mean_delay(self.values):
             return -math.inf
         return self.top.log_evidence - self.price
 
@@ -87,6 +87,11 @@ class Scored:
         problem = self.case.problem(effects)
         values = np.array([self.values[name] for name in problem.names])
         return self.case.judge(effects, values[None])[0]
+
+
+def mean_delay(values: Mapping[str, float]) -> float:
+    """Return the mean of delays that differ [s]: the shift, and what the smoothing is late by."""
+    return values["delay.delay_s"] + values["lag.time_constant_s"]
 
 
 @dataclass(eq=False)
@@ -195,12 +200,16 @@ class Scores:
         return replace(one, top=replace(one.top, values=self.least_squares(one)), is_free=True)
 
     def least_squares(self, one: Scored) -> Array:
-        """Return the values of a set to which free runs lead from where it is, (n,)."""
-        effects = simulated(one.effects)
-        names = self.case.problem(effects).names
-        found = self.case.fit(effects, points=np.array([[one.values[name] for name in names]]), rounds=0)
-        values = dict(zip(names, found.values.tolist(), strict=True))
-        return np.array([values.get(name, SUBSTEP_S / 2.0) for name in one.names])
+        """Return the values of a set to which free runs lead from where it is, (n,); a map stays as it is."""
+        effects, case = simulated(one.effects), self.case
+        if MAP in effects:
+            own = f"{MAP}."
+            held = {key.removeprefix(own): one.values[key] for key in one.names if key.startswith(own)}
+            case = case.holding(MAP, held)
+        names = case.problem(effects).names
+        found = case.fit(effects, points=np.array([[one.values[name] for name in names]]), rounds=0)
+        values = one.values | dict(zip(names, found.values.tolist(), strict=True))
+        return np.array([values[name] for name in one.names])
 
     def loss_without(self, one: Scored, sizes: Sequence[int]) -> float:
         """Return by how many nats a set is likelier with something random than without; infinite if unknown.

@@ -26,6 +26,8 @@ TAIL = 4.0
 STEP = 1e-4
 #: Smallest size drawn, as a share of the largest.
 SMALLEST = 0.02
+#: Spreads of a map's coefficients that are looked at, as shares of their range.
+SPREADS = np.geomspace(1e-3, 1.0, 31)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,19 +87,42 @@ class Screening:
 
     def promises(self, names: Sequence[str]) -> list[Promise]:
         """Return what each effect might do, the most promising first."""
-        found = [self._of_jitter() if name == JITTER else self._promise(name) for name in names]
+        found = [self._promise_of(name) for name in names]
         return sorted(found, key=lambda one: -one.gain)
+
+    def _promise_of(self, name: str) -> Promise:
+        if name == JITTER:
+            return self._of_jitter()
+        return self._of_map(name) if effect(name).shrunk else self._promise(name)
+
+    def _of_map(self, name: str) -> Promise:
+        """Return what a map might do: coefficients of one distribution, of the size that suits best."""
+        steps = np.array([STEP * (one.high - one.low) for one in effect(name).required])
+        own, values, found = self._filtered(name, np.diag(steps))
+        slopes = np.array([self._change(one) for one in found]) / steps[:, None]
+        spreads, vectors = np.linalg.eigh(slopes @ slopes.T)
+        along = vectors.T @ (slopes @ self._off)
+        variances = (SPREADS * steps.max() / STEP) ** 2
+        shrunk = variances[:, None] / (1.0 + variances[:, None] * np.maximum(spreads, 0.0))
+        gains = 0.5 * (shrunk * along**2 + np.log(shrunk / variances[:, None])).sum(axis=1)
+        best = int(np.argmax(gains))
+        start = values[:1].copy()
+        start[0, own:] = vectors @ (shrunk[best] * along)
+        return Promise(name, float(gains[best]), start, self._parent.noise[None])
 
     def _of_jitter(self) -> Promise:
         """Return what delays that differ from command to command might do: each size and mean is tried."""
         problem = self._scores.problem(child(self._parent.effects, JITTER))
-        mean = problem.names.index("delay.delay_s")
-        known = self._parent.values.get("delay.delay_s", 0.0)
+        shift, smoothing = (problem.names.index(one) for one in ("delay.delay_s", "lag.time_constant_s"))
+        late = ("delay.delay_s", "latency.latency_s", "lag.time_constant_s")
+        known = sum(self._parent.values.get(one, 0.0) for one in late)
         means = [known] if known > SUBSTEP_S else list(config.MEANS)
         tried = list(itertools.product(means, config.KICKS))
         values = np.tile([self._parent.values.get(one, 0.0) for one in problem.names], (len(tried), 1))
         noise = np.tile(self._parent.noise, (len(tried), 1))
-        values[:, mean], noise[:, KICK] = np.array(tried).T
+        mean, spread = np.array(tried).T
+        values[:, smoothing] = np.minimum(spread, mean)
+        values[:, shift], noise[:, KICK] = mean - values[:, smoothing], spread
         found = problem.filter(values, noise, [self._parent.top.states] * len(values))
         gains = np.array([float(one.log_likelihood.sum()) - self._likelihood for one in found])
         gains = np.where(np.isfinite(gains), gains, -np.inf)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, SMOOTHED
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, ON_AVERAGE, SMOOTHED
 from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, RESTITUTION, Array, Scored, Scores
 from irt.diagnosis.screening import Promise, Screening, child
 from irt.diagnosis.validation import Validation
@@ -81,13 +82,20 @@ class Selection:
         A set that leaves white noise has everything.
         """
         best = self.scores.base()
-        seen: set[frozenset[str]] = set()
-        # A set that comes back has a better top than before, and leads nowhere else.
-        while frozenset(best.effects) not in seen and not self._is_whole(best):
-            seen.add(frozenset(best.effects))
-            better = self._grown(best) or self._swapped(best)
-            if better is not None:
-                best = self._pruned(better)
+        # A set that comes back has a better top than before, and what was tried with it leads nowhere else.
+        grown: set[frozenset[str]] = set()
+        swapped: set[frozenset[str]] = set()
+        while not self._is_whole(best):
+            own, better = frozenset(best.effects), None
+            if own not in grown:
+                grown.add(own)
+                better = self._grown(best)
+            if better is None and own not in swapped:
+                swapped.add(own)
+                better = self._swapped(best)
+            if better is None:
+                break
+            best = self._pruned(better)
         best = self._renamed(best)
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
@@ -117,7 +125,7 @@ class Selection:
     def _grown(self, parent: Scored) -> Scored | None:
         """Return the best set with one effect more, if it is better."""
         names = self._other(parent)
-        better = self._best_child(parent, names, config.FITTED)
+        better = self._best_child(parent, names, config.FITTED, parent.score)
         return better if better is not None and better.score > parent.score + config.SURE else None
 
     def _other(self, one: Scored) -> list[str]:
@@ -125,15 +133,19 @@ class Selection:
         held = {*one.effects, *(SMOOTHED if JITTER in one.effects else ())}
         return [name for name in self.names if name not in held]
 
-    def _best_child(self, parent: Scored, names: Sequence[str], count: int) -> Scored | None:
+    def _best_child(self, parent: Scored, names: Sequence[str], count: int, to_beat: float) -> Scored | None:
         """Return the best set with one effect more, of those that promise most.
 
-        All starts of those take a few steps, the best of them some more, and the best effects all they need.
+        All starts of those take a few steps, the best of them some more, and the best effects all they need,
+        if they are not much less probable by then than what is to be beaten.
         """
         promises = Screening(self.scores, parent).promises(names)
         worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
+        # What a map may do, a push that lasts does to first order.
         promises = [
-            one for rank, one in enumerate(promises[:count]) if one.gain > worth or rank < config.TOPS
+            one
+            for rank, one in enumerate(promises)
+            if (rank < count and (one.gain > worth or rank < config.TOPS)) or effect(one.name).shrunk
         ]
         begun = [one for promise in promises for one in self._begun(parent, promise)]
         for one in _best(begun, config.SECOND):
@@ -146,6 +158,7 @@ class Selection:
         first = child(parent.effects, promises[0].name) if promises else ()
         if first in effects and effects[first] not in chosen:
             chosen.append(effects[first])
+        chosen = [one for one in chosen if one.score > to_beat - config.NEAR] or chosen[:1]
         found = [self.thorough(one) for one in chosen]
         best = max(found, key=lambda one: one.score, default=None)
         if best is None or best.score < parent.score + config.SURE:
@@ -164,9 +177,11 @@ class Selection:
     def _better(self, one: Scored, other: Scored) -> Scored:
         """Return the more probable of two sets; of two that are about as probable what predicts better.
 
-        A push makes up for much in each row, but not in runs that nobody corrects.
+        A push makes up for much in each row, but not in runs that nobody corrects. Delays that differ predict
+        no run better: their likelihood is all there is of them.
         """
-        if abs(one.score - other.score) < config.CLOSE:
+        alike = (JITTER in one.effects) == (JITTER in other.effects)
+        if alike and abs(one.score - other.score) < config.CLOSE:
             return min(one, other, key=lambda each: self.validation.of(each).mae)
         return max(one, other, key=lambda each: each.score)
 
@@ -199,13 +214,16 @@ class Selection:
         return self.scores.known[frozenset(one.effects)]
 
     def without(self, one: Scored, name: str) -> Scored:
-        """Return a set without one of its effects, fitted from where the set is; of jitter the mean stays."""
+        """Return a set without one of its effects, fitted from where the set is.
+
+        Of delays that differ what they are on average stays.
+        """
         key = (frozenset(one.effects), name, one.score)
         if key in self._without:
             return self._without[key]
         rest = tuple(other for other in one.effects if other != name)
         if name == JITTER:
-            rest = (*rest, MEAN)
+            rest = (*rest, *ON_AVERAGE)
         if not rest:
             return self.scores.base()
         problem = self.scores.problem(rest)
@@ -218,6 +236,16 @@ class Selection:
         self._without[key] = self.scores.known[frozenset(rest)]
         return self._without[key]
 
+    def _stripped(self, one: Scored, name: str) -> Scored:
+        """Return a set without one of its effects, all else as it is with it.
+
+        Fitted without it the others make up for it, and may be too far astray for what is to take its place:
+        the phase of a marble that rolls unevenly is lost where the drag is.
+        """
+        less = self.without(one, name)
+        values = Scores.from_where(self.scores.problem(less.effects), one)
+        return replace(less, top=replace(less.top, values=values, noise=one.top.noise, states=one.top.states))
+
     def _pruned(self, one: Scored) -> Scored:
         """Drop effects that are worth nothing beside the others."""
         for name in one.effects:
@@ -229,9 +257,9 @@ class Selection:
     def _swapped(self, one: Scored) -> Scored | None:
         """Return a better set with another effect in the place of one, if there is any."""
         for name in one.effects if len(one.effects) > 1 else ():
-            less = self.without(one, name)
+            less = self._stripped(one, name)
             names = [other for other in self._other(less) if other not in one.effects]
-            better = self._best_child(less, names, config.SWAPPED)
+            better = self._best_child(less, names, config.SWAPPED, one.score)
             is_better = better is not None and better.score > one.score + config.BETTER
             if better is not None and is_better and self._better(one, better) is better:
                 return better

@@ -158,7 +158,7 @@ def _observed(window: Window, noise: float) -> _Piece:
     The motion itself is the residual: gears and rolling friction are among what else could move the marble.
     """
     seen = window.place + window.residual
-    path, velocity = _smoothed(seen)
+    path, velocity = path_and_velocity(seen)
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
     friction = -velocity / np.maximum(speed, noise)
     integral = integrator(len(seen))
@@ -175,7 +175,7 @@ def _observed(window: Window, noise: float) -> _Piece:
     )
 
 
-def _smoothed(seen: Array) -> tuple[Array, Array]:
+def path_and_velocity(seen: Array) -> tuple[Array, Array]:
     """Return path and velocity a row, (n, 2) each, by parabolas through seven rows around each."""
     rows = np.arange(len(seen), dtype=np.float64)
     path, velocity = np.full_like(seen, np.nan), np.full_like(seen, np.nan)

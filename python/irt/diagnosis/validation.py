@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis import config
 from irt.diagnosis.case import Case
-from irt.diagnosis.hypotheses import simulated
+from irt.diagnosis.hypotheses import MAP, simulated
 from irt.diagnosis.score import Scored, Scores
 from irt.model import Model
 from irt.recording import Recording
@@ -67,6 +67,12 @@ class HeldOut:
         """Mean over the recordings of their mean absolute errors [board edges]."""
         return float(np.mean([one.mae for one in self.runs]))
 
+    @functools.cached_property
+    def windowed(self) -> float:
+        """The same in windows of `config.HORIZON_S`; NaN where no recording is as long."""
+        errors = [one.evaluation.windowed for one in self.runs]
+        return float(np.mean([np.nan if one is None else one.mae for one in errors]))
+
 
 @dataclass(eq=False)
 class Validation:
@@ -100,19 +106,23 @@ def _fitted_without(one: Scored, fold: int) -> Mapping[str, float]:
     keep = one.case.run_folds != fold
     rest = one.case.only([other for other in np.unique(one.case.folds) if other != fold])
     scores = Scores(rest, one.terms)
-    if one.is_free:
-        values = scores.least_squares(one)
-    else:
+    # Free runs leave a map as it is: it has to come from the other recordings, too.
+    if MAP in one.effects or not one.is_free:
         (top,) = scores.problem(one.effects).ascend(
             one.top.values[None], one.noise[None], [one.top.states[keep]], iterations=config.REFIT
         )
-        values = top.values
+        one = replace(one, top=top)
+    values = scores.least_squares(one) if one.is_free else one.top.values
     return dict(zip(one.names, values.tolist(), strict=True))
 
 
 def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:
     model = case.model(simulated(effects), values)
-    found = evaluate(model, [run], config.HORIZON_S).runs[0]
+    # Without stamps as many rows for every model, however long each takes a row to be.
+    clock = (
+        1.0 if case.time_scale is not None else values["time_scale"] / np.mean(case.rig.ranges["time_scale"])
+    )
+    found = evaluate(model, [run], float(config.HORIZON_S * clock)).runs[0]
     if case.rig.start == "moving":
         longer = evaluate(model, [run]).runs[0]
         if longer.windowed is not None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from irt.catalogue import effect
 from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
@@ -139,7 +140,7 @@ def notes(case: Case, best: Fitted, spread: Parameter | None, *, explained: bool
             size = f"{spread.value / case.row_s(best):.2g} rows"
         yield (
             f"Delays differ from command to command by {size}, so no simulation predicts a run "
-            "exactly: the model holds their mean alone. To see what the spread does, add the effect "
+            "exactly: the model holds what they are on average. To see what the spread does, add the effect "
             f"delay_jitter with sd_s = {spread.value:.2g} to model.toml."
         )
     if UNLISTED in best.effects:
@@ -169,6 +170,10 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
     sizes = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]
     if row_s is not None:
         sizes = [in_rows(*parameter, row_s) for parameter in sizes]
+    if sizes and effect(one.name).shrunk:
+        _, _, unit = sizes[0]
+        rms = float(np.sqrt(sum(value**2 for _, value, _ in sizes)))
+        return f"{one.name} (slopes of the board of {rms:.2g} {unit}, root mean square)"
     values = ", ".join(f"{name} {value:.3g} {unit}".rstrip() for name, value, unit in sizes)
     return f"{one.name} ({values})" if values else one.name
 

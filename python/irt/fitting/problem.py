@@ -14,7 +14,7 @@ from irt import _labsim
 from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.engine import Engine
 from irt.errors import IrtError, unknown_name
-from irt.fitting.solution import Curvature, Filtered, Probable, Refined, Shrunk, Solution
+from irt.fitting.solution import Curvature, Filtered, Probable, Refined, Shrunk, Smoothed, Solution
 from irt.model import GEAR_MATRIX
 from irt.rig import PARAMETERS
 
@@ -232,6 +232,20 @@ class Problem:
             filtered = _labsim.filtered(asked, of_engine, np.ascontiguousarray(noise[own]), begun)
             found.update(zip(own, (Filtered(**one) for one in filtered), strict=True))
         return [found[index] for index in range(len(values))]
+
+    def smooth(self, values: Array, noise: Array, states: Array) -> Smoothed:
+        """Say what push was needed in each row, given all: (n,) values, (9,) sizes and (s, 4) start states.
+
+        The fixed-interval smoother of `filter`.
+        """
+        ((asked, _),) = self._by_choice(values[None])
+        found = _labsim.smoothed(
+            asked,
+            self._of_engine(values[None])[0],
+            np.ascontiguousarray(noise[None]),
+            np.ascontiguousarray(states),
+        )
+        return Smoothed(**found)
 
     def ascend(
         self, values: Array, noise: Array, states: Sequence[Array] | None = None, *, iterations: int = 30

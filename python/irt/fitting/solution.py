@@ -168,6 +168,25 @@ class Filtered:
 
 
 @dataclass(frozen=True, eq=False)
+class Smoothed:
+    """What all rows of a segment say of the random push in every row, and of the tracker's error that lasts.
+
+    Attributes
+    ----------
+    push, push_deviation : list of (n, 2) arrays
+        Accelerations of the marble between the row before and each row, which the model does not have, and
+        their standard deviations [m/s^2]; NaN in first rows; empty where the tracker saw too little.
+    lasting, lasting_deviation : list of (n, 2) arrays
+        Errors of the tracker that last, and their standard deviations [board edges].
+    """
+
+    push: list[Array]
+    push_deviation: list[Array]
+    lasting: list[Array]
+    lasting_deviation: list[Array]
+
+
+@dataclass(frozen=True, eq=False)
 class Refined:
     """Where values have led.
 

@@ -36,5 +36,5 @@ def test_a_marble_that_rolls_already_lies_another_way_in_each_recording():
     assert set(hypotheses()) - set(hypotheses("moving")) == {"eccentric_marble"}
 
 
-def test_what_cannot_be_simulated_is_simulated_by_its_mean():
-    assert simulated(["delay_jitter", "lag"]) == ["delay", "lag"]
+def test_what_cannot_be_simulated_is_simulated_by_what_it_is_on_average():
+    assert simulated(["bump", "delay_jitter"]) == ["bump", "delay", "lag"]

@@ -18,6 +18,7 @@ use pulp::Simd;
 use crate::board::{Rig, SUBSTEP_S};
 use crate::effects::{Any, EffectInstance, Hook, acting};
 use crate::error::Error;
+use crate::filter::Correction;
 use crate::lanes::Lanes;
 use crate::motion::{Pair, Rims, Rolled};
 use crate::noise::Noise;
@@ -168,6 +169,8 @@ pub(crate) struct Sink<'a> {
     pub(crate) tilt: &'a mut [[f64; 2]],
     /// Variances of predictions (board edges squared); none where nothing corrects them.
     pub(crate) variance: &'a mut [[f64; 2]],
+    /// What a filter knew as it took in each row, along both axes; none where nobody asks.
+    pub(crate) corrections: &'a mut [[Correction; 2]],
 }
 
 /// What all rollouts of a batch share.

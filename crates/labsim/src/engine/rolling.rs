@@ -417,6 +417,7 @@ mod tests {
                     marble,
                     tilt,
                     variance: &mut [],
+                    corrections: &mut [],
                 })
                 .collect();
             dispatch(Group {

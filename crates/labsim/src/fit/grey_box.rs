@@ -1,7 +1,8 @@
 //! The most probable values where the marble is also pushed at random, and the evidence for the model.
 //!
 //! The likelihood is that of the filter ([`crate::filter`]), and what never repeats is a size that is estimated.
-//! Values have a prior: the mean and the variance of their plausible ranges. Fisher's scoring goes uphill in the
+//! Values have a prior: the mean and the variance of their plausible ranges; the coefficients of a map are drawn from one
+//! normal distribution about zero, whose spread is a size that is estimated, too (`MacKay` 1992). Fisher's scoring goes uphill in the
 //! values, the start states and the sizes of what is random together. The evidence is Laplace's approximation about
 //! the top, over values and start states, with the sizes at their best ("Bayesian interpolation", 1992).
 
@@ -11,6 +12,7 @@ use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
 use super::channels::MARBLE;
 use super::coordinates::Coordinates;
+use super::prior::Prior;
 use super::problem::Problem;
 use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
 use super::scoring::{Slope, Start, Step};
@@ -74,6 +76,8 @@ struct Place {
     z: Vec<f64>,
     states: Vec<State>,
     noise: Noise,
+    /// Spreads of the coefficients of each map, in coordinates.
+    spreads: Vec<f64>,
 }
 
 /// An ascent: its place, the posterior there, and how careful it is.
@@ -109,7 +113,7 @@ impl Problem<'_> {
             shooting: &shooting,
             coordinates: &coordinates,
             guesses: whole.guesses(),
-            prior: coordinates.prior(),
+            prior: Prior::new(&coordinates),
             sizes: (0..SIZES)
                 .filter(|&i| noise.iter().any(|noise| sizes(noise)[i] > 0.0))
                 .collect(),
@@ -123,8 +127,14 @@ impl Problem<'_> {
                 ..*noise
             };
             let states = self.of_windows(&whole, states.map_or(&[], |states| &states[i]));
+            let place = Place {
+                z,
+                states,
+                noise,
+                spreads: hill.prior.widest(),
+            };
             ascents.push(Ascent {
-                place: Place { z, states, noise },
+                place,
                 damping: DAMPING,
                 gain: f64::INFINITY,
             });
@@ -156,8 +166,7 @@ struct Hill<'a> {
     shooting: &'a Shooting<'a>,
     coordinates: &'a Coordinates,
     guesses: Vec<State>,
-    /// Mean and standard deviation of each coordinate.
-    prior: Vec<(f64, f64)>,
+    prior: Prior,
     /// Which sizes are estimated: those that are not zero everywhere.
     sizes: Vec<usize>,
 }
@@ -166,7 +175,12 @@ impl Hill<'_> {
     /// One step of each ascent: the best of several dampings, with and without new sizes.
     fn step(&self, ascents: &mut [&mut Ascent]) -> Result<()> {
         let places: Vec<&Place> = ascents.iter().map(|one| &one.place).collect();
-        let slopes = self.slopes(&places)?;
+        let mut slopes = self.slopes(&places)?;
+        let mut settled = Vec::with_capacity(slopes.len());
+        for (ascent, slope) in ascents.iter_mut().zip(&mut slopes) {
+            let place = &mut ascent.place;
+            settled.push(self.prior.respread(&place.z, &mut place.spreads, slope));
+        }
         let mut tried = Vec::new();
         let count = self.coordinates.len();
         for (ascent, slope) in ascents.iter().zip(&slopes) {
@@ -192,6 +206,7 @@ impl Hill<'_> {
                     z: self.coordinates.clip(&moved),
                     states,
                     noise: with_sizes(&here.noise, sizes),
+                    spreads: here.spreads.clone(),
                 });
             }
         }
@@ -215,6 +230,9 @@ impl Hill<'_> {
                 } else {
                     f64::INFINITY
                 };
+            }
+            if !settled[number] {
+                ascent.gain = f64::INFINITY;
             }
         }
         Ok(())
@@ -320,7 +338,7 @@ impl Hill<'_> {
                 curvature[(b, a)] = curvature[(a, b)];
             }
         }
-        for (a, (mean, deviation)) in self.prior.iter().enumerate() {
+        for (a, (mean, deviation)) in self.prior.of(&place.spreads).iter().enumerate() {
             curvature[(a, a)] += deviation.powi(-2);
             uphill[a] -= (place.z[a] - mean) * deviation.powi(-2);
         }
@@ -378,7 +396,8 @@ impl Hill<'_> {
             .iter()
             .map(|start| 0.5 * start.curvature.determinant().ln())
             .sum();
-        let log_width: f64 = self.prior.iter().map(|(_, deviation)| deviation.ln()).sum();
+        let prior = self.prior.of(&place.spreads);
+        let log_width: f64 = prior.iter().map(|(_, deviation)| deviation.ln()).sum();
         let by_z = self.coordinates.derivative(&place.z);
         // How well values are known where the sizes are not.
         let inverse = curvature
@@ -410,7 +429,12 @@ impl Hill<'_> {
     /// Logarithm of the prior, up to what only its widths decide.
     fn log_prior(&self, place: &Place) -> f64 {
         let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
-        let of_values: f64 = place.z.iter().zip(&self.prior).map(square).sum();
+        let of_values: f64 = place
+            .z
+            .iter()
+            .zip(&self.prior.of(&place.spreads))
+            .map(square)
+            .sum();
         let pairs = place.states.iter().zip(&self.guesses);
         let of_states: f64 = pairs
             .map(|(state, guess)| {

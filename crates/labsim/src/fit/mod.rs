@@ -14,6 +14,7 @@ mod grey_box;
 mod information;
 mod normal;
 mod polish;
+mod prior;
 mod problem;
 mod random_sizes;
 mod refine;

@@ -13,6 +13,7 @@ use super::shrinkage::evidence;
 use super::slopes::Look;
 use super::windows::{State, Window, Windows};
 use crate::error::Result;
+use crate::filter::Smoothed;
 use crate::noise::Noise;
 
 /// Start states tried with each step.
@@ -145,6 +146,30 @@ impl Problem<'_> {
             trials.push(shooting.trial(&coordinates.to_z(values), begun, None));
         }
         shooting.filter(&trials.iter().collect::<Vec<_>>(), &noise)
+    }
+
+    /// What all rows of each stretch say of the random push in every row, at values that start in given states.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn smooth(
+        &self,
+        values: &[f64],
+        noise: Noise,
+        states: &[Option<[f64; 4]>],
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Vec<[Smoothed; 2]>>> {
+        self.check()?;
+        self.check_values(values)?;
+        let (coordinates, whole) = self.around(values, cancel)?;
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let begun = self.of_windows(&whole, states);
+        let trial = shooting.trial(&coordinates.to_z(values), &begun, None);
+        let noise = Noise {
+            start_velocity: None,
+            ..noise
+        };
+        shooting.smooth(&trial, noise)
     }
 
     /// Where a filter starts: where the marble was first seen, at rest.

@@ -13,7 +13,7 @@ use crate::board::SUBSTEP_S;
 use crate::effects::EffectInstance;
 use crate::engine::Hold;
 use crate::error::Result;
-use crate::filter::Filter;
+use crate::filter::{Filter, Smoothed};
 use crate::noise::Noise;
 use crate::orientation::turned;
 use crate::parameters::{Parameters, SCALE, TIME};
@@ -310,6 +310,45 @@ impl<'a> Shooting<'a> {
             log_likelihood: vec![[0.0; 2]; self.windows.all.len()],
         };
         let mut filtered: Vec<Filtered> = trials.iter().map(|_| empty()).collect();
+        self.with_filters(trials, noise, |filter, windows| {
+            let rows = filter.batch.rows;
+            let found = filter.run(self.problem.threads, self.cancel)?;
+            let likelihoods = filter.log_likelihoods(&found);
+            let of_rollouts = found
+                .marble
+                .chunks_exact(rows)
+                .zip(found.variance.chunks_exact(rows));
+            for (i, ((marble, variance), likelihood)) in of_rollouts.zip(likelihoods).enumerate() {
+                let (trial, window) = (i / windows.len(), windows[i % windows.len()]);
+                filtered[trial].predicted[window] = marble.to_vec();
+                filtered[trial].variance[window] = variance.to_vec();
+                filtered[trial].log_likelihood[window] = likelihood;
+            }
+            Ok(())
+        })?;
+        Ok(filtered)
+    }
+
+    /// What all rows of each stretch say of the random push in every row; empty where the tracker saw too little.
+    pub(super) fn smooth(&self, trial: &Trial, noise: Noise) -> Result<Vec<Vec<[Smoothed; 2]>>> {
+        let mut smoothed = vec![Vec::new(); self.windows.all.len()];
+        self.with_filters(&[trial], &[noise], |filter, windows| {
+            let found = filter.smoothed(self.problem.threads, self.cancel)?;
+            for (rows, &window) in found.chunks_exact(filter.batch.rows).zip(windows) {
+                smoothed[window] = rows.to_vec();
+            }
+            Ok(())
+        })?;
+        Ok(smoothed)
+    }
+
+    /// Calls with the filters of stretches of one length, trial after trial, and the numbers of these stretches.
+    fn with_filters(
+        &self,
+        trials: &[&Trial],
+        noise: &[Noise],
+        mut work: impl FnMut(&Filter<'_>, &[usize]) -> Result<()>,
+    ) -> Result<()> {
         let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
         for ((rows, _), indices) in of_marble {
             let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
@@ -348,24 +387,10 @@ impl<'a> Shooting<'a> {
                     observed: PerRollout::Of(&observed),
                     noise: PerRollout::Each(&noise),
                 };
-                let found = filter.run(self.problem.threads, self.cancel)?;
-                let likelihoods = filter.log_likelihoods(&found);
-                let of_rollouts = found
-                    .marble
-                    .chunks_exact(*rows)
-                    .zip(found.variance.chunks_exact(*rows));
-                for (i, ((marble, variance), likelihood)) in
-                    of_rollouts.zip(likelihoods).enumerate()
-                {
-                    let (trial, window) = (i / windows.len(), indices[i % windows.len()]);
-                    filtered[trial].predicted[window] = marble.to_vec();
-                    filtered[trial].variance[window] = variance.to_vec();
-                    filtered[trial].log_likelihood[window] = likelihood;
-                }
-                Ok(())
+                work(&filter, indices)
             })?;
         }
-        Ok(filtered)
+        Ok(())
     }
 
     /// Simulates a batch, with the tilt where it counts.

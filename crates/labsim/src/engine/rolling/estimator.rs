@@ -5,11 +5,15 @@
 //! axis has four states: place x (m), velocity v (m/s), a push that lasts a (m/s²), and the tracker's lasting
 //! error b (board edges).
 
+mod covariance;
+
 use pulp::{NullaryFnOnce, Simd};
 
+use self::covariance::{Covariance, Row, Variances};
 use super::LaneGroup;
 use crate::board::GRAVITY;
 use crate::engine::{Job, Measured, Sink};
+use crate::filter::Correction;
 use crate::lanes::{Lanes, Mask};
 use crate::motion::{Marbles, Pair, Rims};
 use crate::noise::Noise;
@@ -45,44 +49,6 @@ pub(super) struct Estimator<S: Simd> {
     variances: Variances<S>,
     /// The last row: most are as long as the one before.
     row: Option<Row<S>>,
-}
-
-/// Variances of the random quantities.
-struct Variances<S: Simd> {
-    white: Lanes<S>,
-    lasting: Lanes<S>,
-    push: Lanes<S>,
-    pull: Lanes<S>,
-    restitution: Lanes<S>,
-    jitter: Lanes<S>,
-}
-
-/// The covariance of one axis: of place, velocity, push and lasting error.
-#[derive(Clone, Copy)]
-struct Covariance<S: Simd> {
-    xx: Lanes<S>,
-    xv: Lanes<S>,
-    xa: Lanes<S>,
-    xb: Lanes<S>,
-    vv: Lanes<S>,
-    va: Lanes<S>,
-    vb: Lanes<S>,
-    aa: Lanes<S>,
-    ab: Lanes<S>,
-    bb: Lanes<S>,
-}
-
-/// A row between two corrections.
-#[derive(Clone, Copy)]
-struct Row<S: Simd> {
-    /// How long it is (s).
-    seconds: Lanes<S>,
-    /// Shares that the lasting error, and the push that lasts, keep.
-    remembered: Lanes<S>,
-    kept: Lanes<S>,
-    /// What the push at its beginning, going over evenly into that at its end, adds to velocity and place.
-    of_velocity: Lanes<S>,
-    of_place: Lanes<S>,
 }
 
 impl<S: Simd> Estimator<S> {
@@ -153,7 +119,7 @@ impl<S: Simd> Estimator<S> {
         group: LaneGroup<'_, '_>,
         out: &mut [Sink<'_>],
     ) {
-        rims.reach_x.simd().vectorize(Correction {
+        rims.reach_x.simd().vectorize(Taken {
             estimator: self,
             row,
             rims,
@@ -165,8 +131,42 @@ impl<S: Simd> Estimator<S> {
     }
 }
 
+impl<S: Simd> Estimator<S> {
+    /// A row of so many seconds, by lane the `length` of each job's: often the one before again.
+    #[inline(always)]
+    fn lasted(
+        &mut self,
+        seconds: Lanes<S>,
+        group: LaneGroup<'_, '_>,
+        length: &dyn Fn(&Job<'_>) -> f64,
+    ) -> Row<S> {
+        if let Some(row) = self.row
+            && row.seconds.to_array() == seconds.to_array()
+        {
+            return row;
+        }
+        let share = |lasts: &dyn Fn(&Noise) -> f64| {
+            Lanes::from_fn(seconds.simd(), |lane| {
+                let job = group.of(lane);
+                let measured = job.measured.as_ref();
+                measured.map_or(0.0, |one| libm::exp(-length(job) / lasts(&one.noise)))
+            })
+        };
+        let (remembered, kept) = (share(&|one| one.lasting_s), share(&|one| one.pull_s));
+        let row = Row {
+            seconds,
+            remembered,
+            kept,
+            of_velocity: 0.5 * seconds * (kept + kept.like(1.0)),
+            of_place: (1.0 / 6.0) * seconds * seconds * (kept + kept.like(2.0)),
+        };
+        self.row = Some(row);
+        row
+    }
+}
+
 /// One row of all lanes, as a function of its own.
-struct Correction<'a, 'b, 'c, 'd, S: Simd> {
+struct Taken<'a, 'b, 'c, 'd, S: Simd> {
     estimator: &'a mut Estimator<S>,
     row: usize,
     rims: &'a Rims<S>,
@@ -176,7 +176,7 @@ struct Correction<'a, 'b, 'c, 'd, S: Simd> {
     out: &'a mut [Sink<'d>],
 }
 
-impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
+impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
     type Output = ();
 
     #[inline(always)]
@@ -200,26 +200,7 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             })
         };
         let seconds = of_job(&length);
-        let share = |lasts: &dyn Fn(&Noise) -> f64| {
-            of_job(&|job| {
-                let measured = job.measured.as_ref();
-                measured.map_or(0.0, |one| libm::exp(-length(job) / lasts(&one.noise)))
-            })
-        };
-        let lasted = match estimator.row {
-            Some(row) if row.seconds.to_array() == seconds.to_array() => row,
-            _ => {
-                let (remembered, kept) = (share(&|one| one.lasting_s), share(&|one| one.pull_s));
-                Row {
-                    seconds,
-                    remembered,
-                    kept,
-                    of_velocity: 0.5 * seconds * (kept + kept.like(1.0)),
-                    of_place: (1.0 / 6.0) * seconds * seconds * (kept + kept.like(2.0)),
-                }
-            }
-        };
-        estimator.row = Some(lasted);
+        let lasted = estimator.lasted(seconds, group, &length);
         let Row {
             remembered, kept, ..
         } = lasted;
@@ -266,8 +247,25 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
             });
             let off = measured - predicted;
             covariance.follow(off, seconds, estimator.edges_per_m, &estimator.variances);
-            let (variance, gain) =
+            let before = *covariance;
+            let (variance, gain, weight) =
                 covariance.update(off, estimator.edges_per_m, &estimator.variances);
+            let one = weight.like(1.0);
+            let went = [
+                estimator.variances.push * seconds,
+                rests.select(one, one.like(0.0)),
+                hit.select(-rims.restitution, one),
+                estimator.edges_per_m,
+            ];
+            let known = [*pull, *lasting, off, weight];
+            write_down(
+                out,
+                (row - group.filler.first, axis),
+                &before,
+                known,
+                &lasted,
+                went,
+            );
             *place = (*place + moved + gain[0]).clamp(reach);
             *velocity = *velocity + faster + gain[1];
             *spin = *spin + faster + gain[1];
@@ -286,6 +284,45 @@ impl<S: Simd> NullaryFnOnce for Correction<'_, '_, '_, '_, S> {
     }
 }
 
+/// Writes down, where that is wanted, what was known of an axis as a row was taken in.
+#[inline(always)]
+fn write_down<S: Simd>(
+    out: &mut [Sink<'_>],
+    (row, axis): (usize, usize),
+    before: &Covariance<S>,
+    [pull, lasting, off, weight]: [Lanes<S>; 4],
+    lasted: &Row<S>,
+    [push, rests, rebound, edges_per_m]: [Lanes<S>; 4],
+) {
+    if out.iter().all(|out| out.corrections.is_empty()) {
+        return;
+    }
+    let zero = weight.like(0.0);
+    let rest = [
+        pull,
+        lasting,
+        weight.gt(zero).select(off, zero),
+        weight,
+        lasted.seconds,
+        lasted.remembered,
+        lasted.kept,
+        push,
+        rests,
+        rebound,
+        edges_per_m,
+    ];
+    let (covariance, rest) = (
+        before.triangle().map(Lanes::to_array),
+        rest.map(Lanes::to_array),
+    );
+    for (lane, out) in out.iter_mut().enumerate() {
+        if let Some(known) = out.corrections.get_mut(row) {
+            let covariance = covariance.map(|one| one[lane]);
+            known[axis] = Correction::new(covariance, rest.map(|one| one[lane]));
+        }
+    }
+}
+
 /// Whether marbles have met the wall that they moved towards as a row began.
 #[inline(always)]
 fn hits<S: Simd>(
@@ -298,166 +335,4 @@ fn hits<S: Simd>(
     let zero = place.like(0.0);
     let near = (place.abs() + before.abs() * seconds).ge(reach);
     near & (before * place).gt(zero) & (after * before).le(zero)
-}
-
-impl<S: Simd> Covariance<S> {
-    /// A marble that is pushed at random rolls freely for a row.
-    #[inline(always)]
-    fn advance(&mut self, row: &Row<S>, variances: &Variances<S>) {
-        let Row {
-            seconds,
-            remembered,
-            kept,
-            of_velocity,
-            of_place,
-        } = *row;
-        let push = variances.push * seconds;
-        let one = remembered.like(1.0);
-        // Covariances of the place and the velocity after the row with what was before.
-        let (place_v, place_a, place_b) = (
-            self.xv + seconds * self.vv + of_place * self.va,
-            self.xa + seconds * self.va + of_place * self.aa,
-            self.xb + seconds * self.vb + of_place * self.ab,
-        );
-        let (velocity_a, velocity_b) = (
-            self.va + of_velocity * self.aa,
-            self.vb + of_velocity * self.ab,
-        );
-        let velocity_v = self.vv + of_velocity * self.va;
-        let place_x = self.xx + seconds * self.xv + of_place * self.xa;
-        self.xx =
-            place_x + seconds * place_v + of_place * place_a + 1.0 / 3.0 * seconds * seconds * push;
-        self.xv = place_v + of_velocity * place_a + 0.5 * seconds * push;
-        self.vv = velocity_v + of_velocity * velocity_a + push;
-        self.xa = kept * place_a;
-        self.va = kept * velocity_a;
-        self.xb = remembered * place_b;
-        self.vb = remembered * velocity_b;
-        self.ab = kept * remembered * self.ab;
-        let square = kept * kept;
-        self.aa = square * self.aa + (one - square) * variances.pull;
-        let square = remembered * remembered;
-        self.bb = square * self.bb + (one - square) * variances.lasting;
-    }
-
-    /// A command that came early or late by some time has given the marble another velocity since.
-    #[inline(always)]
-    fn kick(&mut self, turned: Lanes<S>, seconds: Lanes<S>, variances: &Variances<S>) {
-        let kick = variances.jitter * turned * turned;
-        self.xx = self.xx + seconds * seconds * kick;
-        self.xv = self.xv + seconds * kick;
-        self.vv = self.vv + kick;
-    }
-
-    /// A marble that friction holds at the end of a row has the velocity that the push gave it in that row, and
-    /// nothing of what was unknown about its motion before: else small corrections would never let it rest.
-    #[inline(always)]
-    fn settle(&mut self, rests: Mask<S>, seconds: Lanes<S>, variances: &Variances<S>) {
-        let push = variances.push * seconds;
-        self.xv = rests.select(0.5 * seconds * push, self.xv);
-        self.vv = rests.select(push, self.vv);
-        self.va = rests.select(push.like(0.0), self.va);
-        self.vb = rests.select(push.like(0.0), self.vb);
-    }
-
-    /// Gives marbles that are lost an unknown speed, where that is likelier than an outlier of the tracker.
-    ///
-    /// A marble that just stops, or just does not, or meets a corner, goes two ways from there, and a normal
-    /// distribution has one middle; outliers count so little that the mean would never come back.
-    #[inline(always)]
-    fn follow(
-        &mut self,
-        off: Lanes<S>,
-        seconds: Lanes<S>,
-        edges_per_m: Lanes<S>,
-        variances: &Variances<S>,
-    ) {
-        let speed = off.like(JUMP * JUMP);
-        let here = self.seen(edges_per_m) + variances.white;
-        let step = edges_per_m * seconds;
-        let gone = here + step * step * speed;
-        // Squares of inverse densities of Student's t.
-        let rarity = |variance: Lanes<S>| {
-            let far = off.like(1.0) + (1.0 / TAIL) * (off * off).over(variance);
-            variance * far * far * far * far * far
-        };
-        let speed = rarity(here).gt(rarity(gone)).select(speed, off.like(0.0));
-        self.xx = self.xx + seconds * seconds * speed;
-        self.xv = self.xv + seconds * speed;
-        self.vv = self.vv + speed;
-    }
-
-    /// The variance of what would be seen without the error of the row (board edges squared).
-    #[inline(always)]
-    fn seen(&self, edges_per_m: Lanes<S>) -> Lanes<S> {
-        edges_per_m * (edges_per_m * self.xx + 2.0 * self.xb) + self.bb
-    }
-
-    /// A wall that was met at some speed sends back a share of all deviations, and adds one of its own.
-    #[inline(always)]
-    fn bounce(
-        &mut self,
-        hit: Mask<S>,
-        speed: Lanes<S>,
-        restitution: Lanes<S>,
-        variances: &Variances<S>,
-    ) {
-        let square = restitution * restitution;
-        let bounced = Self {
-            xx: square * self.xx,
-            xv: square * self.xv,
-            xa: -restitution * self.xa,
-            xb: -restitution * self.xb,
-            vv: square * self.vv + variances.restitution * speed * speed,
-            va: -restitution * self.va,
-            vb: -restitution * self.vb,
-            ..*self
-        };
-        self.xx = hit.select(bounced.xx, self.xx);
-        self.xv = hit.select(bounced.xv, self.xv);
-        self.xa = hit.select(bounced.xa, self.xa);
-        self.xb = hit.select(bounced.xb, self.xb);
-        self.vv = hit.select(bounced.vv, self.vv);
-        self.va = hit.select(bounced.va, self.va);
-        self.vb = hit.select(bounced.vb, self.vb);
-    }
-
-    /// Takes in how far off a prediction was; returns the variance that it had, and the corrections of the states.
-    ///
-    /// Outliers count as if the tracker's error had the variance that a Student-t distribution gives them.
-    #[inline(always)]
-    fn update(
-        &mut self,
-        off: Lanes<S>,
-        edges_per_m: Lanes<S>,
-        variances: &Variances<S>,
-    ) -> (Lanes<S>, [Lanes<S>; 4]) {
-        let zero = off.like(0.0);
-        let known = !off.ne(off);
-        let off = known.select(off, zero);
-        let with = [
-            edges_per_m * self.xx + self.xb,
-            edges_per_m * self.xv + self.vb,
-            edges_per_m * self.xa + self.ab,
-            edges_per_m * self.xb + self.bb,
-        ];
-        let own = self.seen(edges_per_m);
-        let variance = own + variances.white;
-        let wild =
-            off.like(TAIL / (TAIL + 1.0)) + (1.0 / (TAIL + 1.0)) * (off * off).over(variance);
-        let counted = own + variances.white * wild.max(off.like(1.0));
-        let share = known.select(off.like(1.0).over(counted), zero);
-        let gain = with.map(|one| one * share);
-        self.xx = self.xx - gain[0] * with[0];
-        self.xv = self.xv - gain[0] * with[1];
-        self.xa = self.xa - gain[0] * with[2];
-        self.xb = self.xb - gain[0] * with[3];
-        self.vv = self.vv - gain[1] * with[1];
-        self.va = self.va - gain[1] * with[2];
-        self.vb = self.vb - gain[1] * with[3];
-        self.aa = self.aa - gain[2] * with[2];
-        self.ab = self.ab - gain[2] * with[3];
-        self.bb = self.bb - gain[3] * with[3];
-        (variance, gain.map(|one| one * off))
-    }
 }

@@ -59,6 +59,12 @@ impl Coordinates {
         &self.groups
     }
 
+    /// The coordinates of each map.
+    pub(in crate::fit) fn maps(&self) -> Vec<Vec<usize>> {
+        let maps = self.groups.iter().filter(|group| group.is_map());
+        maps.map(|group| group.axes.clone()).collect()
+    }
+
     /// Sets the size of a group; residuals repeat each other so often.
     pub(in crate::fit) fn resize(&mut self, group: usize, size: f64, repetition: f64) {
         let group = &mut self.groups[group];

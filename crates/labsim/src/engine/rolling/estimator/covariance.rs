@@ -1,0 +1,225 @@
+//! How uncertain a marble is along one axis, from row to row.
+
+use pulp::Simd;
+
+use super::{JUMP, TAIL};
+use crate::lanes::{Lanes, Mask};
+
+/// Variances of the random quantities.
+pub(super) struct Variances<S: Simd> {
+    pub(super) white: Lanes<S>,
+    pub(super) lasting: Lanes<S>,
+    pub(super) push: Lanes<S>,
+    pub(super) pull: Lanes<S>,
+    pub(super) restitution: Lanes<S>,
+    pub(super) jitter: Lanes<S>,
+}
+
+/// The covariance of one axis: of place, velocity, push and lasting error.
+#[derive(Clone, Copy)]
+pub(super) struct Covariance<S: Simd> {
+    pub(super) xx: Lanes<S>,
+    pub(super) xv: Lanes<S>,
+    pub(super) xa: Lanes<S>,
+    pub(super) xb: Lanes<S>,
+    pub(super) vv: Lanes<S>,
+    pub(super) va: Lanes<S>,
+    pub(super) vb: Lanes<S>,
+    pub(super) aa: Lanes<S>,
+    pub(super) ab: Lanes<S>,
+    pub(super) bb: Lanes<S>,
+}
+
+/// A row between two corrections.
+#[derive(Clone, Copy)]
+pub(super) struct Row<S: Simd> {
+    /// How long it is (s).
+    pub(super) seconds: Lanes<S>,
+    /// Shares that the lasting error, and the push that lasts, keep.
+    pub(super) remembered: Lanes<S>,
+    pub(super) kept: Lanes<S>,
+    /// What the push at its beginning, going over evenly into that at its end, adds to velocity and place.
+    pub(super) of_velocity: Lanes<S>,
+    pub(super) of_place: Lanes<S>,
+}
+
+impl<S: Simd> Covariance<S> {
+    /// A marble that is pushed at random rolls freely for a row.
+    #[inline(always)]
+    pub(super) fn advance(&mut self, row: &Row<S>, variances: &Variances<S>) {
+        let Row {
+            seconds,
+            remembered,
+            kept,
+            of_velocity,
+            of_place,
+        } = *row;
+        let push = variances.push * seconds;
+        let one = remembered.like(1.0);
+        // Covariances of the place and the velocity after the row with what was before.
+        let (place_v, place_a, place_b) = (
+            self.xv + seconds * self.vv + of_place * self.va,
+            self.xa + seconds * self.va + of_place * self.aa,
+            self.xb + seconds * self.vb + of_place * self.ab,
+        );
+        let (velocity_a, velocity_b) = (
+            self.va + of_velocity * self.aa,
+            self.vb + of_velocity * self.ab,
+        );
+        let velocity_v = self.vv + of_velocity * self.va;
+        let place_x = self.xx + seconds * self.xv + of_place * self.xa;
+        self.xx =
+            place_x + seconds * place_v + of_place * place_a + 1.0 / 3.0 * seconds * seconds * push;
+        self.xv = place_v + of_velocity * place_a + 0.5 * seconds * push;
+        self.vv = velocity_v + of_velocity * velocity_a + push;
+        self.xa = kept * place_a;
+        self.va = kept * velocity_a;
+        self.xb = remembered * place_b;
+        self.vb = remembered * velocity_b;
+        self.ab = kept * remembered * self.ab;
+        let square = kept * kept;
+        self.aa = square * self.aa + (one - square) * variances.pull;
+        let square = remembered * remembered;
+        self.bb = square * self.bb + (one - square) * variances.lasting;
+    }
+
+    /// A command that came early or late by some time has given the marble another velocity since.
+    #[inline(always)]
+    pub(super) fn kick(&mut self, turned: Lanes<S>, seconds: Lanes<S>, variances: &Variances<S>) {
+        let kick = variances.jitter * turned * turned;
+        self.xx = self.xx + seconds * seconds * kick;
+        self.xv = self.xv + seconds * kick;
+        self.vv = self.vv + kick;
+    }
+
+    /// A marble that friction holds at the end of a row has the velocity that the push gave it in that row, and
+    /// nothing of what was unknown about its motion before: else small corrections would never let it rest.
+    #[inline(always)]
+    pub(super) fn settle(&mut self, rests: Mask<S>, seconds: Lanes<S>, variances: &Variances<S>) {
+        let push = variances.push * seconds;
+        self.xv = rests.select(0.5 * seconds * push, self.xv);
+        self.vv = rests.select(push, self.vv);
+        self.va = rests.select(push.like(0.0), self.va);
+        self.vb = rests.select(push.like(0.0), self.vb);
+    }
+
+    /// Gives marbles that are lost an unknown speed, where that is likelier than an outlier of the tracker.
+    ///
+    /// A marble that just stops, or just does not, or meets a corner, goes two ways from there, and a normal
+    /// distribution has one middle; outliers count so little that the mean would never come back.
+    #[inline(always)]
+    pub(super) fn follow(
+        &mut self,
+        off: Lanes<S>,
+        seconds: Lanes<S>,
+        edges_per_m: Lanes<S>,
+        variances: &Variances<S>,
+    ) {
+        let speed = off.like(JUMP * JUMP);
+        let here = self.seen(edges_per_m) + variances.white;
+        let step = edges_per_m * seconds;
+        let gone = here + step * step * speed;
+        // Squares of inverse densities of Student's t.
+        let rarity = |variance: Lanes<S>| {
+            let far = off.like(1.0) + (1.0 / TAIL) * (off * off).over(variance);
+            variance * far * far * far * far * far
+        };
+        let speed = rarity(here).gt(rarity(gone)).select(speed, off.like(0.0));
+        self.xx = self.xx + seconds * seconds * speed;
+        self.xv = self.xv + seconds * speed;
+        self.vv = self.vv + speed;
+    }
+
+    /// The upper triangle, row by row.
+    #[inline(always)]
+    pub(super) fn triangle(&self) -> [Lanes<S>; 10] {
+        let Self {
+            xx,
+            xv,
+            xa,
+            xb,
+            vv,
+            va,
+            vb,
+            aa,
+            ab,
+            bb,
+        } = *self;
+        [xx, xv, xa, xb, vv, va, vb, aa, ab, bb]
+    }
+
+    /// The variance of what would be seen without the error of the row (board edges squared).
+    #[inline(always)]
+    pub(super) fn seen(&self, edges_per_m: Lanes<S>) -> Lanes<S> {
+        edges_per_m * (edges_per_m * self.xx + 2.0 * self.xb) + self.bb
+    }
+
+    /// A wall that was met at some speed sends back a share of all deviations, and adds one of its own.
+    #[inline(always)]
+    pub(super) fn bounce(
+        &mut self,
+        hit: Mask<S>,
+        speed: Lanes<S>,
+        restitution: Lanes<S>,
+        variances: &Variances<S>,
+    ) {
+        let square = restitution * restitution;
+        let bounced = Self {
+            xx: square * self.xx,
+            xv: square * self.xv,
+            xa: -restitution * self.xa,
+            xb: -restitution * self.xb,
+            vv: square * self.vv + variances.restitution * speed * speed,
+            va: -restitution * self.va,
+            vb: -restitution * self.vb,
+            ..*self
+        };
+        self.xx = hit.select(bounced.xx, self.xx);
+        self.xv = hit.select(bounced.xv, self.xv);
+        self.xa = hit.select(bounced.xa, self.xa);
+        self.xb = hit.select(bounced.xb, self.xb);
+        self.vv = hit.select(bounced.vv, self.vv);
+        self.va = hit.select(bounced.va, self.va);
+        self.vb = hit.select(bounced.vb, self.vb);
+    }
+
+    /// Takes in how far off a prediction was; returns the variance that it had, the corrections of the states, and the
+    /// inverse of the variance that it counts with.
+    ///
+    /// Outliers count as if the tracker's error had the variance that a Student-t distribution gives them.
+    #[inline(always)]
+    pub(super) fn update(
+        &mut self,
+        off: Lanes<S>,
+        edges_per_m: Lanes<S>,
+        variances: &Variances<S>,
+    ) -> (Lanes<S>, [Lanes<S>; 4], Lanes<S>) {
+        let zero = off.like(0.0);
+        let known = !off.ne(off);
+        let off = known.select(off, zero);
+        let with = [
+            edges_per_m * self.xx + self.xb,
+            edges_per_m * self.xv + self.vb,
+            edges_per_m * self.xa + self.ab,
+            edges_per_m * self.xb + self.bb,
+        ];
+        let own = self.seen(edges_per_m);
+        let variance = own + variances.white;
+        let wild =
+            off.like(TAIL / (TAIL + 1.0)) + (1.0 / (TAIL + 1.0)) * (off * off).over(variance);
+        let counted = own + variances.white * wild.max(off.like(1.0));
+        let share = known.select(off.like(1.0).over(counted), zero);
+        let gain = with.map(|one| one * share);
+        self.xx = self.xx - gain[0] * with[0];
+        self.xv = self.xv - gain[0] * with[1];
+        self.xa = self.xa - gain[0] * with[2];
+        self.xb = self.xb - gain[0] * with[3];
+        self.vv = self.vv - gain[1] * with[1];
+        self.va = self.va - gain[1] * with[2];
+        self.vb = self.vb - gain[1] * with[3];
+        self.aa = self.aa - gain[2] * with[2];
+        self.ab = self.ab - gain[2] * with[3];
+        self.bb = self.bb - gain[3] * with[3];
+        (variance, gain.map(|one| one * off), share)
+    }
+}

@@ -1,0 +1,216 @@
+"""The random push that a set of effects needs, row by row, and what it depends on.
+
+The smoother of the filter says how the marble was accelerated beyond what the simulator does, given all rows
+of a recording. Where that push is the same in the same circumstances, physics is missing; where not, it never
+repeats. Its dependence on each variable is a regression, and the p-value that of circular shifts: the push of
+a recording is moved against what it may depend on, which keeps how it carries on from row to row (Harris,
+"Nonsense correlations in neuroscience", 2020).
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.diagnosis.result import Finding, Kind
+from irt.diagnosis.score import Scored, Scores
+from irt.diagnosis.stretches import FREE, SLOW, path_and_velocity
+from irt.fitting.solution import Smoothed
+
+Array = NDArray[np.float64]
+
+#: Shifts that are drawn, and the largest power of a polynomial.
+SHIFTS, POWER = 399, 3
+#: The fewest rows of a recording that can be shifted.
+FEWEST = 20
+#: Half waves over the board that are looked at, at most.
+WAVES = 16
+#: What the push may depend on, in words, and which question that answers.
+VARIABLES: dict[str, tuple[str, Kind]] = {
+    "position": ("the position on the board", "region"),
+    "velocity": ("the velocity of the marble", "regime"),
+    "heading": ("the direction of motion", "regime"),
+    "command": ("the command", "stage"),
+    "command rate": ("how fast the command changes", "stage"),
+    "time": ("the time since the recording began", "time"),
+}
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """What a push depends on.
+
+    Attributes
+    ----------
+    variable : str
+        A key of `VARIABLES`.
+    share : float
+        Part of the push's sum of squares that it explains, beyond what shifted pushes let it.
+    p_value : float
+        Of explaining as much were there no dependence, over all variables.
+    """
+
+    variable: str
+    share: float
+    p_value: float
+
+
+class Needed:
+    """The push that a set needs where the marble rolls away from the rim.
+
+    Parameters
+    ----------
+    one : Scored
+        The set.
+    """
+
+    def __init__(self, one: Scored) -> None:
+        self.smoothed = smoothed(one)
+        self._seed = one.case.seed
+        parts = list(_rows(one, self.smoothed))
+        self._lengths = [len(push) for push, _ in parts]
+        self._push = np.concatenate([push for push, _ in parts]) if parts else np.zeros((0, 2))
+        told = {name: np.concatenate([one[name] for _, one in parts]) for name in VARIABLES if parts}
+        #: By variable a basis (n, k) of what it could explain.
+        self._bases = {name: _basis(values) for name, values in told.items()}
+        #: Waves over the board, (n, k), cosines and sines.
+        self._waves = _waves(told["position"]) if parts else []
+
+    @property
+    def size(self) -> float:
+        """Root mean square of the push [m/s^2]."""
+        return float(np.sqrt((self._push**2).mean())) if len(self._push) else 0.0
+
+    def dependences(self) -> list[Dependence]:
+        """Return what the push depends on, the surest first; none where nothing could be shifted."""
+        total = float((self._push**2).sum())
+        if not self._bases or total <= 0.0:
+            return []
+        random = np.random.default_rng([self._seed, 11])
+        pushes = np.stack([self._push, *(self._shifted(random) for _ in range(SHIFTS))], axis=-1)
+        pushes -= pushes.mean(axis=0)
+        total = (pushes[..., 0] ** 2).sum()
+        explained = [
+            (name, sum(((basis.T @ pushes[:, axis]) ** 2).sum(axis=0) for axis in (0, 1)) / total)
+            for name, basis in self._bases.items()
+        ]
+        of_waves = sum((wave.T @ pushes[:, axis]) ** 2 for wave in self._waves for axis in (0, 1))
+        explained.append(("position", np.max(of_waves, axis=0) / total))
+        heights = [_standardised(np.asarray(share)) for _, share in explained]
+        highest = np.max([one[1:] for one in heights], axis=0)
+        found = [
+            Dependence(
+                name,
+                max(0.0, float(share[0] - np.mean(share[1:]))),
+                float((1 + (highest >= height[0]).sum()) / (1 + SHIFTS)),
+            )
+            for (name, share), height in zip(explained, heights, strict=True)
+        ]
+        found.sort(key=lambda one: (one.p_value, -one.share))
+        first: dict[str, Dependence] = {}
+        for one in found:
+            first.setdefault(one.variable, one)
+        return list(first.values())
+
+    @functools.cached_property
+    def p_value(self) -> float:
+        """The p-value that the push depends on nothing that comes back."""
+        return min((one.p_value for one in self.dependences()), default=1.0)
+
+    def findings(self, clear: float) -> list[Finding]:
+        """Return dependences with p-values of at most `clear` as findings."""
+        return [
+            Finding(
+                VARIABLES[one.variable][1],
+                f"the push that is needed ({self.size:.2g} m/s²) depends on {VARIABLES[one.variable][0]}",
+                min(1.0, one.share),
+                one.p_value,
+            )
+            for one in self.dependences()
+            if one.p_value <= clear and one.share > 0.0
+        ]
+
+    def _shifted(self, random: np.random.Generator) -> Array:
+        """Return the push of each recording moved in time by any number of rows, end to beginning."""
+        ends = itertools.accumulate(self._lengths)
+        return np.concatenate(
+            [
+                np.roll(self._push[end - length : end], int(random.integers(length)), axis=0)
+                for end, length in zip(ends, self._lengths, strict=True)
+            ]
+        )
+
+
+def smoothed(one: Scored) -> Smoothed:
+    """Return the push that a set needs in each row of each recording."""
+    problem = Scores.of(one).problem(one.effects)
+    values = np.array([one.values[name] for name in problem.names])
+    return problem.smooth(values, one.noise, one.top.states)
+
+
+def _rows(one: Scored, found: Smoothed) -> Iterator[tuple[Array, dict[str, Array]]]:
+    """Yield for each recording the push (n, 2) [m/s^2], and by variable what it may depend on, (n, c)."""
+    case, reach = one.case, one.fitted.model.reach
+    for run, push in zip(case.runs, found.push, strict=True):
+        if len(push) < FEWEST:
+            continue
+        path, velocity = path_and_velocity(run.observed)
+        knobs = run.knobs[len(run.knobs) - len(push) :]
+        speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+        heading = velocity / np.maximum(speed, 1e-12)
+        told = {
+            "position": path,
+            "velocity": velocity,
+            "heading": np.concatenate([heading, heading[:, :1] * heading], axis=1),
+            "command": knobs,
+            "command rate": np.diff(knobs, axis=0, prepend=knobs[:1]),
+            "time": np.arange(len(push), dtype=np.float64)[:, None],
+        }
+        free = np.isfinite(path).all(axis=1) & np.isfinite(push).all(axis=1)
+        free &= (np.abs(path) < reach - FREE).all(axis=1) & (speed[:, 0] > SLOW * case.noise)
+        if free.sum() >= FEWEST:
+            yield push[free], {name: values[free] for name, values in told.items()}
+
+
+def _basis(values: Array) -> Array:
+    """Return an orthonormal basis (n, k) of polynomials of (n, c) values, without their mean."""
+    spread = values.std(axis=0)
+    values = (values - values.mean(axis=0))[:, spread > 0.0] / spread[spread > 0.0]
+    count = values.shape[1]
+    powers = [
+        power
+        for power in itertools.product(range(POWER + 1), repeat=min(count, 2))
+        if 0 < sum(power) <= POWER
+    ]
+    columns = [np.prod(values[:, : len(power)] ** power, axis=1) for power in powers] if count else []
+    columns += [values[:, index] for index in range(2, count)]
+    if not columns:
+        return np.zeros((len(values), 0))
+    matrix = np.column_stack(columns)
+    matrix -= matrix.mean(axis=0)
+    left, singular, _ = np.linalg.svd(matrix, full_matrices=False)
+    return np.asarray(left[:, singular > 1e-8 * max(float(singular.max()), 1e-300)])
+
+
+def _waves(place: Array) -> list[Array]:
+    """Return waves in all directions over (n, 2) places, cosines and sines of length one, (n, k) each."""
+    span = np.maximum(np.ptp(place, axis=0), 1e-12)
+    numbers = [
+        (i, j)
+        for i in range(WAVES + 1)
+        for j in range(-WAVES, WAVES + 1)
+        if 0 < i * i + j * j <= WAVES**2 and (i > 0 or j > 0)
+    ]
+    angles = (place / span) @ (np.pi * np.array(numbers, dtype=np.float64).T)
+    waves = [wave - wave.mean(axis=0) for wave in (np.cos(angles), np.sin(angles))]
+    return [wave / np.maximum(np.linalg.norm(wave, axis=0), 1e-12) for wave in waves]
+
+
+def _standardised(values: Array) -> Array:
+    """Return values in units of how far those after the first scatter about their mean."""
+    return np.asarray((values - values[1:].mean()) / max(float(values[1:].std()), 1e-300))
