@@ -40,7 +40,7 @@ ALIASES = {
 }
 #: What a map of slopes, or a sticky board, that is left over may be taken for.
 LIKE = {
-    "slope_map": {"bump", "board_warp", "point_field"},
+    "slope_map": {"slope_map", "bump", "board_warp", "point_field"},
     "static_friction": {"static_friction", "stribeck"},
 }
 #: What a diagnosis calls physics that it cannot name: neither right nor false.

@@ -125,6 +125,8 @@ def test_what_is_left_over_may_be_named_or_not():
     named = {"stribeck": ["stribeck"], "board_warp": ["board_warp"], "delay": ["delay"]}
     assert compared(["delay"], named) == (["delay"], ["stribeck", "board_warp"])
     assert compared(["delay"], named, ["static_friction", "slope_map"]) == (["delay"], [])
+    assert compared(["delay"], {"slope_map": ["slope_map"]}, ["slope_map"]) == ([], [])
+    assert compared(["delay"], {"slope_map": ["slope_map"]}) == ([], ["slope_map"])
 
 
 def row(kind, right=(), false=(), **others):

@@ -11,6 +11,7 @@ from irt.diagnosis.hypotheses import JITTER, group_of
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scored, Scores
 from irt.diagnosis.selection import Posterior, Selection
+from irt.diagnosis.ties import exchanged
 from irt.diagnosis.validation import Validation
 from irt.model import Parameter
 
@@ -76,8 +77,13 @@ class Relevance:
         return max(without.mae - full.mae, windows if np.isfinite(windows) else -np.inf)
 
     def _is_probable(self, name: str) -> bool:
-        """Whether an effect is likely enough to be at work; what was learned is weighed as a whole set."""
-        return name == UNLISTED or self.posterior.any_of(group_of(name)) > config.PROBABLE
+        """Whether an effect is likely enough to be at work, or one of those that do as well in its place.
+
+        What was learned is weighed as a whole set.
+        """
+        instead = [one.instead for one in exchanged(self.posterior) if one.name == name]
+        alike = [*group_of(name), *instead]
+        return name == UNLISTED or self.posterior.any_of(alike) > config.PROBABLE
 
     def parameters(self, one: Scored) -> Estimates:
         """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down."""

@@ -31,18 +31,24 @@ class Tie:
 
 def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
     """Return for each effect of an answer those that do as well in its place, of all sets scored."""
-    found = []
-    for one in posterior.sets:
-        gone, instead = _difference(posterior.best, one)
-        close = one.score > posterior.best.score - config.TIE
-        if gone in answer.effects and JITTER not in {gone, instead} and close:
-            found.append(Tie(gone, instead, one))
+    found = [one for one in exchanged(posterior) if one.name in answer.effects]
     for name in ALIKE.intersection(answer.effects):
         other = _renamed(answer, name)
         instead = other.effects[answer.effects.index(name)]
         alike = _is_same(answer, other) or Scores.of(answer).push(answer) > config.SURE
         if alike and all(one.instead != instead for one in found):
             found.append(Tie(name, instead, other))
+    return found
+
+
+def exchanged(posterior: Posterior) -> list[Tie]:
+    """Return sets about as probable as the best that have another effect in the place of one of its own."""
+    found = []
+    for one in posterior.sets:
+        gone, instead = _difference(posterior.best, one)
+        close = one.score > posterior.best.score - config.TIE
+        if gone and JITTER not in {gone, instead} and close:
+            found.append(Tie(gone, instead, one))
     return found
 
 

@@ -1,11 +1,14 @@
 """Effects that do as well in the place of another are ties, and others are not."""
 
+from dataclasses import replace
+
 import pytest
 
+from irt.diagnosis import config
 from irt.diagnosis.hypotheses import hypotheses
 from irt.diagnosis.score import Scores
-from irt.diagnosis.selection import Selection
-from irt.diagnosis.ties import reason, ties
+from irt.diagnosis.selection import Posterior, Selection
+from irt.diagnosis.ties import exchanged, reason, ties
 
 
 def tied(case):
@@ -41,6 +44,19 @@ def test_a_push_does_not_distinguish_them(plant, planted):
     assert names.intersection(best.effects)
     (tie,) = [one for one in found if {one.name, one.instead} == names]
     assert "a push that never repeats" in reason(best, tie)
+
+
+def test_of_sets_about_as_probable_one_name_stands_in_the_place_of_another(plant):
+    scores = Scores(plant([{"name": "delay", "delay_s": 0.15}], stamped=True))
+    base = scores.base()
+
+    def of(effects, less):
+        return replace(base, effects=effects, top=replace(base.top, log_evidence=-less))
+
+    best = of(("lag", "bump"), 0.0)
+    near, far = of(("bump", "delay"), 0.5 * config.TIE), of(("lag", "point_field"), 2.0 * config.TIE)
+    (found,) = exchanged(Posterior(best, (best, near, of(("lag",), 0.1), far)))
+    assert (found.name, found.instead, found.scored) == ("lag", "delay", near)
 
 
 def test_what_is_distinct_ties_with_nothing(plant):
