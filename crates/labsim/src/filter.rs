@@ -6,6 +6,7 @@
 
 use std::sync::atomic::AtomicBool;
 
+use crate::correction::Correction;
 use crate::engine::TAIL;
 use crate::error::Result;
 use crate::noise::Noise;
@@ -14,7 +15,6 @@ use crate::rollout::Batch;
 
 mod smoother;
 
-pub(crate) use self::smoother::Correction;
 use self::smoother::smoothed;
 pub use self::smoother::{Estimate, Smoothed};
 

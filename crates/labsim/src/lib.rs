@@ -37,6 +37,7 @@
 //! the parameters of a simulated rig.
 
 pub mod board;
+mod correction;
 pub mod drive;
 pub mod effects;
 pub mod engine;

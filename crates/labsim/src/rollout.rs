@@ -11,10 +11,10 @@ use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::board::Rig;
+use crate::correction::Correction;
 use crate::effects::{EffectInstance, in_order};
 use crate::engine::{Clock, Engine, Hold, Job, Measured, Setup, Sink, Step, rapier, rolling};
 use crate::error::{Error, Result};
-use crate::filter::Correction;
 use crate::noise::Noise;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;

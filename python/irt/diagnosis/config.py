@@ -33,6 +33,9 @@ BETTER = 0.5
 LIBRARY = 1e4
 #: Standard deviations of delays that differ, and their means, at which an ascent may begin [s].
 KICKS, MEANS = (0.003, 0.01, 0.03, 0.1), (0.0005, 0.03, 0.1)
+#: The most that the spread of delays is of their mean: exponential ones have 1, and up to 2 is seen where
+#: later commands overtake earlier ones.
+SPREAD = 2.5
 #: Share of the tracker's noise by which the error on runs held out must grow without an effect: as much as if
 #: the tracker's variance doubled, sqrt(2) - 1.
 MATTERS = 0.41

@@ -64,9 +64,9 @@ class Scored:
     def score(self) -> float:
         """The log posterior of the set, up to a constant [nats]; none where delays would be negative.
 
-        Delays that are never negative have a spread no larger than their mean, which exponential ones have.
+        Delays that are never negative have a spread that is not much larger than their mean.
         """
-        if JITTER in self.effects and self.noise[KICK] > mean_delay(self.values):
+        if JITTER in self.effects and self.noise[KICK] > config.SPREAD * mean_delay(self.values):
             return -math.inf
         return self.top.log_evidence - self.price
 

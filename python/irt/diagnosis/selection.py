@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MEAN, ON_AVERAGE, SMOOTHED
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, ON_AVERAGE, SMOOTHED
 from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, RESTITUTION, Array, Scored, Scores
 from irt.diagnosis.screening import Promise, Screening, child
 from irt.diagnosis.validation import Validation
@@ -79,23 +78,26 @@ class Selection:
     def run(self) -> Posterior:
         """Add what raises the score most, drop what became needless, then try others in each one's place.
 
-        A set that leaves white noise has everything.
+        A set that leaves white noise has everything. A map can describe all that depends on the place, and is
+        asked once no effect of a few numbers helps: those that stood for it are dropped then.
         """
         best = self.scores.base()
         # A set that comes back has a better top than before, and what was tried with it leads nowhere else.
-        grown: set[frozenset[str]] = set()
-        swapped: set[frozenset[str]] = set()
-        while not self._is_whole(best):
+        tried: set[tuple[str, frozenset[str]]] = set()
+        ways: list[tuple[str, Callable[[Scored], Scored | None]]] = [
+            ("grown", self._grown),
+            ("swapped", self._swapped),
+            ("mapped", self._mapped),
+        ]
+        better: Scored | None = best
+        while better is not None and not self._is_whole(best):
             own, better = frozenset(best.effects), None
-            if own not in grown:
-                grown.add(own)
-                better = self._grown(best)
-            if better is None and own not in swapped:
-                swapped.add(own)
-                better = self._swapped(best)
-            if better is None:
-                break
-            best = self._pruned(better)
+            for name, way in ways:
+                if better is None and (name, own) not in tried:
+                    tried.add((name, own))
+                    better = way(best)
+            if better is not None:
+                best = self._pruned(better)
         best = self._renamed(best)
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
@@ -124,13 +126,19 @@ class Selection:
 
     def _grown(self, parent: Scored) -> Scored | None:
         """Return the best set with one effect more, if it is better."""
-        names = self._other(parent)
+        return self._with_one_of(self._other(parent), parent)
+
+    def _mapped(self, parent: Scored) -> Scored | None:
+        """Return a set with a map besides, if it is better."""
+        return self._with_one_of([MAP], parent) if MAP not in parent.effects else None
+
+    def _with_one_of(self, names: Sequence[str], parent: Scored) -> Scored | None:
         better = self._best_child(parent, names, config.FITTED, parent.score)
         return better if better is not None and better.score > parent.score + config.SURE else None
 
     def _other(self, one: Scored) -> list[str]:
-        """Return the effects that a set lacks."""
-        held = {*one.effects, *(SMOOTHED if JITTER in one.effects else ())}
+        """Return the effects of a few numbers that a set lacks."""
+        held = {*one.effects, MAP, *(SMOOTHED if JITTER in one.effects else ())}
         return [name for name in self.names if name not in held]
 
     def _best_child(self, parent: Scored, names: Sequence[str], count: int, to_beat: float) -> Scored | None:
@@ -141,11 +149,8 @@ class Selection:
         """
         promises = Screening(self.scores, parent).promises(names)
         worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
-        # What a map may do, a push that lasts does to first order.
         promises = [
-            one
-            for rank, one in enumerate(promises)
-            if (rank < count and (one.gain > worth or rank < config.TOPS)) or effect(one.name).shrunk
+            one for rank, one in enumerate(promises[:count]) if one.gain > worth or rank < config.TOPS
         ]
         begun = [one for promise in promises for one in self._begun(parent, promise)]
         for one in _best(begun, config.SECOND):
@@ -258,8 +263,8 @@ class Selection:
         """Return a better set with another effect in the place of one, if there is any."""
         for name in one.effects if len(one.effects) > 1 else ():
             less = self._stripped(one, name)
-            names = [other for other in self._other(less) if other not in one.effects]
-            better = self._best_child(less, names, config.SWAPPED, one.score)
+            others = [other for other in self._other(less) if other not in one.effects]
+            better = self._best_child(less, others, config.SWAPPED, one.score)
             is_better = better is not None and better.score > one.score + config.BETTER
             if better is not None and is_better and self._better(one, better) is better:
                 return better

@@ -16,9 +16,9 @@ use std::sync::atomic::{self, AtomicBool};
 use pulp::Simd;
 
 use crate::board::{Rig, SUBSTEP_S};
+use crate::correction::Correction;
 use crate::effects::{Any, EffectInstance, Hook, acting};
 use crate::error::Error;
-use crate::filter::Correction;
 use crate::lanes::Lanes;
 use crate::motion::{Pair, Rims, Rolled};
 use crate::noise::Noise;
