@@ -12,7 +12,7 @@ from irt import arguments
 from irt.diagnosis import config
 from irt.diagnosis.answer import Answer
 from irt.diagnosis.case import Case
-from irt.diagnosis.hypotheses import hypotheses
+from irt.diagnosis.hypotheses import MAP, hypotheses
 from irt.diagnosis.learned import learn
 from irt.diagnosis.locate import CLEAR
 from irt.diagnosis.needed import Needed
@@ -80,15 +80,17 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     """Return what is more probable than the best set, with what can be learned without a name.
 
-    It is asked for where the set needs a random push that depends on something, and leaves a share of the
-    error. It is learned beside the set, and in its place: effects may only have stood in for it.
+    It is asked for where the set needs a push that depends on something, and leaves a share of the error. It
+    is learned beside the set, and in its place: effects may only have stood in for it, as a map may.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()
     left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
-    if scores.push(best) < config.SURE or left < config.WORTH or Needed(best).p_value > CLEAR:
+    has_map = MAP in best.effects
+    is_enough = not has_map and (scores.push(best) < config.SURE or left < config.WORTH)
+    if is_enough or Needed(best).p_value > CLEAR:
         return None
-    parents = [base] if not best.effects else [base, best]
+    parents = dict.fromkeys([base, best, *([relevance.selection.without(best, MAP)] if has_map else [])])
     found = [one for parent in parents if (one := learn(parent, report)) is not None]
     found = [one for one in found if one.score > best.score + config.SURE]
     return max(found, key=lambda one: one.score, default=None)
