@@ -72,6 +72,8 @@ class Needed:
     def __init__(self, one: Scored) -> None:
         self.smoothed = smoothed(one)
         self._seed = one.case.seed
+        #: What a row lasts [s], where recordings have no stamps: accelerations are in rows then.
+        self._row_s = None if one.case.time_scale is not None else one.case.row_s(one.fitted)
         parts = list(_rows(one, self.smoothed))
         self._lengths = [len(push) for push, _ in parts]
         self._push = np.concatenate([push for push, _ in parts]) if parts else np.zeros((0, 2))
@@ -127,13 +129,19 @@ class Needed:
         return [
             Finding(
                 VARIABLES[one.variable][1],
-                f"the push that is needed ({self.size:.2g} m/s²) depends on {VARIABLES[one.variable][0]}",
+                f"the push that is needed ({self._shown}) depends on {VARIABLES[one.variable][0]}",
                 min(1.0, one.share),
                 one.p_value,
             )
             for one in self.dependences()
             if one.p_value <= clear and one.share > 0.0
         ]
+
+    @property
+    def _shown(self) -> str:
+        if self._row_s is None:
+            return f"{self.size:.2g} m/s²"
+        return f"{1000.0 * self.size * self._row_s**2:.2g} mm/row²"
 
     def _shifted(self, random: np.random.Generator) -> Array:
         """Return the push of each recording moved in time by any number of rows, end to beginning."""

@@ -9,6 +9,7 @@ mod rapier_invariants;
 mod rapier_theory;
 mod rolling_theory;
 mod slower;
+mod smoother;
 mod tilt;
 
 /// Knob angles with jumps, rests and reversals (rad).
