@@ -77,11 +77,11 @@ class Needed:
         parts = list(_rows(one, self.smoothed))
         self._lengths = [len(push) for push, _ in parts]
         self._push = np.concatenate([push for push, _ in parts]) if parts else np.zeros((0, 2))
-        told = {name: np.concatenate([one[name] for _, one in parts]) for name in VARIABLES if parts}
+        against = {name: np.concatenate([one[name] for _, one in parts]) for name in VARIABLES if parts}
         #: By variable a basis (n, k) of what it could explain.
-        self._bases = {name: _basis(values) for name, values in told.items()}
+        self._bases = {name: _basis(values) for name, values in against.items()}
         #: Waves over the board, (n, k), cosines and sines.
-        self._waves = _waves(told["position"]) if parts else []
+        self._waves = _waves(against["position"]) if parts else []
 
     @property
     def size(self) -> float:
@@ -171,7 +171,7 @@ def _rows(one: Scored, found: Smoothed) -> Iterator[tuple[Array, dict[str, Array
         knobs = run.knobs[len(run.knobs) - len(push) :]
         speed = np.linalg.norm(velocity, axis=1, keepdims=True)
         heading = velocity / np.maximum(speed, 1e-12)
-        told = {
+        against = {
             "position": path,
             "velocity": velocity,
             "heading": np.concatenate([heading, heading[:, :1] * heading], axis=1),
@@ -182,7 +182,7 @@ def _rows(one: Scored, found: Smoothed) -> Iterator[tuple[Array, dict[str, Array
         free = np.isfinite(path).all(axis=1) & np.isfinite(push).all(axis=1)
         free &= (np.abs(path) < reach - FREE).all(axis=1) & (speed[:, 0] > SLOW * case.noise)
         if free.sum() >= FEWEST:
-            yield push[free], {name: values[free] for name, values in told.items()}
+            yield push[free], {name: values[free] for name, values in against.items()}
 
 
 def _basis(values: Array) -> Array:
