@@ -227,7 +227,7 @@ class Answer:
         repeats = not self._is_whole and self._repeats
         return Remains(share=rest[0] if rest else 0.0, stage=stage, repeats=repeats, floor_of_the_log=floor)
 
-    @property
+    @functools.cached_property
     def _repeats(self) -> bool:
         """Whether what the answer leaves depends on anything that comes back."""
         return Needed(self._best).p_value <= _SURELY

@@ -70,11 +70,10 @@ class Needed:
     """
 
     def __init__(self, one: Scored) -> None:
-        self.smoothed = smoothed(one)
         self._seed = one.case.seed
         #: What a row lasts [s], where recordings have no stamps: accelerations are in rows then.
         self._row_s = None if one.case.time_scale is not None else one.case.row_s(one.fitted)
-        parts = list(_rows(one, self.smoothed))
+        parts = list(_rows(one, smoothed(one)))
         self._lengths = [len(push) for push, _ in parts]
         self._push = np.concatenate([push for push, _ in parts]) if parts else np.zeros((0, 2))
         against = {name: np.concatenate([one[name] for _, one in parts]) for name in VARIABLES if parts}
@@ -90,8 +89,7 @@ class Needed:
 
     def dependences(self) -> list[Dependence]:
         """Return what the push depends on, the surest first; none where nothing could be shifted."""
-        total = float((self._push**2).sum())
-        if not self._bases or total <= 0.0:
+        if not self._push.any():
             return []
         random = np.random.default_rng([self._seed, 11])
         pushes = np.stack([self._push, *(self._shifted(random) for _ in range(SHIFTS))], axis=-1)
