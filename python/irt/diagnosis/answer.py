@@ -117,7 +117,10 @@ class Answer:
             power=() if effects else tuple(power(self._scores, self._base)),
             notes=tuple(
                 words.notes(
-                    case, best.fitted, self._parameters.get(f"{JITTER}.sd_s"), explained=self._is_whole
+                    case,
+                    best.fitted,
+                    next((one.parameters for one in effects if one.name == JITTER), None),
+                    explained=self._is_whole,
                 )
             ),
             settings={
@@ -128,7 +131,7 @@ class Answer:
             },
             seed=case.seed,
             seconds=0.0,
-            inclusion=self._posterior.probabilities(),
+            inclusion=self._posterior.probabilities(self._relevance.immaterial - set(best.effects)),
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
         )
@@ -229,8 +232,13 @@ class Answer:
 
     @functools.cached_property
     def _repeats(self) -> bool:
-        """Whether what the answer leaves depends on anything that comes back."""
-        return Needed(self._best).p_value <= _SURELY
+        """Whether a part of what the answer leaves that matters to the error depends on what comes back.
+
+        No engine is the rig: what impacts leave is never quite random.
+        """
+        share = Needed(self._best).repeating(_SURELY)
+        gain = self._proof.mae * (1.0 - math.sqrt(max(0.0, 1.0 - share)))
+        return gain >= config.MATTERS * self._noise
 
     def _plausible(self, tied: list[Tie]) -> tuple[Plausible, ...]:
         """Return the sets that are worth a mention, the answer first.

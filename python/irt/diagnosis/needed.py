@@ -87,8 +87,9 @@ class Needed:
         """Root mean square of the push [m/s^2]."""
         return float(np.sqrt((self._push**2).mean())) if len(self._push) else 0.0
 
+    @functools.cached_property
     def dependences(self) -> list[Dependence]:
-        """Return what the push depends on, the surest first; none where nothing could be shifted."""
+        """What the push depends on, the surest first; none where nothing could be shifted."""
         if not self._push.any():
             return []
         random = np.random.default_rng([self._seed, 11])
@@ -117,10 +118,14 @@ class Needed:
             first.setdefault(one.variable, one)
         return list(first.values())
 
-    @functools.cached_property
+    @property
     def p_value(self) -> float:
         """The p-value that the push depends on nothing that comes back."""
-        return min((one.p_value for one in self.dependences()), default=1.0)
+        return min((one.p_value for one in self.dependences), default=1.0)
+
+    def repeating(self, clear: float) -> float:
+        """Return the largest share of the push that depends on one thing, p-values at most `clear`."""
+        return max((one.share for one in self.dependences if one.p_value <= clear), default=0.0)
 
     def findings(self, clear: float) -> list[Finding]:
         """Return dependences with p-values of at most `clear` as findings."""
@@ -131,7 +136,7 @@ class Needed:
                 min(1.0, one.share),
                 one.p_value,
             )
-            for one in self.dependences()
+            for one in self.dependences
             if one.p_value <= clear and one.share > 0.0
         ]
 

@@ -27,10 +27,18 @@ class Relevance:
     in long recordings some small effect of the catalogue describes it better than nothing does. So a set
     keeps an effect only if its interval leaves the neutral value out, and recordings that were held out are
     predicted worse without it by a share of the tracker's noise.
+
+    Attributes
+    ----------
+    selection, posterior
+        The search, and what it found.
+    immaterial : set of str
+        Effects that did not matter.
     """
 
     selection: Selection
     posterior: Posterior
+    immaterial: set[str] = field(default_factory=set)
     _without: dict[Scored, dict[str, Scored]] = field(default_factory=dict)
     _parameters: dict[Scored, Estimates] = field(default_factory=dict)
 
@@ -102,6 +110,9 @@ class Relevance:
         for name in sorted(losses, key=lambda name: losses[name]):
             # Delays that differ predict no run better: their likelihood is all there is of them.
             matters = name == JITTER or losses[name] >= config.MATTERS * one.case.noise
-            if not (matters and intervals.is_named(name, found) and self._is_probable(name)):
+            if not (matters and intervals.is_named(name, found)):
+                self.immaterial.add(name)
+                return self.kept(self.without(one, name))
+            if not self._is_probable(name):
                 return self.kept(self.without(one, name))
         return one

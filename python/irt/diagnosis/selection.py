@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -39,9 +39,15 @@ class Posterior:
         # Sums of other orders are rounded otherwise.
         return min(1.0, float(probabilities(self.sets)[with_it].sum()))
 
-    def probabilities(self) -> dict[str, float]:
-        """Return the probability of each effect that was tried, as far as it is worth a mention."""
-        names = sorted({name for one in self.sets for name in one.effects})
+    def probabilities(self, immaterial: Container[str]) -> dict[str, float]:
+        """Return the probability of each effect that was tried, as far as it is worth a mention.
+
+        Parameters
+        ----------
+        immaterial : container of str
+            Effects that were found not to matter, which stand for what engines differ by.
+        """
+        names = sorted({name for one in self.sets for name in one.effects if name not in immaterial})
         found = {name: self.any_of([name]) for name in names}
         return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -116,32 +116,36 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     )
 
 
-def notes(case: Case, best: Fitted, spread: Parameter | None, *, explained: bool) -> Iterator[str]:
+def notes(
+    case: Case, best: Fitted, delays: Mapping[str, Parameter] | None, *, explained: bool
+) -> Iterator[str]:
     """Say what else the user should know.
 
     Parameters
     ----------
     case, best
         The recordings, and the hypothesis chosen.
-    spread : Parameter or None
-        Standard deviation of delays that differ [s].
+    delays : mapping or None
+        Mean ``mean_s`` and standard deviation ``sd_s`` of delays that differ [s].
     explained : bool
         Whether the hypothesis leaves nothing but noise.
     """
-    if not explained and spread is None:
+    if not explained and delays is None:
         yield (
             f"The predictions miss by {max(best.noise / case.noise, 1.0):.1f} times the tracker's scatter, "
             "and what is left does not look like noise: part of the mismatch was not found, or does not "
             "repeat from run to run."
         )
-    if spread is not None:
-        size = f"{spread.value:.2g} s"
+    if delays is not None:
+        mean, spread = delays["mean_s"].value, delays["sd_s"].value
+        size = f"{spread:.2g} s"
         if case.time_scale is None:
-            size = f"{spread.value / case.row_s(best):.2g} rows"
+            size = f"{spread / case.row_s(best):.2g} rows"
         yield (
             f"Delays differ from command to command by {size}, so no simulation predicts a run "
-            "exactly: the model holds what they are on average. To see what the spread does, add the effect "
-            f"delay_jitter with sd_s = {spread.value:.2g} to model.toml."
+            "exactly: the model holds what they are on average, a delay and a lag. To see what the spread "
+            f"does, put delay_jitter with sd_s = {spread:.2g} in the place of lag in model.toml, with a "
+            f"delay_s of {mean:.2g}."
         )
     if UNLISTED in best.effects:
         yield f"{LEARNED}{formula(best.value_of(UNLISTED))}."

@@ -32,10 +32,11 @@ WAVE = {"name": UNLISTED, "push_1_x_m_per_s2": 0.02, "wave_1_x_per_m": 100.0, "p
 )
 def test_the_push_depends_on_what_was_left_out(plant, planted, variable):
     case = plant([planted], runs=6, rows=120, stamped=True)
-    first = Needed(Scores(case).base()).dependences()[0]
+    first = Needed(Scores(case).base()).dependences[0]
     assert first.variable == variable
     assert first.p_value < 0.01
     assert 0.0 < first.share <= 1.0
+    assert Needed(Scores(case).base()).repeating(0.01) >= first.share
 
 
 def test_a_push_that_never_repeats_depends_on_nothing(plant):

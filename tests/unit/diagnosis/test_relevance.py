@@ -37,6 +37,9 @@ def test_an_effect_that_does_not_matter_is_not_kept(plant):
     bias = {"name": "tilt_bias", "bias_x_rad": 3e-6, "bias_y_rad": 0.0}
     best, relevance = judged(plant([DELAY, bias], runs=5, stamped=True))
     assert relevance.kept(best).effects in {("delay",), ("latency",)}
+    assert relevance.immaterial <= {"tilt_bias"}
+    assert relevance.immaterial == set(best.effects) - {"delay", "latency"}
+    assert set(relevance.posterior.probabilities(relevance.immaterial)).isdisjoint(relevance.immaterial)
 
 
 def test_of_nothing_nothing_is_kept(plant):

@@ -44,7 +44,7 @@ def test_what_is_planted_is_selected_beside_any_push(plant, planted, pushed):
     scores, posterior = select(plant(planted, runs=5, stamped=True, pushed=pushed))
     best, names = posterior.best, {one["name"] for one in planted}
     assert set(best.effects) == names
-    chances = posterior.probabilities()
+    chances = posterior.probabilities(())
     assert all(chances[name] > 0.9 for name in names)
     assert all(0.0 <= chance <= 1.0 for chance in chances.values())
     # A random push is needed where there is one.
@@ -86,7 +86,7 @@ def test_where_nothing_is_planted_nothing_is_even_tried(plant, seed, stamped):
     posterior = Selection(Scores(plant(seed=seed, stamped=stamped)), hypotheses(), tried.append).run()
     assert posterior.best.effects == ()
     assert tried == []
-    assert posterior.probabilities() == {}
+    assert posterior.probabilities(()) == {}
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_a_push_alone_asks_for_no_effect(plant, seed):
     scores, posterior = select(plant(runs=5, seed=seed, stamped=True, pushed=PUSHED))
     assert posterior.best.effects == ()
     assert scores.push(posterior.best) > config.SURE
-    assert all(chance < 0.5 for chance in posterior.probabilities().values())
+    assert all(chance < 0.5 for chance in posterior.probabilities(()).values())
 
 
 @pytest.mark.slow
