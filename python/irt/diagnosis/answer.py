@@ -26,6 +26,7 @@ from irt.diagnosis.result import (
     Diagnosis,
     Finding,
     NamedEffect,
+    NeededPush,
     Plausible,
     Remains,
     RunProof,
@@ -39,6 +40,7 @@ from irt.diagnosis.ties import Tie, reason, ties
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
 from irt.model import Model, Parameter
+from irt.recording import Recording
 from irt.residual import evaluate
 from irt.rig import PARAMETERS
 
@@ -134,6 +136,7 @@ class Answer:
             inclusion=self._posterior.probabilities(self._relevance.immaterial - set(best.effects)),
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
+            pushes=self._pushes() if where else (),
         )
 
     @property
@@ -172,11 +175,24 @@ class Answer:
             return ()
         base, sources = self._base.fitted, self._sources(self._base)
         return (
-            *Needed(self._base).findings(CLEAR),
+            *self._needed_before.findings(CLEAR),
             *variables(self._best.terms, sources),
             *locate(base, self._noise),
             *stages(base, sources),
         )
+
+    @functools.cached_property
+    def _needed_before(self) -> Needed:
+        return Needed(self._base)
+
+    @functools.cached_property
+    def _needed(self) -> Needed:
+        return Needed(self._best) if self._best is not self._base else self._needed_before
+
+    def _pushes(self) -> tuple[NeededPush, ...]:
+        before, after = self._needed_before.over_time, self._needed.over_time
+        times = {one.name: self._times(one) for one in self._case.rig.recordings}
+        return tuple(NeededPush(name, times[name], *before[name], *after[name]) for name in before)
 
     def _sources(self, one: Scored) -> list[Source]:
         """Return what a set's remainder may depend on."""
@@ -236,7 +252,7 @@ class Answer:
 
         No engine is the rig: what impacts leave is never quite random.
         """
-        share = Needed(self._best).repeating(_SURELY)
+        share = self._needed.repeating(_SURELY)
         gain = self._proof.mae * (1.0 - math.sqrt(max(0.0, 1.0 - share)))
         return gain >= config.MATTERS * self._noise
 
@@ -280,24 +296,26 @@ class Answer:
         return tuple(sorted(found, key=lambda one: one.penalty - one.gain))
 
     def _runs(self) -> tuple[RunProof, ...]:
-        case, found = self._case, []
-        step = case.time_scale or float(np.mean(case.rig.ranges["time_scale"]))
-        proofs = zip(case.rig.recordings, self._base_proof.runs, self._proof.runs, strict=True)
-        for recording, before, after in proofs:
-            rows = np.arange(len(recording.knobs))
-            times = recording.stamps if recording.stamps is not None else rows * step * SUBSTEP_S
-            found.append(
-                RunProof(
-                    recording=recording.name,
-                    times=np.asarray(times),
-                    observed=recording.marble,
-                    base=before.prediction,
-                    final=after.prediction,
-                    base_mae=before.mae,
-                    final_mae=after.mae,
-                )
+        proofs = zip(self._case.rig.recordings, self._base_proof.runs, self._proof.runs, strict=True)
+        return tuple(
+            RunProof(
+                recording=recording.name,
+                times=self._times(recording),
+                observed=recording.marble,
+                base=before.prediction,
+                final=after.prediction,
+                base_mae=before.mae,
+                final_mae=after.mae,
             )
-        return tuple(found)
+            for recording, before, after in proofs
+        )
+
+    def _times(self, recording: Recording) -> Array:
+        """Return the seconds of each row, (n,); without stamps from the middle of the range."""
+        if recording.stamps is not None:
+            return np.asarray(recording.stamps)
+        step = self._case.time_scale or float(np.mean(self._case.rig.ranges["time_scale"]))
+        return np.asarray(np.arange(len(recording.knobs)) * step * SUBSTEP_S)
 
 
 def _outcome(one: Scored, base: Scored, best: Scored, alike: set[frozenset[str]]) -> str:

@@ -73,7 +73,14 @@ class Needed:
         self._seed = one.case.seed
         #: What a row lasts [s], where recordings have no stamps: accelerations are in rows then.
         self._row_s = None if one.case.time_scale is not None else one.case.row_s(one.fitted)
-        parts = list(_rows(one, smoothed(one)))
+        found = smoothed(one)
+        #: By recording the push in each of its rows, and its standard deviation, (n, 2) [m/s^2]; NaN where
+        #: nothing is known.
+        self.over_time = {
+            run.recording: (_padded(push, len(run.run.knobs)), _padded(deviation, len(run.run.knobs)))
+            for run, push, deviation in zip(one.case.runs, found.push, found.push_deviation, strict=True)
+        }
+        parts = list(_rows(one, found))
         self._lengths = [len(push) for push, _ in parts]
         self._push = np.concatenate([push for push, _ in parts]) if parts else np.zeros((0, 2))
         against = {name: np.concatenate([one[name] for _, one in parts]) for name in VARIABLES if parts}
@@ -162,6 +169,11 @@ def smoothed(one: Scored) -> Smoothed:
     problem = Scores.of(one).problem(one.effects)
     values = np.array([one.values[name] for name in problem.names])
     return problem.smooth(values, one.noise, one.top.states)
+
+
+def _padded(values: Array, rows: int) -> Array:
+    """Return (k, 2) values of the last rows of a recording of `rows` rows with NaN before them, (rows, 2)."""
+    return np.concatenate([np.full((rows - len(values), 2), np.nan), values])
 
 
 def _rows(one: Scored, found: Smoothed) -> Iterator[tuple[Array, dict[str, Array]]]:

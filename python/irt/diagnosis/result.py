@@ -156,6 +156,32 @@ class RunProof:
 
 
 @dataclass(frozen=True)
+class NeededPush:
+    """How a recording of n rows pushes the marble beyond what the simulator does, before and after.
+
+    Each is the mean given all rows, with its standard deviation, NaN in rows where nothing is known.
+
+    Attributes
+    ----------
+    recording : str
+        Its name.
+    times : (n,) array
+        Seconds of each row.
+    base, base_deviation : (n, 2) arrays
+        Of the five parameters [m/s^2].
+    final, final_deviation : (n, 2) arrays
+        Of the answer [m/s^2].
+    """
+
+    recording: str
+    times: Array
+    base: Array
+    base_deviation: Array
+    final: Array
+    final_deviation: Array
+
+
+@dataclass(frozen=True)
 class Share:
     """A part of the base model's squared error on recordings held out.
 
@@ -270,6 +296,8 @@ class Diagnosis:
         Where the base model's error on runs held out goes, at several horizons.
     remains : Remains or None
         What nothing explains; None where nothing was held out.
+    pushes : tuple of NeededPush
+        Recording by recording the push that is missing; empty where nothing is.
     """
 
     verdict: Verdict
@@ -297,6 +325,7 @@ class Diagnosis:
     inclusion: dict[str, float] = field(default_factory=dict)
     budget: tuple[Share, ...] = ()
     remains: Remains | None = None
+    pushes: tuple[NeededPush, ...] = ()
 
     @property
     def is_held_out(self) -> bool:

@@ -12,7 +12,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
-from irt.diagnosis.result import Candidate, Diagnosis, RunProof
+from irt.diagnosis.result import Candidate, Diagnosis, NeededPush, RunProof
 from irt.files import PathLike
 from irt.model import Model
 from irt.report import style
@@ -67,6 +67,11 @@ class Side:
     def residual(self, run: RunProof) -> Array:
         """Return predicted minus observed positions, (n, 2) [board edges]."""
         return self.marble(run) - run.observed
+
+    def push(self, one: NeededPush) -> tuple[Array, Array]:
+        """Return the push that the simulator lacks, and its standard deviation, (n, 2) each [m/s^2]."""
+        is_base = self.which == "base"
+        return (one.base, one.base_deviation) if is_base else (one.final, one.final_deviation)
 
     def mae(self, run: RunProof) -> float:
         """Return the mean absolute error [board edges]."""
@@ -171,7 +176,52 @@ def plot_over_time(
         figure.align_ylabels(panels)
 
 
-def clock(run: RunProof, *, stamped: bool) -> tuple[Array, str]:
+def plot_push(
+    path: PathLike, push: NeededPush, shown: Sequence[Side], row_s: float, *, stamped: bool
+) -> None:
+    """Draw the push that a recording needs beyond the simulator over time, with bands of 95 %.
+
+    Parameters
+    ----------
+    path : path
+        ``.svg`` or ``.png`` file to write.
+    push : NeededPush
+        The push of a recording.
+    shown : sequence of Side
+        Of which simulators, in this order.
+    row_s : float
+        What a row lasts in the simulation [s]: without stamps pushes are in millimetres a row squared.
+    stamped : bool
+        Whether the time axis is in seconds; else it is in rows.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be written.
+    """
+    corners = thinned(len(push.times), _MOST_CORNERS)
+    times, label = clock(push, stamped=stamped)
+    size, unit = (1.0, "m/s²") if stamped else (1000.0 * row_s**2, "mm/row²")
+    with style.drawing(path, style.WIDTH, 3.6) as figure:
+        panels = figure.subplots(2, sharex=True)
+        for axis, axes in enumerate(panels):
+            axes.axhline(0.0, color=style.MUTED, lw=0.6)
+            for side in shown:
+                mean, deviation = (size * each[corners, axis] for each in side.push(push))
+                band = _BAND * deviation
+                axes.fill_between(
+                    times[corners], mean - band, mean + band, color=side.colour, alpha=0.2, lw=0
+                )
+                axes.plot(times[corners], mean, color=side.colour, lw=1.2)
+            axes.set_ylabel(f"push along {'xy'[axis]}  [{unit}]")
+            axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True))
+        for side, place in zip(shown, ("left", "right"), strict=False):
+            panels[0].set_title(side.label, color=side.colour, fontweight="bold", loc=place)
+        panels[-1].set(xlabel=label, xlim=(times[0], times[-1]))
+        figure.align_ylabels(panels)
+
+
+def clock(run: RunProof | NeededPush, *, stamped: bool) -> tuple[Array, str]:
     """Return the time axis of a run, (n,), and its label: seconds where stamps give them, else rows."""
     return (run.times, "time  [s]") if stamped else (np.arange(len(run.times), dtype=np.float64), "row")
 

@@ -27,6 +27,7 @@ from irt.report.diagnosis_plots import (
     plot_errors,
     plot_map,
     plot_over_time,
+    plot_push,
     plot_ranking,
     sides,
 )
@@ -199,6 +200,7 @@ class _Report:
             "runs": tables.runs(diagnosis, stamped=self.stamped) if diagnosis.runs else None,
             "boards": self._boards(),
             "where": tables.where(diagnosis),
+            "push": self._push(),
             "maps": [*self._maps(), *self._errors()] if diagnosis.runs else [],
         }
 
@@ -267,6 +269,20 @@ class _Report:
                 "runs. 1 is the tracker noise; empty cells were never visited."
             )
             yield Picture(path, caption)
+
+    def _push(self) -> list[Picture]:
+        """Draw the push that the simulator lacks, of the recording that needs most of it."""
+        pushes = self.diagnosis.pushes
+        if not pushes:
+            return []
+        most = max(pushes, key=lambda one: float(np.nan_to_num(one.base**2).mean()))
+        path = self.folder / "push.svg"
+        plot_push(path, most, self.shown, self.row_s, stamped=self.stamped)
+        caption = (
+            f"{most.recording}: the acceleration that the marble needs beyond the simulator's, as all rows "
+            "show it; bands hold 95 %. Where physics is complete, they hold zero."
+        )
+        return [Picture(path, caption)]
 
     def _errors(self) -> Iterator[Picture]:
         """Draw the errors over time, as many pictures beside each other as there are maps above them."""

@@ -13,6 +13,7 @@ from irt.diagnosis.result import (
     Diagnosis,
     Finding,
     NamedEffect,
+    NeededPush,
     Plausible,
     Power,
     Remains,
@@ -128,6 +129,16 @@ def make_budget(verdict):
     )
 
 
+def make_pushes(runs):
+    found = []
+    for run in runs:
+        push = np.stack([0.05 * np.sin(run.times), 0.02 * np.cos(run.times)], axis=1)
+        push[0] = np.nan
+        spread = np.full_like(push, 0.01)
+        found.append(NeededPush(run.recording, run.times, push, spread, 0.02 * push, spread))
+    return tuple(found)
+
+
 def make_remains(verdict, floor):
     stage = "board" if verdict == "unlisted" else None
     return Remains(BUDGETS[verdict]["not repeatable"][1], stage, repeats=False, floor_of_the_log=floor)
@@ -189,4 +200,5 @@ def make_diagnosis(rig, verdict):
         else {},
         budget=make_budget(verdict),
         remains=make_remains(verdict, NOISE),
+        pushes=() if verdict == "sufficient" else make_pushes(runs),
     )

@@ -63,7 +63,8 @@ def set_time(page, row):
 def shows_text(stream):
     """Whether a stream of a PDF is a page, or a part of one, that writes text."""
     try:
-        return re.search(rb"\bT[jJ]\b", zlib.decompress(stream)) is not None
+        # The last byte of a stream may be taken for a part of the line's end.
+        return re.search(rb"\bT[jJ]\b", zlib.decompressobj().decompress(stream)) is not None
     except zlib.error:
         return False
 

@@ -79,6 +79,19 @@ def test_run_over_time_has_a_band_of_noise_below_each_axis(tmp_path, proof, draw
         assert np.nanmax(panel.lines[0].get_ydata()) == pytest.approx(off)
 
 
+@pytest.mark.parametrize(("stamped", "unit"), [(True, "m/s²"), (False, "mm/row²")])
+def test_push_over_time_has_a_band_for_each_simulator(tmp_path, diagnosis_of, drawn, stamped, unit):
+    push, row_s = diagnosis_of("missing").pushes[0], 0.5
+    plots.plot_push(tmp_path / "push.svg", push, [BEFORE, AFTER], row_s, stamped=stamped)
+    scale = 1.0 if stamped else 1000.0 * row_s**2
+    for axis, axes in enumerate(drawn.figure.axes):
+        assert unit in axes.get_ylabel()
+        assert len(axes.collections) == 2
+        before, after = axes.get_lines()[1:]
+        assert before.get_ydata() == pytest.approx(scale * push.base[:, axis], nan_ok=True)
+        assert after.get_ydata() == pytest.approx(scale * push.final[:, axis], nan_ok=True)
+
+
 def test_board_shows_what_was_recorded_and_every_prediction(tmp_path, proof, diagnosis_of, drawn):
     plots.plot_board(tmp_path / "board.svg", proof, diagnosis_of("missing").model, [BEFORE, AFTER])
     assert {"before", "after", "• recorded", "start"} <= set(texts(drawn.figure))

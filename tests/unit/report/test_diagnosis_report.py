@@ -151,6 +151,12 @@ def test_the_error_budget_is_drawn_and_read_aloud_before_the_answers(missing):
     assert "12 rows ahead: backlash 55 %, tracker noise 35 %, not explained 10 %" in unescape(label)
 
 
+def test_the_push_that_was_missing_is_drawn_where_one_was(missing, reports):
+    needed = "the acceleration that the marble needs beyond the simulator"
+    assert needed in spaced(missing)
+    assert needed not in spaced(reports["sufficient"].read_text(encoding="utf-8"))
+
+
 def test_what_remains_is_said_with_its_stage_and_the_floor_of_the_log(reports, diagnosis_of):
     remains = spaced(answer(reports["unlisted"].read_text(encoding="utf-8"))["What remains?"])
     assert "40 % of the base model&#39;s squared error" in remains
