@@ -14,7 +14,7 @@ from irt.catalogue import effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
-from irt.diagnosis.hypotheses import ALIKE, JITTER, group_of
+from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
 from irt.diagnosis.latent import Leftover, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
@@ -229,7 +229,7 @@ class Answer:
 
     def _mean_delay(self) -> Parameter:
         """Return the mean of delays that differ: of a shift and a smoothing only the sum is known well."""
-        parts = [self._parameters[key] for key in ("delay.delay_s", "lag.time_constant_s")]
+        parts = [self._parameters[key] for key in (SHIFT_S, SMOOTHED_S)]
         mean = sum(one.value for one in parts)
         if any(one.low is None or one.high is None for one in parts):
             return Parameter(mean)
@@ -267,12 +267,9 @@ class Answer:
         scores = dict.fromkeys([self._best, *renamed], most)
         known = {frozenset(one.effects) for one in scores}
         scores |= {one: one.score for one in self._posterior.sets if frozenset(one.effects) not in known}
-        chances = np.exp(np.array(list(scores.values())) - max(scores.values()))
-        found = [
-            (one, chance)
-            for one, chance in zip(scores, (chances / chances.sum()).tolist(), strict=True)
-            if chance > config.MENTIONED
-        ][: config.PLAUSIBLE]
+        chances = probabilities(list(scores.values())).tolist()
+        likely = [each for each in zip(scores, chances, strict=True) if each[1] > config.MENTIONED]
+        found = likely[: config.PLAUSIBLE]
         total = sum(chance for _, chance in found)
         return tuple(Plausible(one.fitted.model, chance / total) for one, chance in found)
 
@@ -281,7 +278,8 @@ class Answer:
         base = self._base
         sets = {frozenset(one.effects): one for one in (*self._posterior.sets, self._best)}
         found = []
-        for one, chance in zip(sets.values(), probabilities(list(sets.values())), strict=True):
+        chances = probabilities([one.score for one in sets.values()])
+        for one, chance in zip(sets.values(), chances, strict=True):
             gain = one.top.log_likelihood - base.top.log_likelihood
             found.append(
                 Candidate(

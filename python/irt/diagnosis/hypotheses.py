@@ -21,6 +21,8 @@ JITTER = "delay_jitter"
 #: whose time constant is their standard deviation.
 MEAN, SMOOTHING = "delay", "lag"
 ON_AVERAGE = (MEAN, SMOOTHING)
+#: Names of their sizes: by so much commands come late, and by so much more they are smoothed.
+SHIFT_S, SMOOTHED_S = f"{MEAN}.delay_s", f"{SMOOTHING}.time_constant_s"
 #: Effects that are not beside delays that differ, which have them.
 SMOOTHED = ALIKE | {SMOOTHING}
 

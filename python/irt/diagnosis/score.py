@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from irt.catalogue import hypothetical
 from irt.diagnosis import config
 from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, simulated
+from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, SHIFT_S, SMOOTHED_S, simulated
 from irt.diagnosis.library import Term
 from irt.diagnosis.result import UNLISTED
 from irt.engine import SUBSTEP_S
@@ -91,7 +91,7 @@ class Scored:
 
 def mean_delay(values: Mapping[str, float]) -> float:
     """Return the mean of delays that differ [s]: the shift, and what the smoothing is late by."""
-    return values["delay.delay_s"] + values["lag.time_constant_s"]
+    return values[SHIFT_S] + values[SMOOTHED_S]
 
 
 @dataclass(eq=False)
@@ -144,7 +144,7 @@ class Scores:
         """Return the problem of a set, and of a time by which engines that step in time are apart."""
         if set(effects) & TIMES:
             return self.case.grey_box(simulated(effects))
-        return self.case.grey_box([MEAN, *effects], within={"delay.delay_s": (0.0, SUBSTEP_S)})
+        return self.case.grey_box([MEAN, *effects], within={SHIFT_S: (0.0, SUBSTEP_S)})
 
     def _starts(self) -> tuple[Array, Array]:
         """Return values and sizes of what is random to begin at: least squares, and the middle of ranges.

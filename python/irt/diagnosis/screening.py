@@ -12,7 +12,7 @@ from scipy.stats import qmc
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.hypotheses import JITTER, SMOOTHED
+from irt.diagnosis.hypotheses import JITTER, SHIFT_S, SMOOTHED, SMOOTHED_S
 from irt.diagnosis.score import KICK, Scored, Scores
 from irt.engine import SUBSTEP_S
 from irt.fitting.effect_size import size_of, sizes_of
@@ -113,8 +113,8 @@ class Screening:
     def _of_jitter(self) -> Promise:
         """Return what delays that differ from command to command might do: each size and mean is tried."""
         problem = self._scores.problem(child(self._parent.effects, JITTER))
-        shift, smoothing = (problem.names.index(one) for one in ("delay.delay_s", "lag.time_constant_s"))
-        late = ("delay.delay_s", "latency.latency_s", "lag.time_constant_s")
+        shift, smoothing = (problem.names.index(one) for one in (SHIFT_S, SMOOTHED_S))
+        late = (SHIFT_S, "latency.latency_s", SMOOTHED_S)
         known = sum(self._parent.values.get(one, 0.0) for one in late)
         means = [known] if known > SUBSTEP_S else list(config.MEANS)
         tried = list(itertools.product(means, config.KICKS))

@@ -37,7 +37,7 @@ class Posterior:
         """Return the probability that one of these effects is at work, or several."""
         with_it = [not set(names).isdisjoint(one.effects) for one in self.sets]
         # Sums of other orders are rounded otherwise.
-        return min(1.0, float(probabilities(self.sets)[with_it].sum()))
+        return min(1.0, float(probabilities([one.score for one in self.sets])[with_it].sum()))
 
     def probabilities(self, immaterial: Container[str]) -> dict[str, float]:
         """Return the probability of each effect that was tried, as far as it is worth a mention.
@@ -52,10 +52,9 @@ class Posterior:
         return {name: chance for name, chance in found.items() if chance > config.MENTIONED}
 
 
-def probabilities(sets: Sequence[Scored]) -> Array:
-    """Return how probable each of some sets is, (k,), if one of them is true."""
-    scores = np.array([one.score for one in sets])
-    weights = np.exp(scores - scores.max())
+def probabilities(scores: Sequence[float]) -> Array:
+    """Return how probable sets of these log posteriors are, (k,), if one of them is true."""
+    weights = np.exp(np.array(scores) - max(scores))
     return np.asarray(weights / weights.sum())
 
 
