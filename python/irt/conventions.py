@@ -20,6 +20,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.cleaning import deviation
+
 Array = NDArray[np.float64]
 
 #: Half widths of the test functions tried [rows]. Short ones keep fast commands, long ones suppress noise.
@@ -32,8 +34,6 @@ _HUBER = 1.345
 _ROUNDS = 3
 #: Regression rows of one output, about: more cost time and say little more.
 _MOST_ROWS = 1500
-#: From a median of absolute values to a standard deviation of normal ones.
-_OF_MEDIAN = 1.4826
 #: Blocks of a run are this many window widths long: residuals of different blocks are nearly independent.
 _BLOCK_WIDTHS = 2
 #: Two gains and three further columns are fitted to each output.
@@ -326,6 +326,8 @@ class _Design:
         Number of the block of each row.
     best : int
         The delay with which both inputs together explain most.
+    gain, left : (2,) and (m,) arrays
+        Of both inputs together at that delay, and the residuals.
     """
 
     delays: Array
@@ -333,6 +335,8 @@ class _Design:
     target: Array
     block: NDArray[np.int64]
     best: int
+    gain: Array
+    left: Array
 
     @classmethod
     def of(
@@ -356,7 +360,7 @@ class _Design:
             return None
         found = _freed(u, y, z, np.ones(len(y)))
         for _ in range(_ROUNDS):
-            scale = _OF_MEDIAN * float(np.median(np.abs(found.left)))
+            scale = deviation(found.left)
             if scale == 0.0:
                 break
             # Residuals of weighted rows are weighted, too: those of the rows themselves count.
@@ -368,6 +372,8 @@ class _Design:
             found.target,
             np.unique(b, return_inverse=True)[1],
             found.best,
+            found.gain,
+            found.left,
         )
 
     @property
@@ -386,17 +392,15 @@ class _Design:
     def both(self) -> tuple[Array, Array, float, float]:
         """Return gains and errors (2,), the delay, and the share explained, of both inputs together."""
         u = self.inputs[self.best]
-        gain = np.linalg.lstsq(u, self.target)[0]
-        left = self.target - u @ gain
         scores = np.zeros((self.blocks, 2))
-        np.add.at(scores, self.block, u * left[:, None])
+        np.add.at(scores, self.block, u * self.left[:, None])
         bread = np.linalg.pinv(u.T @ u)
         few = self.blocks / max(self.blocks - 2, 1)
         error = np.sqrt(np.maximum(few * np.diag(bread @ (scores.T @ scores) @ bread), 0.0))
         moves = np.linalg.norm(u, axis=0) > 0.0
-        share = 1.0 - float(left @ left) / float(self.target @ self.target)
+        share = 1.0 - float(self.left @ self.left) / float(self.target @ self.target)
         return (
-            np.where(moves, gain, np.nan),
+            np.where(moves, self.gain, np.nan),
             np.where(moves, error, np.nan),
             float(self.delays[self.best]),
             share,
@@ -410,12 +414,16 @@ class _Design:
 
 @dataclass(frozen=True, eq=False)
 class _Freed:
-    """Inputs (d, m, 2) and target (m,) without what further columns explain, all weighted."""
+    """Inputs (d, m, 2) and target (m,) without what further columns explain, all weighted.
+
+    With the best delay, the gains (2,) there and the residuals (m,).
+    """
 
     inputs: Array
     target: Array
     weights: Array
     best: int
+    gain: Array
     left: Array
 
 
@@ -436,7 +444,8 @@ def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
     along = inputs.swapaxes(1, 2) @ target
     gains = np.einsum("dij,dj->di", np.linalg.pinv(products, rcond=1e-9, hermitian=True), along)
     best = int(np.argmax(np.einsum("di,di->d", gains, along)))
-    return _Freed(inputs, target, weights, best, np.asarray(target - inputs[best] @ gains[best]))
+    left = np.asarray(target - inputs[best] @ gains[best])
+    return _Freed(inputs, target, weights, best, np.asarray(gains[best]), left)
 
 
 def _delayed(values: Array, wanted: NDArray[np.int64], delay: float) -> Array:
