@@ -318,25 +318,15 @@ class _Design:
     ----------
     delays : (d,) array
         Tried.
-    inputs : (d, m, 2) array
-        Delayed inputs, freed of the further columns; all weighted by the square roots of the weights.
-    target : (m,) array
-        Freed of the further columns, and weighted.
     block : (m,) int array
         Number of the block of each row.
-    best : int
-        The delay with which both inputs together explain most.
-    gain, left : (2,) and (m,) arrays
-        Of both inputs together at that delay, and the residuals.
+    fit : _Freed
+        The fit of both inputs together.
     """
 
     delays: Array
-    inputs: Array
-    target: Array
     block: NDArray[np.int64]
-    best: int
-    gain: Array
-    left: Array
+    fit: _Freed
 
     @classmethod
     def of(
@@ -366,15 +356,7 @@ class _Design:
             # Residuals of weighted rows are weighted, too: those of the rows themselves count.
             left = found.left / np.sqrt(found.weights)
             found = _freed(u, y, z, 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale)))
-        return cls(
-            np.asarray(delays, dtype=float),
-            found.inputs,
-            found.target,
-            np.unique(b, return_inverse=True)[1],
-            found.best,
-            found.gain,
-            found.left,
-        )
+        return cls(np.asarray(delays, dtype=float), np.unique(b, return_inverse=True)[1], found)
 
     @property
     def blocks(self) -> int:
@@ -382,41 +364,48 @@ class _Design:
 
     def single(self, column: int, sign: int) -> Array:
         """Return the residuals, (m,), of the best delay of one input with a gain of one sign."""
-        one = self.inputs[:, :, column]
+        one = self.fit.inputs[:, :, column]
         length = (one**2).sum(axis=1)
-        gain = np.divide(one @ self.target, length, out=np.zeros(len(length)), where=length > 0.0)
+        gain = np.divide(one @ self.fit.target, length, out=np.zeros(len(length)), where=length > 0.0)
         gain = np.maximum(gain * sign, 0.0) * sign
         best = int(np.argmax(gain**2 * length))
-        return np.asarray(self.target - gain[best] * one[best])
+        return np.asarray(self.fit.target - gain[best] * one[best])
 
     def both(self) -> tuple[Array, Array, float, float]:
         """Return gains and errors (2,), the delay, and the share explained, of both inputs together."""
-        u = self.inputs[self.best]
+        u = self.fit.inputs[self.fit.best]
         scores = np.zeros((self.blocks, 2))
-        np.add.at(scores, self.block, u * self.left[:, None])
+        np.add.at(scores, self.block, u * self.fit.left[:, None])
         bread = np.linalg.pinv(u.T @ u)
         few = self.blocks / max(self.blocks - 2, 1)
         error = np.sqrt(np.maximum(few * np.diag(bread @ (scores.T @ scores) @ bread), 0.0))
         moves = np.linalg.norm(u, axis=0) > 0.0
-        share = 1.0 - float(self.left @ self.left) / float(self.target @ self.target)
+        share = 1.0 - float(self.fit.left @ self.fit.left) / float(self.fit.target @ self.fit.target)
         return (
-            np.where(moves, self.gain, np.nan),
+            np.where(moves, self.fit.gain, np.nan),
             np.where(moves, error, np.nan),
-            float(self.delays[self.best]),
+            float(self.delays[self.fit.best]),
             share,
         )
 
     def by_block(self, left: Array) -> Array:
         """Return the sum of squares of each block as a share of all squares, (blocks,)."""
         sums = np.bincount(self.block, weights=left**2, minlength=self.blocks)
-        return np.asarray(sums / float(self.target @ self.target))
+        return np.asarray(sums / float(self.fit.target @ self.fit.target))
 
 
 @dataclass(frozen=True, eq=False)
 class _Freed:
-    """Inputs (d, m, 2) and target (m,) without what further columns explain, all weighted.
+    """A fit of inputs and target that are freed of what further columns explain.
 
-    With the best delay, the gains (2,) there and the residuals (m,).
+    Attributes
+    ----------
+    inputs, target, weights : (d, m, 2), (m,) and (m,) arrays
+        Inputs at every delay and target, times the square roots of the weights.
+    best : int
+        The delay with which both inputs together explain most.
+    gain, left : (2,) and (m,) arrays
+        Of both inputs together at that delay, and the residuals.
     """
 
     inputs: Array
