@@ -29,7 +29,10 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
-demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
+demo: | $(BIN)/python ## tune and diagnose the example rig, and write a page about each (under a minute)
+# Cargo's intermediate files are more than half of the set-up and only a further build needs them: they stay where
+# some were there before.
+	@test -d target || fresh=yes; $(MAKE) --no-print-directory $(EXTENSION) && { test -z "$$fresh" || rm -rf target; }
 	$(BIN)/irt demo
 
 .PHONY: test
