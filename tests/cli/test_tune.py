@@ -53,6 +53,7 @@ def other_rig(write_rig, wave):
     return write_rig({"run": (wave, rollouts(TRUTH, wave)[0])}, folder="other")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS[:-1])
 def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
     out = tmp_path / "results" / "deep"
