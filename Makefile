@@ -29,10 +29,12 @@ help: ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 .PHONY: demo
-demo: | $(BIN)/python ## tune and diagnose the example rig, and write a page about each (under a minute)
-# Cargo's intermediate files are more than half of the set-up and only a further build needs them: they stay where
-# some were there before.
-	@test -d target || fresh=yes; $(MAKE) --no-print-directory $(EXTENSION) && { test -z "$$fresh" || rm -rf target; }
+demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
+# Cargo's intermediate files are more than half of the set-up, and only a further build needs them: a first demo, which
+# found no target/ when make began, leaves none.
+ifeq ($(wildcard target),)
+	@rm -rf target
+endif
 	$(BIN)/irt demo
 
 .PHONY: test
