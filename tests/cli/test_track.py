@@ -217,7 +217,7 @@ def test_the_whole_story(irt, tmp_path) -> None:
     out.mkdir()
     save_lens(out / "camera.toml", Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
     for run in range(3):
-        knobs, places = played(75, 20 + run, backlash)
+        knobs, places = played(60, 20 + run, backlash)
         film(tmp_path / f"run-{run}", knobs, places)
         commands = write_commands(tmp_path / f"knobs-{run}.csv", knobs)
         words = ("--fps", "30", "--commands", commands, "--offset", "-100", "--out", out)
