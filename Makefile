@@ -30,6 +30,11 @@ help: ## this list
 
 .PHONY: demo
 demo: $(EXTENSION) ## tune and diagnose the example rig, and write a page about each (under a minute)
+# Cargo's intermediate files are more than half of the set-up, and only a further build needs them: a first demo, which
+# found no target/ when make began, leaves none.
+ifeq ($(wildcard target),)
+	@rm -rf target
+endif
 	$(BIN)/irt demo
 
 .PHONY: test

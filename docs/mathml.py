@@ -19,8 +19,9 @@ FORMULA = re.compile(
 class _ToMathml(Postprocessor):  # type: ignore[misc]
     def run(self, text: str) -> str:
         def formula(found: re.Match[str]) -> str:
-            display = "inline" if found["tag"] == "span" else "block"
-            return str(convert(unescape(found["tex"]).strip(), display=display))
+            is_inline = found["tag"] == "span"
+            math = str(convert(unescape(found["tex"]).strip(), display="inline" if is_inline else "block"))
+            return math if is_inline else f'<div class="formula">{math}</div>'
 
         return FORMULA.sub(formula, text)
 

@@ -15,7 +15,7 @@ Mask = NDArray[np.bool_]
 
 #: Fourth differences of a smooth signal are noise, this many times its standard deviation.
 _FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-#: From a median of absolute values to a standard deviation.
+#: Standard deviation of a normal variable over its median absolute value.
 _OF_MEDIAN = 1.4826
 #: Noise below which places are simulated or filtered [board edges]: 3 um on a board of 0.3 m.
 _NOISELESS = 1e-5
@@ -34,6 +34,11 @@ _JUMP_SIZE = 0.05
 _JUMP_TIME = 1.5
 
 
+def deviation(values: Array) -> float:
+    """Return the standard deviation of values around zero by their median; NaN counts for nothing."""
+    return _OF_MEDIAN * float(np.nanmedian(np.abs(values)))
+
+
 def noise_of(*signals: Array) -> float:
     """Return the standard deviation of white noise on smooth (n,) signals; NaN if too few rows are known.
 
@@ -42,10 +47,10 @@ def noise_of(*signals: Array) -> float:
     """
     longest = [np.asarray(values, dtype=np.float64) for values in signals if len(values) >= len(_FOURTH)]
     rough = np.concatenate([np.zeros(0), *(np.convolve(values, _FOURTH, "valid") for values in longest)])
-    rough = np.abs(rough[np.isfinite(rough)])
+    rough = rough[np.isfinite(rough)]
     if rough.size < 5:
         return float("nan")
-    return float(_OF_MEDIAN * np.median(rough) / np.sqrt((_FOURTH**2).sum()))
+    return deviation(rough) / float(np.sqrt((_FOURTH**2).sum()))
 
 
 def repeated_rows(values: Array) -> Mask:

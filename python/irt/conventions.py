@@ -20,6 +20,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.cleaning import deviation
+
 Array = NDArray[np.float64]
 
 #: Half widths of the test functions tried [rows]. Short ones keep fast commands, long ones suppress noise.
@@ -32,8 +34,6 @@ _HUBER = 1.345
 _ROUNDS = 3
 #: Regression rows of one output, about: more cost time and say little more.
 _MOST_ROWS = 1500
-#: From a median of absolute values to a standard deviation of normal ones.
-_OF_MEDIAN = 1.4826
 #: Blocks of a run are this many window widths long: residuals of different blocks are nearly independent.
 _BLOCK_WIDTHS = 2
 #: Two gains and three further columns are fitted to each output.
@@ -318,21 +318,15 @@ class _Design:
     ----------
     delays : (d,) array
         Tried.
-    inputs : (d, m, 2) array
-        Delayed inputs, freed of the further columns; all weighted by the square roots of the weights.
-    target : (m,) array
-        Freed of the further columns, and weighted.
     block : (m,) int array
         Number of the block of each row.
-    best : int
-        The delay with which both inputs together explain most.
+    fit : _Freed
+        The fit of both inputs together.
     """
 
     delays: Array
-    inputs: Array
-    target: Array
     block: NDArray[np.int64]
-    best: int
+    fit: _Freed
 
     @classmethod
     def of(
@@ -356,19 +350,13 @@ class _Design:
             return None
         found = _freed(u, y, z, np.ones(len(y)))
         for _ in range(_ROUNDS):
-            scale = _OF_MEDIAN * float(np.median(np.abs(found.left)))
+            scale = deviation(found.left)
             if scale == 0.0:
                 break
             # Residuals of weighted rows are weighted, too: those of the rows themselves count.
             left = found.left / np.sqrt(found.weights)
             found = _freed(u, y, z, 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale)))
-        return cls(
-            np.asarray(delays, dtype=float),
-            found.inputs,
-            found.target,
-            np.unique(b, return_inverse=True)[1],
-            found.best,
-        )
+        return cls(np.asarray(delays, dtype=float), np.unique(b, return_inverse=True)[1], found)
 
     @property
     def blocks(self) -> int:
@@ -376,46 +364,55 @@ class _Design:
 
     def single(self, column: int, sign: int) -> Array:
         """Return the residuals, (m,), of the best delay of one input with a gain of one sign."""
-        one = self.inputs[:, :, column]
+        one = self.fit.inputs[:, :, column]
         length = (one**2).sum(axis=1)
-        gain = np.divide(one @ self.target, length, out=np.zeros(len(length)), where=length > 0.0)
+        gain = np.divide(one @ self.fit.target, length, out=np.zeros(len(length)), where=length > 0.0)
         gain = np.maximum(gain * sign, 0.0) * sign
         best = int(np.argmax(gain**2 * length))
-        return np.asarray(self.target - gain[best] * one[best])
+        return np.asarray(self.fit.target - gain[best] * one[best])
 
     def both(self) -> tuple[Array, Array, float, float]:
         """Return gains and errors (2,), the delay, and the share explained, of both inputs together."""
-        u = self.inputs[self.best]
-        gain = np.linalg.lstsq(u, self.target)[0]
-        left = self.target - u @ gain
+        u = self.fit.inputs[self.fit.best]
         scores = np.zeros((self.blocks, 2))
-        np.add.at(scores, self.block, u * left[:, None])
+        np.add.at(scores, self.block, u * self.fit.left[:, None])
         bread = np.linalg.pinv(u.T @ u)
         few = self.blocks / max(self.blocks - 2, 1)
         error = np.sqrt(np.maximum(few * np.diag(bread @ (scores.T @ scores) @ bread), 0.0))
         moves = np.linalg.norm(u, axis=0) > 0.0
-        share = 1.0 - float(left @ left) / float(self.target @ self.target)
+        share = 1.0 - float(self.fit.left @ self.fit.left) / float(self.fit.target @ self.fit.target)
         return (
-            np.where(moves, gain, np.nan),
+            np.where(moves, self.fit.gain, np.nan),
             np.where(moves, error, np.nan),
-            float(self.delays[self.best]),
+            float(self.delays[self.fit.best]),
             share,
         )
 
     def by_block(self, left: Array) -> Array:
         """Return the sum of squares of each block as a share of all squares, (blocks,)."""
         sums = np.bincount(self.block, weights=left**2, minlength=self.blocks)
-        return np.asarray(sums / float(self.target @ self.target))
+        return np.asarray(sums / float(self.fit.target @ self.fit.target))
 
 
 @dataclass(frozen=True, eq=False)
 class _Freed:
-    """Inputs (d, m, 2) and target (m,) without what further columns explain, all weighted."""
+    """A fit of inputs and target that are freed of what further columns explain.
+
+    Attributes
+    ----------
+    inputs, target, weights : (d, m, 2), (m,) and (m,) arrays
+        Inputs at every delay and target, times the square roots of the weights.
+    best : int
+        The delay with which both inputs together explain most.
+    gain, left : (2,) and (m,) arrays
+        Of both inputs together at that delay, and the residuals.
+    """
 
     inputs: Array
     target: Array
     weights: Array
     best: int
+    gain: Array
     left: Array
 
 
@@ -436,7 +433,8 @@ def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
     along = inputs.swapaxes(1, 2) @ target
     gains = np.einsum("dij,dj->di", np.linalg.pinv(products, rcond=1e-9, hermitian=True), along)
     best = int(np.argmax(np.einsum("di,di->d", gains, along)))
-    return _Freed(inputs, target, weights, best, np.asarray(target - inputs[best] @ gains[best]))
+    left = np.asarray(target - inputs[best] @ gains[best])
+    return _Freed(inputs, target, weights, best, np.asarray(gains[best]), left)
 
 
 def _delayed(values: Array, wanted: NDArray[np.int64], delay: float) -> Array:

@@ -192,6 +192,7 @@ def test_a_long_log_is_cut_and_said(irt, lab, tmp_path, monkeypatch):
 SECONDS = re.compile(r"\d[\d.]* ?(s|ms)\b|seconds|/s")
 
 
+@pytest.mark.slow
 def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
     rig = lab(stamped=False)
     tuned = irt(
@@ -223,6 +224,7 @@ def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
         assert SECONDS.search(shown) is None, shown
 
 
+@pytest.mark.slow
 def test_with_stamps_seconds_are_given(irt, lab, tmp_path):
     rig = lab()
     tuned = irt("tune", rig, "--starts", "1", "--effect", "delay", "--out", tmp_path / "out")

@@ -64,6 +64,9 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
         assert place["kind"] in {"stage", "time", "region", "regime", "run"}
         assert 0.0 <= place["strength"] <= 1.0
         assert 0.0 < place["p_value"] <= 0.05
+    first, *_ = answer["plausible"]
+    assert sum(one["probability"] for one in answer["plausible"]) == pytest.approx(1.0)
+    assert [one.name for one in load_model(out / first["model"]).effects] == ["parallax"]
     model = load_model(out / "model.toml")
     assert evaluate(model, load_rig(rig).recordings).free_run.mae == answer["fit"]["final_mae"]
     assert "parallax" in (out / "report.html").read_text()
@@ -87,7 +90,7 @@ def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
 
 @pytest.mark.slow
 def test_the_same_seed_says_the_same_for_any_number_of_threads(irt, lab, tmp_path):
-    rig = lab(PARALLAX, runs=3)
+    rig = lab(PARALLAX, runs=2, rows=40)
     answers = []
     for threads in ("1", "2"):
         assert (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,8 @@ import numpy as np
 import pytest
 
 import lab_logs
-from irt.recording import load_recording
+from irt.cli.demo import data
+from irt.recording import load_recording, save_recording
 from irt.rig import Board, load_rig
 from lab_logs import Convention, Truth, simulate, write_bag, write_csv
 
@@ -181,6 +183,24 @@ def test_commands_without_tilt(tmp_path: Path, truth: Truth, irt: Callable[..., 
     order = (0, 1) if abs(truth.gear[0, 0]) > abs(truth.gear[0, 1]) else (1, 0)
     low, high = rig.ranges["gear_x"]
     assert low < truth.gear[0, order[0]] < high
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.3])
+def test_only_commands_that_come_after_their_effect_are_moved(
+    tmp_path: Path, irt: Callable[..., Any], late_s: float
+) -> None:
+    """Backlash looks like a lag that is longer than it can be, with a dead time below zero."""
+    rig = load_rig(data("demo-rig"))
+    late = round(late_s / 0.05)
+    for one in rig.recordings:
+        knobs = np.concatenate([np.repeat(one.knobs[:1], late, axis=0), one.knobs[: len(one.knobs) - late]])
+        save_recording(tmp_path / f"{one.name}.csv", knobs, one.marble, one.stamps)
+    done = irt("import", *sorted(tmp_path.glob("*.csv")), "--from", "csv", "--dry-run")
+    assert done.status == 0, done.err
+    moved = re.search(r"clocks differ by at least ([0-9.]+) s; moved by so much", done.out)
+    assert (moved is not None) == (late_s > 0.0)
+    if moved is not None:
+        assert float(moved[1]) == pytest.approx(late_s, abs=0.05)
 
 
 Spoil = Callable[[dict[str, np.ndarray], list[str]], None]

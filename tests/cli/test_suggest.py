@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -96,9 +97,28 @@ def test_without_models_it_diagnoses(irt, monkeypatch, tmp_path: Path, rig: Path
     assert (tmp_path / "suggest.csv").exists()
 
 
+def test_the_folder_of_a_diagnosis_is_enough(irt, tmp_path: Path, rig: Path, models) -> None:
+    """As it is, and without another diagnosis: what is probable there is read."""
+    folder = tmp_path / "diagnosed"
+    folder.mkdir()
+    for path in models:
+        path.rename(folder / path.name)
+    plausible = [{"model": "lag.toml", "probability": 0.9}, {"model": "delay.toml", "probability": 0.1}]
+    told = {"summary": "The board lags.", "fit": {"noise": NOISE}, "plausible": plausible}
+    (folder / "diagnosis.json").write_text(json.dumps(told))
+    out = tmp_path / "next.csv"
+    status, said, err = irt("suggest", rig, "--models", folder, "--out", out, "--threads", "1")
+    assert (status, err) == (0, "")
+    assert said.startswith("The board lags.\nLay the marble down ")
+    assert "Of the doubt which model is true (0.33 nats) " in said
+    assert out.exists()
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("rig", "--models", "rig"), "irt: rig: no diagnosis with plausible models: run irt diagnose again"),
+        (("rig", "--models", "rig", "lag.toml"), "irt: --models: the folder of a diagnosis stands alone; "),
         (("none",), "irt: none: no such folder"),
         (("rig", "--models", "none.toml"), "irt: none.toml: no such file"),
         (("rig", "--models", "rig/run-0.csv"), "irt: rig/run-0.csv: broken TOML: "),

@@ -165,6 +165,7 @@ def test_the_package_tracks_as_the_verb_does(irt, filmed, tmp_path) -> None:
         package.track(pictures, colr=(0, 0, 0))
 
 
+@pytest.mark.slow
 def test_two_marbles_are_said(irt, tmp_path) -> None:
     knobs, places = played(45, 3)
     _, others = played(45, 8)
@@ -189,6 +190,7 @@ def test_a_picture_that_cannot_be_read_keeps_what_was_seen(irt, filmed, tmp_path
         assert len((tmp_path / "out" / "broken.csv").read_text().splitlines()) == 51
 
 
+@pytest.mark.slow
 def test_markers_on_the_board_take_its_tilt_away(irt, tmp_path) -> None:
     knobs, places = played(60, 4)
     steep = 6.0 * knobs * TRUTH[:2]
@@ -215,7 +217,7 @@ def test_the_whole_story(irt, tmp_path) -> None:
     out.mkdir()
     save_lens(out / "camera.toml", Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
     for run in range(3):
-        knobs, places = played(100, 20 + run, backlash)
+        knobs, places = played(60, 20 + run, backlash)
         film(tmp_path / f"run-{run}", knobs, places)
         commands = write_commands(tmp_path / f"knobs-{run}.csv", knobs)
         words = ("--fps", "30", "--commands", commands, "--offset", "-100", "--out", out)

@@ -53,6 +53,7 @@ def other_rig(write_rig, wave):
     return write_rig({"run": (wave, rollouts(TRUTH, wave)[0])}, folder="other")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS[:-1])
 def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
     out = tmp_path / "results" / "deep"
@@ -94,6 +95,7 @@ def test_under_the_papers_drive_it_works_at_once(irt, paper_rig, tmp_path, cache
     assert not cache_folder.exists()
 
 
+@pytest.mark.slow
 def test_another_drive_gets_a_network_once_and_is_told_so(irt, other_rig, tmp_path, cache_folder, quick):
     first = irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "a")
     assert first.out.startswith("There is no network for this rig's drive yet: training one on 10000 ")
@@ -145,6 +147,7 @@ def test_options_belong_to_methods(irt, paper_rig, method, option, whose):
     assert done.err == f"irt: {option} belongs to --method {whose}; leave it out\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["irt+", "cma-es", "es"])
 def test_methods_take_no_more_rollouts_than_they_are_given(irt, paper_rig, tmp_path, method):
     words = ("--method", method, "--rollouts", "12", "--starts", "2", "--out", tmp_path / "out")
@@ -154,6 +157,7 @@ def test_methods_take_no_more_rollouts_than_they_are_given(irt, paper_rig, tmp_p
     assert numbers["rollouts"] == 2 * 12 * 2
 
 
+@pytest.mark.slow
 def test_direct_prediction_asks_a_network_of_its_own_once(irt, paper_rig, tmp_path, cache_folder, quick):
     first = irt("tune", paper_rig, "--method", "direct", "--out", tmp_path / "a")
     assert first.out.startswith("There is no network for this rig's drive yet")
@@ -202,10 +206,11 @@ def test_a_stopped_training_goes_on_with_the_same_command(irt, other_rig, tmp_pa
     assert irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "out").status == 0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_model(irt, tmp_path):
     for name, seed, threads in (("a", "4", "1"), ("b", "4", "2"), ("c", "5", "1")):
         words = ("--method", "irt", "--seed", seed, "--threads", threads, "--starts", "2")
-        words += ("--out", tmp_path / name)
+        words += ("--iterations", "5", "--out", tmp_path / name)
         assert irt("tune", data("labyrinth"), *words).status == 0
     a, b, c = ((tmp_path / name / "model.toml").read_bytes() for name in "abc")
     assert a == b

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import irt
-from irt.catalogue import effect
 from irt.recording import Recording
 from irt.rig import RANGES, Board, Marble, Rig
 
@@ -90,26 +89,3 @@ def test_wild_rows_are_no_physics():
         marble[jumps] = random.uniform(-0.4, 0.4, (4, 2))
         wild.append(replace(one, marble=marble))
     assert irt.diagnose(replace(rig, recordings=tuple(wild))).verdict == "sufficient"
-
-
-@pytest.mark.slow
-def test_physics_without_a_name_is_learned_and_simulates():
-    planted = {"name": "unlisted", "push_1_x_m_per_s2": 0.012, "wave_1_x_per_m": 110.0}
-    found = irt.diagnose(hidden(planted, runs=6))
-    assert found.verdict == "unlisted"
-    assert [one.name for one in found.effects] == ["unlisted"]
-    assert any("position" in one.what for one in found.where if one.kind == "region")
-    assert found.final_heldout_mae < 0.5 * found.base_heldout_mae
-    assert [one.name for one in found.model.effects] == ["unlisted"]
-
-
-@pytest.mark.slow
-def test_delays_that_differ_are_named_and_not_fitted():
-    found = irt.diagnose(
-        hidden({"name": "delay", "delay_s": 0.19}, {"name": "delay_jitter", "sd_s": 0.11}, runs=8, rows=120)
-    )
-    assert [one.name for one in found.effects] == ["delay_jitter"]
-    spread = found.effects[0].parameters["sd_s"]
-    assert 0.05 < spread.value < 0.3
-    assert "delay_jitter" not in [one.name for one in found.model.effects]
-    assert effect("delay_jitter").stage == found.effects[0].stage

@@ -19,7 +19,11 @@ from lab_logs import PLAIN, Convention, Truth, draw_convention, simulate
 
 #: Clocks are to be found within this [s].
 CLOCK_S = 0.005
-DRAWS = range(int(os.environ.get("IRT_DRAWS", "6")))
+#: Two of each format for a quick look.
+DRAWS = [
+    pytest.param(seed, marks=[pytest.mark.slow] if seed >= 2 else [])
+    for seed in range(int(os.environ.get("IRT_DRAWS", "6")))
+]
 
 
 def check_recordings(summary: Summary, truth: Truth, convention: Convention, edge: float) -> None:

@@ -41,6 +41,7 @@ def drawn(random):
     return random.uniform([0.03, 0.03, 2e-4, 10.0, 0.9], [0.09, 0.09, 8e-4, 25.0, 1.1])
 
 
+@pytest.mark.slow
 def test_planted_parameters_are_recovered_and_their_intervals_hold_them(write_rig):
     """Stamps fix the time scale; off the rim, only products with the observation scale are fixed."""
     held, count = 0, 0

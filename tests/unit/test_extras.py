@@ -71,6 +71,7 @@ def test_the_base_tunes_without_any_extra(tmp_path):
     assert (tmp_path / "irt+" / "model.toml").exists()
 
 
+@pytest.mark.slow
 def test_what_needs_an_extra_says_so_in_one_line(tmp_path, write_rig, wave):
     bag = tmp_path / "run.mcap"
     bag.write_bytes(b"\x89MCAP0\r\n")

@@ -22,7 +22,7 @@ class FreshMachine:
         self.tools.mkdir()
         for name in ("Makefile", "requirements.lock", "requirements-base.lock"):
             shutil.copy(ROOT / name, self.checkout)
-        for name in ("find", "mkdir", "sh", "touch"):
+        for name in ("find", "mkdir", "rm", "sh", "touch"):
             (self.tools / name).symlink_to(str(shutil.which(name)))
         self.add("cargo", "exit 0")
         self.add("cc", "exit 0")
@@ -97,6 +97,26 @@ def test_each_set_of_packages_has_its_lock(machine: FreshMachine, target: str, l
 
     assert machine.make(f".venv/{target}").returncode == 0
     assert log.read_text().endswith(f" --requirement {lock}\n")
+
+
+@pytest.mark.parametrize("built", [False, True])
+def test_a_first_demo_leaves_no_intermediate_files(machine: FreshMachine, built: bool) -> None:
+    """Where there are some already, somebody builds: these stay."""
+    venv = machine.checkout / ".venv" / "bin"
+    venv.mkdir(parents=True)
+    for name, script in {"python": "exit 0", "maturin": "mkdir -p target", "irt": 'echo "$@"'}.items():
+        machine.add(name, script)
+        shutil.copy(machine.tools / name, venv / name)
+    for name in ("Cargo.toml", "pyproject.toml"):
+        (machine.checkout / name).touch()
+    if built:
+        (machine.checkout / "target").mkdir()
+
+    ran = machine.make("demo")
+
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert ran.stdout.splitlines()[-1] == "demo"
+    assert (machine.checkout / "target").exists() == built
 
 
 @pytest.fixture

@@ -117,6 +117,13 @@ def test_locks_pin_every_requirement_and_nothing_else() -> None:
     assert not {"torch", "opencv-python-headless", "rosbags"} & lock.keys()
 
 
+@pytest.mark.parametrize("folder", ["benches", "docs"])
+def test_other_locks_pin_what_is_asked_for(folder: str) -> None:
+    asked = (ROOT / folder / "requirements.in").read_text(encoding="utf-8").splitlines()
+    names = {re.split(r"[\[<>=~!;# ]", line, maxsplit=1)[0] for line in asked} - {""}
+    assert names <= pins_of(f"{folder}/requirements.txt").keys()
+
+
 def test_one_version_everywhere() -> None:
     version = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]["package"][
         "version"

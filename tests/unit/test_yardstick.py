@@ -86,6 +86,7 @@ def test_rigs_take_turns_at_effects_and_each_number_of_them_meets_each_push():
     assert sum(one.effects == 0 for one in recipes(10, 0.3, Recipe(), (1,), (0.0,))) == 3
 
 
+@pytest.mark.slow
 def test_a_rig_has_its_files_its_label_and_a_push_that_is_recorded_nowhere(tmp_path):
     calm, pushed = (
         hide(tmp_path / name, Recipe(effects=2, push=push), np.random.default_rng(3))

@@ -17,6 +17,8 @@ _ONE_DIRECTION = 0.98
 _SINUSOID = 0.9
 #: ... which is slow if a run holds fewer periods than this.
 _FEW_PERIODS = 4.0
+#: Fewer runs than this cannot be held out in turn.
+_LEAST_RUNS = 3
 #: More runs than this times what was recorded are no advice.
 _MOST_TIMES = 20.0
 
@@ -59,7 +61,16 @@ def next_recording(  # noqa: PLR0911  # a list of rules, of which the first that
         return "Add steps and faster changes: both commands follow one slow sinusoid, which hides delays."
     if identified is not None and (more := _more_runs(rig, identified)):
         return more
-    return "Nothing is missing for a fit. Record two more runs with other commands, to hold out."
+    return _to_hold_out(len(rig.recordings))
+
+
+def _to_hold_out(runs: int) -> str:
+    """Return how many runs are missing to hold out, where nothing else is."""
+    few = _LEAST_RUNS - runs
+    if few <= 0:
+        return "Nothing is missing: tune and diagnose these recordings."
+    more = "1 more run" if few == 1 else f"{few} more runs"
+    return f"Nothing is missing for a fit. Record {more} with other commands, to hold out."
 
 
 def _is_slow_sinusoid(command: np.ndarray) -> bool:

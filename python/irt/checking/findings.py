@@ -77,7 +77,12 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
             "commands stay at their extreme values in a tenth of the rows or more",
             "command less than the actuators' limit, so that the log holds what they did",
         ),
-        ("note", lambda run: run.at_rest > MOSTLY_REST, "the marble rests in most rows", "tilt more"),
+        (
+            "note",
+            lambda run: run.at_rest > MOSTLY_REST,
+            "the marble rests in most rows",
+            "tilt more, unless the run is to show friction at rest",
+        ),
         ("note", lambda run: run.at_rim > MOSTLY_RIM, "the marble is at the rim in most rows", "tilt less"),
         (
             "note",

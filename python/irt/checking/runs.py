@@ -28,7 +28,7 @@ _AT_RIM = 0.004
 _START_STEP = 0.02
 #: Commands at an extreme for so many rows in succession are clipped; a turning point lasts a row or two.
 _CLIPPED_ROWS = 3
-#: Commands of fewer levels than this are steps by design, which stay at their extremes.
+#: Commands of a run with fewer levels than this are steps by design, which stay at their extremes.
 _LEAST_LEVELS = 9
 
 
@@ -39,7 +39,7 @@ def run_facts(
     noise = [one.noise or 0.0 for one in signals if one.column in MARBLE] or [0.0, 0.0]
     rim = rim_masks(rig, [marble for marble, _ in cleaned], max(noise))
     commands = np.concatenate([one.knobs for one in rig.recordings])
-    clipping = [_extremes(commands[:, axis]) for axis in (0, 1)]
+    extremes = [(float(of_axis.min()), float(of_axis.max())) for of_axis in commands.T]
     seen: dict[bytes, str] = {}
     found = []
     for recording, (marble, _), touches in zip(rig.recordings, cleaned, rim, strict=True):
@@ -52,7 +52,7 @@ def run_facts(
                 marble,
                 touches,
                 noise=max(noise),
-                clipping=clipping,
+                extremes=extremes,
                 repeats=None if repeats == recording.name else repeats,
             )
         )
@@ -92,7 +92,7 @@ def _facts(
     touches: NDArray[np.bool_],
     *,
     noise: float,
-    clipping: Sequence[tuple[float, float]],
+    extremes: Sequence[tuple[float, float]],
     repeats: str | None,
 ) -> RunFacts:
     rows = len(recording.knobs)
@@ -123,7 +123,7 @@ def _facts(
             (float(knobs[:, 0].min()), float(knobs[:, 0].max())),
             (float(knobs[:, 1].min()), float(knobs[:, 1].max())),
         ),
-        clipped=(_clipped(knobs[:, 0], clipping[0]), _clipped(knobs[:, 1], clipping[1])),
+        clipped=(_clipped(knobs[:, 0], extremes[0]), _clipped(knobs[:, 1], extremes[1])),
         idle=_idle(recording, marble),
         repeats=repeats,
     )
@@ -168,15 +168,10 @@ def at_rest(marble: Array, noise: float, step_s: float) -> NDArray[np.bool_]:
     return rests
 
 
-def _extremes(commands: Array) -> tuple[float, float]:
-    """Return the extreme commands of one axis, NaN where they are steps of a few levels."""
-    if len(np.unique(commands)) < _LEAST_LEVELS:
-        return np.nan, np.nan
-    return float(commands.min()), float(commands.max())
-
-
 def _clipped(commands: Array, extremes: tuple[float, float]) -> float:
-    """Return the share of rows in which a command stays at an extreme."""
+    """Return the share of rows in which a command stays at an extreme of all runs; 0 of a few levels."""
+    if len(np.unique(commands)) < _LEAST_LEVELS:
+        return 0.0
     rows = 0
     for end in extremes:
         spans = mask_spans(commands == end)

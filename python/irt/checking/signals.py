@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.checking.result import SignalFacts
-from irt.cleaning import held_rows, mask_spans, repeats_are_certain, tilt_jumps
+from irt.cleaning import deviation, held_rows, mask_spans, repeats_are_certain, tilt_jumps
 from irt.recording import MARBLE, TILT, Recording
 from irt.rig import Rig
 
@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 _ORDERS = (3, 4, 5, 6)
 #: Fewer differences than this give no scale.
 _LEAST = 12
-#: From a median of absolute values to a standard deviation of normal ones.
-_OF_MEDIAN = 1.4826
 #: Values off a grid by less than this share of its step lie on it.
 _ON_GRID = 0.02
 #: Last digits of a float are arithmetic, not rounding: steps below this share of the values are none.
@@ -109,10 +107,10 @@ def noise_of_runs(values: Iterable[Array]) -> float | None:
                 continue
             stretches = np.lib.stride_tricks.sliding_window_view(one, order + 1)
             moves = np.ptp(stretches, axis=1) > 0.0  # NaN compares as not moving
-            rough.append(np.abs(stretches[moves] @ weights))
+            rough.append(stretches[moves] @ weights)
         all_of_them = np.concatenate(rough) if rough else np.zeros(0)
         if len(all_of_them) >= _LEAST:
-            found.append(_OF_MEDIAN * float(np.median(all_of_them)) / float(np.linalg.norm(weights)))
+            found.append(deviation(all_of_them) / float(np.linalg.norm(weights)))
     return min(found) if found else None
 
 

@@ -84,12 +84,12 @@ def _share(share: float) -> str:
 
 
 def _signals(signals: Sequence[SignalFacts]) -> Iterator[str]:
-    yield "signal        noise             resolution"
+    yield "signal        noise               resolution"
     for one in signals:
         scale, unit = (100.0, "% of an edge") if one.unit == "edge" else (1000.0, "mrad")
         noise = "never moves" if one.noise is None else f"{scale * one.noise:.3g} {unit}"
         step = "-" if one.resolution is None else f"{scale * one.resolution:.2g} {unit}"
-        yield f"{one.column:<12}  {noise:<16}  {step}"
+        yield f"{one.column:<12}  {noise:<18}  {step}"
 
 
 def _response(one: ResponseFacts) -> Iterator[str]:

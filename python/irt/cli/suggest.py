@@ -26,8 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         type=Path,
         nargs="+",
-        help="model.toml of each hypothesis, all as probable; one alone is sharpened (default: the sets of "
-        "effects that a diagnosis of the rig finds probable, which takes a minute)",
+        help="the folder that irt diagnose wrote; or model.toml of each hypothesis, all as probable, of "
+        "which one alone is sharpened (default: diagnose the rig first, which takes a minute)",
     )
     parser.add_argument(
         "--out",
@@ -40,7 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
     )
-    parser.epilog = "example:\n  irt suggest my-rig --models delay.toml lag.toml --out suggest.csv"
+    parser.epilog = (
+        "examples:\n"
+        "  irt suggest my-rig --models diagnosed\n"
+        "  irt suggest my-rig --models delay.toml lag.toml --out suggest.csv"
+    )
 
 
 def run(args: argparse.Namespace) -> None:
@@ -82,8 +86,14 @@ def _hypotheses(
     from irt.diagnosis import diagnose
     from irt.fitting.problem import tracker_noise
     from irt.model import load_model
+    from irt.report.diagnosed import load_plausible
     from irt.segments import segments
 
+    if args.models is not None and any(path.is_dir() for path in args.models):
+        if len(args.models) > 1:
+            raise IrtError("--models: the folder of a diagnosis stands alone; name it, or model.toml files")
+        left = load_plausible(args.models[0])
+        return [left.summary], left.models, left.probabilities, left.noise
     if args.models is not None:
         models = [load_model(path) for path in args.models]
         return [], models, [1.0] * len(models), tracker_noise(segments(rig))

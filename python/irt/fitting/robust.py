@@ -5,22 +5,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.cleaning import deviation
+
+__all__ = ["OF_NORMAL", "TAIL", "deviation", "student_t"]
+
 Array = NDArray[np.float64]
 
 #: Degrees of freedom of Student's t.
 TAIL = 4.0
-#: Standard deviation of a normal variable over its median absolute value.
-_MEDIAN_TO_DEVIATION = 1.4826
 
 
 def student_t(values: Array) -> Array:
     """Return the negative log-likelihood of values in units of their scale, each, up to a constant."""
     return np.asarray(0.5 * (TAIL + 1.0) * np.log1p(values**2 / TAIL))
-
-
-def deviation(values: Array) -> float:
-    """Return the standard deviation of values around zero by their median; NaN counts for nothing."""
-    return _MEDIAN_TO_DEVIATION * float(np.nanmedian(np.abs(values)))
 
 
 def _of_normal() -> float:

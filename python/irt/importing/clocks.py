@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.cleaning import deviation
+
 Array = NDArray[np.float64]
 
 #: Events whose delay is among this share of the quickest of their stretch carry the clocks' difference.
@@ -30,5 +32,5 @@ def steady_offset(first: Array, second: Array) -> tuple[float, float]:
     """Return the median difference of two clocks that were read at the same moments, and its error [s]."""
     difference = np.asarray(second - first, dtype=np.float64)
     centre = float(np.median(difference))
-    spread = 1.4826 * float(np.median(np.abs(difference - centre)))
+    spread = deviation(difference - centre)
     return centre, 1.2533 * spread / float(np.sqrt(len(difference)))

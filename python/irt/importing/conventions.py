@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.cleaning import noise_of
+from irt.cleaning import deviation, noise_of
 from irt.importing.regression import robust_fit, sandwich, time_blocks
 from irt.importing.weak_form import Map, Run, Windows, fit_windows
 
@@ -224,7 +224,7 @@ def _spread(design: Array, target: Array) -> float:
     """Return a standard deviation of the residual for which hidden markers do not count."""
     full = np.column_stack([design, np.ones(len(target))])
     coefficients, _ = robust_fit(full, target, np.zeros(full.shape[1]))
-    return 1.4826 * float(np.median(np.abs(target - full @ coefficients)))
+    return deviation(target - full @ coefficients)
 
 
 def _soft_cost(design: Array, target: Array, scale: float) -> float:

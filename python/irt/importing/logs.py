@@ -264,7 +264,9 @@ def _conventions(
     if command_map is not None:
         sure = (np.abs(command_map.z) >= DECIDED).any(axis=1) & np.isfinite(command_map.delay)
         if sure.any():
-            least = float(command_map.delay[sure].min())
+            # A marble alone shows their sum: a lag too long goes with a dead time too short.
+            late = command_map.delay + command_map.lag if by_marble else command_map.delay
+            least = float(late[sure].min())
             error = float(np.nanmax(command_map.delay_error[sure]))
             # No board moves before its command: the clocks differ by at least this.
             if least < -max(_OFFSET_S, _OFFSET_ERRORS * error):

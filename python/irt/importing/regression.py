@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.cleaning import deviation
+
 Array = NDArray[np.float64]
 
 #: Tukey's constant for 95 % efficiency under normal noise.
@@ -29,7 +31,7 @@ def robust_fit(design: Array, target: Array, share: Array, rounds: int = 12) -> 
         )
         coefficients = np.asarray(np.linalg.lstsq(normal, weighted.T @ target, rcond=None)[0])
         left = np.abs(target - design @ coefficients)
-        scale = 1.4826 * float(np.median(left))
+        scale = deviation(left)
         if scale < 1e-12:
             break
         weights = np.asarray(np.clip(1.0 - (left / (_TUKEY * scale)) ** 2, 0.0, None) ** 2)

@@ -166,7 +166,7 @@ def _clocks(summary: Summary) -> list[str]:
     if summary.command_shift:
         lines.append(
             f"    commands come after their effect: clocks differ by at least {-summary.command_shift:.4f} "
-            "s; moved by so much, to a dead time of 0"
+            "s; moved by so much"
         )
     elif float(delay.max()) > _LONG_S:
         lines.append("    long for a servo: the clocks of commands and states may differ; not corrected")

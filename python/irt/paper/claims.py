@@ -74,7 +74,7 @@ def of_experiment1(first: Experiment1) -> Iterator[Claim]:
         "Direct prediction fails to learn an accurate predictor and is worse than the initial guess.",
         _reproduced(bool(begin)),
         f"Parameter error {_percent(raw['direct'][:, 0].mean())}, against "
-        f"{_percent(raw['irt-paper'][:, 0].mean())} of the random proposals; state error "
+        f"{_percent(raw['irt-paper'][:, 0].mean())} for the random proposals; state error "
         f"{_percent(direct.mae[:, 0].mean())} against {_percent(irt.mae[:, 0].mean())}. It is the same "
         "network on the same data, its proposed input zeroed.",
     )
@@ -85,7 +85,8 @@ def of_experiment1(first: Experiment1) -> Iterator[Claim]:
         "CMA-ES makes modest progress and needs many simulations.",
         _reproduced(even == 0 or even > 30),
         f"State error {_percent(cma.mae[:, 30].mean())} after 30 rollouts, "
-        f"{_percent(cma.mae[:, 300].mean())} after 300; it needs {needed} for what IRT has after 5.",
+        f"{_percent(cma.mae[:, 300].mean())} after 300; it needs {needed} to reach the error that IRT has "
+        "after 5.",
     )
     ahead = (irt.mae.mean(axis=0) < cma.mae.mean(axis=0))[1 : _ITERATIONS + 1]
     yield Claim(
@@ -123,9 +124,9 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
         "Table 1",
         "IRT reaches a state MAE of 4.02 % after 5 simulated rollouts.",
         "not decidable from the text",
-        f"{stand_in} its minimum is {_percent(irt.minimum[0])} in the median ("
-        f"{_percent(irt.minimum[1])} to {_percent(irt.minimum[2])}), after {irt.rollouts[0]:.0f} rollouts; "
-        f"best after 5: {_percent(irt.early[0])}. 4.02 % is a minimum over iterations of one run.",
+        f"{stand_in} its minimum is {_percent(irt.minimum[0])} in the median ({_percent(irt.minimum[1])} to "
+        f"{_percent(irt.minimum[2])}), after {irt.rollouts[0]:.0f} rollouts; best after 5: "
+        f"{_percent(irt.early[0])}. 4.02 % is a minimum over iterations of one run.",
     )
     order = [rows[name].minimum[0] for name in ("irt-paper", "cma-es", "direct")]
     told = [PAPERS_TABLE[name][0] for name in ("irt-paper", "cma-es", "direct")]
@@ -147,7 +148,8 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
         "6.2, Fig. 7",
         "On the real system IRT sometimes diverges, towards parameters that predict no motion.",
         _reproduced(worse > 0 and still > 0),
-        f"{stand_in} it ended worse than it began on {worse}, and with a marble that rests on {still}.",
+        f"{stand_in} it ended with a larger error than at the start on {worse}, and with a marble that "
+        f"rests on {still}.",
     )
     held = second.middle["irt-paper"].mae[:, : _ITERATIONS + 1]
     rises = (np.diff(held, axis=1) > 0).mean()
@@ -183,7 +185,7 @@ def _same_optimum(first: Experiment1) -> Claim:
         f"From {PAPERS_TRIALS} starts to each of {len(targets)} targets, standard deviations after "
         f"{_ITERATIONS} iterations in % of the ranges, in the median: "
         f"{', '.join(f'{100 * value:.1f}' for value in spread)} (gears, friction, time scale, observation "
-        "scale); they begin at 29.",
+        "scale); at the start they are 29.",
     )
 
 
@@ -203,7 +205,7 @@ def _decay(place: str, text: str, setting: Setting, of: Experiment1 | Experiment
         text,
         _reproduced(helps),
         f"Median state error after {_ITERATIONS} iterations: {_percent(with_)} with steps that decay by "
-        f"{STEP_DECAY}, {_percent(without)} with full ones.",
+        f"{STEP_DECAY}, {_percent(without)} without decay.",
     )
 
 
@@ -214,15 +216,16 @@ def _printed(setting: Setting) -> Iterator[Claim]:
         "A full period of sinusoidal motion, sin(t / (200 pi)).",
         "not decidable from the text",
         f"As printed, 100 steps cover 0.16 rad of it. This page was made with {drive} "
-        "(`--literal-drive` makes the other); the other way is below.",
+        "(`--literal-drive` selects the other); the other choice is below.",
     )
     damped = "on" if setting.damped else "off"
     yield Claim(
         "5.1",
         "A custom-designed simulation in PyBullet.",
         "not decidable from the text",
-        "Walls, restitution, damping and the unit of rolling friction are not told; ARCHITECTURE.md says "
-        f"what is taken. PyBullet's default damping was {damped} (`--damping`); the other way is below.",
+        "The paper does not give walls, restitution, damping or the unit of rolling friction; docs/method.md "
+        f"lists the choices made here. PyBullet's default damping was {damped} (`--damping`); the other "
+        "choice is below.",
     )
 
 

@@ -96,8 +96,8 @@ def floors(first: Experiment1, second: Experiment2) -> Iterator[Floor]:
         "IRT+: mean error in the identifiable combinations after 5 rollouts",
         "below 2 %",
         f"{100 * combined[:, 5].mean():.3f} %, median {100 * np.median(combined[:, 5]):.2f} %; "
-        f"{100 * combined[first.at_rim, 5].mean():.2f} % where the rim tells observation_scale; who knows "
-        f"all that paths tell has {100 * under.combinations:.2f} %",
+        f"{100 * combined[first.at_rim, 5].mean():.2f} % where the marble meets the rim, which shows the "
+        f"observation scale; the least that any method can have is {100 * under.combinations:.2f} %",
         bool(combined[:, 5].mean() < 0.02),
     )
     yield Floor("IRT+: trials that diverge", "none", f"{first.diverged(plus)}", first.diverged(plus) == 0)
@@ -126,8 +126,8 @@ def floors(first: Experiment1, second: Experiment2) -> Iterator[Floor]:
         yield Floor(
             f"stand-in rigs after diagnosis: median state MAE of {len(second.diagnosed)}",
             "at most 1.0 %",
-            f"{100 * full:.2f} %; of the same drive recorded again {100 * again:.2f} %; who is told "
-            f"every effect has {100 * told:.2f} %",
+            f"{100 * full:.2f} %; {100 * again:.2f} % when the same drive is recorded again; "
+            f"{100 * told:.2f} % with every hidden effect given",
             full <= 0.01,
         )
 
@@ -163,19 +163,19 @@ def _beside_least_squares(first: Experiment1) -> Iterator[str]:
             better = np.flatnonzero(of(scipys, axis=0)[1:] <= of(plus, axis=0)[1:]) + 1
             told.append(f"in the {what} {_stretch(better, plus.shape[1] - 1)}")
         yield (
-            "**Least squares of scipy** at equal numbers of rollouts, from random starts and begun anew "
-            f"where it ends, is as good as IRT+ or better {', '.join(told)}."
+            "**scipy's least squares**, from random starts and restarted when it converges, is as good as "
+            f"IRT+ or better at an equal number of rollouts {', '.join(told)}."
         )
         yield ""
     few = plus[: len(engine.mae), -1]
     verdict = "as good or better" if np.median(engine.mae) <= np.median(few) else "not as good"
     yield (
-        f"**Least squares as `irt tune` runs it**, with as many rollouts as it likes (median "
+        f"**Least squares as `irt tune` runs it**, without a limit on rollouts (median "
         f"{np.median(first.engine_rollouts):,.0f}, on the first {len(engine.mae)} targets), ends at a median "
         f"state MAE of {100 * np.median(engine.mae):.2g} %, mean {100 * engine.mae.mean():.2g} %; IRT+ after "
         f"{plus.shape[1] - 1} rollouts at {100 * np.median(few):.2g} %, mean {100 * few.mean():.2g} %. Where "
         f"rollouts cost nothing it is {verdict}, and it needs no network: it is the default. IRT+ is for "
-        "simulators whose rollouts are dear."
+        "simulators whose rollouts are expensive."
     )
 
 
@@ -193,22 +193,22 @@ def _first(first: Experiment1, folder: str) -> Iterator[str]:
     yield f"## Experiment 1: {count} simulated targets (the paper: 10)"
     yield ""
     yield (
-        "After n rollouts a method holds the best of the proposals that it has simulated. The paper's IRT "
-        "holds its newest one, as in the paper, and direct prediction its only one. Bands are 95 % of the "
-        "mean."
+        "After n rollouts the error of a method is that of the best proposal that it has simulated; for "
+        "the paper's IRT it is that of the newest one, as in the paper, and for direct prediction that of "
+        "the only one. Bands are 95 % intervals of the mean."
     )
     yield ""
     for name, caption in (
         ("fig3", "Fig. 3: two starts, one target, and IRT+ on the same."),
-        ("fig4", "Fig. 4: raw parameter error, and what symmetry alone makes."),
-        ("fig4-combinations", "The same in the combinations that a path can show."),
+        ("fig4", "Fig. 4: raw parameter error, and the part that the symmetry alone causes."),
+        ("fig4-combinations", "The same in the combinations of parameters that a path identifies."),
         ("fig5", "Fig. 5: state error."),
-        ("fig5-pretraining", "State error over all rollouts, those of the pretraining included."),
+        ("fig5-pretraining", "State error over all rollouts, including those of the pretraining."),
         ("fig6", "Fig. 6: parameters over the iterations of IRT, ten starts; dashed: the target's."),
         (
             "symmetry",
-            "Along this line parameters change and the path hardly does: the floor under every method. "
-            "Medians and quartiles over targets.",
+            "Along this line parameters change and the path hardly does, so no method can go below this "
+            "floor. Medians and quartiles over targets.",
         ),
     ):
         yield f"![{caption}]({folder}/{name}.png)"
@@ -223,11 +223,11 @@ def _second(second: Experiment2, folder: str) -> Iterator[str]:
     yield f"## Experiment 2: {len(second.truths)} rigs of a stand-in laboratory"
     yield ""
     yield (
-        "The paper's recordings are not public. In their place stands a rigid-body world in PyBullet, apart "
-        "from this package's simulator, with the effects that the paper names: anisotropic friction, motor "
-        "delays that differ from command to command, an uneven marble; besides controller lag, parallax and "
-        "camera noise (`irt.paper.laboratory` has the sizes). It is no copy of the paper's rig: how far "
-        "that one's physics is from five parameters is not known."
+        "The paper's recordings are not public. A rigid-body simulation in PyBullet, independent of this "
+        "package's simulator, takes their place. It has the effects that the paper names (anisotropic "
+        "friction, motor delays that vary from command to command, an uneven marble), and also controller "
+        "lag, parallax and camera noise; `irt.paper.laboratory` lists the sizes. It is not a copy of the "
+        "paper's rig: how far the physics of that rig is from five parameters is not known."
     )
     yield ""
     yield from tables.table1(second)
@@ -244,10 +244,11 @@ def _second(second: Experiment2, folder: str) -> Iterator[str]:
         yield ""
     if second.diagnosed:
         yield (
-            f"Diagnosed were the first {len(second.diagnosed)} rigs of {len(second.truths)}, from eight "
-            "recordings each; errors are of free runs under the paper's drive. *Told* is a model that was "
-            "fitted with the effects that the rig truly has: all but the delays that differ by chance from "
-            "command to command, which nobody can predict. A verdict stands where nothing was named."
+            f"The first {len(second.diagnosed)} rigs of {len(second.truths)} were diagnosed from eight "
+            "recordings each. Errors are those of free runs under the paper's drive. *True effects* is a "
+            "model fitted with the effects that the rig has, except the delays that vary at random from "
+            "command to command, which no model can predict. Where no effect was named, the table shows "
+            "the verdict."
         )
         yield ""
         yield from tables.of_diagnoses(second.diagnosed)
@@ -255,7 +256,7 @@ def _second(second: Experiment2, folder: str) -> Iterator[str]:
 
 
 def _switched(first: Experiment1, switched: Mapping[str, Experiment1]) -> Iterator[str]:
-    yield "## What the paper leaves open, taken the other way"
+    yield "## What the paper leaves open, decided the other way"
     yield ""
     if not switched:
         yield "Not measured (`--switched N`)."
@@ -263,10 +264,10 @@ def _switched(first: Experiment1, switched: Mapping[str, Experiment1]) -> Iterat
         return
     count = len(next(iter(switched.values())).truth)
     yield (
-        f"Experiment 1 again, on {count} targets each, with the other reading of Eq. 3 (its networks trained "
-        "for it), and with the other damping (networks of the marble without damping, as in `irt tune`). "
-        "Means in % after so many rollouts: state MAE of the edge, errors of combinations and parameters of "
-        "their ranges."
+        f"Experiment 1 again, on {count} targets each, once with the other reading of Eq. 3 (and networks "
+        "trained for it), once with the other damping (and networks trained without damping, as in `irt "
+        "tune`). Means in % after the given number of rollouts: state MAE in % of the edge, errors of "
+        "combinations and parameters in % of their ranges."
     )
     yield ""
     yield from tables.of_switches({"as above": first, **switched})
@@ -281,11 +282,12 @@ def _real(real: Sequence[Judged]) -> Iterator[str]:
         yield ""
         return
     yield (
-        f"Mean error over windows of {WINDOW_S:g} s, on runs given and on runs held out (the last third). "
-        "IRT and IRT+ would need networks of their own for these commands: they were not tried."
+        f"Mean error over windows of {WINDOW_S:g} s, on the runs used for tuning and on the last third, "
+        "which was held out. IRT and IRT+ were not tried: they would need networks trained for these "
+        "commands."
     )
     yield ""
-    yield "| | given | held out | rollouts |"
+    yield "| | tuned on | held out | rollouts |"
     yield "| --- | ---: | ---: | ---: |"
     for one in real:
         rollouts = f"{one.rollouts:,}" if one.rollouts else ""
@@ -294,7 +296,7 @@ def _real(real: Sequence[Judged]) -> Iterator[str]:
 
 
 def _how(setting: Setting, command: str) -> Iterator[str]:
-    yield "## To do the same again"
+    yield "## How to repeat it"
     yield ""
     yield f"- command: {command}"
     yield f"- seed: {setting.seed}"

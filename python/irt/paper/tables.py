@@ -34,7 +34,7 @@ def of_methods(first: Experiment1) -> Iterator[str]:
     yield ""
     yield (
         f"The same over the {first.at_rim.sum()} targets of {len(first.truth)} whose marble meets the rim, "
-        "which alone tells observation_scale."
+        "the only ones that show the observation scale."
     )
     yield ""
     at_rim = {name: 100 * first.combination_error(held)[first.at_rim] for name, held in first.held.items()}
@@ -84,10 +84,10 @@ def table1(second: Experiment2) -> Iterator[str]:
 
 
 def of_diagnoses(diagnosed: list[Diagnosed]) -> Iterator[str]:
-    """Yield what each diagnosis named and won, and what is won by who is told what there is to name."""
+    """Yield what each diagnosis named, its errors, and those of a model that is given the true effects."""
     yield (
         "| rig | named | plain, tuned to this run | plain, run again | diagnosed | diagnosed, run again "
-        "| told | told, run again |"
+        "| true effects | true effects, run again |"
     )
     yield "| ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     for rig, one in enumerate(diagnosed):

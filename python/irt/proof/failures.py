@@ -14,7 +14,7 @@ GROUPS = {
     "pair": "two effects",
     UNLISTED: "physics not in the catalogue",
     "none": "nothing",
-    "outliers": "nothing, but a tracker that jumps",
+    "outliers": "nothing, with outliers of the tracker",
 }
 
 
@@ -27,8 +27,7 @@ def failures(scores: Sequence[RigScore]) -> Iterator[str]:
         return
     yield (
         f"{len(wrong)} of {len(scores)} rigs, the largest signal first: answers that were not right, and "
-        f"right "
-        "ones that leave more than 15 % of the gap open.\n"
+        "right answers that leave more than 15 % of the gap open.\n"
     )
     yield "| rig | hidden | answer | ties | signal over noise | gap closed | noise | reason |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- |"
@@ -49,9 +48,9 @@ def told_unread(scores: Sequence[RigScore]) -> Iterator[str]:
     names = _unread(scores)
     if names:
         yield (
-            f"\nThe tracker lost the marble: {counted(len(names), 'rig')} ({', '.join(names)}), sealed all "
-            "the same. Nothing could be diagnosed, which counts as failed: what was hidden there was missed, "
-            "and where nothing was it is a false alarm."
+            f"\nThe tracker lost the marble in {counted(len(names), 'rig')} ({', '.join(names)}). These rigs "
+            "could not be diagnosed and count as failed: as missed where physics was hidden, and as a false "
+            "alarm where none was."
         )
 
 
@@ -60,7 +59,7 @@ def short_unread(scores: Sequence[RigScore]) -> str:
     count = len(_unread(scores))
     if not count:
         return ""
-    return f" The tracker lost the marble: {counted(count, 'rig')}, counted as not answered."
+    return f" The tracker lost the marble in {counted(count, 'rig')}, counted as failed."
 
 
 def told_left_out(scores: Sequence[RigScore]) -> Iterator[str]:
@@ -93,9 +92,9 @@ def _reason(score: RigScore) -> str:
         (score.found, "right, but the gap stays open"),
         (score.verdict == "sufficient" and faint, "below the noise once refitted"),
         (score.verdict == "sufficient", "missed"),
-        (score.group == UNLISTED, "taken for effects of the catalogue"),
-        (score.verdict == UNLISTED, "taken for unlisted physics"),
-        (hidden < named, "named something besides"),
+        (score.group == UNLISTED, "named as effects of the catalogue"),
+        (score.verdict == UNLISTED, "reported as unlisted physics"),
+        (hidden < named, "one effect too many"),
         (bool(hidden & named), "only one of two"),
     )
     return next((words for holds, words in cases if holds), "another effect named")

@@ -244,9 +244,9 @@ def floors(scores: Sequence[RigScore]) -> list[Floor]:
             least=0.9,
         ),
         Floor.between(GAP_CLOSED, "at least 0.95", gap, least=0.95, most=math.inf),
-        Floor.between("95 % intervals that hold the truth", "85 to 99 %", held, least=0.85, most=0.99),
+        Floor.between("95 % intervals that contain the truth", "85 to 99 %", held, least=0.85, most=0.99),
         Floor.between(
-            "unlisted physics told as such",
+            "unlisted physics reported as such",
             "at least 80 %",
             Rate.over(in_group(scores, UNLISTED), lambda one: one.found),
             least=0.8,

@@ -117,9 +117,9 @@ def verdict(results: Results) -> str:
         f"diagnosed blind: {kept} of {len(told)} promises kept."
     )
     if short:
-        sentence += f" Short of its floor: {'; '.join(short)}."
+        sentence += f" Missed: {'; '.join(short)}."
     if perhaps:
-        sentence += f" Short, though chance could do that: {'; '.join(perhaps)}."
+        sentence += f" Missed, though not with 95 % confidence: {'; '.join(perhaps)}."
     return sentence + short_unread(scores)
 
 
@@ -134,16 +134,19 @@ def _answer(results: Results) -> Iterator[str]:
         yield f"| {one.what} | {one.promise} | {_measured(one)} | {one.of} | {_kept(one)} |"
     yield ""
     yield (
-        "Another engine made the recordings, and another process hid in them what was to be found. The "
-        "diagnosis "
-        "saw recordings alone; the labels were sealed before it began and opened after its last answer was "
-        "written down ([how](#how-it-was-done)). Rates have Wilson intervals, medians bootstrap ones."
+        "Another engine made the recordings, and another process chose the physics to hide in them. The "
+        "diagnosis saw only the recordings. The labels were sealed before it began, and opened after its "
+        "last answer was written ([how](#how-it-was-done)). Rates have Wilson intervals, medians bootstrap "
+        "intervals."
     )
 
 
 def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     yield "\n## What was named\n"
-    yield f"| hidden | rigs | right | exactly | right from {CLEAR:g} noises on | tie size | failed |"
+    yield (
+        f"| hidden | rigs | right | exactly | right where the signal is {CLEAR:g} times the noise "
+        "| tie size | failed |"
+    )
     yield "| --- | --- | --- | --- | --- | --- | --- |"
     for group, words in GROUPS.items():
         inside = in_group(scores, group)
@@ -160,9 +163,9 @@ def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
             yield f"| {words} | {len(inside)} | {right} | {exact} | {told} | {size} | {failed} |"
     yield ""
     yield (
-        "Right is: the hidden effect by its name or in the tie declared, nothing besides; `unlisted` for "
-        "physics "
-        "that the catalogue does not have; `sufficient` where nothing was hidden."
+        "An answer is right if it names the hidden effect, or declares a tie that contains it, and nothing "
+        "else; if it is `unlisted` for physics that is not in the catalogue; and `sufficient` if nothing was "
+        "hidden."
     )
     yield from told_unread(scores)
     yield "\n| of rigs with effects of the catalogue | rigs | right |"
@@ -173,16 +176,14 @@ def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     yield from _picture(
         folder,
         "confusion",
-        "Hidden effects by row, names by column; numbers are rigs, colours shares of the row. A tie that "
-        "holds "
-        "the truth counts as the truth. The last row holds names where nothing was left to name.",
+        "Hidden effects by row, named effects by column; numbers are rigs, colours shares of the row. A tie "
+        "that contains the truth counts as the truth. The last row holds names for which nothing was hidden.",
     )
     yield from _picture(
         folder,
         "power",
-        "Share of rigs in which what was hidden was named, over how far the refitted base model strays "
-        "from the "
-        f"true path. Right of {CLEAR:g} times the noise 90 % are promised.",
+        "Share of rigs in which the hidden effects were named, against the distance of the refitted base "
+        f"model from the true path. From {CLEAR:g} times the noise on, 90 % are promised.",
     )
     yield "| signal over noise | rigs | named, or in a tie |"
     yield "| --- | --- | --- |"
@@ -209,11 +210,10 @@ def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:
 def _errors(results: Results, folder: str) -> Iterator[str]:
     yield "\n## Runs held out\n"
     yield (
-        "The gap is between the error of five parameters refitted and that of the true path, which is what "
-        "noise "
-        "makes; an effect that differs from run to run by chance "
-        f"(`{CHANCE}`) can close none and is left out, as are rigs without a gap. Predictions of all methods "
-        "start from the true place: noise there shifts a whole path.\n"
+        "The gap lies between the error of the five parameters, refitted, and the error of the true path, "
+        f"which is noise alone. Rigs with an effect that varies at random (`{CHANCE}`) are left out, because "
+        "no prediction closes their gap, and so are rigs without a gap. Predictions of all methods start "
+        "from the true position, because noise there shifts a whole path.\n"
     )
     yield "| rigs | with a gap | closed, median | 10th percentile |"
     yield "| --- | --- | --- | --- |"
@@ -231,8 +231,8 @@ def _errors(results: Results, folder: str) -> Iterator[str]:
     yield from _picture(
         folder,
         "gaps",
-        "Share of the gap closed in each rig with effects of the catalogue, from the worst to the best, cut "
-        "off at -1; the dashed line is the true path.",
+        "Share of the gap closed in each rig with effects of the catalogue, sorted and cut off at -1; the "
+        "dashed line is the true path.",
     )
 
 
@@ -242,9 +242,8 @@ def _methods(results: Results) -> Iterator[str]:
         return
     yield "\n## Beside other methods, on the same rigs\n"
     yield (
-        "| method | named exactly or in a tie | says that something is missing, where it is | where it is "
-        "not "
-        "| gap closed | error over the true path's | seconds |"
+        "| method | named exactly or in a tie | reports missing physics where there is some | reports it "
+        "where there is none | gap closed | error over the true path's | seconds |"
     )
     yield "| --- | --- | --- | --- | --- | --- | --- |"
     for one in standings:
@@ -258,8 +257,8 @@ def _methods(results: Results) -> Iterator[str]:
         yield f"| {one.title} | {' | '.join(rates)} | {closed} | {over} | {one.seconds:.1f} |"
     yield ""
     tried, all_of_them = len({one.rig for one in results.entries}), len(results.scores)
-    few = f" They tried {tried} of {all_of_them} rigs." if tried < all_of_them else ""
-    yield f"Medians over all rigs that hide something. The methods are in `python/irt/proof/baselines/`.{few}"
+    few = f" They were run on {tried} of {all_of_them} rigs." if tried < all_of_them else ""
+    yield f"Medians over all rigs with hidden physics. The methods are in `python/irt/proof/baselines/`.{few}"
 
 
 def _one_more(results: Results) -> Iterator[str]:
@@ -268,9 +267,9 @@ def _one_more(results: Results) -> Iterator[str]:
         return
     yield "\n## Ties, and one more run\n"
     yield (
-        f"{len(results.ties)} rigs whose tie held the truth got one more run and were diagnosed again, "
-        f"with the "
-        "run that `irt suggest` designs and with one drawn blindly from the same families.\n"
+        f"For {len(results.ties)} rigs whose tie contained the truth, one more run was recorded and the rig "
+        "diagnosed again: once with the run that `irt suggest` designs, once with a random run of the same "
+        "families.\n"
     )
     yield "| one more run | named exactly, without a tie | tie size before | after |"
     yield "| --- | --- | --- | --- |"
@@ -284,13 +283,19 @@ def _one_more(results: Results) -> Iterator[str]:
 
 def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
     yield "\n## Intervals\n"
-    yield "| 95 % intervals of | hold the truth | with an open end, not counted |"
+    yield "| 95 % intervals of | contain the truth | with an open end, not counted |"
     yield "| --- | --- | --- |"
-    for words, of_effects in (("the five parameters", False), ("effects rightly named", True), ("all", None)):
+    for words, of_effects in (
+        ("the five parameters", False),
+        ("effects that were named rightly", True),
+        ("all", None),
+    ):
         rate, ajar = coverage(scores, of_effects=of_effects)
         yield f"| {words} | {_rate(rate)} of {rate.of} | {ajar} |"
     yield ""
-    yield from _picture(folder, "coverage", "Intervals with two ends that hold the truth, by parameter.")
+    yield from _picture(
+        folder, "coverage", "Share of the closed intervals that contain the truth, by parameter."
+    )
     seconds = [one.seconds for one in scores if math.isfinite(one.seconds)]
     if seconds:
         yield (
@@ -302,17 +307,14 @@ def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
 def _how(settings: Mapping[str, str], made: Sequence[Made]) -> Iterator[str]:
     yield "\n## How it was done\n"
     yield (
-        "1. A process of its own drew the seeds, had every rig recorded, encrypted its label "
-        "(ChaCha20-Poly1305) "
-        "and gave out a commitment, SHA-256 over a secret nonce and the label.\n"
-        "2. The commitments were published, then each rig was diagnosed by a process that got a copy of its "
-        "recordings under a name that says nothing.\n"
-        "3. The SHA-256 of every answer went into a manifest, and for that manifest alone the keys were "
-        "given "
-        "out.\n"
-        "4. Seals were opened, labels checked against the commitments, answers against the manifest, "
-        "recordings "
-        "against the labels; only then were scores computed."
+        "1. A separate process drew the seeds, had every rig recorded, encrypted its label "
+        "(ChaCha20-Poly1305) and published a commitment: SHA-256 over a secret nonce and the label.\n"
+        "2. Each rig was then diagnosed by a process that got a copy of the recordings under a "
+        "neutral name.\n"
+        "3. The SHA-256 of every answer went into a manifest. The keys were handed out for that "
+        "manifest only.\n"
+        "4. The labels were decrypted and checked against the commitments, the answers against the manifest, "
+        "and the recordings against the labels. Only then were scores computed."
     )
     yield "\n| | |\n| --- | --- |"
     for title, words in settings.items():
@@ -357,7 +359,7 @@ def _kept(floor: Floor) -> str:
         return "not counted"
     if floor.sure:
         return "yes" if floor.kept else "**no**"
-    return "yes, though chance could hide a miss" if floor.kept else "**no**, though chance could do that"
+    return "yes, though not with 95 % confidence" if floor.kept else "**no**, though not with 95 % confidence"
 
 
 def _measured(floor: Floor) -> str:

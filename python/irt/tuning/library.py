@@ -1,7 +1,7 @@
-"""Paths that were simulated before there was a target: the nearest is a start that no physics can mislead.
+"""A library of simulated paths: the parameters of the path nearest to the target are a start point.
 
-A network that has learned to tell parameters tells those of a board whose other physics it cannot show; they
-need not be those whose path is nearest. Among paths there is nothing to be told: the nearest is the nearest.
+A network that predicts parameters is misled by physics that its training did not contain: the path of its
+prediction need not be near the target. The nearest path of a library is near it by construction.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ CHECKPOINT_POOLS = 20
 #: What the metadata of a checkpoint says under "format".
 CHECKPOINT_FORMAT = "irt-stepnet-checkpoint-1"
 #: Targets that share a choice of effects.
-_COMPANY = 512
+_TARGETS_AT_ONCE = 512
 #: Shares of the proposals that stand in the middle, and anywhere; the rest lie about the target.
 _MIDDLE, _ANYWHERE = 0.25, 0.2
 #: Distances of the latter from the target, in coordinates: decimal logarithms.
@@ -81,12 +81,12 @@ def draw_pool(drive: Drive, recipe: Streamed, number: int, count: int, threads: 
         [
             drive.inputs(
                 drive.simulate(
-                    truth[k : k + _COMPANY],
+                    truth[k : k + _TARGETS_AT_ONCE],
                     threads,
-                    effects=_affecting(random, recipe, truth[k : k + _COMPANY]),
+                    effects=_affecting(random, recipe, truth[k : k + _TARGETS_AT_ONCE]),
                 )
             )
-            for k in range(0, count, _COMPANY)
+            for k in range(0, count, _TARGETS_AT_ONCE)
         ]
     )
     proposed = drive.inputs(drive.simulate(proposal, threads))
@@ -175,7 +175,7 @@ class _Training:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(recipe.seed)
             self.network = StepModule(drive.input_count)
-        first = draw_pool(drive, recipe, 0, _COMPANY, threads)
+        first = draw_pool(drive, recipe, 0, _TARGETS_AT_ONCE, threads)
         self.network.input_gain.fill_(1.0 / max(float(first.observed.std()), 1e-6))
         self.network.to(place)
         self.adam = torch.optim.AdamW(

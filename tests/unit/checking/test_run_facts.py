@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from irt.checking import check
+from irt.checking.advice import next_recording
 from simulated_rigs import STEP_S
 
 
@@ -45,6 +46,12 @@ def test_clipped_commands_come_back_and_steps_are_none(make_rig):
     assert first_run(rig, knobs=0.05 * np.sign(knobs)).clipped == (0.0, 0.0)
 
 
+def test_a_run_of_steps_is_not_clipped_beside_others(make_rig):
+    """`irt drive` makes such runs: their commands stay at what is the extreme of all runs."""
+    rig = make_rig(runs=2)
+    assert first_run(rig, knobs=0.2 * np.sign(rig.recordings[0].knobs)).clipped == (0.0, 0.0)
+
+
 def test_rest_and_rim_shares_come_back(make_rig):
     rig = make_rig(runs=1)
     random = np.random.default_rng(6)
@@ -62,3 +69,12 @@ def test_repeated_commands_are_noted(make_rig):
     twice = replace(rig.recordings[1], knobs=rig.recordings[0].knobs)
     found = check(replace(rig, recordings=(rig.recordings[0], twice)))
     assert (found.runs[0].repeats, found.runs[1].repeats) == (None, "run-1")
+
+
+@pytest.mark.parametrize(
+    ("runs", "said"),
+    [(1, "Record 2 more runs"), (2, "Record 1 more run with"), (3, "tune and diagnose these")],
+)
+def test_runs_are_asked_for_until_some_can_be_held_out(make_rig, runs, said):
+    rig = make_rig(runs=runs)
+    assert said in next_recording(rig, check(rig).runs, (), None)

@@ -39,6 +39,7 @@ def test_the_push_depends_on_what_was_left_out(plant, planted, variable):
     assert Needed(Scores(case).base()).repeating(0.01) >= first.share
 
 
+@pytest.mark.slow
 def test_a_push_that_never_repeats_depends_on_nothing(plant):
     found = [
         Needed(Scores(plant(runs=4, seed=seed, stamped=True, pushed=0.1)).base()).p_value for seed in range(6)

@@ -32,6 +32,7 @@ def test_every_effect_that_is_kept_is_lost_without(plant, pushed):
         assert any(not one.low <= neutral <= one.high for one, neutral in sizes)
 
 
+@pytest.mark.slow
 def test_an_effect_that_does_not_matter_is_not_kept(plant):
     """A tilt that moves the marble by one noise is seen, and predicts no recording better."""
     bias = {"name": "tilt_bias", "bias_x_rad": 3e-6, "bias_y_rad": 0.0}

@@ -143,6 +143,7 @@ def test_where_nothing_is_missing_most_of_the_error_is_the_trackers(diagnosed, p
 def test_spread_of_delays_is_stated_and_not_simulated(diagnosed, plant):
     found = diagnosed("jitter", plant)
     (one,) = found.effects
+    assert one.stage == effect("delay_jitter").stage
     assert set(one.parameters) == {"sd_s", "mean_s"}
     assert 0.5 < one.parameters["sd_s"].value / 0.08 < 2.0
     assert [each.name for each in found.model.effects] == ["delay", "lag"]
@@ -153,6 +154,7 @@ def test_spread_of_delays_is_stated_and_not_simulated(diagnosed, plant):
 def test_physics_that_has_no_name_is_stated_as_a_formula(diagnosed, plant):
     found = diagnosed("wave", plant)
     assert any("cos(" in note for note in found.notes)
+    assert any("position" in one.what for one in found.where if one.kind == "region")
     assert found.power == ()
     assert [one.name for one in found.model.effects] == ["unlisted"]
 

@@ -109,8 +109,8 @@ def test_floors(score) -> None:
         "false alarms": (0.5, 2, False),
         "named": (0.95, 20, True),
         "held-out gap closed": (0.995, 21, True),
-        "95 % intervals that hold the truth": (0.947, 19, True),
-        "unlisted physics told as such": (1.0, 1, True),
+        "95 % intervals that contain the truth": (0.947, 19, True),
+        "unlisted physics reported as such": (1.0, 1, True),
     }
     assert len(gaps(scores)) == 22
 

@@ -49,6 +49,7 @@ def test_commitments_are_out_before_and_keys_after_the_answers(prove, hat, tmp_p
     assert seen == [(True, False, recordings)] * 3
 
 
+@pytest.mark.slow
 def test_the_same_seed_hides_the_same(prove, files, tmp_path: Path) -> None:
     first = files(prove().out / "rigs")
     (tmp_path / "proof").rename(tmp_path / "first")

@@ -137,6 +137,7 @@ def test_unknown_physics_is_refused() -> None:
         draw(np.random.default_rng(1), "pair", physics=["lag"])
 
 
+@pytest.mark.slow
 def test_same_spec_gives_the_same_bytes(recorded: Recorded) -> None:
     again = record(recorded.spec)
     assert json.dumps(again.label()) == json.dumps(recorded.label())
@@ -203,6 +204,7 @@ def test_outliers_are_rows_that_jump() -> None:
     assert not jumped[0]
 
 
+@pytest.mark.slow
 def test_drawn_rigs_show_what_they_hide(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(specs, "PROBES", (0,))
     for names in (["tilt_bias"], ["gear_asymmetry", "tilt_bias"]):
@@ -217,6 +219,7 @@ def test_drawn_rigs_show_what_they_hide(monkeypatch: pytest.MonkeyPatch) -> None
     assert json.loads(json.dumps(spec.to_json()))["beyond"] == spec.beyond
 
 
+@pytest.mark.slow
 def test_server_answers_each_request_by_a_line(tmp_path: Path) -> None:
     request = {"index": 3, "kind": "none", "folder": f"{tmp_path / 'rig-003'}", "seed": 7}
     lines = [json.dumps({"make": request}), json.dumps({"make": {**request, "kind": "odd"}}), "[", "{}"]
@@ -235,7 +238,11 @@ def test_server_answers_each_request_by_a_line(tmp_path: Path) -> None:
     assert "odd" in refused[0]["error"]
 
 
-def test_a_further_run_is_recorded_by_the_same_physics(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_further_run_is_recorded_by_the_same_physics(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(specs, "PROBES", (0,))
     asked = {"index": 2, "kind": "single", "seed": 11, "physics": ["viscous_drag"]}
     _, label = make(**asked, folder=str(tmp_path))
     csv = (tmp_path / "train-2.csv").read_text()

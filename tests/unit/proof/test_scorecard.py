@@ -52,7 +52,7 @@ def test_the_first_ten_lines_say_the_answer(page: Path, results: Results) -> Non
     assert head[0] == "# Proof by concealment"
     assert head[2] == f"**{verdict(results)}**"
     assert "8 rigs with hidden physics and 2 without, diagnosed blind: " in head[2]
-    assert "Short of its floor: false alarms; " in head[2]
+    assert "Missed: false alarms; " in head[2]
     assert any(line.startswith("| false alarms | at most 2 % | 50.0 % ") for line in head)
     assert sum("**no**" in line for line in head) >= 2
 
@@ -71,12 +71,12 @@ def test_nothing_failed(score, places, tmp_path: Path) -> None:
     text = page.read_text()
     assert "None: every answer was right" in text
     assert "Beside other methods" not in text
-    assert "Short of its floor" not in verdict(Results((score(), score("none"))))
+    assert "Missed" not in verdict(Results((score(), score("none"))))
 
 
 def test_what_chance_could_do_is_said(score) -> None:
     told = verdict(Results((score(intervals={"gear_x": "yes"}), score("none"))))
-    assert told.endswith("Short, though chance could do that: 95 % intervals that hold the truth.")
+    assert told.endswith("Missed, though not with 95 % confidence: 95 % intervals that contain the truth.")
 
 
 def test_methods_stand_beside_each_other(page: Path) -> None:

@@ -167,6 +167,7 @@ def test_what_remains_is_said_with_its_stage_and_the_floor_of_the_log(reports, d
     assert "Less than 1 %" in spaced(answer(reports["missing"].read_text())["What remains?"])
 
 
+@pytest.mark.slow
 def test_where_nothing_was_held_out_there_is_no_budget(tmp_path, labyrinth, diagnosis_of):
     changed = replace(
         diagnosis_of("missing"),
@@ -181,6 +182,7 @@ def test_where_nothing_was_held_out_there_is_no_budget(tmp_path, labyrinth, diag
     assert not (tmp_path / "budget.svg").exists()
 
 
+@pytest.mark.slow
 def test_a_mismatch_without_a_name_is_not_said_to_repeat(tmp_path, labyrinth, diagnosis_of):
     changed = replace(diagnosis_of("unlisted"), effects=())
     by_chance = write(tmp_path / "chance", labyrinth, changed)
@@ -286,6 +288,7 @@ def test_still_pictures_stand_in_for_the_animation(missing):
     assert missing[still:].startswith('<div class="still figures">\n<figure><svg')
 
 
+@pytest.mark.slow
 def test_names_are_escaped_wherever_they_stand(tmp_path, labyrinth, diagnosis_of):
     diagnosis = diagnosis_of("missing")
     (one,) = diagnosis.effects
@@ -315,6 +318,7 @@ def test_names_are_escaped_wherever_they_stand(tmp_path, labyrinth, diagnosis_of
     json.loads(DATA.search(page)[1])
 
 
+@pytest.mark.slow
 def test_long_recordings_make_no_large_page(tmp_path, labyrinth, diagnosis_of):
     rng = np.random.default_rng(0)
     runs = []
@@ -329,11 +333,13 @@ def test_long_recordings_make_no_large_page(tmp_path, labyrinth, diagnosis_of):
     assert "The pictures show the first 8 of 20 runs." in page
 
 
+@pytest.mark.slow
 def test_recordings_without_noise_are_drawn_all_the_same(tmp_path, labyrinth, diagnosis_of):
     page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), noise=0.0))
     assert "nan" not in Tags(page).text.lower()
 
 
+@pytest.mark.slow
 def test_rows_and_runs_without_a_prediction_are_left_out(tmp_path, labyrinth, diagnosis_of):
     first, second, *others = diagnosis_of("missing").runs
     nothing = np.full_like(first.base, np.nan)
@@ -382,11 +388,13 @@ def test_answers_hold_each_tie_with_one_effect_replaced(diagnosis_of):
     assert ties == {frozenset({"delay", "lag"})}
 
 
+@pytest.mark.slow
 def test_a_marble_in_motion_is_said_to_be_predicted_in_windows(tmp_path, labyrinth, diagnosis_of):
     page = write(tmp_path, replace(labyrinth, start="moving"), diagnosis_of("missing"))
     assert "in windows, each from the state estimated on the rows before it" in page
 
 
+@pytest.mark.slow
 def test_same_diagnosis_gives_the_same_page(tmp_path, labyrinth, diagnosis_of, missing):
     assert write(tmp_path, labyrinth, diagnosis_of("missing")) == missing
 

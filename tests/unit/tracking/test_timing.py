@@ -29,6 +29,7 @@ def rolled(seed: int, rows: int = 400) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return time[:, 0, 0], knobs, rollouts([[0.08, 0.07, 3e-4, 6.0, 1.0]], knobs)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_offset_is_found_to_a_few_milliseconds(seed: int) -> None:
     stamps, knobs, marble = rolled(seed)

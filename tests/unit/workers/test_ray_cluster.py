@@ -97,6 +97,7 @@ def test_without_ray_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) ->
         make_workers(cluster="auto")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "ray://127.0.0.1:1", "127.0.0.1:99999"])
 def test_where_no_cluster_is_it_says_so_at_once(monkeypatch: pytest.MonkeyPatch, address: str) -> None:
     asleep = types.SimpleNamespace(is_initialized=lambda: False, __spec__=ModuleSpec("ray", None))

@@ -27,6 +27,7 @@ STAMPED = Drive(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", [Drive.paper(), STAMPED], ids=["paper", "stamped"])
 def test_processes_find_the_same_bits(drive, monkeypatch):
     monkeypatch.setattr("irt.tuning.pairs._ROWS_AT_ONCE", 2_500)
