@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -108,8 +109,12 @@ class Relevance:
         found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
-            # Delays that differ predict no run better: their likelihood is all there is of them.
-            matters = name == JITTER or losses[name] >= config.MATTERS * one.case.noise
+            # Delays that differ predict no run better: their likelihood is all there is of them, and a mean
+            # that goes with their spread, by free runs too.
+            if name == JITTER:
+                matters = math.isfinite(one.score)
+            else:
+                matters = losses[name] >= config.MATTERS * one.case.noise
             if not (matters and intervals.is_named(name, found)):
                 self.immaterial.add(name)
                 return self.kept(self.without(one, name))
