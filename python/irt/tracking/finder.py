@@ -36,6 +36,9 @@ class Finder:
         Where the marble can be.
     anew : bool
         Whether only what differs from the board without the marble counts.
+    aside : (dx, dy)
+        From what has these colours to the marble [pixels]: the shadow of a marble that looks like the board
+        is easier to find than the marble.
     """
 
     without: Picture
@@ -44,6 +47,7 @@ class Finder:
     noise: float
     box: Box
     anew: bool = True
+    aside: tuple[float, float] = (0.0, 0.0)
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -68,7 +72,8 @@ class Finder:
             likeness = likeness * (greatest(small, empty) > max(DIFFERS * self.noise, LEAST_LEVELS))
         found = seek(likeness, self.radius / coarse, most)
         half = (coarse - 1) / 2
-        return [(box.left + coarse * x + half, box.top + coarse * y + half) for _, x, y in found]
+        dx, dy = self.aside
+        return [(box.left + coarse * x + half + dx, box.top + coarse * y + half + dy) for _, x, y in found]
 
     @property
     def _coarse(self) -> int:

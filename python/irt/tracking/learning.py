@@ -22,6 +22,7 @@ from irt.tracking.edge_fit import Rim, Values, fit_rim
 from irt.tracking.finder import Finder, greatest
 from irt.tracking.geometry import Geometry
 from irt.tracking.opencv import opencv
+from irt.tracking.shadow import ASIDE, HALF, REACH, Neighbourhood, Transmission, transmission
 from irt.tracking.template import View, learn_appearance
 from irt.tracking.tracker import MANY, MARGIN, Learned, Tracker
 
@@ -50,6 +51,10 @@ STIFF = 0.05
 WRONG = 0.2
 #: A disc of this confidence is a view that the marble's looks are learned from.
 VIEW = 0.6
+#: A chance of a shadow from here on is refused: one run in a thousand may be refused in vain.
+SHADOW = 0.999
+#: A user points at a marble to within its radius, less what an unsteady hand misses [radii].
+POINTED = 0.75
 #: Rounds of looking for where the tilt has the board in one of the sample.
 ROUNDS = 4
 
@@ -113,7 +118,7 @@ def learn(
         known = replace(blank, colours=_told(pictures, clue, expected, box))
     else:
         known = _moving(pictures, scale, blank, told=empty is not None)
-    return _refined(pictures, known, scale, expected)
+    return _refined(pictures, known, scale, expected, clue or Clue())
 
 
 def scale_of(geometry: Geometry, middle: tuple[float, float]) -> Scale:
@@ -295,23 +300,100 @@ def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> C
     return ColourModel.learned(own, first[rows, columns].reshape(-1, 3)[::7])
 
 
-def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, expected: float) -> Learned:
-    """Return more exactly what is roughly known: the marble's colours, the board without it, its looks."""
-    discs = _discs(pictures, known)
-    if not discs:
+def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: float, clue: Clue) -> Learned:
+    """Return more exactly what is roughly known: the marble's colours, the board without it, its looks.
+
+    `size` is the marble's radius that board and marble say [pixels].
+    """
+    found = _discs(pictures, known)
+    if not found:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
-    radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in discs]))
-    colours = _colours(pictures, discs, known.box)
-    without = _emptied(pictures, known.without, discs)
-    views = [_view(pictures[index], rim, Underlay(without), known.noise, scale) for index, rim in discs]
-    appearance = learn_appearance(views, radius, _plausible(radius, expected), known.noise)
-    finder = replace(known, without=without, colours=colours, radius=appearance.radius)
-    learned = Learned(finder, appearance)
+    aside = _aside(pictures, found, known, clue)
+    radius = (
+        float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in found])) if aside is None else size
+    )
+    discs = (
+        found
+        if aside is None
+        else [(index, _beside(rim, aside, size * scale(rim.x, rim.y))) for index, rim in found]
+    )
+    known = replace(
+        known,
+        colours=_colours(pictures, found, known.box),
+        without=_emptied(pictures, known.without, [*found, *discs]),
+    )
+    views = [_view(pictures[index], rim, Underlay(known.without), known.noise, scale) for index, rim in discs]
+    appearance = learn_appearance(views, radius, _plausible(radius, size), known.noise)
+    learned = Learned(replace(known, radius=appearance.radius), appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
-    first = next(((one.x, one.y) for index, one in matches if index == 0 and one.confidence > VIEW), None)
+    clear = [(index, one) for index, one in matches if one.confidence > VIEW]
+    if aside is not None:
+        # What was found lies beside the marble by so much on average, after the marble's own looks are known.
+        offsets = [
+            (one.x - rim.x, one.y - rim.y)
+            for (_, one), (_, rim) in zip(matches, found, strict=True)
+            if one.confidence > VIEW
+        ]
+        learned = replace(
+            learned,
+            finder=replace(
+                learned.finder, aside=_middle(offsets) if offsets else (aside[0] * size, aside[1] * size)
+            ),
+        )
+    seen = [(index, Rim(one.x, one.y, appearance.radius, 1.0, 1.0)) for index, one in clear]
+    shadow = _seen_through(pictures, seen, known).chance_of_shadow if len(seen) >= FEWEST else 0.5
+    if shadow > SHADOW:
+        raise NoMarbleError(
+            "what moves on the board is a shadow, and what throws it does not stand out: say where the marble "
+            "is in the first picture (--marble X,Y), or give it a colour that the board lacks"
+        )
+    first = next(((one.x, one.y) for index, one in clear if index == 0), None)
     usual = float(np.median([one.confidence for _, one in matches]))
-    return replace(learned, first=first, usual=usual)
+    return replace(learned, first=first, usual=usual, shadow=shadow)
+
+
+def _aside(
+    pictures: Sequence[Picture], found: Sequence[tuple[int, Rim]], known: Finder, clue: Clue
+) -> tuple[float, float] | None:
+    """Return where the marble is beside what was found (dx, dy) [radii], None where that is the marble."""
+    if clue.places:
+        index, rim = found[0]
+        x, y = min(clue.places, key=lambda place: np.hypot(place[0] - rim.x, place[1] - rim.y))
+        dx, dy = (x - rim.x) / known.radius, (y - rim.y) / known.radius
+        near = index == 0 and np.hypot(dx, dy) <= ASIDE
+        return (dx, dy) if near and np.hypot(dx, dy) > POINTED else None
+    if clue.colour is not None or len(found) < FEWEST:
+        return None
+    through = _seen_through(pictures, found, known)
+    return None if through.middle < HALF else through.opaque()
+
+
+def _beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
+    """Return a disc of a radius beside another."""
+    return Rim(rim.x + aside[0] * radius, rim.y + aside[1] * radius, radius, 1.0, 1.0)
+
+
+def _middle(offsets: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    x, y = np.median(np.array(offsets), axis=0)
+    return float(x), float(y)
+
+
+def _seen_through(
+    pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
+) -> Transmission:
+    """Return how much of the board's texture is seen through discs and what is beside them."""
+    return transmission(
+        [_neighbourhood(pictures[index], rim, Underlay(known.without), known.noise) for index, rim in discs]
+    )
+
+
+def _neighbourhood(picture: Picture, rim: Rim, under: Underlay, noise: float) -> Neighbourhood:
+    """Return a disc with what is beside it."""
+    box = Box.about(rim.x, rim.y, REACH * rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
+    part = picture[box.slices].astype(np.float32)
+    board = under.beneath(part, box, (rim.x, rim.y, rim.radius), noise, ROUNDS)
+    return Neighbourhood(part, board, rim.x - box.left, rim.y - box.top, rim.radius)
 
 
 def _plausible(radius: float, expected: float) -> float:
