@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
-from irt.tracking.geometry import Geometry, Lens, Pose, Size
+from irt.tracking.geometry import Lens, Pose, Size
 from irt.tracking.learning import Clue
 from irt.tracking.run import Question, follow, prepare
 from irt.tracking.source import open_source
@@ -57,13 +57,13 @@ class Run:
         return Question(self.size, self.lens, given, clue)
 
 
-def score(run: Run, way: str, pixels: Array, geometry: Geometry) -> str:
+def score(run: Run, way: str, pixels: Array, marble: Array) -> str:
     """Return a line of figures: share seen, wrong, root mean squares [pixels and mm]."""
     seen = ~np.isnan(pixels[:, 0])
     apart = np.linalg.norm(pixels - run.pixels, axis=1)
     wrong = seen & ~(apart < WRONG_RADII * run.radius_px)
     right = seen & ~wrong
-    missed = np.linalg.norm(geometry.positions(pixels[right]) - run.places[right], axis=1) * MM
+    missed = np.linalg.norm(marble[right] - run.places[right], axis=1) * MM
     return (
         f"{run.name} {run.kind:8} {way:7} seen {seen.mean():6.1%} wrong {wrong.sum():3d} "
         f"rms {_rms(apart[right]):.2f} px {_rms(missed):.2f} mm"
@@ -87,7 +87,7 @@ def ours(run: Run, way: str, clue: Clue) -> str:
     true = float(np.linalg.norm(run.corners - run.corners.mean(axis=0), axis=1).mean())
     pose = Pose.of(run.lens, scene.corners, run.size.corners, run.size.radius)
     shift = pose.positions(run.pixels) - run.places
-    line = score(run, way, track.pixels, scene.geometry)
+    line = score(run, way, track.pixels, track.marble)
     return (
         f"{line}; corners {_rms(np.linalg.norm(apart, axis=1)):.2f} px, scale {true / inside:.4f}, "
         f"aside {np.linalg.norm(shift.mean(axis=0)) * MM:.2f} mm; "
@@ -102,7 +102,8 @@ def threshold(run: Run) -> str:
     ways = rivals(pictures[:TOLD], run.pixels[:TOLD], run.radius_px, Box(0, 0, width, height), {})
     see = ways["HSV inRange + minEnclosingCircle"].see
     pixels = np.array([see(picture) for picture in pictures])
-    return score(run, "HSV", pixels, Pose.of(run.lens, run.corners, run.size.corners, run.size.radius))
+    pose = Pose.of(run.lens, run.corners, run.size.corners, run.size.radius)
+    return score(run, "HSV", pixels, pose.positions(pixels))
 
 
 def main() -> None:

@@ -345,8 +345,8 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
     shadow = _seen_through(pictures, seen, known).chance_of_shadow if len(seen) >= FEWEST else 0.5
     if shadow > SHADOW:
         raise NoMarbleError(
-            "what moves on the board is a shadow, and what throws it does not stand out: say where the marble "
-            "is in the first picture (--marble X,Y), or give it a colour that the board lacks"
+            "what moves on the board is a shadow, and what throws it does not stand out: say where the "
+            "marble is in the first picture (--marble X,Y), or take one of a colour that the board lacks"
         )
     first = next(((one.x, one.y) for index, one in clear if index == 0), None)
     usual = float(np.median([one.confidence for _, one in matches]))

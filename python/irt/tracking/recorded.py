@@ -184,11 +184,18 @@ def summarise(track: Track, noise: float) -> Summary:
         height = (
             f"corrected: the marble's middle moves {1000 * scene.size.radius:.1f} thousandths above the board"
         )
-    tilt = "not measured: no markers on the board, so that its tilt moves the marble (parallax)"
+    tilt = (
+        "not measured: no markers on the board and no calibrated lens (--lens), so that its tilt moves the "
+        "marble (parallax)"
+    )
     if scene.markers is not None:
         tilt = f"measured in each picture by {len(scene.markers.places)} markers on the board"
         if scene.markers.missed:
             tilt += f", but for {scene.markers.missed} pictures, which take that of the one before"
+    elif scene.edges is not None:
+        tilt = "measured in each picture by the board's sides"
+        if scene.edges.missed:
+            tilt += f", but for {scene.edges.missed} pictures, which take that of the one before"
     middle = np.array([[0.0, 0.0], [0.01, 0.0]])
     ends = geometry.pixels(middle)
     return Summary(

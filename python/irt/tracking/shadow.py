@@ -1,4 +1,4 @@
-"""Whether a disc that moves is the marble or its shadow: a shadow lets the board's texture be seen, a marble hides it.
+"""Whether a disc that moves is the marble or its shadow: only a shadow lets the board's texture be seen.
 
 Views of the disc are laid over each other by their middles. In each cell, what does not change from view to
 view is the disc's own; the rest is regressed on the board's texture there,
@@ -109,7 +109,7 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     )
     inner = _disc()
     whole, both, ground = (
-        sum(_covariance(one, other, inner) for one, other in zip(first, second, strict=True))
+        np.sum([_covariance(one, other, inner) for one, other in zip(first, second, strict=True)], axis=0)
         for first, second in ((textures, textures), (textures, grounds), (grounds, grounds))
     )
     ground = ground + 1e-9
@@ -145,7 +145,7 @@ def _disc() -> Values:
 
 
 def _covariance(one: Values, other: Values, inner: Values) -> Array:
-    """Return the sum over the disc about each cell (n, n) of products of deviations from that disc's means."""
+    """Return a sum of products over the disc about each cell (n, n), of deviations from that disc's means."""
     products = _pooled(one * other, inner).sum(axis=2)
     means = (_pooled(one, inner) * _pooled(other, inner)).sum(axis=2) / inner.sum()
     return np.asarray(products - means)
