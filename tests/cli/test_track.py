@@ -72,7 +72,9 @@ def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
     told = json.loads((out / "run-1.json").read_text())
     assert told["detection"] > 0.99
     assert told["height"].startswith("corrected")
-    assert told["tilt"].startswith("not measured")
+    assert told["tilt"] == "measured in each picture by the board's sides"
+    assert told["corners_mm"] < 0.5
+    assert told["shadow"] < 0.01
     assert told["corners"]["found_by"] == "found in the first picture"
     page = (out / "run-1-report.html").read_text()
     assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")

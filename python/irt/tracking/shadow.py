@@ -35,6 +35,12 @@ BLACK = 0.055 * 255.0
 INNER = 0.8
 #: Halfway between opaque and clear.
 HALF = 0.5
+#: Logarithm of levels by which less light may change one colour more than another. Where a lamp of 2,700 K is
+#: blocked and the sky's 6,500 K are left, red falls to a third of what blue does, and levels are light to the
+#: power 1/2.4.
+TINTED = np.log(3.0) / 2.4
+#: Logarithm of levels by which light that is reflected by the marble may outdo what it blocks.
+BRIGHTER = 0.05
 #: Samples that err alike: cells are about half a pixel wide and interpolated, colours share their grain.
 ALIKE = 12.0
 #: Standard errors that a decision needs.
@@ -68,10 +74,13 @@ class Transmission:
     ----------
     share, error : (n, n) arrays
         For a disc about each cell: 0 opaque, 1 clear, and its standard error.
+    change : (3,) array
+        Logarithm of levels in the disc in the middle over those of the board.
     """
 
     share: Array
     error: Array
+    change: Array
 
     @property
     def middle(self) -> float:
@@ -80,9 +89,14 @@ class Transmission:
 
     @property
     def chance_of_shadow(self) -> float:
-        """The chance that the disc in the middle is a shadow, from 0 to 1; a half where nothing says."""
+        """The chance that the disc in the middle is a shadow, from 0 to 1; a half where nothing says.
+
+        What has another hue than the board, or is brighter, is no shadow, with or without texture.
+        """
         from scipy.special import ndtr  # noqa: PLC0415
 
+        if np.ptp(self.change) > TINTED or self.change.max() > BRIGHTER:
+            return 0.0
         error = self.error[len(self.error) // 2, len(self.error) // 2]
         return float(ndtr((self.middle - HALF) / error))
 
@@ -100,13 +114,10 @@ class Transmission:
 
 def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     """Return what is seen through discs in all of some neighbourhoods."""
-    textures, grounds = (
-        _texture(np.array([_cut(layers, one) for layers, one in zip(part, neighbourhoods, strict=True)]))
-        for part in (
-            [one.picture for one in neighbourhoods],
-            [one.board for one in neighbourhoods],
-        )
-    )
+    pictures = _logarithms([_cut(one.picture, one) for one in neighbourhoods])
+    boards = _logarithms([_cut(one.board, one) for one in neighbourhoods])
+    # What does not change from view to view is the disc's own.
+    textures, grounds = pictures - pictures.mean(axis=0), boards - boards.mean(axis=0)
     inner = _disc()
     whole, both, ground = (
         np.sum([_covariance(one, other, inner) for one, other in zip(first, second, strict=True)], axis=0)
@@ -116,7 +127,10 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     share = both / ground
     count = max(len(textures) - 1, 1) * 3.0 * inner.sum()
     left = np.maximum(whole - share * both, 0.0) / count
-    return Transmission(share, np.sqrt(ALIKE * left / ground))
+    half = pictures.shape[1] // 2
+    middle = slice(half - CELLS, half + CELLS + 1)
+    apart = np.median(pictures - boards, axis=0)[middle, middle]
+    return Transmission(share, np.sqrt(ALIKE * left / ground), np.median(apart[inner > 0], axis=0))
 
 
 def _cut(layers: Values, one: Neighbourhood) -> Values:
@@ -133,10 +147,9 @@ def _cut(layers: Values, one: Neighbourhood) -> Values:
     return np.asarray(cut, dtype=np.float32)
 
 
-def _texture(views: Values) -> Values:
-    """Return the logarithm of what differs from view to view (v, n, n, 3)."""
-    light = np.log(np.maximum(views, 0.0) + BLACK)
-    return np.asarray(light - light.mean(axis=0), dtype=np.float32)
+def _logarithms(views: Sequence[Values]) -> Values:
+    """Return the logarithm of levels (v, n, n, 3), in which less light is a constant."""
+    return np.asarray(np.log(np.maximum(np.array(views), 0.0) + BLACK), dtype=np.float32)
 
 
 def _disc() -> Values:
