@@ -177,7 +177,7 @@ def fit_line(points: Array, lens: Lens | None) -> tuple[Array, Array]:
     # OpenCV's robust distances are made for pixels.
     scale = 1.0 if lens is None else float(lens.matrix[0, 0])
     points = points if lens is None else lens.straight(points) * scale
-    vx, vy, x, y = opencv().fitLine(points.astype(np.float32), 2, 0, 0.01, 0.01).ravel()
+    vx, vy, x, y = opencv().fitLine(points.astype(np.float32), opencv().DIST_L12, 0, 0.01, 0.01).ravel()
     x, y = x / scale, y / scale
     return np.array([x, y], dtype=np.float64), np.array([vx, vy], dtype=np.float64)
 

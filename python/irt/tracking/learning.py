@@ -21,6 +21,7 @@ from irt.tracking.colour import ColourModel, shades_of
 from irt.tracking.edge_fit import Rim, Values, fit_rim
 from irt.tracking.finder import Finder, greatest
 from irt.tracking.geometry import Geometry
+from irt.tracking.light import Light, is_steady
 from irt.tracking.opencv import opencv
 from irt.tracking.shadow import ASIDE, HALF, REACH, Neighbourhood, Transmission, transmission
 from irt.tracking.template import View, learn_appearance
@@ -110,15 +111,37 @@ def learn(
     if empty is None and len(pictures) < FEWEST:
         raise IrtError(f"{FEWEST} pictures at least are needed to see what moves")
     without = np.median(np.stack(pictures), axis=0).astype(np.uint8) if empty is None else empty
-    blank = Finder(without, _any(), 1.0, _noise(pictures, without, box), box)
-    expected = geometry.radius_at(blank.middle)
-    blank = replace(blank, radius=expected)
+    expected = geometry.radius_at(((box.left + box.right) / 2.0, (box.top + box.bottom) / 2.0))
+    light = None
+    if not is_steady(pictures, Light(without, expected), box):
+        pictures, without, light = _evened(pictures, without, expected, known=empty is not None)
+    blank = Finder(without, _any(), expected, _noise(pictures, without, box), box)
     scale = scale_of(geometry, blank.middle)
     if clue is not None and (clue.places or clue.colour):
         known = replace(blank, colours=_told(pictures, clue, expected, box))
     else:
         known = _moving(pictures, scale, blank, told=empty is not None)
-    return _refined(pictures, known, scale, expected, clue or Clue())
+    learned = _refined(pictures, known, scale, expected, clue or Clue())
+    return replace(learned, finder=replace(learned.finder, light=light))
+
+
+def _evened(
+    pictures: Sequence[Picture], without: Picture, radius: float, *, known: bool
+) -> tuple[list[Picture], Picture, Light]:
+    """Return pictures in the usual light, the board without a marble, and that light.
+
+    Where nobody saw the board empty, it is the median of pictures whose shadows are still in it: their median
+    in even light is nearer to one light.
+    """
+    height, width = without.shape[:2]
+    whole = Box(0, 0, width, height)
+    light = Light(without, radius)
+    even = [light.evened(picture, whole) for picture in pictures]
+    if not known:
+        without = np.median(np.stack(even), axis=0).astype(np.uint8)
+        light = Light(without, radius)
+        even = [light.evened(picture, whole) for picture in pictures]
+    return even, without, light
 
 
 def scale_of(geometry: Geometry, middle: tuple[float, float]) -> Scale:

@@ -252,7 +252,7 @@ class Tracker:
         box = Box.about(x, y, MARGIN * radius, Box(0, 0, width, height))
         if box.empty:
             return Match(x, y, 0.0, np.inf)
-        part = picture[box.slices].astype(np.float32)
+        part = self.learned.finder.seen(picture, box).astype(np.float32)
         board = self._under.beneath(part, box, (x, y, radius), self.learned.finder.noise)
         found = self.learned.appearance.match(part, board, (x - box.left, y - box.top), scale)
         return Match(found.x + box.left, found.y + box.top, found.confidence, found.spread)
