@@ -90,7 +90,7 @@ def ours(run: Run, way: str, clue: Clue) -> str:
     line = score(run, way, track.pixels, track.marble)
     return (
         f"{line}; corners {_rms(np.linalg.norm(apart, axis=1)):.2f} px, scale {true / inside:.4f}, "
-        f"aside {np.linalg.norm(shift.mean(axis=0)) * MM:.2f} mm; "
+        f"stated {scene.corners_px:.2f} px, aside {np.linalg.norm(shift.mean(axis=0)) * MM:.2f} mm; "
         f"confidence {np.median(track.confidence):.2f}"
     )
 

@@ -151,6 +151,10 @@ class BoardEdges:
             if (seen.reshape(4, POINTS).mean(axis=1) < ENOUGH).any():
                 return
             self._refine(sides, middle)
+            if np.abs(self.corners - corners).max() > 2.0 * FAR:
+                # Lines that left what was found were laid through something else.
+                self.corners, self.error_px = corners, float("nan")
+                return
 
     def _refine(self, sides: _Sides, offsets: Array) -> None:
         """Lay lines through the sides' points."""

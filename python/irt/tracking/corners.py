@@ -5,7 +5,7 @@ Pixels are counted from the middle of the first one, to the right and down.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,9 @@ SHORTENED = 1.0 / np.cos(np.deg2rad(40.0))
 TURNED = 1.04
 
 
-def find_corners(picture: Picture, lens: Lens | None = None, size: Size | None = None) -> Array:
+def find_corners(
+    picture: Picture, lens: Lens | None = None, size: Size | None = None, *, by_colour: bool = False
+) -> Array:
     """Return the board's corners (4, 2) [pixels], clockwise from the top left, of a quadrangle.
 
     Its sides are lines fitted to its outline, so that a corner is where two of them meet.
@@ -43,6 +45,8 @@ def find_corners(picture: Picture, lens: Lens | None = None, size: Size | None =
         Of the camera: its sides are straight only where the lens is taken into account.
     size : Size, optional
         Of the board: what has another shape, such as the board's shadow on a table, is not it.
+    by_colour : bool
+        Whether how colourful it is sets the board off, and not its brightness: wood on grey is as bright.
 
     Raises
     ------
@@ -50,27 +54,23 @@ def find_corners(picture: Picture, lens: Lens | None = None, size: Size | None =
         If there is no such quadrangle.
     """
     cv2 = opencv()
+    if by_colour:
+        plane = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)[:, :, 1]
+    else:
+        plane = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    smooth = cv2.GaussianBlur(plane, (3, 3), 0)
+    _, bright = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     reasons = []
-    for plane in _planes(picture):
-        smooth = cv2.GaussianBlur(plane, (3, 3), 0)
-        _, bright = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-        for mask in (bright, 255 - bright):
-            try:
-                rough = _quadrangle(mask, size)
-                sides = [_edge(smooth, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
-            except IrtError as error:
-                reasons.append(error)
-                continue
-            corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
-            return corners if lens is None else lens.bent(corners)
+    for mask in (bright, 255 - bright):
+        try:
+            rough = _quadrangle(mask, size)
+        except IrtError as error:
+            reasons.append(error)
+            continue
+        sides = [_edge(smooth, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
+        corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
+        return corners if lens is None else lens.bent(corners)
     raise reasons[0]
-
-
-def _planes(picture: Picture) -> Iterator[Any]:
-    """Yield what may set a board off from its ground: brightness, and how colourful it is."""
-    cv2 = opencv()
-    yield cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
-    yield cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)[:, :, 1]
 
 
 def _quadrangle(mask: Any, size: Size | None) -> Array:

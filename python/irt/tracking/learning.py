@@ -117,9 +117,11 @@ def learn(
         pictures, without, light = _evened(pictures, without, expected, known=empty is not None)
     blank = Finder(without, _any(), expected, _noise(pictures, without, box), box)
     scale = scale_of(geometry, blank.middle)
+    known = blank
     if clue is not None and (clue.places or clue.colour):
         known = replace(blank, colours=_told(pictures, clue, expected, box))
-    else:
+    if known is blank or (clue is not None and clue.places and not _discs(pictures, known)):
+        # A marble whose colours are the board's is found by what moves beside the place that was given.
         known = _moving(pictures, scale, blank, told=empty is not None)
     learned = _refined(pictures, known, scale, expected, clue or Clue())
     return replace(learned, finder=replace(learned.finder, light=light))
@@ -384,8 +386,13 @@ def _aside(
         index, rim = found[0]
         x, y = min(clue.places, key=lambda place: np.hypot(place[0] - rim.x, place[1] - rim.y))
         dx, dy = (x - rim.x) / known.radius, (y - rim.y) / known.radius
-        near = index == 0 and np.hypot(dx, dy) <= ASIDE
-        return (dx, dy) if near and np.hypot(dx, dy) > POINTED else None
+        away = float(np.hypot(dx, dy)) if index == 0 else 0.0
+        if away > ASIDE:
+            raise NoMarbleError(
+                f"what looks like the marble at {x:.0f},{y:.0f} is at {rim.x:.0f},{rim.y:.0f} in the first "
+                "picture: is --marble right?"
+            )
+        return (float(dx), float(dy)) if away > POINTED else None
     if clue.colour is not None or len(found) < FEWEST:
         return None
     through = _seen_through(pictures, found, known)

@@ -189,23 +189,24 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
     """Return the level board's corners, and how they were found."""
     if question.corners is not None:
         return checked(question.corners, question.size), "given"
-    first = pictures[0]
-    try:
-        return ordered(
-            find_corners(first, question.lens, question.size), question.size
-        ), "found in the first picture"
-    except IrtError as error:
-        reason = error
-    marked = corners_by_markers(first)
-    if marked is not None:
-        return marked, "the outer corners of markers 0 to 3"
-    try:
-        middle = np.median(np.stack(pictures), axis=0).astype(np.uint8)
-        return ordered(
-            find_corners(middle, question.lens, question.size), question.size
-        ), "found in the median of the pictures"
-    except IrtError:
-        raise IrtError(f"{reason}; --corners X,Y X,Y X,Y X,Y says where they are") from None
+    first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
+    ways = (
+        (first, False, "found in the first picture"),
+        (middle, False, "found in the median of the pictures"),
+        (first, True, "found in the first picture by their colour"),
+        (middle, True, "found in the median of the pictures by their colour"),
+    )
+    reasons = []
+    for picture, by_colour, words in ways:
+        try:
+            found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
+            return ordered(found, question.size), words
+        except IrtError as error:
+            reasons.append(error)
+        marked = corners_by_markers(first) if len(reasons) == 1 else None
+        if marked is not None:
+            return marked, "the outer corners of markers 0 to 3"
+    raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
 
 
 def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:

@@ -130,7 +130,14 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     half = pictures.shape[1] // 2
     middle = slice(half - CELLS, half + CELLS + 1)
     apart = np.median(pictures - boards, axis=0)[middle, middle]
-    return Transmission(share, np.sqrt(ALIKE * left / ground), np.median(apart[inner > 0], axis=0))
+    error = np.sqrt(ALIKE * left / ground)
+    # Most of the neighbourhood is clear. Where the board shows less than itself there, its texture is noise.
+    clear = float(np.median(share))
+    scatter = 1.48 * float(np.median(np.abs(share - clear)))
+    clear = max(clear, 1e-3)
+    return Transmission(
+        share / clear, np.hypot(error, scatter) / clear, np.median(apart[inner > 0], axis=0)
+    )
 
 
 def _cut(layers: Values, one: Neighbourhood) -> Values:
