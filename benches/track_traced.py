@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.geometry import Lens, Pose, Size
-from irt.tracking.learning import Clue
 from irt.tracking.run import Question, follow, prepare
+from irt.tracking.separation import Clue
 from irt.tracking.source import open_source
 from tracking.cases import EDGES_M
 from tracking.rivals import rivals

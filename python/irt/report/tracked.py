@@ -239,8 +239,8 @@ def _question(
     """Return what is asked, with the folder's calibration."""
     from irt.tracking.calibration import load_lens  # noqa: PLC0415
     from irt.tracking.geometry import Size  # noqa: PLC0415
-    from irt.tracking.learning import Clue  # noqa: PLC0415
     from irt.tracking.run import Question  # noqa: PLC0415
+    from irt.tracking.separation import Clue  # noqa: PLC0415
 
     if lens is None and (folder / LENS).exists():
         lens = folder / LENS

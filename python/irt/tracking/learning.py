@@ -9,13 +9,13 @@ and taken out of the median there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
-from irt.tracking.background import Underlay
+from irt.tracking.background import ROUNDS, Underlay
 from irt.tracking.blob_detector import Box, seek
 from irt.tracking.colour import ColourModel, shades_of
 from irt.tracking.edge_fit import Rim, Values, fit_rim
@@ -23,7 +23,17 @@ from irt.tracking.finder import Finder, greatest
 from irt.tracking.geometry import Geometry
 from irt.tracking.light import Light, is_steady
 from irt.tracking.opencv import opencv
-from irt.tracking.shadow import ASIDE, HALF, REACH, Neighbourhood, Transmission, transmission
+from irt.tracking.separation import (
+    FEWEST,
+    Candidate,
+    Clue,
+    NoMarbleError,
+    beside,
+    marble_beside,
+    middle_of,
+    seen_through,
+    without_shadow,
+)
 from irt.tracking.template import View, learn_appearance
 from irt.tracking.tracker import MANY, MARGIN, Learned, Tracker
 
@@ -45,7 +55,6 @@ OTHERS = 4000
 TWO = 0.3
 #: Radii, over the expected one, that are tried.
 SIZES = (1.0, 0.75, 1.35)
-FEWEST = 3
 #: How far a given disc's radius may be from its value (standard deviation, as a share).
 STIFF = 0.05
 #: A radius is the one that sizes say, if that is within this share.
@@ -54,29 +63,6 @@ WRONG = 0.2
 VIEW = 0.6
 #: A chance of a shadow from here on is refused: one run in a thousand may be refused in vain.
 SHADOW = 0.999
-#: A user points at a marble to within its radius, less what an unsteady hand misses [radii].
-POINTED = 0.75
-#: Rounds of looking for where the tilt has the board in one of the sample.
-ROUNDS = 4
-
-
-class NoMarbleError(IrtError):
-    """Nothing like a marble is in the pictures."""
-
-
-@dataclass(frozen=True)
-class Clue:
-    """What a user says of the marble: places in the first picture [pixels], or its colour (blue first)."""
-
-    places: tuple[tuple[float, float], ...] = ()
-    colour: tuple[float, float, float] | None = None
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    picture: int
-    rim: Rim
-    colour: Array
 
 
 def learn(
@@ -189,8 +175,9 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: b
             "nothing like a marble moves on the board: is it in view, and lit? Otherwise say where it is in "
             "the first picture (--marble X,Y), or its colour (--colour R,G,B)"
         )
-    seen_twice = len(marble) - len(places)
-    if seen_twice > TWO * len(places):
+    if len(marble) - len(places) > TWO * len(places):
+        marble = without_shadow(pictures, marble, blank)
+    if len(marble) - len(places) > TWO * len(places):
         first, second = _two(marble)
         raise IrtError(
             "two marbles move on the board, at pixels "
@@ -201,7 +188,7 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: b
     return replace(blank, colours=colours, radius=ratio)
 
 
-def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]:
+def _candidates(index: int, picture: Picture, known: Finder) -> list[Candidate]:
     """Return what is round, as large as the marble, and not there on the median board."""
     cv2 = opencv()
     rows, columns = known.box.slices
@@ -209,7 +196,7 @@ def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]
     apart = greatest(picture[rows, columns], without[rows, columns])
     apart = cv2.GaussianBlur(apart, (3, 3), 0)
     mask = np.where(apart > max(5.0 * known.noise, 14.0), 255, 0).astype(np.uint8)
-    found: list[_Candidate] = []
+    found: list[Candidate] = []
     for _, x, y in seek(mask, known.radius, MOST):
         place = x + known.box.left, y + known.box.top
         height, width = picture.shape[:2]
@@ -224,7 +211,7 @@ def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]
             # Two places lead to one disc: it is no second marble.
             continue
         if _steps(picture, rim, known.noise) > _steps(without, rim, known.noise):
-            found.append(_Candidate(index, rim, _inner(picture, rim)))
+            found.append(Candidate(index, rim, _inner(picture, rim)))
     return found
 
 
@@ -262,7 +249,7 @@ def _within(picture: Picture, rim: Rim, part: float) -> tuple[NDArray[np.int64],
     return down[inside], right[inside]
 
 
-def _largest_group(found: Sequence[_Candidate], rests: float) -> list[_Candidate]:
+def _largest_group(found: Sequence[Candidate], rests: float) -> list[Candidate]:
     """Return the candidates of the colour that most of them share, in most places.
 
     `rests` is what a marble that does not move is worth; on a board that nobody saw empty, nothing.
@@ -285,7 +272,7 @@ def _largest_group(found: Sequence[_Candidate], rests: float) -> list[_Candidate
     return [found[one] for one in best]
 
 
-def _two(marble: Sequence[_Candidate]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _two(marble: Sequence[Candidate]) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return two places of one picture."""
     for one in marble:
         for other in marble:
@@ -333,14 +320,14 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
     found = _discs(pictures, known)
     if not found:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
-    aside = _aside(pictures, found, known, clue)
+    aside = marble_beside(pictures, found, known, clue)
     radius = (
         float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in found])) if aside is None else size
     )
     discs = (
         found
         if aside is None
-        else [(index, _beside(rim, aside, size * scale(rim.x, rim.y))) for index, rim in found]
+        else [(index, beside(rim, aside, size * scale(rim.x, rim.y))) for index, rim in found]
     )
     known = replace(
         known,
@@ -363,11 +350,11 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
         learned = replace(
             learned,
             finder=replace(
-                learned.finder, aside=_middle(offsets) if offsets else (aside[0] * size, aside[1] * size)
+                learned.finder, aside=middle_of(offsets) if offsets else (aside[0] * size, aside[1] * size)
             ),
         )
     seen = [(index, Rim(one.x, one.y, appearance.radius, 1.0, 1.0)) for index, one in clear]
-    shadow = _seen_through(pictures, seen, known).chance_of_shadow if len(seen) >= FEWEST else 0.5
+    shadow = seen_through(pictures, seen, known).chance_of_shadow if len(seen) >= FEWEST else 0.5
     if shadow > SHADOW:
         raise NoMarbleError(
             "what moves on the board is a shadow, and what throws it does not stand out: say where the "
@@ -376,54 +363,6 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
     first = next(((one.x, one.y) for index, one in clear if index == 0), None)
     usual = float(np.median([one.confidence for _, one in matches]))
     return replace(learned, first=first, usual=usual, shadow=shadow)
-
-
-def _aside(
-    pictures: Sequence[Picture], found: Sequence[tuple[int, Rim]], known: Finder, clue: Clue
-) -> tuple[float, float] | None:
-    """Return where the marble is beside what was found (dx, dy) [radii], None where that is the marble."""
-    if clue.places:
-        index, rim = found[0]
-        x, y = min(clue.places, key=lambda place: np.hypot(place[0] - rim.x, place[1] - rim.y))
-        dx, dy = (x - rim.x) / known.radius, (y - rim.y) / known.radius
-        away = float(np.hypot(dx, dy)) if index == 0 else 0.0
-        if away > ASIDE:
-            raise NoMarbleError(
-                f"what looks like the marble at {x:.0f},{y:.0f} is at {rim.x:.0f},{rim.y:.0f} in the first "
-                "picture: is --marble right?"
-            )
-        return (float(dx), float(dy)) if away > POINTED else None
-    if clue.colour is not None or len(found) < FEWEST:
-        return None
-    through = _seen_through(pictures, found, known)
-    return None if through.middle < HALF else through.opaque()
-
-
-def _beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
-    """Return a disc of a radius beside another."""
-    return Rim(rim.x + aside[0] * radius, rim.y + aside[1] * radius, radius, 1.0, 1.0)
-
-
-def _middle(offsets: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    x, y = np.median(np.array(offsets), axis=0)
-    return float(x), float(y)
-
-
-def _seen_through(
-    pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
-) -> Transmission:
-    """Return how much of the board's texture is seen through discs and what is beside them."""
-    return transmission(
-        [_neighbourhood(pictures[index], rim, Underlay(known.without), known.noise) for index, rim in discs]
-    )
-
-
-def _neighbourhood(picture: Picture, rim: Rim, under: Underlay, noise: float) -> Neighbourhood:
-    """Return a disc with what is beside it."""
-    box = Box.about(rim.x, rim.y, REACH * rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
-    part = picture[box.slices].astype(np.float32)
-    board = under.beneath(part, box, (rim.x, rim.y, rim.radius), noise, ROUNDS)
-    return Neighbourhood(part, board, rim.x - box.left, rim.y - box.top, rim.radius)
 
 
 def _plausible(radius: float, expected: float) -> float:

@@ -15,10 +15,11 @@ from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
 from irt.tracking.corners import checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
-from irt.tracking.learning import Clue, learn, scale_of
+from irt.tracking.learning import learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
 from irt.tracking.opencv import opencv
 from irt.tracking.partial import Partial
+from irt.tracking.separation import Clue
 from irt.tracking.source import Frame, Picture, Source
 from irt.tracking.tracker import Learned, Sighting, Tracker
 

@@ -135,9 +135,7 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     clear = float(np.median(share))
     scatter = 1.48 * float(np.median(np.abs(share - clear)))
     clear = max(clear, 1e-3)
-    return Transmission(
-        share / clear, np.hypot(error, scatter) / clear, np.median(apart[inner > 0], axis=0)
-    )
+    return Transmission(share / clear, np.hypot(error, scatter) / clear, np.median(apart[inner > 0], axis=0))
 
 
 def _cut(layers: Values, one: Neighbourhood) -> Values:

@@ -7,8 +7,9 @@ from rendered import CORNERS, HEIGHT, RADIUS, WIDTH, path, rendered
 
 from irt.tracking.blob_detector import Box
 from irt.tracking.geometry import Plane, Size
-from irt.tracking.learning import Clue, learn, scale_of
+from irt.tracking.learning import learn, scale_of
 from irt.tracking.light import Light, is_steady
+from irt.tracking.separation import Clue
 from irt.tracking.tracker import Tracker
 
 SIZE = Size(1.0, 0.8, RADIUS / 178)
