@@ -129,12 +129,12 @@ class BoardEdges:
     corners : (4, 2) array
         Those about which the board tilts, over the sample [pixels].
     error_px : float
-        Their standard error, NaN where a side is not clear in most pictures.
+        Their standard error; how far sides are looked for, where one is not clear in most pictures.
     """
 
     def __init__(self, pictures: Sequence[Picture], corners: Array, lens: Lens | None) -> None:
         self._lens = lens
-        self.corners, self.error_px = corners, float("nan")
+        self.corners, self.error_px = corners, FAR
         self.missed = 0
         self._slopes: Array | None = None
         for _ in range(2):
@@ -153,7 +153,7 @@ class BoardEdges:
             self._refine(sides, middle)
             if np.abs(self.corners - corners).max() > 2.0 * FAR:
                 # Lines that left what was found were laid through something else.
-                self.corners, self.error_px = corners, float("nan")
+                self.corners, self.error_px = corners, FAR
                 return
 
     def _refine(self, sides: _Sides, offsets: Array) -> None:
@@ -178,7 +178,7 @@ class BoardEdges:
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
-        if not isinstance(level, Pose) or not np.isfinite(self.error_px):
+        if not isinstance(level, Pose) or self.error_px >= FAR:
             return False
         sides = _Sides.of(self.corners, self._lens)
         surface = Pose(level.lens, level.rotation, level.origin, 0.0)

@@ -69,7 +69,7 @@ class Scene:
     corners : (4, 2) array
         Of the level board [pixels].
     corners_px : float
-        Standard error of the corners that were found, NaN where that is not known [pixels].
+        Standard error of the corners that were found, NaN where they were given [pixels].
     found_by : str
         How the corners were found, in words.
     geometry : Plane or Pose
