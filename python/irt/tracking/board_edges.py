@@ -27,7 +27,7 @@ POINTS, FIRST, LAST = 48, 0.06, 0.94
 FAR, STEP = 5.0, 0.5
 #: Samples at each end that say what is inside and outside.
 ENDS = 4
-#: Powers from levels to light: from a camera without a curve to one with that of sRGB.
+#: Powers from levels to light: of pictures without a curve, and of sRGB. Powers between follow the grain.
 POWERS = (1.0, 2.2)
 #: Points of a side that err alike: they share the grain, and blocks of a compression.
 ALIKE = 8.0
