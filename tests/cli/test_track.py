@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -72,10 +73,14 @@ def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
     told = json.loads((out / "run-1.json").read_text())
     assert told["detection"] > 0.99
     assert told["height"].startswith("corrected")
-    assert told["tilt"].startswith("not measured")
+    assert told["tilt"] == "measured in each picture by the board's sides"
+    assert told["corners_mm"] < 0.5
+    assert told["shadow"] < 0.01
     assert told["corners"]["found_by"] == "found in the first picture"
     page = (out / "run-1-report.html").read_text()
-    assert "http" not in page.replace("http-equiv", "").replace("http://www.w3.org", "")
+    # Four letters of a picture's data may spell it, too.
+    words = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    assert "http" not in words.replace("http-equiv", "").replace("http://www.w3.org", "")
     assert cv2.imread(str(out / "run-1-unsure.png")) is not None
     video = cv2.VideoCapture(str(out / "run-1-overlay.mp4"))
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == 110

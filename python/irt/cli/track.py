@@ -191,8 +191,31 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
             "delay is in this)"
         )
     lines += [f"height of the marble {summary.height}", f"tilt of the board {summary.tilt}"]
+    lines += _warnings(summary)
     if summary.moving:
         lines.append('the marble moves in the first picture: rig.toml needs [recordings] start = "moving"')
+    return lines
+
+
+#: Corners that are less certain than this are warned of [mm]: as much as a marble's place may be off.
+_CORNERS_MM = 0.5
+#: A chance of a shadow from here on is warned of.
+_SHADOW = 0.05
+
+
+def _warnings(summary: Summary) -> list[str]:
+    """Return what a user should look at before the positions are used."""
+    lines = []
+    if summary.corners_mm is not None and summary.corners_mm > _CORNERS_MM:
+        lines.append(
+            f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: look at the "
+            "overlay, and give them with --corners where they are off"
+        )
+    if summary.shadow > _SHADOW:
+        lines.append(
+            f"warning: the chance is {100 * summary.shadow:.0f} % that this is the marble's shadow: look at "
+            "the overlay, and say with --marble where the marble is"
+        )
     return lines
 
 

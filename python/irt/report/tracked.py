@@ -220,7 +220,7 @@ def _described(
     from irt.tracking.recorded import save_metadata, summarise  # noqa: PLC0415
 
     folder = path.parent
-    summary = summarise(found, noise_in([found.marble]))
+    summary = summarise(found, noise_in([found.marble]), 1000.0 * board.edge_x_m)
     save_metadata(folder / f"{found.name}.json", found, summary, facts)
     page = write_tracking_report(folder, found, summary, timed, facts=facts, edge_m=board.edge_x_m)
     return Tracked(path, page, found, summary, timed, board)
@@ -239,8 +239,8 @@ def _question(
     """Return what is asked, with the folder's calibration."""
     from irt.tracking.calibration import load_lens  # noqa: PLC0415
     from irt.tracking.geometry import Size  # noqa: PLC0415
-    from irt.tracking.learning import Clue  # noqa: PLC0415
     from irt.tracking.run import Question  # noqa: PLC0415
+    from irt.tracking.separation import Clue  # noqa: PLC0415
 
     if lens is None and (folder / LENS).exists():
         lens = folder / LENS

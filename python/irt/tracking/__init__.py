@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from irt.tracking.blob_detector import Box
 from irt.tracking.corners import find_corners
 from irt.tracking.geometry import Plane, Size
-from irt.tracking.learning import NoMarbleError, learn, scale_of
+from irt.tracking.learning import learn, scale_of
+from irt.tracking.separation import NoMarbleError
 from irt.tracking.tracker import Tracker
 
 __all__ = ["positions"]

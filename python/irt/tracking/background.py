@@ -20,6 +20,8 @@ Picture = NDArray[np.uint8]
 NEAR, FAR = 1.35, 2.6
 #: Largest shift [pixels].
 MOST = 6.0
+#: Rounds of looking for where the tilt has the board in one of the sample.
+ROUNDS = 4
 #: Weights of the colours that make grey.
 GREY = np.full((1, 3), 1.0 / 3.0, np.float32)
 #: How far the board may have moved since the last look (standard deviation) [pixels].

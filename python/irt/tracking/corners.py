@@ -24,11 +24,15 @@ LEAST_LEVELS = 25.0
 LEAST_SHARE = 0.04
 #: Its outline fills its four corners' quadrangle at least so far: nothing large stands out or lies over it.
 FILLED = 0.93
+#: A camera that looks at a board aslant by 40 degrees shortens one of its sides by so much.
+SHORTENED = 1.0 / np.cos(np.deg2rad(40.0))
 #: Sides that show a board turned by a quarter: the ratio of its sides, this near to the inverse.
 TURNED = 1.04
 
 
-def find_corners(picture: Picture, lens: Lens | None = None) -> Array:
+def find_corners(
+    picture: Picture, lens: Lens | None = None, size: Size | None = None, *, by_colour: bool = False
+) -> Array:
     """Return the board's corners (4, 2) [pixels], clockwise from the top left, of a quadrangle.
 
     Its sides are lines fitted to its outline, so that a corner is where two of them meet.
@@ -39,6 +43,10 @@ def find_corners(picture: Picture, lens: Lens | None = None) -> Array:
         Blue first.
     lens : Lens, optional
         Of the camera: its sides are straight only where the lens is taken into account.
+    size : Size, optional
+        Of the board: what has another shape, such as the board's shadow on a table, is not it.
+    by_colour : bool
+        Whether how colourful it is sets the board off, and not its brightness: wood on grey is as bright.
 
     Raises
     ------
@@ -46,22 +54,26 @@ def find_corners(picture: Picture, lens: Lens | None = None) -> Array:
         If there is no such quadrangle.
     """
     cv2 = opencv()
-    grey = cv2.GaussianBlur(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), (3, 3), 0)
-    _, bright = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    if by_colour:
+        plane = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)[:, :, 1]
+    else:
+        plane = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    smooth = cv2.GaussianBlur(plane, (3, 3), 0)
+    _, bright = cv2.threshold(smooth, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
     reasons = []
     for mask in (bright, 255 - bright):
         try:
-            rough = _quadrangle(mask)
+            rough = _quadrangle(mask, size)
         except IrtError as error:
             reasons.append(error)
             continue
-        sides = [_edge(grey, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
-        corners = np.array([_meet(sides[side - 1], sides[side]) for side in range(4)])
+        sides = [_edge(smooth, rough[side], rough[(side + 1) % 4], lens) for side in range(4)]
+        corners = np.array([meet(sides[side - 1], sides[side]) for side in range(4)])
         return corners if lens is None else lens.bent(corners)
     raise reasons[0]
 
 
-def _quadrangle(mask: Any) -> Array:
+def _quadrangle(mask: Any, size: Size | None) -> Array:
     """Return the rough corners (4, 2) of the largest thing in a mask that is one."""
     cv2 = opencv()
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -76,7 +88,12 @@ def _quadrangle(mask: Any) -> Array:
     inside = (rough > 1).all() and (rough[:, 0] < width - 2).all() and (rough[:, 1] < height - 2).all()
     if not inside or cv2.contourArea(largest) < FILLED * cv2.contourArea(rough):
         raise IrtError("no board in the picture whose four sides are all in view, with nothing over them")
-    return _clockwise(rough.astype(np.float64))
+    corners = _clockwise(rough.astype(np.float64))
+    if size is not None:
+        apart = abs(np.log(_ratio(*_sides(corners)) / _ratio(size.along_x, size.along_y)))
+        if apart > np.log(SHORTENED):
+            raise IrtError("no board in the picture whose sides are as long beside each other as the rig's")
+    return corners
 
 
 def ordered(corners: Array, size: Size) -> Array:
@@ -152,11 +169,15 @@ def _edge(grey: Any, start: Array, end: Array, lens: Lens | None) -> tuple[Array
             found.append(start + part * way + at * normal)
     if len(found) < 10:
         raise IrtError("a side of the board is not clear in the picture: give it light, or a darker ground")
-    points = np.array(found)
+    return fit_line(np.array(found), lens)
+
+
+def fit_line(points: Array, lens: Lens | None) -> tuple[Array, Array]:
+    """Return a point and a direction of the line through pixels (n, 2); with a lens, of tangents."""
     # OpenCV's robust distances are made for pixels.
     scale = 1.0 if lens is None else float(lens.matrix[0, 0])
     points = points if lens is None else lens.straight(points) * scale
-    vx, vy, x, y = opencv().fitLine(points.astype(np.float32), 2, 0, 0.01, 0.01).ravel()
+    vx, vy, x, y = opencv().fitLine(points.astype(np.float32), opencv().DIST_L12, 0, 0.01, 0.01).ravel()
     x, y = x / scale, y / scale
     return np.array([x, y], dtype=np.float64), np.array([vx, vy], dtype=np.float64)
 
@@ -173,7 +194,7 @@ def _read(grey: Any, points: Array) -> Array:
     return np.asarray(above * (1 - v) + below * v)
 
 
-def _meet(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
+def meet(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:
     """Return where two lines cross."""
     (start, way), (begin, across) = one, other
     parts = np.linalg.solve(np.stack([way, -across], axis=1), begin - start)

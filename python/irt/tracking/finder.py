@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from irt.tracking.blob_detector import COARSE_FROM, Box, seek
 from irt.tracking.colour import ColourModel
+from irt.tracking.light import Light
 from irt.tracking.opencv import opencv
 
 Picture = NDArray[np.uint8]
@@ -36,6 +37,11 @@ class Finder:
         Where the marble can be.
     anew : bool
         Whether only what differs from the board without the marble counts.
+    light : Light or None
+        What makes pictures even, where shadows pass over the board.
+    aside : (dx, dy)
+        From what has these colours to the marble [pixels]: the shadow of a marble that looks like the board
+        is easier to find than the marble.
     """
 
     without: Picture
@@ -44,6 +50,8 @@ class Finder:
     noise: float
     box: Box
     anew: bool = True
+    light: Light | None = None
+    aside: tuple[float, float] = (0.0, 0.0)
 
     @property
     def middle(self) -> tuple[float, float]:
@@ -60,7 +68,7 @@ class Finder:
         )
         if box.empty:
             return []
-        small = self._smaller(picture[box.slices])
+        small = self._smaller(self.seen(picture, box))
         likeness = self.colours.likeness(small)
         if self.anew:
             top, left = (box.top - self.box.top) // coarse, (box.left - self.box.left) // coarse
@@ -68,7 +76,12 @@ class Finder:
             likeness = likeness * (greatest(small, empty) > max(DIFFERS * self.noise, LEAST_LEVELS))
         found = seek(likeness, self.radius / coarse, most)
         half = (coarse - 1) / 2
-        return [(box.left + coarse * x + half, box.top + coarse * y + half) for _, x, y in found]
+        dx, dy = self.aside
+        return [(box.left + coarse * x + half + dx, box.top + coarse * y + half + dy) for _, x, y in found]
+
+    def seen(self, picture: Picture, box: Box) -> Picture:
+        """Return a box of a picture in the usual light."""
+        return picture[box.slices] if self.light is None else self.light.evened(picture, box)
 
     @property
     def _coarse(self) -> int:

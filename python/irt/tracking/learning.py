@@ -9,19 +9,31 @@ and taken out of the median there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
-from irt.tracking.background import Underlay
+from irt.tracking.background import ROUNDS, Underlay
 from irt.tracking.blob_detector import Box, seek
 from irt.tracking.colour import ColourModel, shades_of
 from irt.tracking.edge_fit import Rim, Values, fit_rim
 from irt.tracking.finder import Finder, greatest
 from irt.tracking.geometry import Geometry
+from irt.tracking.light import Light, is_steady
 from irt.tracking.opencv import opencv
+from irt.tracking.separation import (
+    FEWEST,
+    Candidate,
+    Clue,
+    NoMarbleError,
+    beside,
+    marble_beside,
+    middle_of,
+    seen_through,
+    without_shadow,
+)
 from irt.tracking.template import View, learn_appearance
 from irt.tracking.tracker import MANY, MARGIN, Learned, Tracker
 
@@ -43,34 +55,14 @@ OTHERS = 4000
 TWO = 0.3
 #: Radii, over the expected one, that are tried.
 SIZES = (1.0, 0.75, 1.35)
-FEWEST = 3
 #: How far a given disc's radius may be from its value (standard deviation, as a share).
 STIFF = 0.05
 #: A radius is the one that sizes say, if that is within this share.
 WRONG = 0.2
 #: A disc of this confidence is a view that the marble's looks are learned from.
 VIEW = 0.6
-#: Rounds of looking for where the tilt has the board in one of the sample.
-ROUNDS = 4
-
-
-class NoMarbleError(IrtError):
-    """Nothing like a marble is in the pictures."""
-
-
-@dataclass(frozen=True)
-class Clue:
-    """What a user says of the marble: places in the first picture [pixels], or its colour (blue first)."""
-
-    places: tuple[tuple[float, float], ...] = ()
-    colour: tuple[float, float, float] | None = None
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    picture: int
-    rim: Rim
-    colour: Array
+#: A chance of a shadow from here on is refused: one run in a thousand may be refused in vain.
+SHADOW = 0.999
 
 
 def learn(
@@ -105,15 +97,39 @@ def learn(
     if empty is None and len(pictures) < FEWEST:
         raise IrtError(f"{FEWEST} pictures at least are needed to see what moves")
     without = np.median(np.stack(pictures), axis=0).astype(np.uint8) if empty is None else empty
-    blank = Finder(without, _any(), 1.0, _noise(pictures, without, box), box)
-    expected = geometry.radius_at(blank.middle)
-    blank = replace(blank, radius=expected)
+    expected = geometry.radius_at(((box.left + box.right) / 2.0, (box.top + box.bottom) / 2.0))
+    light = None
+    if not is_steady(pictures, Light(without, expected), box):
+        pictures, without, light = _evened(pictures, without, expected, known=empty is not None)
+    blank = Finder(without, _any(), expected, _noise(pictures, without, box), box)
     scale = scale_of(geometry, blank.middle)
+    known = blank
     if clue is not None and (clue.places or clue.colour):
         known = replace(blank, colours=_told(pictures, clue, expected, box))
-    else:
+    if known is blank or (clue is not None and clue.places and not _discs(pictures, known)):
+        # A marble whose colours are the board's is found by what moves beside the place that was given.
         known = _moving(pictures, scale, blank, told=empty is not None)
-    return _refined(pictures, known, scale, expected)
+    learned = _refined(pictures, known, scale, expected, clue or Clue())
+    return replace(learned, finder=replace(learned.finder, light=light))
+
+
+def _evened(
+    pictures: Sequence[Picture], without: Picture, radius: float, *, known: bool
+) -> tuple[list[Picture], Picture, Light]:
+    """Return pictures in the usual light, the board without a marble, and that light.
+
+    Where nobody saw the board empty, it is the median of pictures whose shadows are still in it: their median
+    in even light is nearer to one light.
+    """
+    height, width = without.shape[:2]
+    whole = Box(0, 0, width, height)
+    light = Light(without, radius)
+    even = [light.evened(picture, whole) for picture in pictures]
+    if not known:
+        without = np.median(np.stack(even), axis=0).astype(np.uint8)
+        light = Light(without, radius)
+        even = [light.evened(picture, whole) for picture in pictures]
+    return even, without, light
 
 
 def scale_of(geometry: Geometry, middle: tuple[float, float]) -> Scale:
@@ -159,8 +175,9 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: b
             "nothing like a marble moves on the board: is it in view, and lit? Otherwise say where it is in "
             "the first picture (--marble X,Y), or its colour (--colour R,G,B)"
         )
-    seen_twice = len(marble) - len(places)
-    if seen_twice > TWO * len(places):
+    if len(marble) - len(places) > TWO * len(places):
+        marble = without_shadow(pictures, marble, blank)
+    if len(marble) - len(places) > TWO * len(places):
         first, second = _two(marble)
         raise IrtError(
             "two marbles move on the board, at pixels "
@@ -171,7 +188,7 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: b
     return replace(blank, colours=colours, radius=ratio)
 
 
-def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]:
+def _candidates(index: int, picture: Picture, known: Finder) -> list[Candidate]:
     """Return what is round, as large as the marble, and not there on the median board."""
     cv2 = opencv()
     rows, columns = known.box.slices
@@ -179,7 +196,7 @@ def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]
     apart = greatest(picture[rows, columns], without[rows, columns])
     apart = cv2.GaussianBlur(apart, (3, 3), 0)
     mask = np.where(apart > max(5.0 * known.noise, 14.0), 255, 0).astype(np.uint8)
-    found: list[_Candidate] = []
+    found: list[Candidate] = []
     for _, x, y in seek(mask, known.radius, MOST):
         place = x + known.box.left, y + known.box.top
         height, width = picture.shape[:2]
@@ -194,7 +211,7 @@ def _candidates(index: int, picture: Picture, known: Finder) -> list[_Candidate]
             # Two places lead to one disc: it is no second marble.
             continue
         if _steps(picture, rim, known.noise) > _steps(without, rim, known.noise):
-            found.append(_Candidate(index, rim, _inner(picture, rim)))
+            found.append(Candidate(index, rim, _inner(picture, rim)))
     return found
 
 
@@ -232,7 +249,7 @@ def _within(picture: Picture, rim: Rim, part: float) -> tuple[NDArray[np.int64],
     return down[inside], right[inside]
 
 
-def _largest_group(found: Sequence[_Candidate], rests: float) -> list[_Candidate]:
+def _largest_group(found: Sequence[Candidate], rests: float) -> list[Candidate]:
     """Return the candidates of the colour that most of them share, in most places.
 
     `rests` is what a marble that does not move is worth; on a board that nobody saw empty, nothing.
@@ -255,7 +272,7 @@ def _largest_group(found: Sequence[_Candidate], rests: float) -> list[_Candidate
     return [found[one] for one in best]
 
 
-def _two(marble: Sequence[_Candidate]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _two(marble: Sequence[Candidate]) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return two places of one picture."""
     for one in marble:
         for other in marble:
@@ -295,23 +312,57 @@ def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> C
     return ColourModel.learned(own, first[rows, columns].reshape(-1, 3)[::7])
 
 
-def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, expected: float) -> Learned:
-    """Return more exactly what is roughly known: the marble's colours, the board without it, its looks."""
-    discs = _discs(pictures, known)
-    if not discs:
+def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: float, clue: Clue) -> Learned:
+    """Return more exactly what is roughly known: the marble's colours, the board without it, its looks.
+
+    `size` is the marble's radius that board and marble say [pixels].
+    """
+    found = _discs(pictures, known)
+    if not found:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
-    radius = float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in discs]))
-    colours = _colours(pictures, discs, known.box)
-    without = _emptied(pictures, known.without, discs)
-    views = [_view(pictures[index], rim, Underlay(without), known.noise, scale) for index, rim in discs]
-    appearance = learn_appearance(views, radius, _plausible(radius, expected), known.noise)
-    finder = replace(known, without=without, colours=colours, radius=appearance.radius)
-    learned = Learned(finder, appearance)
+    aside = marble_beside(pictures, found, known, clue)
+    radius = (
+        float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in found])) if aside is None else size
+    )
+    discs = (
+        found
+        if aside is None
+        else [(index, beside(rim, aside, size * scale(rim.x, rim.y))) for index, rim in found]
+    )
+    known = replace(
+        known,
+        colours=_colours(pictures, found, known.box),
+        without=_emptied(pictures, known.without, [*found, *discs]),
+    )
+    views = [_view(pictures[index], rim, Underlay(known.without), known.noise, scale) for index, rim in discs]
+    appearance = learn_appearance(views, radius, _plausible(radius, size), known.noise)
+    learned = Learned(replace(known, radius=appearance.radius), appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
-    first = next(((one.x, one.y) for index, one in matches if index == 0 and one.confidence > VIEW), None)
+    clear = [(index, one) for index, one in matches if one.confidence > VIEW]
+    if aside is not None:
+        # What was found lies beside the marble by so much on average, after the marble's own looks are known.
+        offsets = [
+            (one.x - rim.x, one.y - rim.y)
+            for (_, one), (_, rim) in zip(matches, found, strict=True)
+            if one.confidence > VIEW
+        ]
+        learned = replace(
+            learned,
+            finder=replace(
+                learned.finder, aside=middle_of(offsets) if offsets else (aside[0] * size, aside[1] * size)
+            ),
+        )
+    seen = [(index, Rim(one.x, one.y, appearance.radius, 1.0, 1.0)) for index, one in clear]
+    shadow = seen_through(pictures, seen, known).chance_of_shadow if len(seen) >= FEWEST else 0.5
+    if shadow > SHADOW:
+        raise NoMarbleError(
+            "what moves on the board is a shadow, and what throws it does not stand out: say where the "
+            "marble is in the first picture (--marble X,Y), or take one of a colour that the board lacks"
+        )
+    first = next(((one.x, one.y) for index, one in clear if index == 0), None)
     usual = float(np.median([one.confidence for _, one in matches]))
-    return replace(learned, first=first, usual=usual)
+    return replace(learned, first=first, usual=usual, shadow=shadow)
 
 
 def _plausible(radius: float, expected: float) -> float:

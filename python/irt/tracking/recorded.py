@@ -140,6 +140,10 @@ class Summary:
         Of the marble.
     noise : float
         Standard deviation of a position [board edges].
+    corners_mm : float or None
+        Standard error of the board's corners, None where they were given [mm].
+    shadow : float
+        The chance that a shadow was followed, from 0 to 1; a half where the board has no texture.
     corners_px : float or None
         Root mean square of the corners off the board's own shape, where a calibrated lens tells [pixels].
     lens_px : float or None
@@ -159,6 +163,8 @@ class Summary:
     pixels_per_edge: float
     radius_px: float
     noise: float
+    corners_mm: float | None
+    shadow: float
     corners_px: float | None
     lens_px: float | None
     height: str
@@ -172,8 +178,18 @@ class Summary:
         return self.seen / self.pictures if self.pictures else 0.0
 
 
-def summarise(track: Track, noise: float) -> Summary:
-    """Return what a track is worth; `noise` is the standard deviation of its positions [board edges]."""
+def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
+    """Return what a track is worth.
+
+    Parameters
+    ----------
+    track : Track
+        Of a run.
+    noise : float
+        Standard deviation of its positions [board edges].
+    edge_mm : float
+        The board's long edge [mm].
+    """
     scene, geometry = track.scene, track.scene.geometry
     corners_px = None
     height = "not corrected: without a calibrated lens (--lens) positions are too far out by about 1 %"
@@ -184,21 +200,33 @@ def summarise(track: Track, noise: float) -> Summary:
         height = (
             f"corrected: the marble's middle moves {1000 * scene.size.radius:.1f} thousandths above the board"
         )
-    tilt = "not measured: no markers on the board, so that its tilt moves the marble (parallax)"
+    tilt = (
+        "not measured: no markers on the board and no calibrated lens (--lens), so that its tilt moves the "
+        "marble (parallax)"
+    )
     if scene.markers is not None:
         tilt = f"measured in each picture by {len(scene.markers.places)} markers on the board"
         if scene.markers.missed:
             tilt += f", but for {scene.markers.missed} pictures, which take that of the one before"
+    elif scene.edges is not None:
+        tilt = "measured in each picture by the board's sides"
+        if scene.edges.missed:
+            tilt += f", but for {scene.edges.missed} pictures, which take that of the one before"
     middle = np.array([[0.0, 0.0], [0.01, 0.0]])
     ends = geometry.pixels(middle)
+    pixels = 100.0 * float(np.hypot(*(ends[1] - ends[0])))
     return Summary(
         pictures=len(track.stamps),
         seen=int(track.seen.sum()),
         lost=_stretches(~track.seen),
         gaps=find_gaps(track.stamps, track.repeated),
-        pixels_per_edge=100.0 * float(np.hypot(*(ends[1] - ends[0]))),
+        pixels_per_edge=pixels,
         radius_px=scene.learned.radius,
         noise=noise,
+        corners_mm=None
+        if np.isnan(scene.corners_px)
+        else edge_mm * _largest(scene.corners_px, corners_px) / pixels,
+        shadow=scene.learned.shadow,
         corners_px=corners_px,
         lens_px=geometry.lens.error_px if isinstance(geometry, Pose) else None,
         height=height,
@@ -206,6 +234,11 @@ def summarise(track: Track, noise: float) -> Summary:
         confidence=float(np.median(track.confidence[track.seen])) if track.seen.any() else 0.0,
         moving=_moving(track),
     )
+
+
+def _largest(error: float, misfit: float | None) -> float:
+    """Return the error of corners: what their sides scatter by, or what a board's own shape is missed by."""
+    return max(error, misfit or 0.0)
 
 
 def save_metadata(path: PathLike, track: Track, summary: Summary, facts: dict[str, Any]) -> None:

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
+from irt.tracking.board_edges import BoardEdges
 from irt.tracking.corners import checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
-from irt.tracking.learning import Clue, learn, scale_of
+from irt.tracking.learning import learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
 from irt.tracking.opencv import opencv
 from irt.tracking.partial import Partial
+from irt.tracking.separation import Clue
 from irt.tracking.source import Frame, Picture, Source
 from irt.tracking.tracker import Learned, Sighting, Tracker
 
@@ -66,12 +68,16 @@ class Scene:
         Of board and marble [board edges].
     corners : (4, 2) array
         Of the level board [pixels].
+    corners_px : float
+        Standard error of the corners that were found, NaN where they were given [pixels].
     found_by : str
         How the corners were found, in words.
     geometry : Plane or Pose
         Of the level board.
     markers : Markers or None
         Those on the board, where they tell its tilt.
+    edges : BoardEdges or None
+        The board's sides, where they tell its tilt.
     learned : Learned
         Light and marble.
     usual_change : float
@@ -80,9 +86,11 @@ class Scene:
 
     size: Size
     corners: Array
+    corners_px: float
     found_by: str
     geometry: Geometry
     markers: Markers | None
+    edges: BoardEdges | None
     learned: Learned
     usual_change: float
 
@@ -155,18 +163,24 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     progress(1, 3, "the board")
     corners, found_by = _corners(pictures, question)
     size = question.size
+    edges = None if question.corners is not None else BoardEdges(pictures, corners, lens)
+    if edges is not None:
+        corners = edges.corners
     geometry: Geometry = Plane.of(corners, size)
     if lens is not None:
         geometry = Pose.of(lens, corners, size.corners, size.radius)
     markers = Markers(pictures[0], geometry, size, lens)
     progress(2, 3, "the marble")
     learned = learn(pictures, geometry, board_box(corners, geometry, (width, height)), question.clue)
+    follows = edges is not None and not markers.enough and edges.watch(geometry, size)
     return Scene(
         size,
         corners,
+        np.nan if edges is None else edges.error_px,
         found_by,
         geometry,
         markers if markers.enough else None,
+        edges if follows else None,
         learned,
         _usual_change(pictures),
     )
@@ -176,21 +190,24 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
     """Return the level board's corners, and how they were found."""
     if question.corners is not None:
         return checked(question.corners, question.size), "given"
-    first = pictures[0]
-    try:
-        return ordered(find_corners(first, question.lens), question.size), "found in the first picture"
-    except IrtError as error:
-        reason = error
-    marked = corners_by_markers(first)
-    if marked is not None:
-        return marked, "the outer corners of markers 0 to 3"
-    try:
-        middle = np.median(np.stack(pictures), axis=0).astype(np.uint8)
-        return ordered(
-            find_corners(middle, question.lens), question.size
-        ), "found in the median of the pictures"
-    except IrtError:
-        raise IrtError(f"{reason}; --corners X,Y X,Y X,Y X,Y says where they are") from None
+    first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
+    ways = (
+        (first, False, "found in the first picture"),
+        (middle, False, "found in the median of the pictures"),
+        (first, True, "found in the first picture by their colour"),
+        (middle, True, "found in the median of the pictures by their colour"),
+    )
+    reasons = []
+    for picture, by_colour, words in ways:
+        try:
+            found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
+            return ordered(found, question.size), words
+        except IrtError as error:
+            reasons.append(error)
+        marked = corners_by_markers(first) if len(reasons) == 1 else None
+        if marked is not None:
+            return marked, "the outer corners of markers 0 to 3"
+    raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
 
 
 def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:
@@ -282,9 +299,11 @@ class Follower:
         if last is not None and sighting.confirms is not None:
             before = Seen.of(last.frame, sighting.confirms, last.geometry, repeated=last.repeated)
             self._rows[-1] = before.row
-        markers = self.scene.markers
+        markers, edges = self.scene.markers, self.scene.edges
         if markers is not None:
             self._geometry = markers.follow(picture) or self._geometry
+        elif edges is not None:
+            self._geometry = edges.follow(picture) or self._geometry
         self._last = Seen.of(frame, sighting, self._geometry, repeated=again)
         self._rows.append(self._last.row)
         return before, self._last

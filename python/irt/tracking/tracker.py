@@ -63,12 +63,15 @@ class Learned:
         The marble's usual confidence.
     first : (x, y) or None
         Where the marble is in the first picture [pixels], where that is known.
+    shadow : float
+        The chance that what is taken for the marble is a shadow; a half where the board has no texture.
     """
 
     finder: Finder
     appearance: Appearance
     usual: float = 1.0
     first: tuple[float, float] | None = None
+    shadow: float = 0.5
 
     @property
     def radius(self) -> float:
@@ -149,7 +152,8 @@ class Tracker:
         x, y, reach = expected
         tried.append(self.match(picture, x, y))
         if tried[0].confidence < self._clear:
-            box = Box.about(x, y, reach + 2.0 * self.learned.radius + 2.0, self.learned.finder.box)
+            dx, dy = self.learned.finder.aside
+            box = Box.about(x - dx, y - dy, reach + 2.0 * self.learned.radius + 2.0, self.learned.finder.box)
             self._try(picture, box, FEW, tried)
 
         def apart(one: Match) -> float:
@@ -248,7 +252,7 @@ class Tracker:
         box = Box.about(x, y, MARGIN * radius, Box(0, 0, width, height))
         if box.empty:
             return Match(x, y, 0.0, np.inf)
-        part = picture[box.slices].astype(np.float32)
+        part = self.learned.finder.seen(picture, box).astype(np.float32)
         board = self._under.beneath(part, box, (x, y, radius), self.learned.finder.noise)
         found = self.learned.appearance.match(part, board, (x - box.left, y - box.top), scale)
         return Match(found.x + box.left, found.y + box.top, found.confidence, found.spread)

@@ -1,0 +1,125 @@
+"""Score the tracker on path-traced runs that `render_traced.py` has rendered, beside an HSV threshold.
+
+    python benches/render_traced.py --out DIR 0 1 2 3 4 5 6 7 && python benches/track_traced.py DIR
+
+Prints one line for each run and way. Corners are found, except on boards with a rim: there a user gives them
+to the pixel, because a picture does not say which outline is the board's. The HSV threshold is given the
+marble's colour, its size and the true corners.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.tracking.blob_detector import Box
+from irt.tracking.geometry import Lens, Pose, Size
+from irt.tracking.run import Question, follow, prepare
+from irt.tracking.separation import Clue
+from irt.tracking.source import open_source
+from tracking.cases import EDGES_M
+from tracking.rivals import rivals
+
+Array = NDArray[np.float64]
+MM = 1000.0 * EDGES_M[0]
+#: A position farther off than this is another thing [radii].
+WRONG_RADII = 1.0
+#: Pictures of which the threshold is told where the marble is.
+TOLD = 10
+
+
+class Run:
+    """A rendered run: where its pictures are, and what is true."""
+
+    def __init__(self, folder: Path) -> None:
+        self.name = folder.name
+        truth: dict[str, Any] = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+        self.kind, self.rim = truth["kind"], truth["rim"]
+        self.radius_px = float(truth["radius_px"])
+        self.corners, self.pixels, self.places = (
+            np.array(truth[name]) for name in ("corners", "pixels", "places")
+        )
+        self.size = Size(1.0, EDGES_M[1] / EDGES_M[0], truth["radius_m"] / EDGES_M[0])
+        self.lens = Lens(np.array(truth["matrix"]), np.zeros(5), tuple(truth["size"]), 0.1)
+        self.source = open_source(str(next(folder.glob("run*"))), 30.0)
+
+    def question(self, clue: Clue) -> Question:
+        """Return what a user asks."""
+        given = tuple((round(x), round(y)) for x, y in self.corners) if self.rim else None
+        return Question(self.size, self.lens, given, clue)
+
+
+def score(run: Run, way: str, pixels: Array, marble: Array) -> str:
+    """Return a line of figures: share seen, wrong, root mean squares [pixels and mm]."""
+    seen = ~np.isnan(pixels[:, 0])
+    apart = np.linalg.norm(pixels - run.pixels, axis=1)
+    wrong = seen & ~(apart < WRONG_RADII * run.radius_px)
+    right = seen & ~wrong
+    missed = np.linalg.norm(marble[right] - run.places[right], axis=1) * MM
+    return (
+        f"{run.name} {run.kind:8} {way:7} seen {seen.mean():6.1%} wrong {wrong.sum():3d} "
+        f"rms {_rms(apart[right]):.2f} px {_rms(missed):.2f} mm"
+    )
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt((values**2).mean())) if len(values) else float("nan")
+
+
+def ours(run: Run, way: str, clue: Clue) -> str:
+    """Return what `irt track` does with a run."""
+    try:
+        scene = prepare(run.source, run.question(clue), lambda *_: None)
+        with tempfile.TemporaryDirectory() as folder:
+            track = follow(run.source, scene, Path(folder) / "partial", lambda *_: None)
+    except IrtError as error:
+        return f"{run.name} {run.kind:8} {way:7} refused: {error}"
+    apart = scene.corners - run.corners
+    inside = float(np.linalg.norm(scene.corners - scene.corners.mean(axis=0), axis=1).mean())
+    true = float(np.linalg.norm(run.corners - run.corners.mean(axis=0), axis=1).mean())
+    pose = Pose.of(run.lens, scene.corners, run.size.corners, run.size.radius)
+    shift = pose.positions(run.pixels) - run.places
+    line = score(run, way, track.pixels, track.marble)
+    return (
+        f"{line}; corners {_rms(np.linalg.norm(apart, axis=1)):.2f} px, scale {true / inside:.4f}, "
+        f"stated {scene.corners_px:.2f} px, aside {np.linalg.norm(shift.mean(axis=0)) * MM:.2f} mm; "
+        f"confidence {np.median(track.confidence):.2f}"
+    )
+
+
+def threshold(run: Run) -> str:
+    """Return what an HSV threshold does that is told the colour."""
+    pictures = [frame.picture for frame in run.source.frames()]
+    width, height = run.lens.size
+    ways = rivals(pictures[:TOLD], run.pixels[:TOLD], run.radius_px, Box(0, 0, width, height), {})
+    see = ways["HSV inRange + minEnclosingCircle"].see
+    pixels = np.array([see(picture) for picture in pictures])
+    pose = Pose.of(run.lens, run.corners, run.size.corners, run.size.radius)
+    return score(run, "HSV", pixels, pose.positions(pixels))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Score the tracker on path-traced runs.")
+    parser.add_argument("folder", type=Path, help="of `render_traced.py --out`")
+    parser.add_argument("numbers", nargs="*", help="runs (default: all)")
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    for folder in sorted(options.folder.iterdir()):
+        if (options.numbers and folder.name not in options.numbers) or not (folder / "truth.json").exists():
+            continue
+        run = Run(folder)
+        told = Clue(places=((float(run.pixels[0, 0]), float(run.pixels[0, 1])),))
+        for line in (ours(run, "alone", Clue()), ours(run, "told", told), threshold(run)):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,312 @@
+"""What the path-traced runs show: boards, lamps, marbles and cameras by kind, drawn from a run's number."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tracking.sets import STEEP, rolled
+from tracking.view import Array, View
+
+Texture = NDArray[np.float32]
+
+EDGES_M = (0.276, 0.231)
+RADIUS_M = 0.00685
+#: Texels to a metre of the board.
+FINE = 5000.0
+#: Runs from this number on are for scoring, and not looked at while the tracker is worked on.
+FROZEN = 100
+PICTURES = 100
+KINDS = ("steel", "beige", "glass", "bands", "glare", "printed", "large", "small")
+
+
+@dataclass(frozen=True)
+class Shine:
+    """A marble's surface: `steel`, `glass` or `painted`, its linear colour, its roughness, and its spots."""
+
+    kind: str
+    colour: tuple[float, float, float] = (0.9, 0.9, 0.9)
+    rough: float = 0.05
+    spots: float = 0.0
+
+    def texture(self) -> Texture:
+        """Return the paint (h, w, 3): a real marble is never of one colour throughout."""
+        random = np.random.default_rng(3)
+        noise = cv2.GaussianBlur(random.standard_normal((64, 128)).astype(np.float32), (0, 0), 5)
+        spots = 1.0 - self.spots * (noise > noise.std())[..., None]
+        return np.asarray(np.array(self.colour, np.float32) * spots, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A square lamp: its place [m], half its side [m], its strength and linear colour."""
+
+    name: str
+    place: Array
+    half_m: float
+    strength: float
+    colour: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Case:
+    """All that a run is rendered from.
+
+    Attributes
+    ----------
+    places, tilts : (n, 2) arrays
+        Of the marble [board edges], and of the board [rad].
+    wood : tuple
+        Linear colour of the board, or nothing for one that is printed white.
+    varnish, grain : float
+        Roughness of the board's gloss, 0 for none; depth of its grain.
+    printed : bool
+        Whether maze lines and holes are on it.
+    rim : bool
+        Whether a rim stands about the board.
+    day : float
+        Light from the room's window.
+    bands, drift, hunting : float
+        Depth of shadows that pass, change of the daylight, and of the exposure, as shares.
+    open : float
+        Share of the time between pictures that the shutter is open.
+    shot, read : float
+        Noise that grows with the light, and that does not, as shares of full light.
+    codec : str
+        `png`, `MJPG` or `mp4v`.
+    """
+
+    seed: int
+    kind: str
+    view: View
+    places: Array
+    tilts: Array
+    shine: Shine
+    lamps: tuple[Lamp, ...]
+    radius_m: float = RADIUS_M
+    wood: tuple[float, float, float] | None = (0.55, 0.36, 0.20)
+    varnish: float = 0.0
+    grain: float = 0.25
+    printed: bool = False
+    rim: bool = False
+    rim_colour: tuple[float, float, float] = (0.30, 0.18, 0.09)
+    table_colour: tuple[float, float, float] = (0.03, 0.03, 0.035)
+    table_m: float = 0.05
+    day: float = 0.25
+    bands: float = 0.0
+    drift: float = 0.0
+    hunting: float = 0.0
+    open: float = 0.0
+    blur: float = 0.7
+    shot: float = 0.012
+    read: float = 0.003
+    codec: str = "png"
+    turns: Array = field(default_factory=lambda: np.eye(3)[None])
+
+    @property
+    def changes(self) -> bool:
+        """Whether lamps change beside each other."""
+        return self.bands > 0 or self.drift > 0
+
+    def moments(self, count: int) -> tuple[float, ...]:
+        """Return the moments of an exposure, from its middle [pictures]."""
+        if self.open == 0.0:
+            return (0.0,)
+        return tuple(self.open * ((one + 0.5) / count - 0.5) for one in range(count))
+
+    def place_at(self, moment: float) -> Array:
+        """Return the marble's place (2,) between pictures [board edges]."""
+        times = np.arange(len(self.places))
+        return np.array([np.interp(moment, times, self.places[:, axis]) for axis in range(2)])
+
+    def turn_at(self, moment: float) -> Array:
+        """Return how the marble has rolled (3, 3)."""
+        return np.asarray(self.turns[int(np.clip(round(moment), 0, len(self.turns) - 1))])
+
+    def strengths(self, index: int) -> dict[str, float]:
+        """Return the strength of each group of lamps in a picture, over the usual one."""
+        cloud = np.sin(2 * np.pi * (index / 70.0 + 0.1 * self.seed))
+        return {"lamp": 1.0, "day": 1.0 + self.drift * cloud}
+
+    def exposure(self, index: int) -> float:
+        """Return the camera's gain in a picture."""
+        return 1.0 + self.hunting * float(np.sin(2 * np.pi * index / 37.0) * np.sin(2 * np.pi * index / 90.0))
+
+    def shade(self, index: int) -> Texture:
+        """Return the share of the first lamp's light (h, w, 1) that what passes before it leaves."""
+        height, width = self.view.height, self.view.width
+        down, right = np.mgrid[:height, :width].astype(np.float32)
+        shade = np.ones((height, width), np.float32)
+        if self.bands:
+            random = np.random.default_rng([self.seed, 8])
+            for _ in range(3):
+                way, speed, start = (
+                    random.uniform(0, np.pi),
+                    random.uniform(-5.0, 5.0),
+                    random.uniform(0, 900),
+                )
+                broad, soft = random.uniform(25.0, 80.0), random.uniform(4.0, 14.0)
+                along = np.cos(way) * right + np.sin(way) * down
+                away = np.abs((along - start - speed * index) % 900.0 - 450.0) - broad
+                shade *= 1.0 - self.bands / (1.0 + np.exp(np.clip(away / soft, -30, 30)))
+        return np.asarray(shade[..., None], dtype=np.float32)
+
+    def texture(self) -> Texture:
+        """Return the board's linear colour (h, w, 3), its first row along the edge of least y."""
+        random = np.random.default_rng([self.seed, 4])
+        width, height = (round(FINE * edge) for edge in EDGES_M)
+        across = np.arange(height, dtype=np.float32)[:, None] / FINE
+        along = np.arange(width, dtype=np.float32)[None, :] / FINE
+        bend = cv2.GaussianBlur(random.standard_normal((height, width)).astype(np.float32), (0, 0), 120)
+        bend = 0.010 * bend / bend.std()
+        rings = np.sin(2 * np.pi * (across + 0.05 * along + bend) / 0.011)
+        pores = cv2.GaussianBlur(
+            random.standard_normal((height, width)).astype(np.float32), (0, 0), 30, sigmaY=1.5
+        )
+        pores = pores / pores.std()
+        colour = np.array(self.wood or (0.75, 0.75, 0.73), np.float32)
+        grain = self.grain if self.wood else 0.02
+        board = colour * np.exp(grain * (0.5 * rings + 0.35 * pores))[..., None]
+        if self.printed:
+            for _ in range(9):
+                ends = random.uniform([0.05, 0.05], [0.95, 0.95], (2, 2))
+                ends[1, random.integers(2)] = ends[0, random.integers(1)]
+                points = (ends * [width, height]).astype(int)
+                cv2.line(
+                    board,
+                    tuple(map(int, points[0])),
+                    tuple(map(int, points[1])),
+                    (0.04, 0.04, 0.04),
+                    round(0.0018 * FINE),
+                    cv2.LINE_AA,
+                )
+            for place in random.uniform([0.1, 0.1], [0.9, 0.9], (12, 2)) * [width, height]:
+                cv2.circle(
+                    board, tuple(map(int, place)), round(0.0075 * FINE), (0.02, 0.02, 0.02), -1, cv2.LINE_AA
+                )
+            inset = round(0.004 * FINE)
+            cv2.rectangle(
+                board,
+                (inset, inset),
+                (width - inset, height - inset),
+                (0.04, 0.04, 0.04),
+                round(0.0015 * FINE),
+            )
+        return np.asarray(np.clip(board, 0.0, 0.95), dtype=np.float32)
+
+    def room(self) -> Texture:
+        """Return the light of the room (h, w, 3): a window, a ceiling, a dark floor."""
+        random = np.random.default_rng([self.seed, 6])
+        room = np.full((64, 128, 3), 0.6, np.float32)
+        room[:20] = 1.0
+        room[36:] = 0.25
+        left = int(random.integers(0, 100))
+        room[14:32, left : left + 18] = (3.4, 3.8, 4.4)
+        return np.asarray(room * self.day, dtype=np.float32)
+
+
+def case(number: int, pictures: int = PICTURES) -> Case:
+    """Return a run by its number: its kind is that modulo the number of kinds."""
+    random = np.random.default_rng([number, 77])
+    kind = KINDS[number % len(KINDS)]
+    # Thirty pictures a second of a run with sixty rows, without its slow beginning.
+    _, tilts, places = (rows[20::2] for rows in rolled(2 * pictures + 20, 4000 + number, STEEP))
+    side = random.uniform(0, 2 * np.pi)
+    low = random.uniform(0.5, 0.9)
+    lamp = Lamp(
+        "lamp",
+        np.array([0.8 * np.cos(side), 0.8 * np.sin(side), low]),
+        random.uniform(0.03, 0.06),
+        random.uniform(2.0, 2.6),
+    )
+    lean = tuple(random.uniform(-0.2, 0.2, 2))
+    usual = Case(
+        seed=number,
+        kind=kind,
+        view=View.above(
+            random.uniform(300, 380),
+            focal=random.uniform(650, 900),
+            lean=lean,
+            turn=random.uniform(-0.08, 0.08),
+        ),
+        places=places,
+        tilts=tilts,
+        turns=_turns(places),
+        shine=Shine("steel", rough=0.06),
+        lamps=(lamp,),
+        wood=tuple(random.uniform(0.85, 1.15) * np.array([0.50, 0.33, 0.18])),
+        grain=random.uniform(0.15, 0.35),
+    )
+    return _as(kind, usual, random)
+
+
+def _as(kind: str, usual: Case, random: np.random.Generator) -> Case:
+    """Return a case with what its kind is about."""
+    second = Lamp(
+        "second", np.array([-0.7, 0.5, 0.8]) * random.uniform(0.8, 1.2, 3), 0.05, 1.2, (1.0, 0.85, 0.6)
+    )
+    paints = {"blue": (0.04, 0.09, 0.45), "red": (0.5, 0.05, 0.04), "green": (0.05, 0.3, 0.08)}
+    paint = paints[("blue", "red", "green")[int(random.integers(3))]]
+    eye = usual.view.eye
+    if kind in ("bands", "printed"):
+        usual = replace(usual, lamps=(usual.lamps[0], second))
+    changes: dict[str, dict[str, Any]] = {
+        "steel": {},
+        "beige": {
+            "shine": Shine("painted", tuple(1.25 * np.array(usual.wood)), 0.1, 0.15),
+            "codec": "MJPG",
+        },
+        "glass": {"shine": Shine("glass", (0.8, 0.95, 0.85)), "table_colour": (0.45, 0.45, 0.45)},
+        "bands": {"shine": Shine("painted", paint, 0.08), "bands": random.uniform(0.4, 0.7), "hunting": 0.05},
+        "glare": {
+            "shine": Shine("painted", paint, 0.05, 0.4),
+            "varnish": random.uniform(0.08, 0.15),
+            "lamps": (
+                Lamp("lamp", eye * [-0.9, -0.9, 0.9] + [*random.uniform(-0.1, 0.1, 2), 0.0], 0.08, 2.2),
+            ),
+        },
+        "printed": {
+            "wood": None,
+            "printed": True,
+            "rim": True,
+            "rim_colour": (0.4, 0.25, 0.12),
+            "drift": 0.4,
+            "shine": Shine("painted", paint, 0.1),
+            "codec": "mp4v",
+        },
+        "large": {
+            "view": View.above(
+                random.uniform(560, 640), focal=1300.0, lean=(0.1, -0.15), turn=0.04, size=(1280, 720)
+            ),
+            "radius_m": 0.0075,
+            "printed": True,
+            "rim": True,
+            "codec": "MJPG",
+            "open": 0.4,
+        },
+        "small": {
+            "view": View.above(
+                random.uniform(230, 270), focal=600.0, lean=tuple(random.uniform(-0.3, 0.3, 2))
+            ),
+            "radius_m": 0.005,
+            "shine": Shine("painted", paint, 0.1),
+            "open": 0.5,
+            "shot": 0.03,
+            "read": 0.012,
+            "codec": "mp4v",
+        },
+    }
+    return replace(usual, **changes[kind])
+
+
+def _turns(places: Array) -> Array:
+    """Return how a marble that rolls through places (n, 2) [board edges] has turned (n, 3, 3)."""
+    turns = [np.eye(3)]
+    for step in np.diff(places, axis=0) * EDGES_M[0] / RADIUS_M:
+        turn, _ = cv2.Rodrigues(np.array([-step[1], step[0], 0.0]))
+        turns.append(turn @ turns[-1])
+    return np.array(turns)

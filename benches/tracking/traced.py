@@ -1,0 +1,271 @@
+"""Runs rendered by a path tracer, Mitsuba 3: pictures from other hands than those the tracker was made with.
+
+Light is added up linearly. The board is rendered without the marble, once for each group of lamps; a window
+about the marble and its shadow is rendered anew for each picture. Lamps that dim and shadows that pass
+scale the light of their group. The tilt moves the picture of the board by its homography, which is exact for
+the board's surface and within a hundredth of a pixel for the marble.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tracking.cases import EDGES_M, Case, Shine
+from tracking.view import Array, turned
+
+Linear = NDArray[np.float32]
+Picture = NDArray[np.uint8]
+
+#: Samples to a pixel of the board, and of the window about the marble.
+BOARD_SAMPLES, MARBLE_SAMPLES = 96, 64
+#: Bounces of light.
+DEPTH = 5
+#: The window about the marble reaches so far beyond it and its shadow, in radii.
+BEYOND = 1.6
+#: Moments of an exposure that are rendered.
+MOMENTS = 3
+#: Thickness of the board, and height and width of its rim [m].
+SLAB_M, RIM_HEIGHT_M, RIM_WIDTH_M = 0.006, 0.008, 0.006
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Where the marble's middle is in a picture [pixels], and on the board [board edges]."""
+
+    pixel: Array
+    place: Array
+
+
+class Traced:
+    """A run to be rendered; Mitsuba is imported where one is made."""
+
+    def __init__(self, case: Case, samples: float = 1.0) -> None:
+        mitsuba = importlib.import_module("mitsuba")
+
+        mitsuba.set_variant("llvm_ad_rgb")
+        self._mi: Any = mitsuba
+        self.case = case
+        self._samples = samples
+        self._boards = [self._board(group) for group in self.groups]
+        self._scenes = [self._scene(group, marble=True) for group in self.groups]
+
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Lamps whose light changes together."""
+        return (("lamp",), ("day", "second")) if self.case.changes else (("lamp", "day", "second"),)
+
+    def frames(self) -> Iterator[tuple[Picture, Truth]]:
+        """Yield pictures, blue first, with their truth."""
+        for index in range(len(self.case.places)):
+            yield self._exposed(index), self.truth(index)
+
+    def truth(self, index: int) -> Truth:
+        """Return the truth of a picture: the marble's at the middle of the exposure."""
+        pixel = self._projected(self.case.places[index])
+        moved = cv2.perspectiveTransform(pixel.reshape(1, 1, 2), self._tilted(index)).ravel()
+        return Truth(np.asarray(moved, dtype=np.float64), self.case.places[index])
+
+    def corners(self) -> Array:
+        """Return the level board's corners (4, 2) [pixels], clockwise from least x and greatest y."""
+        x, y = EDGES_M[0] / 2, EDGES_M[1] / 2
+        return self.case.view.project(np.array([[-x, y, 0], [x, y, 0], [x, -y, 0], [-x, -y, 0.0]]))
+
+    def _projected(self, place: Array) -> Array:
+        """Return where the middle of a marble on the level board is seen (2,) [pixels]."""
+        seen = self.case.view.project(np.array([[*(place * EDGES_M[0]), self.case.radius_m]]))
+        return np.asarray(seen[0])
+
+    def _tilted(self, index: int) -> Array:
+        """Return the homography that the tilt moves the picture of the board by (3, 3)."""
+        x, y = EDGES_M[0] / 2, EDGES_M[1] / 2
+        flat = np.array([[-x, y, 0], [x, y, 0], [x, -y, 0], [-x, -y, 0.0]])
+        level, tilted = (
+            self.case.view.project(one) for one in (flat, flat @ turned(self.case.tilts[index]).T)
+        )
+        there = cv2.getPerspectiveTransform(level.astype(np.float32), tilted.astype(np.float32))
+        return np.asarray(there, dtype=np.float64)
+
+    def _board(self, group: tuple[str, ...]) -> Linear:
+        """Return the board without a marble (h, w, 3), red first."""
+        scene = self._scene(group, marble=False)
+        return np.asarray(self._mi.render(scene, spp=round(BOARD_SAMPLES * self._samples), seed=1))
+
+    def _lit(self, index: int) -> Linear:
+        """Return light in the level view (h, w, 3): each group by what is left of its lamps."""
+        strengths = self.case.strengths(index)
+        shade = self.case.shade(index)
+        total = np.zeros_like(self._boards[0])
+        for group, board, scene in zip(self.groups, self._boards, self._scenes, strict=True):
+            light = board.copy()
+            rows, columns = self._window(index)
+            parts = [
+                self._rendered(scene, index + moment, (rows, columns), MOMENTS * index + number)
+                for number, moment in enumerate(self.case.moments(MOMENTS))
+            ]
+            light[rows, columns] = np.mean(parts, axis=0)
+            total += light * np.float32(strengths[group[0]]) * (shade if "lamp" in group else 1.0)
+        return total
+
+    def _window(self, index: int) -> tuple[slice, slice]:
+        """Return rows and columns that the marble and its shadows change."""
+        case = self.case
+        ends = [case.place_at(index + moment) for moment in (-0.5, 0.0, 0.5)]
+        points = []
+        for place in ends:
+            middle = np.array([*(place * EDGES_M[0]), case.radius_m])
+            points.append(middle)
+            for lamp in case.lamps:
+                away = (middle - lamp.place) * (lamp.strength > 0)
+                # Where the ray from the lamp through the marble's middle meets the board.
+                points.append(middle + away * middle[2] / (lamp.place[2] - middle[2]))
+        seen = case.view.project(np.array(points))
+        radius = case.view.focal * case.radius_m / float(np.linalg.norm(case.view.eye))
+        low = np.maximum((seen.min(axis=0) - (1.0 + BEYOND) * radius).astype(int), 0)
+        high = (seen.max(axis=0) + (1.0 + BEYOND) * radius).astype(int) + 1
+        right, bottom = np.minimum(high, [case.view.width, case.view.height])
+        return slice(low[1], bottom), slice(low[0], right)
+
+    def _rendered(self, scene: Any, moment: float, window: tuple[slice, slice], seed: int) -> Linear:
+        """Return a window of the picture at a moment [pictures]."""
+        mi = self._mi
+        settings = mi.traverse(scene)
+        rows, columns = window
+        settings["sensor.film.crop_size"] = [columns.stop - columns.start, rows.stop - rows.start]
+        settings["sensor.film.crop_offset"] = [columns.start, rows.start]
+        place = self.case.place_at(moment) * EDGES_M[0]
+        turn = self.case.turn_at(moment)
+        settings["marble.to_world"] = (
+            mi.Transform4f().translate([float(place[0]), float(place[1]), self.case.radius_m])
+            @ mi.Transform4f(np.vstack([np.column_stack([turn, np.zeros(3)]), [0, 0, 0, 1]]).tolist())
+            @ mi.Transform4f().scale(self.case.radius_m)
+        )
+        settings.update()
+        spp = max(round(MARBLE_SAMPLES * self._samples / len(self.case.moments(MOMENTS))), 4)
+        return np.asarray(mi.render(scene, spp=spp, seed=seed))
+
+    def _exposed(self, index: int) -> Picture:
+        """Return what the camera makes of light: levels, blue first."""
+        case = self.case
+        random = np.random.default_rng([case.seed, 11, index])
+        height, width = case.view.height, case.view.width
+        scene = self._lit(index) * np.float32(case.exposure(index))
+        moved = cv2.warpPerspective(
+            scene,
+            self._tilted(index),
+            (width, height),
+            flags=cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        light = cv2.GaussianBlur(np.maximum(moved, 0.0), (0, 0), case.blur)
+        # Shot noise grows with the light, reading noise does not; then the curve of sRGB, close to a power.
+        variance = case.shot**2 * light + case.read**2
+        light = np.clip(light + np.sqrt(variance) * random.standard_normal(light.shape), 0.0, 1.0)
+        curve = np.where(
+            light < 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
+        )
+        return np.asarray(np.rint(255.0 * curve[:, :, ::-1]), dtype=np.uint8)
+
+    def _scene(self, group: tuple[str, ...], *, marble: bool) -> Any:
+        """Return Mitsuba's scene of a group of lamps."""
+        mi, case = self._mi, self.case
+        move = mi.ScalarTransform4f
+        view = case.view
+        axes = np.stack([-view.rotation[0], -view.rotation[1], view.rotation[2]], axis=1)
+        pose = np.vstack([np.column_stack([axes, view.eye]), [0, 0, 0, 1]])
+        width, height = EDGES_M
+        texture = {
+            "type": "bitmap",
+            "bitmap": mi.Bitmap(case.texture()),
+            "raw": True,
+        }
+        painted: dict[str, Any] = {"type": "diffuse", "reflectance": texture}
+        if case.varnish:
+            painted = {"type": "roughplastic", "diffuse_reflectance": texture, "alpha": case.varnish}
+        parts: dict[str, Any] = {
+            "type": "scene",
+            "integrator": {"type": "path", "max_depth": DEPTH},
+            "sensor": {
+                "type": "perspective",
+                "to_world": move(pose),
+                "fov_axis": "x",
+                "fov": float(2 * np.degrees(np.arctan(view.width / 2 / view.focal))),
+                "film": {
+                    "type": "hdrfilm",
+                    "width": view.width,
+                    "height": view.height,
+                    "rfilter": {"type": "box"},
+                    "pixel_format": "rgb",
+                },
+            },
+            "board": {
+                "type": "rectangle",
+                "to_world": move().scale([width / 2, height / 2, 1.0]),
+                "bsdf": painted,
+            },
+            "slab": self._block((0, 0, -SLAB_M / 2 - 1e-5), (width, height, SLAB_M), case.rim_colour),
+            "table": {
+                "type": "rectangle",
+                "to_world": move().translate([0, 0, -case.table_m]).scale([3.0, 3.0, 1.0]),
+                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(case.table_colour)}},
+            },
+        }
+        if case.rim:
+            across, along = width / 2 + RIM_WIDTH_M / 2, height / 2 + RIM_WIDTH_M / 2
+            tall = RIM_HEIGHT_M + SLAB_M
+            middle = RIM_HEIGHT_M - tall / 2
+            for name, place, size in (
+                ("east", (across, 0, middle), (RIM_WIDTH_M, height + 2 * RIM_WIDTH_M, tall)),
+                ("west", (-across, 0, middle), (RIM_WIDTH_M, height + 2 * RIM_WIDTH_M, tall)),
+                ("north", (0, along, middle), (width, RIM_WIDTH_M, tall)),
+                ("south", (0, -along, middle), (width, RIM_WIDTH_M, tall)),
+            ):
+                parts[name] = self._block(place, size, case.rim_colour)
+        for lamp in case.lamps:
+            if lamp.name in group and lamp.strength > 0:
+                toward = move().look_at(list(lamp.place), [0, 0, 0], [0.1, 0.2, 0.97])
+                power = [lamp.strength * one / (4 * lamp.half_m**2) for one in lamp.colour]
+                parts[lamp.name] = {
+                    "type": "rectangle",
+                    "to_world": toward @ move().scale(lamp.half_m),
+                    "emitter": {"type": "area", "radiance": {"type": "rgb", "value": power}},
+                }
+        if "day" in group:
+            parts["day"] = {
+                "type": "envmap",
+                "bitmap": mi.Bitmap(case.room()),
+                "to_world": move().rotate([1, 0, 0], 90),
+            }
+        if marble:
+            parts["marble"] = {
+                "type": "sphere",
+                "to_world": move().scale(case.radius_m),
+                "bsdf": self._surface(case.shine),
+            }
+        return mi.load_dict(parts)
+
+    def _block(
+        self, place: tuple[float, ...], size: tuple[float, ...], colour: tuple[float, ...]
+    ) -> dict[str, Any]:
+        move = self._mi.ScalarTransform4f
+        return {
+            "type": "cube",
+            "to_world": move().translate(list(place)).scale([one / 2 for one in size]),
+            "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": list(colour)}},
+        }
+
+    def _surface(self, shine: Shine) -> dict[str, Any]:
+        """Return what the marble is made of."""
+        if shine.kind == "steel":
+            return {"type": "roughconductor", "material": "Cr", "alpha": shine.rough}
+        if shine.kind == "glass":
+            tint = {"type": "rgb", "value": list(shine.colour)}
+            return {"type": "dielectric", "int_ior": 1.5, "specular_transmittance": tint}
+        painted = {"type": "bitmap", "bitmap": self._mi.Bitmap(shine.texture()), "raw": True}
+        return {"type": "roughplastic", "diffuse_reflectance": painted, "alpha": shine.rough}

@@ -1,0 +1,215 @@
+"""The board's sides, measured along their whole length over the video: corners, their error, the tilt.
+
+Each point of a side is where the light is halfway between inside and outside. A lens blurs light, not levels:
+halfway between two levels lies outside of a bright board. So levels are taken back to light by a power, the
+one that makes the mean profile of the sides alike on both sides of its middle, as blur is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.tracking.corners import LEAST_LEVELS, fit_line, meet
+from irt.tracking.geometry import Geometry, Lens, Pose, Size
+from irt.tracking.opencv import opencv
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+#: Points of a side, and the part of it that they lie on: near corners a side is not alone.
+POINTS, FIRST, LAST = 48, 0.06, 0.94
+#: How far beside a side its edge is looked for, and in what steps [pixels]: a tilt of 0.04 rad moves the end
+#: of a board of 350 pixels by 2.
+FAR, STEP = 5.0, 0.5
+#: Samples at each end that say what is inside and outside.
+ENDS = 4
+#: Powers from levels to light: of pictures without a curve, and of sRGB. Powers between follow the grain.
+POWERS = (1.0, 2.2)
+#: Points of a side that err alike: they share the grain, and blocks of a compression.
+ALIKE = 8.0
+#: A side is measured where this share of its points is.
+ENOUGH = 0.6
+#: An edge that is off by more than so much is covered [pixels]: repeated edges scatter by a tenth.
+COVERED = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class _Sides:
+    """Points along four sides, and their outward normals (n, 2) [pixels]."""
+
+    points: Array
+    normals: Array
+
+    @classmethod
+    def of(cls, corners: Array, lens: Lens | None) -> _Sides:
+        parts = np.linspace(FIRST, LAST, POINTS)[:, None]
+        flat = corners if lens is None else lens.straight(corners)
+        ends = np.roll(flat, -1, axis=0)
+        points = np.concatenate(
+            [start + parts * (end - start) for start, end in zip(flat, ends, strict=True)]
+        )
+        if lens is not None:
+            points = lens.bent(points)
+        ways = np.repeat(np.roll(corners, -1, axis=0) - corners, POINTS, axis=0)
+        normals = np.column_stack([ways[:, 1], -ways[:, 0]]) / np.linalg.norm(ways, axis=1)[:, None]
+        return cls(points, normals)
+
+    def profiles(self, picture: Picture) -> Array:
+        """Return levels (n, samples, 3) across the sides, from inside to outside."""
+        offsets = np.arange(-FAR, FAR + 0.5 * STEP, STEP)
+        across = self.points[:, None] + offsets[:, None] * self.normals[:, None]
+        cv2 = opencv()
+        maps = across.astype(np.float32)
+        seen = cv2.remap(
+            picture, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        return np.asarray(seen, dtype=np.float64)
+
+
+def _clearest(profiles: Array) -> int:
+    """Return the colour in which inside and outside of profiles (n, samples, 3) differ most."""
+    contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
+    return int(np.argmax(np.quantile(contrast, 0.1, axis=0)))
+
+
+def _crossings(profiles: Array, power: float) -> Array:
+    """Return how far outside each point's edge is (n,) [pixels], NaN where there is none."""
+    contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
+    light = (profiles / 255.0) ** power
+    halfway = 0.5 * (light[:, :ENDS].mean(axis=1) + light[:, -ENDS:].mean(axis=1))
+    apart = light - halfway[:, None]
+    crosses = apart[:, :-1] * apart[:, 1:] <= 0.0
+    starts = np.arange(-FAR, FAR - 0.5 * STEP, STEP)
+    nearest = np.argmin(np.where(crosses, np.abs(starts + 0.5 * STEP), np.inf), axis=1)
+    rows = np.arange(len(profiles))
+    before, after = apart[rows, nearest], apart[rows, nearest + 1]
+    places = starts[nearest] + STEP * before / np.where(before == after, 1.0, before - after)
+    return np.where(crosses.any(axis=1) & (contrast > LEAST_LEVELS), places, np.nan)
+
+
+def _power(profiles: Array) -> float:
+    """Return the power at which the mean edge is alike on both sides of its middle."""
+    offsets = np.arange(-FAR, FAR + 0.5 * STEP, STEP)
+    near = np.arange(-2.0, 2.01, 0.25)
+    found = []
+    for power in POWERS:
+        places = _crossings(profiles, power)
+        light = (profiles / 255.0) ** power
+        inside, outside = light[:, :ENDS].mean(axis=1), light[:, -ENDS:].mean(axis=1)
+        seen = np.flatnonzero(np.abs(places) < FAR - 3.0)
+        if len(seen) < POINTS:
+            return POWERS[0]
+        part = (light[seen] - outside[seen, None]) / (inside - outside)[seen, None]
+        mean = np.median(
+            [np.interp(near + place, offsets, one) for one, place in zip(part, places[seen], strict=True)],
+            axis=0,
+        )
+        found.append(float(((mean + mean[::-1] - 1.0) ** 2).sum()))
+    return POWERS[int(np.argmin(found))]
+
+
+class BoardEdges:
+    """The sides of a board before a camera.
+
+    Parameters
+    ----------
+    pictures : sequence of (h, w, 3) uint8 arrays
+        A sample of the run.
+    corners : (4, 2) array
+        Roughly those of the board [pixels].
+    lens : Lens or None
+        Of the camera.
+
+    Attributes
+    ----------
+    corners : (4, 2) array
+        Those about which the board tilts, over the sample [pixels].
+    error_px : float
+        Their standard error; how far sides are looked for, where one is not clear in most pictures.
+    """
+
+    def __init__(self, pictures: Sequence[Picture], corners: Array, lens: Lens | None) -> None:
+        self._lens = lens
+        self.corners, self.error_px = corners, FAR
+        self.missed = 0
+        self._slopes: Array | None = None
+        for _ in range(2):
+            sides = _Sides.of(self.corners, lens)
+            colours = [sides.profiles(picture) for picture in pictures]
+            self._channel = _clearest(np.concatenate(colours))
+            profiles = [one[..., self._channel] for one in colours]
+            self._curve = _power(np.concatenate(profiles[:: max(len(profiles) // 6, 1)]))
+            offsets = np.array([_crossings(one, self._curve) for one in profiles])
+            seen = np.isfinite(offsets).mean(axis=0) > 0.5
+            middle = np.array(
+                [np.nanmean(one) if there else np.nan for one, there in zip(offsets.T, seen, strict=True)]
+            )
+            if (seen.reshape(4, POINTS).mean(axis=1) < ENOUGH).any():
+                return
+            self._refine(sides, middle)
+            if np.abs(self.corners - corners).max() > 2.0 * FAR:
+                # Lines that left what was found were laid through something else.
+                self.corners, self.error_px = corners, FAR
+                return
+
+    def _refine(self, sides: _Sides, offsets: Array) -> None:
+        """Lay lines through the sides' points."""
+        points = sides.points + offsets[:, None] * sides.normals
+        lines, squares, count = [], 0.0, 0
+        for side in range(4):
+            own = points[side * POINTS : (side + 1) * POINTS]
+            own = own[np.isfinite(own[:, 0])]
+            start, way = fit_line(own, self._lens)
+            lines.append((start, way))
+            flat = own if self._lens is None else self._lens.straight(own)
+            scale = 1.0 if self._lens is None else float(self._lens.matrix[0, 0])
+            apart = scale * ((flat - start) @ np.array([way[1], -way[0]]))
+            # What is covered has no say, as in the line.
+            squares += float(np.minimum(apart**2, (3.0 * COVERED) ** 2).sum())
+            count += len(own)
+        corners = np.array([meet(lines[side - 1], lines[side]) for side in range(4)])
+        self.corners = corners if self._lens is None else self._lens.bent(corners)
+        # The ends of a line through n points are known to 2/sqrt(n), along each of two sides.
+        self.error_px = float(np.sqrt(2.0 * 4.0 * squares / count / (POINTS / ALIKE)))
+
+    def watch(self, level: Geometry, size: Size) -> bool:
+        """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
+        if not isinstance(level, Pose) or self.error_px >= FAR:
+            return False
+        sides = _Sides.of(self.corners, self._lens)
+        surface = Pose(level.lens, level.rotation, level.origin, 0.0)
+        there = surface.positions(sides.points)
+        flat = np.column_stack([there, np.zeros(len(there))])
+        small = 1e-3
+        slopes = []
+        for rise in (there[:, 1], -there[:, 0]):
+            lifted = flat + small * np.column_stack([np.zeros((len(there), 2)), rise])
+            moved = (surface.project(lifted) - surface.project(flat)) / small
+            slopes.append((moved * sides.normals).sum(axis=1))
+        self._sides, self._level, self._radius = sides, level, size.radius
+        self._slopes = np.array(slopes).T
+        return True
+
+    def follow(self, picture: Picture) -> Geometry | None:
+        """Return where the board is in a picture, None where its sides are covered."""
+        slopes = self._slopes
+        if slopes is None:
+            return None
+        offsets = _crossings(self._sides.profiles(picture)[..., self._channel], self._curve)
+        seen = np.isfinite(offsets)
+        if seen.mean() < ENOUGH:
+            self.missed += 1
+            return None
+        slopes, offsets = slopes[seen], offsets[seen]
+        tilt: Array = np.zeros(2)
+        for _ in range(6):
+            apart = offsets - slopes @ tilt
+            weights = 1.0 / (1.0 + (apart / COVERED) ** 2)
+            tilt = np.asarray(np.linalg.solve((slopes.T * weights) @ slopes, (slopes.T * weights) @ offsets))
+        level = self._level
+        turn, _ = opencv().Rodrigues(np.array([tilt[0], tilt[1], 0.0]))
+        return Pose(level.lens, level.rotation @ turn, level.origin, self._radius)

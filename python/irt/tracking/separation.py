@@ -1,0 +1,135 @@
+"""The marble and its shadow, which move together: which of what was found is which."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.errors import IrtError
+from irt.tracking.background import ROUNDS, Underlay
+from irt.tracking.blob_detector import Box
+from irt.tracking.edge_fit import Rim
+from irt.tracking.finder import Finder
+from irt.tracking.shadow import ASIDE, HALF, REACH, Neighbourhood, Transmission, transmission
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+#: Pictures from which something can be said.
+FEWEST = 3
+#: Two things whose offset scatters by less than this keep step [radii]: rims are found to a tenth, and a lamp
+#: half a metre away turns a shadow by as much over the board.
+STEP = 0.25
+#: A user points at a marble to within its radius, less what an unsteady hand misses [radii].
+POINTED = 0.75
+
+
+class NoMarbleError(IrtError):
+    """Nothing like a marble is in the pictures."""
+
+
+@dataclass(frozen=True)
+class Clue:
+    """What a user says of the marble: places in the first picture [pixels], or its colour (blue first)."""
+
+    places: tuple[tuple[float, float], ...] = ()
+    colour: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A disc in one picture of the sample, with the median colour (3,) of its inner part."""
+
+    picture: int
+    rim: Rim
+    colour: Array
+
+
+def without_shadow(
+    pictures: Sequence[Picture], marble: Sequence[Candidate], known: Finder
+) -> list[Candidate]:
+    """Return candidates of one colour without a shadow that is among them; all of them where there is none.
+
+    Two marbles do not keep step: what is at one offset from another thing in all pictures is a shadow of it,
+    or throws it. The one through which more of the board's texture is seen is the shadow.
+    """
+    pairs = []
+    for index in {one.picture for one in marble}:
+        both = [one for one in marble if one.picture == index]
+        if len(both) == 2:
+            pairs.append(both)
+    if len(pairs) < FEWEST:
+        return list(marble)
+    ways = np.array([[one.rim.x - two.rim.x, one.rim.y - two.rim.y] for one, two in pairs])
+    # Which of the two comes first is chance.
+    turned = np.where(ways @ ways[np.argmax((ways**2).sum(axis=1))] < 0.0, -1.0, 1.0)
+    offsets = turned[:, None] * ways
+    middle = np.median(offsets, axis=0)
+    apart = np.median(np.abs(offsets - middle))
+    if apart > STEP * known.radius or np.hypot(*middle) > ASIDE * known.radius:
+        return list(marble)
+    ends = [
+        [pair[0] if way > 0 else pair[1] for pair, way in zip(pairs, turned, strict=True)],
+        [pair[1] if way > 0 else pair[0] for pair, way in zip(pairs, turned, strict=True)],
+    ]
+    through = [seen_through(pictures, [(one.picture, one.rim) for one in end], known) for end in ends]
+    kept = min((0, 1), key=lambda end: (round(through[end].chance_of_shadow, 3), through[end].middle))
+    own, other = (np.median([one.colour for one in ends[end]], axis=0) for end in (kept, 1 - kept))
+    return [
+        one
+        for one in marble
+        if not any(one is two for two in ends[1 - kept])
+        and np.linalg.norm(one.colour - own) <= np.linalg.norm(one.colour - other)
+    ]
+
+
+def marble_beside(
+    pictures: Sequence[Picture], found: Sequence[tuple[int, Rim]], known: Finder, clue: Clue
+) -> tuple[float, float] | None:
+    """Return where the marble is beside what was found (dx, dy) [radii], None where that is the marble."""
+    if clue.places:
+        index, rim = found[0]
+        x, y = min(clue.places, key=lambda place: np.hypot(place[0] - rim.x, place[1] - rim.y))
+        dx, dy = (x - rim.x) / known.radius, (y - rim.y) / known.radius
+        away = float(np.hypot(dx, dy)) if index == 0 else 0.0
+        if away > ASIDE:
+            raise NoMarbleError(
+                f"what looks like the marble at {x:.0f},{y:.0f} is at {rim.x:.0f},{rim.y:.0f} in the first "
+                "picture: is --marble right?"
+            )
+        return (float(dx), float(dy)) if away > POINTED else None
+    if clue.colour is not None or len(found) < FEWEST:
+        return None
+    through = seen_through(pictures, found, known)
+    return None if through.middle < HALF else through.opaque()
+
+
+def beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
+    """Return a disc of a radius beside another."""
+    return Rim(rim.x + aside[0] * radius, rim.y + aside[1] * radius, radius, 1.0, 1.0)
+
+
+def middle_of(offsets: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the median (dx, dy) of offsets."""
+    x, y = np.median(np.array(offsets), axis=0)
+    return float(x), float(y)
+
+
+def seen_through(
+    pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
+) -> Transmission:
+    """Return how much of the board's texture is seen through discs and what is beside them."""
+    return transmission(
+        [_neighbourhood(pictures[index], rim, Underlay(known.without), known.noise) for index, rim in discs]
+    )
+
+
+def _neighbourhood(picture: Picture, rim: Rim, under: Underlay, noise: float) -> Neighbourhood:
+    """Return a disc with what is beside it."""
+    box = Box.about(rim.x, rim.y, REACH * rim.radius, Box(0, 0, picture.shape[1], picture.shape[0]))
+    part = picture[box.slices].astype(np.float32)
+    board = under.beneath(part, box, (rim.x, rim.y, rim.radius), noise, ROUNDS)
+    return Neighbourhood(part, board, rim.x - box.left, rim.y - box.top, rim.radius)

@@ -1,0 +1,69 @@
+"""The board's sides give its corners and its tilt, planted in ray-traced pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from irt.tracking.board_edges import BoardEdges
+from irt.tracking.corners import find_corners, ordered
+from irt.tracking.geometry import Lens, Plane, Pose, Size
+from tracking.board import Paint
+from tracking.scene import Look, Scene
+from tracking.view import View, turned
+
+SIZE = Size(1.0, 231 / 276, 6.85 / 276)
+VIEW = View.above(330.0, lean=(0.1, -0.12), lens=(-0.05, 0.0))
+COUNT = 24
+
+
+@pytest.fixture(scope="module")
+def shown() -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return tilts about zero (n, 2) [rad] and pictures of them."""
+    phase = 2 * np.pi * np.arange(COUNT) / COUNT
+    tilts = 0.025 * np.column_stack([np.sin(phase), np.cos(2 * phase)])
+    places = 0.2 * np.column_stack([np.cos(phase), np.sin(phase)])
+    scene = Scene(VIEW, Paint(lines=2, holes=3), Look("blue"), places, tilts, seed=3)
+    return tilts, [picture for picture, _ in scene.frames()]
+
+
+@pytest.fixture(scope="module")
+def lens() -> Lens:
+    return Lens(VIEW.matrix, VIEW.distortion, (VIEW.width, VIEW.height), 0.1)
+
+
+@pytest.fixture(scope="module")
+def edges(shown, lens) -> BoardEdges:
+    _, pictures = shown
+    return BoardEdges(pictures, ordered(find_corners(pictures[0], lens), SIZE), lens)
+
+
+def test_corners_of_the_mean_board_are_within_what_is_stated(edges: BoardEdges) -> None:
+    level = VIEW.project(np.column_stack([SIZE.corners * 0.276, np.zeros(4)]))
+    apart = np.linalg.norm(edges.corners - level, axis=1)
+    assert edges.error_px < 0.3
+    assert apart.max() < 0.3
+
+
+def test_tilt_of_each_picture_is_measured(shown, edges: BoardEdges, lens) -> None:
+    tilts, pictures = shown
+    assert edges.watch(Pose.of(lens, edges.corners, SIZE.corners, SIZE.radius), SIZE)
+    for tilt, picture in list(zip(tilts, pictures, strict=True))[::3]:
+        found = edges.follow(picture)
+        assert isinstance(found, Pose)
+        normal = VIEW.rotation @ turned(tilt)[:, 2]
+        assert np.arccos(np.clip(found.rotation[:, 2] @ normal, -1.0, 1.0)) < 0.004
+
+
+def test_covered_sides_say_nothing(shown, edges: BoardEdges, lens) -> None:
+    _, pictures = shown
+    assert edges.watch(Pose.of(lens, edges.corners, SIZE.corners, SIZE.radius), SIZE)
+    covered = np.full_like(pictures[0], 90)
+    assert edges.follow(covered) is None
+    assert edges.missed == 1
+
+
+def test_without_a_lens_the_tilt_is_not_measured(shown) -> None:
+    _, pictures = shown
+    corners = ordered(find_corners(pictures[0]), SIZE)
+    assert not BoardEdges(pictures[:6], corners, None).watch(Plane.of(corners, SIZE), SIZE)

@@ -1,0 +1,27 @@
+"""`irt track` warns of corners that are not certain and of what may be a shadow."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from irt.cli.track import _warnings
+
+
+@pytest.mark.parametrize(
+    ("corners_mm", "shadow", "said"),
+    [
+        (0.2, 0.0, []),
+        (None, 0.04, []),
+        (0.8, 0.0, ["corners are uncertain by 0.8 mm"]),
+        (None, 0.5, ["50 % that this is the marble's shadow"]),
+        (4.0, 0.2, ["corners are uncertain by 4.0 mm", "20 % that this is the marble's shadow"]),
+    ],
+)
+def test_warnings(corners_mm: float | None, shadow: float, said: list[str]) -> None:
+    lines = _warnings(SimpleNamespace(corners_mm=corners_mm, shadow=shadow))
+    assert len(lines) == len(said)
+    for line, words in zip(lines, said, strict=True):
+        assert line.startswith("warning: ")
+        assert words in line
