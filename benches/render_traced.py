@@ -44,7 +44,7 @@ def write(number: int, pictures: int, folder: Path) -> None:
         truths.append(truth)
     if video is not None:
         video.release()
-    told = {
+    known = {
         "kind": run.kind,
         "rim": run.rim,
         "radius_m": run.radius_m,
@@ -55,7 +55,7 @@ def write(number: int, pictures: int, folder: Path) -> None:
         "pixels": [one.pixel.tolist() for one in truths],
         "places": [one.place.tolist() for one in truths],
     }
-    (folder / "truth.json").write_text(json.dumps(told), encoding="utf-8")
+    (folder / "truth.json").write_text(json.dumps(known), encoding="utf-8")
     print(f"{number} ({run.kind}): {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)
 
 

@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 MM = 1000.0 * EDGES_M[0]
 #: A position farther off than this is another thing [radii].
 WRONG_RADII = 1.0
-#: Pictures of which the threshold is told where the marble is.
-TOLD = 10
+#: Pictures of which the threshold is given the marble's place.
+GIVEN = 10
 
 
 class Run:
@@ -96,10 +96,10 @@ def ours(run: Run, way: str, clue: Clue) -> str:
 
 
 def threshold(run: Run) -> str:
-    """Return what an HSV threshold does that is told the colour."""
+    """Return what an HSV threshold does that is given the colour."""
     pictures = [frame.picture for frame in run.source.frames()]
     width, height = run.lens.size
-    ways = rivals(pictures[:TOLD], run.pixels[:TOLD], run.radius_px, Box(0, 0, width, height), {})
+    ways = rivals(pictures[:GIVEN], run.pixels[:GIVEN], run.radius_px, Box(0, 0, width, height), {})
     see = ways["HSV inRange + minEnclosingCircle"].see
     pixels = np.array([see(picture) for picture in pictures])
     pose = Pose.of(run.lens, run.corners, run.size.corners, run.size.radius)
@@ -116,8 +116,8 @@ def main() -> None:
         if (options.numbers and folder.name not in options.numbers) or not (folder / "truth.json").exists():
             continue
         run = Run(folder)
-        told = Clue(places=((float(run.pixels[0, 0]), float(run.pixels[0, 1])),))
-        for line in (ours(run, "alone", Clue()), ours(run, "told", told), threshold(run)):
+        given = Clue(places=((float(run.pixels[0, 0]), float(run.pixels[0, 1])),))
+        for line in (ours(run, "alone", Clue()), ours(run, "given", given), threshold(run)):
             print(line, flush=True)
 
 

@@ -98,7 +98,7 @@ class Traced:
         return np.asarray(self._mi.render(scene, spp=round(BOARD_SAMPLES * self._samples), seed=1))
 
     def _lit(self, index: int) -> Linear:
-        """Return light in the level view (h, w, 3): each group by what is left of its lamps."""
+        """Return light in the level view (h, w, 3): each group by the light that its lamps give."""
         strengths = self.case.strengths(index)
         shade = self.case.shade(index)
         total = np.zeros_like(self._boards[0])

@@ -104,8 +104,8 @@ def test_the_folder_of_a_diagnosis_is_enough(irt, tmp_path: Path, rig: Path, mod
     for path in models:
         path.rename(folder / path.name)
     plausible = [{"model": "lag.toml", "probability": 0.9}, {"model": "delay.toml", "probability": 0.1}]
-    told = {"summary": "The board lags.", "fit": {"noise": NOISE}, "plausible": plausible}
-    (folder / "diagnosis.json").write_text(json.dumps(told))
+    content = {"summary": "The board lags.", "fit": {"noise": NOISE}, "plausible": plausible}
+    (folder / "diagnosis.json").write_text(json.dumps(content))
     out = tmp_path / "next.csv"
     status, said, err = irt("suggest", rig, "--models", folder, "--out", out, "--threads", "1")
     assert (status, err) == (0, "")

@@ -77,7 +77,7 @@ class Scene:
     markers : Markers or None
         Those on the board, where they tell its tilt.
     edges : BoardEdges or None
-        The board's sides, where they tell its tilt.
+        The board's sides, where they show its tilt.
     learned : Learned
         Light and marble.
     usual_change : float

@@ -1,4 +1,4 @@
-"""A shadow lets the board's texture be seen, a marble hides it: planted discs are told apart."""
+"""A shadow lets the board's texture be seen, a marble hides it: planted discs are distinguished."""
 
 from __future__ import annotations
 
