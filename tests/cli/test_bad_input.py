@@ -108,6 +108,7 @@ def test_a_few_rows_are_one_clear_line(irt, lab, tmp_path, rows):
         )
 
 
+@pytest.mark.slow
 def test_endings_may_be_upper_case(irt, lab, tmp_path):
     done = irt("tune", lab(ending=".CSV"), "--starts", "1", "--out", tmp_path / "out")
     assert (done.status, done.err) == (0, "")
@@ -174,6 +175,7 @@ def test_what_is_replaced_is_said(irt, lab, tmp_path):
     assert f"note: this replaces {tmp_path / 'errors' / 'evaluation.json'}" in irt(*evaluated).out
 
 
+@pytest.mark.slow
 def test_a_long_log_is_cut_and_said(irt, lab, tmp_path, monkeypatch):
     monkeypatch.setattr("irt.rig.MOST_ROWS", 200)
     rig = lab()

@@ -71,6 +71,7 @@ def test_tune_passes_warnings_on(irt, write_rig, simulated, tmp_path):
     assert "What is wrong with the recordings?" in (out / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_sound_rig_has_no_warnings_in_its_results(irt, tmp_path):
     out = tmp_path / "out"
     done = irt("tune", data("labyrinth"), "--out", out, "--starts", "1")

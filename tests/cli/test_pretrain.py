@@ -34,6 +34,7 @@ def test_it_writes_a_network_and_its_loss_curve(irt, tmp_path):
     assert done.out.splitlines()[-1] == f"wrote {out} and {tmp_path / 'new' / 'net-loss.svg'}"
 
 
+@pytest.mark.slow
 def test_the_command_it_recorded_makes_the_same_network_again(irt, tmp_path):
     first, second = tmp_path / "a.safetensors", tmp_path / "b.safetensors"
     irt("pretrain", *FEW, "--literal-drive", "--out", first)

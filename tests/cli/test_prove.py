@@ -54,6 +54,7 @@ def test_it_hides_diagnoses_and_scores(proved: tuple[Path, str]) -> None:
     assert (out / "proof.md").read_text().startswith("# Proof by concealment\n")
 
 
+@pytest.mark.slow
 def test_the_same_command_keeps_what_is_there(irt, proved: tuple[Path, str]) -> None:
     out, said = proved
     answers = {path: path.stat().st_mtime_ns for path in (out / "answers").rglob("*.json")}
@@ -154,6 +155,7 @@ def test_rounds_of_another_day_are_added_to_a_page(irt, monkeypatch, tmp_path: P
     )
 
 
+@pytest.mark.slow
 def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:
     out, _ = proved
     done = irt("prove", "--verify", "--out", out)

@@ -103,6 +103,7 @@ def test_a_video_alone_is_enough(irt, filmed, tmp_path) -> None:
     assert np.nanmax(np.abs(seen - scene.places[:60])) < 0.03
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line(irt, filmed, tmp_path) -> None:
     pictures = filmed[0]
     out = tmp_path / "out"
@@ -180,6 +181,7 @@ def test_two_marbles_are_said(irt, tmp_path) -> None:
     assert "two marbles move on the board" in done.err
 
 
+@pytest.mark.slow
 def test_a_picture_that_cannot_be_read_keeps_what_was_seen(irt, filmed, tmp_path) -> None:
     pictures = filmed[0]
     broken = tmp_path / "broken"

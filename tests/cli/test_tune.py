@@ -88,6 +88,7 @@ def test_what_cannot_be_known_is_said(irt, paper_rig, tmp_path):
     assert all(f"- {sentence}" in done.out for sentence in sentences)
 
 
+@pytest.mark.slow
 def test_under_the_papers_drive_it_works_at_once(irt, paper_rig, tmp_path, cache_folder):
     done = irt("tune", paper_rig, "--method", "irt", "--out", tmp_path / "out")
     assert "training" not in done.out
@@ -107,6 +108,7 @@ def test_another_drive_gets_a_network_once_and_is_told_so(irt, other_rig, tmp_pa
     assert (tmp_path / "a" / "model.toml").read_bytes() == (tmp_path / "b" / "model.toml").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_network_named_is_used(irt, other_rig, tmp_path, cache_folder):
     network = tmp_path / "net.safetensors"
     irt("pretrain", "--pairs", "50", "--epochs", "4", "--rig", other_rig, "--out", network)
@@ -182,6 +184,7 @@ def test_a_network_of_another_method_takes_one_line(irt, paper_rig, tmp_path, me
     assert "make one with 'irt pretrain" in done.err
 
 
+@pytest.mark.slow
 def test_results_go_beside_where_it_was_started(irt, paper_rig, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     irt("tune", paper_rig, "--method", "irt", "--starts", "1", "--iterations", "3")
@@ -190,6 +193,7 @@ def test_results_go_beside_where_it_was_started(irt, paper_rig, tmp_path, monkey
     assert [len(history) for history in starts] == [4]
 
 
+@pytest.mark.slow
 def test_a_stopped_training_goes_on_with_the_same_command(irt, other_rig, tmp_path, monkeypatch, quick):
     run_epoch = training._Training.run_epoch
 

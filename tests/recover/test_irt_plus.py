@@ -70,6 +70,7 @@ def test_what_no_path_tells_is_taken_from_the_middle_of_what_is_left():
     np.testing.assert_allclose(ended[:, 4], ended[0, 4], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_noise_is_left_and_the_truth_is_in_the_intervals(write_rig):
     truth = np.array([[0.07, 0.045, 3e-4, 24.0, 0.92]])
     random = np.random.default_rng(2)
@@ -85,12 +86,14 @@ def test_noise_is_left_and_the_truth_is_in_the_intervals(write_rig):
     assert np.abs(predicted - rollouts(truth, paper_drive())[0]).mean() < 0.002
 
 
+@pytest.mark.slow
 def test_another_engines_recordings_are_met():
     rig = load_rig(data("labyrinth"))
     result = tune(rig, "irt+")
     assert evaluate(result.model, rig.recordings).free_run.mae < 0.012
 
 
+@pytest.mark.slow
 def test_a_drive_of_its_own_needs_little_training(write_rig, wave, tmp_path):
     """Gauss-Newton makes up for a network that has hardly learned."""
     truth = np.array([[0.07, 0.045, 3e-4, 24.0, 1.0]])

@@ -107,6 +107,7 @@ def test_right_axes_are_never_refused(make_rig):
         assert not [one for one in check(make_rig(noise=noise)).findings if one.severity == "error"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", [KNOBS, MARBLE, TILT])
 @pytest.mark.parametrize("convention", WRONG)
 def test_with_a_measured_tilt_the_guilty_columns_are_named(make_rig, convention, pair):

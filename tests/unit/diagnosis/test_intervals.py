@@ -43,6 +43,7 @@ def test_intervals_hold_what_was_planted(plant, pushed):
     assert np.median(widths) < (0.5 if pushed else 0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_without_stamps_no_clock_is_read_off_impacts(plant, seed):
     found = parameters(plant([DRAG], rows=120, runs=6, seed=seed))
@@ -51,6 +52,7 @@ def test_without_stamps_no_clock_is_read_off_impacts(plant, seed):
     assert clock.high - clock.low > 0.5 * clock.value
 
 
+@pytest.mark.slow
 def test_recordings_that_disagree_widen_the_interval(plant):
     rates = (0.4, 0.6, 0.8, 1.0, 1.2)
     alike = plant([DRAG], runs=5, stamped=True)

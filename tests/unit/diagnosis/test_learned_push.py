@@ -166,6 +166,7 @@ def test_what_is_left_of_a_first_wave_is_learned_next(plant):
     assert variables(found.fitted.value_of(UNLISTED)) == ["position"]
 
 
+@pytest.mark.slow
 def test_what_is_learned_stands_beside_effects_that_are_known(plant):
     bias = {"name": "tilt_bias", "bias_x_rad": 0.0015, "bias_y_rad": -0.001}
     scores = Scores(plant([wave(), bias], runs=6, stamped=True))

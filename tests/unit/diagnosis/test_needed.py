@@ -11,6 +11,7 @@ from irt.engine import GRAVITY
 WAVE = {"name": UNLISTED, "push_1_x_m_per_s2": 0.02, "wave_1_x_per_m": 100.0, "phase_1_rad": 0.5}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("planted", "variable"),
     [

@@ -30,6 +30,7 @@ def test_more_recordings_show_smaller_effects(plant):
     assert sum(many[one] < 0.9 * few[one] for one in shown) > 0.3 * len(shown)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "parameter"), [("viscous_drag", "rate_per_s"), ("lag", "time_constant_s")])
 def test_twice_the_least_is_named(plant, name, parameter):
     size = 2.0 * least(plant(stamped=True))[name, parameter]

@@ -48,6 +48,7 @@ def test_of_nothing_nothing_is_kept(plant):
     assert relevance.kept(relevance.freed(best)) is best
 
 
+@pytest.mark.slow
 def test_where_free_runs_are_off_by_noise_the_values_stay(plant):
     best, relevance = judged(plant([DELAY], runs=4, stamped=True))
     assert relevance.freed(best) is best

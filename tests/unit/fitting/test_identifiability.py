@@ -77,6 +77,7 @@ def furthest(told, moves):
     return (room / np.maximum(np.abs(moves), 1e-12)).min(axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=15)
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1))
 def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
@@ -89,6 +90,7 @@ def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
     assert (reached <= high + 1e-3).all()
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_intervals_of_one_flat_direction_end_where_it_does(seed):

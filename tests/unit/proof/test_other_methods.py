@@ -64,6 +64,7 @@ def test_a_gaussian_process_learns_a_bowl(warped) -> None:
     assert error(gaussian.enter(given), tests) < 0.7 * error(alone.enter(given), tests)
 
 
+@pytest.mark.slow
 def test_a_gaussian_process_leaves_a_right_model_alone() -> None:
     given, tests = task()
     assert error(gaussian.enter(given), tests) < 3.0 * error(alone.enter(given), tests)

@@ -11,6 +11,7 @@ playwright = pytest.importorskip(
     "playwright.sync_api", reason="playwright is not installed: no page is rendered"
 )
 
+pytestmark = pytest.mark.slow
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 STREAM = re.compile(rb"stream\r?\n(.*?)\r?\nendstream", re.DOTALL)
 
@@ -69,7 +70,6 @@ def shows_text(stream):
         return False
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("verdict", ["sufficient", "missing", "unlisted"])
 @pytest.mark.parametrize("width", [390, 1200])
 def test_page_renders_within_any_width(opened, verdict, width):

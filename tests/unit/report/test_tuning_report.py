@@ -79,6 +79,7 @@ def test_comparison_names_the_better_one_or_a_draw(contender):
     assert "are equally good" in compare(good, contender("IRT", 1.0))
 
 
+@pytest.mark.slow
 def test_page_holds_the_errors_that_evaluation_finds(tmp_path, simulated, result):
     second = replace(result, method="least-squares", notes=("a note",), estimates=result.estimates[:1])
     path = write_tuning_report(

@@ -12,6 +12,8 @@ from tracking.board import Paint
 from tracking.scene import Look, Scene
 from tracking.view import View, turned
 
+pytestmark = pytest.mark.slow
+
 SIZE = Size(1.0, 231 / 276, 6.85 / 276)
 VIEW = View.above(330.0, lean=(0.1, -0.12), lens=(-0.05, 0.0))
 COUNT = 24

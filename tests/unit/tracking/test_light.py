@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from rendered import CORNERS, HEIGHT, RADIUS, WIDTH, path, rendered
 
 from irt.tracking.blob_detector import Box
@@ -48,6 +49,7 @@ def test_a_lamp_that_dims_is_steady_light_and_a_shadow_is_not() -> None:
     assert not is_steady([banded(rendered(), index) for index in range(6)], light, BOARD)
 
 
+@pytest.mark.slow
 def test_a_marble_is_followed_through_shadows_that_pass() -> None:
     """Everything on the board differed from the median of the pictures, and the run was refused."""
     _, pictures = run(40, 1)

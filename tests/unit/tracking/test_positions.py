@@ -48,6 +48,7 @@ def test_dark_board_on_bright_ground_is_found() -> None:
     np.testing.assert_allclose(find_corners(255 - rendered()), CORNERS, atol=0.1)
 
 
+@pytest.mark.slow
 def test_positions_are_right_to_a_tenth_of_a_pixel(empty: np.ndarray) -> None:
     places = path(40)
     missed = (read(empty, list(places)) - expected(places)) * 178

@@ -60,6 +60,7 @@ def test_each_platform_keeps_caches_in_its_place(monkeypatch, platform, variable
     assert cache_folder().as_posix() == expected
 
 
+@pytest.mark.slow
 def test_a_network_is_trained_once(needed, quick, folder):
     told = []
     first = obtain(needed, progress=lambda *step: told.append(step))
