@@ -70,13 +70,13 @@ def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
     missed_mm = 276 * (recording.marble - scene.places)
     assert recording.seen.mean() > 0.99
     assert np.sqrt(np.nanmean(missed_mm**2)) < 0.5
-    told = json.loads((out / "run-1.json").read_text())
-    assert told["detection"] > 0.99
-    assert told["height"].startswith("corrected")
-    assert told["tilt"] == "measured in each picture by the board's sides"
-    assert told["corners_mm"] < 0.5
-    assert told["shadow"] < 0.01
-    assert told["corners"]["found_by"] == "found in the first picture"
+    written = json.loads((out / "run-1.json").read_text())
+    assert written["detection"] > 0.99
+    assert written["height"].startswith("corrected")
+    assert written["tilt"] == "measured in each picture by the board's sides"
+    assert written["corners_mm"] < 0.5
+    assert written["shadow"] < 0.01
+    assert written["corners"]["found_by"] == "found in the first picture"
     page = (out / "run-1-report.html").read_text()
     # Four letters of a picture's data may spell it, too.
     words = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)

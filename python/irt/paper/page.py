@@ -122,12 +122,12 @@ def floors(first: Experiment1, second: Experiment2) -> Iterator[Floor]:
     if second.diagnosed:
         full = float(np.median([one.full for one in second.diagnosed]))
         again = float(np.median([one.full_again for one in second.diagnosed]))
-        told = float(np.median([one.told for one in second.diagnosed]))
+        given = float(np.median([one.told for one in second.diagnosed]))
         yield Floor(
             f"stand-in rigs after diagnosis: median state MAE of {len(second.diagnosed)}",
             "at most 1.0 %",
             f"{100 * full:.2f} %; {100 * again:.2f} % when the same drive is recorded again; "
-            f"{100 * told:.2f} % with every hidden effect given",
+            f"{100 * given:.2f} % with every hidden effect given",
             full <= 0.01,
         )
 
@@ -158,13 +158,13 @@ def _beside_least_squares(first: Experiment1) -> Iterator[str]:
     """Say where least squares is as good as IRT+, or better."""
     plus, engine = first.held["irt+"].mae, first.engine
     for scipys in [first.held[name].mae for name in ("least-squares",) if name in first.held]:
-        told = []
+        stretches = []
         for what, of in (("mean", np.mean), ("median", np.median)):
             better = np.flatnonzero(of(scipys, axis=0)[1:] <= of(plus, axis=0)[1:]) + 1
-            told.append(f"in the {what} {_stretch(better, plus.shape[1] - 1)}")
+            stretches.append(f"in the {what} {_stretch(better, plus.shape[1] - 1)}")
         yield (
             "**scipy's least squares**, from random starts and restarted when it converges, is as good as "
-            f"IRT+ or better at an equal number of rollouts {', '.join(told)}."
+            f"IRT+ or better at an equal number of rollouts {', '.join(stretches)}."
         )
         yield ""
     few = plus[: len(engine.mae), -1]

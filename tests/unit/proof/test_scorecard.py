@@ -75,8 +75,8 @@ def test_nothing_failed(score, places, tmp_path: Path) -> None:
 
 
 def test_what_chance_could_do_is_said(score) -> None:
-    told = verdict(Results((score(intervals={"gear_x": "yes"}), score("none"))))
-    assert told.endswith("Missed, though not with 95 % confidence: 95 % intervals that contain the truth.")
+    said = verdict(Results((score(intervals={"gear_x": "yes"}), score("none"))))
+    assert said.endswith("Missed, though not with 95 % confidence: 95 % intervals that contain the truth.")
 
 
 def test_methods_stand_beside_each_other(page: Path) -> None:
