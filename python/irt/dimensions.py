@@ -29,6 +29,8 @@ class Board:
     sliding_friction : float
         Coulomb coefficient between marble and board; it matters only while the marble slips, for some
         milliseconds after it has met the rim.
+    spinning_friction : float
+        Torque with which the board resists a spin about the vertical, over the marble's weight and radius.
 
     Raises
     ------
@@ -41,6 +43,7 @@ class Board:
     wall_restitution: float = 0.0
     wall_friction: float = 0.25
     sliding_friction: float = 0.25
+    spinning_friction: float = 0.0
 
     def __post_init__(self) -> None:
         # No table is ten metres long, but a board given in millimetres is 276.
@@ -49,6 +52,7 @@ class Board:
         check_number("wall_restitution", self.wall_restitution, 0.0, 1.0)
         check_number("wall_friction", self.wall_friction, 0.0, 1000.0)
         check_number("sliding_friction", self.sliding_friction, 0.0, 1000.0)
+        check_number("spinning_friction", self.spinning_friction, 0.0, 1000.0)
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,7 @@ impl Model {
                 "wall_restitution" => &mut rig.board.wall_restitution,
                 "wall_friction" => &mut rig.board.wall_friction,
                 "sliding_friction" => &mut rig.board.sliding_friction,
+                "spinning_friction" => &mut rig.board.spinning_friction,
                 _ => return Err(format!("board: unknown key '{key}'")),
             } = value;
         }

@@ -52,7 +52,7 @@ type AskedRecording<'py> = (
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
-    board: [f64; 5],
+    board: [f64; 6],
     marble: [f64; 3],
     /// (5, 3): low, high and start of each parameter; a held one has no low end, and its value as start.
     parameters: Matrix<'py>,

@@ -69,7 +69,7 @@ fn rollouts<'py>(
     knobs_before: PyReadonlyArray2<'py, f64>,
     effects: Vec<(String, PyReadonlyArray2<'py, f64>)>,
     seeds: PyReadonlyArray1<'py, u64>,
-    board: [f64; 5],
+    board: [f64; 6],
     marble: [f64; 3],
     engine: &str,
     continuous: bool,
@@ -170,13 +170,14 @@ fn paper_drive(
 }
 
 /// Board and marble from their dimensions, in the order of their fields.
-fn rig(board: [f64; 5], marble: [f64; 3]) -> Rig {
+fn rig(board: [f64; 6], marble: [f64; 3]) -> Rig {
     let [
         edge_x_m,
         edge_y_m,
         wall_restitution,
         wall_friction,
         sliding_friction,
+        spinning_friction,
     ] = board;
     let [radius_m, mass_kg, damping_per_s] = marble;
     Rig {
@@ -186,6 +187,7 @@ fn rig(board: [f64; 5], marble: [f64; 3]) -> Rig {
             wall_restitution,
             wall_friction,
             sliding_friction,
+            spinning_friction,
         },
         marble: Marble {
             radius_m,

@@ -100,6 +100,8 @@ pub(crate) struct Push<S: Simd> {
     pub(crate) resistance: Lanes<S>,
     /// Most that friction with the board changes the velocity (m/s).
     pub(crate) grip: Lanes<S>,
+    /// Most that friction with the board takes from the spin about the vertical (m/s).
+    pub(crate) spinning: Lanes<S>,
     /// Factor that damping leaves of every velocity.
     pub(crate) damping: Lanes<S>,
     /// Length of the substep (s).

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.diagnosis.hypotheses import SPIN, SPINNING
 from irt.engine import SUBSTEP_S
 from irt.errors import located
 from irt.fitting.least_squares import stamped_time_scale
@@ -215,9 +216,13 @@ class Case:
 
     def model(self, effects: Sequence[str], values: Mapping[str, float]) -> Model:
         """Return the model of some effects with values by name, as of a `Fitted`."""
-        own = {name: [key for key in values if key.startswith(f"{name}.")] for name in effects}
+        own = {
+            name: [key for key in values if key.startswith(f"{name}.")] for name in effects if name != SPINNING
+        }
+        board = self.rig.board
+        spinning = max(0.0, board.spinning_friction + values.get(SPIN, 0.0))
         return Model.from_rig(
-            self.rig,
+            replace(self.rig, board=replace(board, spinning_friction=spinning)),
             [values[name] for name in PARAMETERS],
             effects=[
                 Effect(name, {key.removeprefix(f"{name}."): values[key] for key in keys})

@@ -7,6 +7,8 @@ from __future__ import annotations
 PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
 #: Standard deviation of the start velocity [m/s]: a marble that is let go, or rolls as the recording begins.
 START_VELOCITY = 0.3
+#: Friction against spins about the vertical [radii] at which an ascent begins: steel on wood, by Hertz.
+SPINNING = 5e-4
 #: Draws of each effect that are looked at to first order.
 DRAWS = 32
 #: Times that draws of an effect of one parameter are doubled where neighbours have nothing in common.

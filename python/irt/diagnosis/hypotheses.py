@@ -27,6 +27,12 @@ SHIFT_S, SMOOTHED_S = f"{MEAN}.delay_s", f"{SMOOTHING}.time_constant_s"
 SMOOTHED = ALIKE | {SMOOTHING}
 
 
+#: How the board resists a spin about the vertical: every set has it beside the five parameters, and none is named
+#: for it. Marbles spin once they have met the rim, and engines and rigs differ by this more than by anything else.
+SPINNING = "spinning_friction"
+#: Name of its size.
+SPIN = f"{SPINNING}.increase"
+
 #: The board's own slopes, as a smooth map: a small push that depends on the place alone.
 MAP = "slope_map"
 
@@ -61,7 +67,7 @@ def group_of(name: str) -> list[str]:
 
 def simulated(effects: Sequence[str]) -> list[str]:
     """Return which effects the engine simulates for a set: for delays that differ, their average."""
-    return [one for name in effects for one in (ON_AVERAGE if name == JITTER else (name,))]
+    return [SPINNING, *(one for name in effects for one in (ON_AVERAGE if name == JITTER else (name,)))]
 
 
 @functools.cache

@@ -10,10 +10,20 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.catalogue import hypothetical
+from irt.catalogue import effect, hypothetical
 from irt.diagnosis import config
 from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, SHIFT_S, SMOOTHED_S, simulated
+from irt.diagnosis.hypotheses import (
+    ALIKE,
+    JITTER,
+    MAP,
+    MEAN,
+    SHIFT_S,
+    SMOOTHED_S,
+    SPIN,
+    SPINNING,
+    simulated,
+)
 from irt.diagnosis.library import Term
 from irt.diagnosis.result import UNLISTED
 from irt.engine import SUBSTEP_S
@@ -64,11 +74,13 @@ class Scored:
     def score(self) -> float:
         """The log posterior of the set, up to a constant [nats]; none where delays would be negative.
 
-        Delays that are never negative have a spread that is not much larger than their mean.
+        Delays that are never negative have a spread that is not much larger than their mean. Friction against
+        spins is at its best, as what is random is: where it stands at none it has no width to integrate over.
         """
         if JITTER in self.effects and self.noise[KICK] > config.SPREAD * mean_delay(self.values):
             return -math.inf
-        return self.top.log_evidence - self.price
+        width = float(self.top.deviations[self.names.index(SPIN)]) / _width_before()
+        return self.top.log_evidence - self.price - math.log(width)
 
     @property
     def values(self) -> dict[str, float]:
@@ -87,6 +99,13 @@ class Scored:
         problem = self.case.problem(effects)
         values = np.array([self.values[name] for name in problem.names])
         return self.case.judge(effects, values[None])[0]
+
+
+@functools.cache
+def _width_before() -> float:
+    """Return the standard deviation of the friction against spins before anything was seen."""
+    (size,) = effect(SPINNING).required
+    return (size.high - size.low) / math.sqrt(12.0)
 
 
 def mean_delay(values: Mapping[str, float]) -> float:
@@ -144,7 +163,7 @@ class Scores:
         """Return the problem of a set, and of a time by which engines that step in time are apart."""
         if set(effects) & TIMES:
             return self.case.grey_box(simulated(effects))
-        return self.case.grey_box([MEAN, *effects], within={SHIFT_S: (0.0, SUBSTEP_S)})
+        return self.case.grey_box([MEAN, *simulated(effects)], within={SHIFT_S: (0.0, SUBSTEP_S)})
 
     def _starts(self) -> tuple[Array, Array]:
         """Return values and sizes of what is random to begin at: least squares, and the middle of ranges.
@@ -163,7 +182,7 @@ class Scores:
         values, noises = [], []
         for begin, pushes in ((found, config.PUSHES[:-1]), (middle, config.PUSHES[1:])):
             for push in pushes:
-                values.append([*begin, SUBSTEP_S / 2.0])
+                values.append([*begin, SUBSTEP_S / 2.0, config.SPINNING])
                 noises.append(self.noise(push))
         return np.array(values), np.array(noises)
 

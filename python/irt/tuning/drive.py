@@ -209,8 +209,9 @@ class Drive:
         sha = hashlib.sha256()
         board = asdict(self.board)
         # Networks from before a rig could say so are for the default.
-        if board["sliding_friction"] == Board.sliding_friction:
-            del board["sliding_friction"]
+        for name in ("sliding_friction", "spinning_friction"):
+            if board[name] == getattr(Board, name):
+                del board[name]
         about = {
             "board": board,
             "marble": asdict(self.marble),

@@ -82,6 +82,9 @@ pub(crate) trait Effect<S: Simd>: Clone {
     #[inline(always)]
     fn rims(&self, _rims: &mut Rims<S>) {}
 
+    /// [`Hook::OnSpin`]: the board's torque against a spin about the vertical, over weight and radius.
+    fn spin(&self, _friction: &mut Lanes<S>) {}
+
     /// [`Hook::OnPicture`]: where the camera sees a marble (board edges) while the board is tilted.
     #[inline(always)]
     fn see(&self, _seen: &mut Pair<S>, _tilt: &Pair<S>) {}
@@ -161,6 +164,10 @@ macro_rules! any {
                 match self { $(Self::$Type(effect) => effect.rims(rims)),* }
             }
 
+            pub(crate) fn spin(&self, friction: &mut Lanes<S>) {
+                match self { $(Self::$Type(effect) => effect.spin(friction)),* }
+            }
+
             #[inline(always)]
             pub(crate) fn see(&self, seen: &mut Pair<S>, tilt: &Pair<S>) {
                 match self { $(Self::$Type(effect) => effect.see(seen, tilt)),* }
@@ -210,6 +217,7 @@ catalogue! {
     viscous_drag: ViscousDrag,
     quadratic_drag: QuadraticDrag,
     wall_restitution: WallRestitution,
+    spinning_friction: SpinningFriction,
     latency: Latency,
     parallax: Parallax,
     perspective: Perspective,

@@ -56,6 +56,8 @@ pub(crate) enum Hook {
     OnMarble(Memory),
     /// The rim.
     OnRims,
+    /// How the board resists a spin about the vertical.
+    OnSpin,
     /// Where the camera sees the marble.
     OnPicture,
     /// When the picture was taken.

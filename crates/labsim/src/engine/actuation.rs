@@ -22,6 +22,7 @@ pub(crate) struct Actuation<S: Simd> {
     gear: Pair<S>,
     rolling_friction: Lanes<S>,
     sliding_friction: f64,
+    spinning_friction: Lanes<S>,
     damping_per_s: f64,
     clock: Vec<Any<S>>,
     knobs: Vec<Any<S>>,
@@ -77,6 +78,7 @@ impl<S: Simd> Actuation<S> {
             ],
             rolling_friction: lanes(&|job| job.parameters.rolling_friction),
             sliding_friction: setup.rig.board.sliding_friction,
+            spinning_friction: setup.spinning_friction(simd, &job),
             damping_per_s: setup.rig.marble.damping_per_s,
             clock: effects(|acts| acts == Hook::OnClock),
             knobs: effects(|acts| matches!(acts, Hook::OnKnob { .. })),
@@ -274,6 +276,7 @@ impl<S: Simd> Actuation<S> {
             normal,
             resistance: 5.0 / 7.0 * (self.rolling_friction * normal * length),
             grip: self.sliding_friction * (normal * length),
+            spinning: 2.5 * (self.spinning_friction * normal * length),
             damping: self.damping,
             length,
         }
@@ -306,6 +309,7 @@ fn still<S: Simd>(zero: Lanes<S>) -> Push<S> {
         normal: zero,
         resistance: zero,
         grip: zero,
+        spinning: zero,
         damping: zero,
         length: zero,
     }

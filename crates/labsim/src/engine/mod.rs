@@ -197,7 +197,11 @@ impl Setup<'_> {
             return false;
         }
         !self.any(|acts| match acts {
-            Hook::OnTilt | Hook::OnRims | Hook::OnPicture | Hook::OnGauge => false,
+            Hook::OnTilt
+            | Hook::OnRims
+            | Hook::OnSpin
+            | Hook::OnPicture
+            | Hook::OnGauge => false,
             Hook::OnKnob { moves } => moves,
             Hook::OnArrival | Hook::OnClock | Hook::OnMarble(_) | Hook::OnExposure => true,
         })
@@ -222,6 +226,19 @@ impl Setup<'_> {
             effect.rims(&mut rims);
         }
         rims
+    }
+
+    /// The board's torque against spins about the vertical, over weight and radius.
+    fn spinning_friction<'j, 'b: 'j, S: Simd>(
+        &self,
+        simd: S,
+        job: impl Fn(usize) -> &'j Job<'b>,
+    ) -> Lanes<S> {
+        let mut friction = Lanes::splat(simd, self.rig.board.spinning_friction);
+        for effect in self.acting(simd, |acts| acts == Hook::OnSpin, job) {
+            effect.spin(&mut friction);
+        }
+        friction
     }
 
     /// Those that act on marbles, which are let go on boards at these angles.

@@ -41,6 +41,8 @@ pub(super) struct Marble<'a> {
     pull: Vector,
     /// Most that rolling resistance takes from the rolling velocity in a part, in its own time (m/s).
     resistance: f64,
+    /// Most that friction with the board takes from the spin about the vertical in a part, in its own time (m/s).
+    spinning: f64,
     /// Where and how the marble moved before the last part.
     before: Option<Marbles<Scalar>>,
 }
@@ -78,6 +80,7 @@ impl<'a> Marble<'a> {
             pace: 1.0,
             pull: Vector::ZERO,
             resistance: 0.0,
+            spinning: 0.0,
             before: None,
         }
     }
@@ -239,6 +242,7 @@ impl<'a> Marble<'a> {
             normal: push.normal,
             resistance: part * push.resistance,
             grip: part * push.grip,
+            spinning: part * push.spinning,
             damping: one.over(one + rate * length),
             length,
         }
@@ -252,6 +256,7 @@ impl<'a> Marble<'a> {
         marble.reset_forces(false);
         marble.add_force(self.pull * self.rig.marble.mass_kg, false);
         self.resistance = number(push.resistance) * pace;
+        self.spinning = number(push.spinning) * pace;
         let rate = (1.0 / number(push.damping) - 1.0) / SUBSTEP_S;
         marble.set_linear_damping(rate);
         marble.set_angular_damping(rate);
@@ -329,13 +334,15 @@ impl<'a> Marble<'a> {
             reach_y,
         );
         let speed = (x * x + y * y).sqrt();
-        if speed > 0.0 {
-            let taken = self.resistance.min(speed) / speed;
-            marble.set_angvel(
-                spin + Vector::new(y, -x, 0.0) * (3.5 * taken / radius),
-                false,
-            );
-        }
+        let taken = if speed > 0.0 {
+            self.resistance.min(speed) / speed
+        } else {
+            0.0
+        };
+        let most = self.spinning / radius;
+        let rolling = Vector::new(y, -x, 0.0) * (3.5 * taken / radius);
+        let spinning = Vector::new(0.0, 0.0, spin.z.clamp(-most, most));
+        marble.set_angvel(spin + rolling - spinning, false);
     }
 }
 

@@ -67,7 +67,7 @@ fn against<S: Simd>(position: Lanes<S>, velocity: Lanes<S>, reach: Lanes<S>) -> 
 fn roll<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> (Marbles<S>, Mask<S>) {
     let zero = push.length.like(0.0);
     let (wx, wy) = rolling_velocity(marbles, push);
-    let spin = marbles.spin * push.damping;
+    let spin = spun(marbles.spin, push);
     let rolling = |wx, wy, spin| Marbles {
         vx: wx,
         vy: wy,
@@ -88,6 +88,13 @@ fn roll<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> (Marbl
     let left = unresisted(wx, wy, push.resistance);
     let (wx, wy, spin) = turn_on_rim(rims, push, held_x, held_y, left * wx, left * wy, spin);
     (rolling(wx, wy, spin), climbs)
+}
+
+/// The spin about the vertical that damping and the board leave after a substep.
+#[inline(always)]
+fn spun<S: Simd>(spin: Lanes<S>, push: &Push<S>) -> Lanes<S> {
+    let spin = spin * push.damping;
+    spin - spin.clamp(push.spinning)
 }
 
 /// The part of a rolling velocity that rolling resistance leaves after a substep.
@@ -153,7 +160,7 @@ fn board_contact<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) 
     let taken = one - left;
     let (rolled_x, rolled_y) = (left * wx, left * wy);
 
-    let spin = marbles.spin * push.damping;
+    let spin = held.select(spun(marbles.spin, push), marbles.spin * push.damping);
     let (vx, vy) = (
         (marbles.vx + push.x) * push.damping,
         (marbles.vy + push.y) * push.damping,
@@ -217,6 +224,7 @@ mod tests {
                 normal: lanes(g),
                 resistance: lanes(5.0 / 7.0 * resistance * g * h),
                 grip: lanes(rig.board.sliding_friction * g * h),
+                spinning: lanes(2.5 * rig.board.spinning_friction * g * h),
                 damping: lanes(1.0),
                 length: lanes(h),
             };
