@@ -409,7 +409,7 @@ pub(crate) fn ascend<'py>(
         for &(slot, deviation) in &one.deviations {
             deviations[slot] = deviation;
         }
-        let sizes = <[f64; 9]>::from(one.noise);
+        let sizes = <[f64; 10]>::from(one.noise);
         result.set_item("values", vector(one.values.clone()))?;
         result.set_item("deviations", vector(deviations))?;
         result.set_item("states", self::states(py, &one.states))?;
@@ -437,7 +437,7 @@ fn of_segments(all: &Matrix<'_>) -> PyResult<States> {
 }
 
 fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
-    Ok(arrays::rows::<9>(noise)?
+    Ok(arrays::rows::<10>(noise)?
         .into_iter()
         .map(Noise::from)
         .collect())

@@ -22,6 +22,9 @@ pub struct Noise {
     pub restitution: f64,
     /// Standard deviation of the time at which the board answers, from command to command (s).
     pub jitter: f64,
+    /// Standard deviation of the time at which a marble that lies at a wall follows a turn of the board (s): the wall
+    /// turns with it and knocks the marble away, or holds it.
+    pub departure: f64,
     /// Standard deviation of the start velocity (m/s), zero for a marble at rest, where it is let go where it was
     /// first seen; none where the start state is known.
     pub start_velocity: Option<f64>,
@@ -44,6 +47,7 @@ impl Noise {
             ("pull", self.pull),
             ("restitution", self.restitution),
             ("jitter", self.jitter),
+            ("departure", self.departure),
             ("start_velocity", self.start_velocity.unwrap_or(0.0)),
         ];
         for (name, size) in positive {
@@ -61,8 +65,8 @@ impl Noise {
 }
 
 /// In the order of the fields; a start velocity that is not a number is a known start.
-impl From<[f64; 9]> for Noise {
-    fn from(sizes: [f64; 9]) -> Self {
+impl From<[f64; 10]> for Noise {
+    fn from(sizes: [f64; 10]) -> Self {
         let [
             white,
             lasting,
@@ -72,6 +76,7 @@ impl From<[f64; 9]> for Noise {
             pull_s,
             restitution,
             jitter,
+            departure,
             start_velocity,
         ] = sizes;
         Self {
@@ -83,12 +88,13 @@ impl From<[f64; 9]> for Noise {
             pull_s,
             restitution,
             jitter,
+            departure,
             start_velocity: (!start_velocity.is_nan()).then_some(start_velocity),
         }
     }
 }
 
-impl From<Noise> for [f64; 9] {
+impl From<Noise> for [f64; 10] {
     fn from(noise: Noise) -> Self {
         [
             noise.white,
@@ -99,6 +105,7 @@ impl From<Noise> for [f64; 9] {
             noise.pull_s,
             noise.restitution,
             noise.jitter,
+            noise.departure,
             noise.start_velocity.unwrap_or(f64::NAN),
         ]
     }

@@ -9,6 +9,8 @@ PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
 START_VELOCITY = 0.3
 #: Friction against spins about the vertical [radii] at which an ascent begins: steel on wood, by Hertz.
 SPINNING = 5e-4
+#: Standard deviation of the time at which a marble leaves a wall that turns [s], where an ascent begins.
+DEPARTURE = 0.01
 #: Draws of each effect that are looked at to first order.
 DRAWS = 32
 #: Times that draws of an effect of one parameter are doubled where neighbours have nothing in common.

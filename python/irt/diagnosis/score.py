@@ -34,7 +34,7 @@ from irt.rig import PARAMETERS
 Array = NDArray[np.float64]
 
 #: Where the sizes of what is random stand, as `Problem.filter` takes them.
-WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, START_VELOCITY = range(9)
+WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, DEPARTURE, START_VELOCITY = range(10)
 
 #: Effects that say when commands act: each has in it what steps in time differ by.
 TIMES = ALIKE | {JITTER}
@@ -89,7 +89,7 @@ class Scored:
 
     @property
     def noise(self) -> Array:
-        """Sizes of what is random, as `Problem.filter` takes them, (9,)."""
+        """Sizes of what is random, as `Problem.filter` takes them, (10,)."""
         return np.asarray(self.top.noise)
 
     @functools.cached_property
@@ -187,10 +187,21 @@ class Scores:
         return np.array(values), np.array(noises)
 
     def noise(self, push: float) -> Array:
-        """Return sizes of what is random to begin at, (9,)."""
+        """Return sizes of what is random to begin at, (10,)."""
         white, lasting = max(self.case.noise, 1e-5), max(self.case.noise, 1e-6)
         return np.array(
-            [white, lasting, 0.15, push, config.PULL, config.PULL_S, 0.1, 0.0, config.START_VELOCITY]
+            [
+                white,
+                lasting,
+                0.15,
+                push,
+                config.PULL,
+                config.PULL_S,
+                0.1,
+                0.0,
+                config.DEPARTURE,
+                config.START_VELOCITY,
+            ]
         )
 
     def ascend(
@@ -202,7 +213,7 @@ class Scores:
         *,
         iterations: int,
     ) -> list[Scored]:
-        """Go uphill from (k, n) values, (k, 9) sizes and (s, 4) states; remember the best."""
+        """Go uphill from (k, n) values, (k, 10) sizes and (s, 4) states; remember the best."""
         problem = self.problem(effects)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations

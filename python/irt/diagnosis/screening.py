@@ -42,7 +42,7 @@ class Promise:
         What it promises [nats].
     starts : (k, n) array
         Values.
-    noise : (k, 9) array
+    noise : (k, 10) array
         Sizes of what is random.
     """
 

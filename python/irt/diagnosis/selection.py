@@ -283,7 +283,7 @@ def _best(found: Sequence[Scored], count: int) -> list[Scored]:
 
 
 def _quiet(noise: Array) -> Array:
-    """Return (k, 9) sizes with as little push, and chance at the rim, as on a rig that lacks nothing."""
+    """Return (k, 10) sizes with as little push, and chance at the rim, as on a rig that lacks nothing."""
     quiet = noise.copy()
     quiet[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
     return quiet

@@ -216,7 +216,7 @@ class Problem:
         ----------
         values : (k, n) array
             The gears of all must have the signs of the first ones.
-        noise : (k, 9) array
+        noise : (k, 10) array
             The tracker's error from row to row and its lasting error [board edges], how long that lasts [s],
             the spectral density of the marble's random acceleration [m^2/s^3], a random acceleration that
             lasts [m/s^2] and how long [s], and the standard deviations of the coefficient of restitution, of
@@ -234,7 +234,7 @@ class Problem:
         return [found[index] for index in range(len(values))]
 
     def smooth(self, values: Array, noise: Array, states: Array) -> Smoothed:
-        """Say what push was needed in each row, given all: (n,) values, (9,) sizes and (s, 4) start states.
+        """Say what push was needed in each row, given all: (n,) values, (10,) sizes and (s, 4) start states.
 
         The fixed-interval smoother of `filter`.
         """
@@ -250,7 +250,7 @@ class Problem:
     def ascend(
         self, values: Array, noise: Array, states: Sequence[Array] | None = None, *, iterations: int = 30
     ) -> list[Probable]:
-        """Go uphill from (k, n) values and (k, 9) sizes of what is random, as `filter` takes them.
+        """Go uphill from (k, n) values and (k, 10) sizes of what is random, as `filter` takes them.
 
         The hill is the probability of the values and start states where the marble is also pushed at random:
         the likelihood of the filter, and a prior with mean and variance of the parameters' ranges. Start

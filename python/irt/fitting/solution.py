@@ -216,7 +216,7 @@ class Probable:
         The five parameters, then the effects', and their standard deviations; 0 of what is held.
     states : (s, 4) array
         Start states of the segments, as of a `Solution`.
-    noise : (9,) array
+    noise : (10,) array
         Sizes of what is random, as `Problem.filter` takes them.
     log_likelihood : float
         Of what was seen [nats].

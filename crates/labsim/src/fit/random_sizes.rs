@@ -3,11 +3,12 @@
 use crate::noise::Noise;
 
 /// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
-/// the push (m²/s³), the push that lasts (m/s²), how long (s), the restitution, and the jitter (s). Zero stays.
-const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3, 1e-5];
-const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0, 1.0];
+/// the push (m²/s³), the push that lasts (m/s²), how long (s), the restitution, the jitter (s), and the departure from
+/// walls (s). Zero stays.
+const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3, 1e-5, 1e-4];
+const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 1.0, 1.0, 1.0];
 /// How many sizes are estimated: all but the start velocity, the last of a [`Noise`].
-pub(super) const SIZES: usize = 8;
+pub(super) const SIZES: usize = 9;
 
 /// The sizes that are estimated.
 pub(super) fn sizes(noise: &Noise) -> [f64; SIZES] {

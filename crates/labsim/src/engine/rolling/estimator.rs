@@ -41,7 +41,8 @@ pub(super) struct Estimator<S: Simd> {
     pull: Pair<S>,
     /// Whether it is known of the marbles that they rest, if they do: 1 or 0.
     known: Lanes<S>,
-    /// The marbles' velocities as the row began (m/s).
+    /// The marbles' places and velocities as the row began (m, m/s).
+    place: Pair<S>,
     velocity: Pair<S>,
     /// The board's angles as the row began (rad).
     tilt: Pair<S>,
@@ -93,6 +94,7 @@ impl<S: Simd> Estimator<S> {
             lasting: [white.like(0.0); 2],
             pull: [white.like(0.0); 2],
             known: unknown.like(1.0) - unknown,
+            place: [marbles.x, marbles.y],
             velocity: [marbles.vx, marbles.vy],
             tilt: *tilt,
             edges_per_m,
@@ -103,6 +105,7 @@ impl<S: Simd> Estimator<S> {
                 pull,
                 restitution: square(|one| one.restitution),
                 jitter: square(|one| one.jitter),
+                departure: square(|one| one.departure),
             },
             row: None,
         })
@@ -211,6 +214,11 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let moved = x.abs().ge(still) | y.abs().ge(still);
         let rests = rests & (moved | estimator.known.gt(still.like(0.0)));
         estimator.known = (rests | moved).select(still.like(1.0), estimator.known);
+        let met = [
+            hits(marbles.x, x, marbles.vx, seconds, rims.reach_x),
+            hits(marbles.y, y, marbles.vy, seconds, rims.reach_y),
+        ];
+        let speeds = estimator.velocity;
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
@@ -219,13 +227,19 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         for (axis, (((place, velocity), spin), reach)) in axes.enumerate() {
             let covariance = &mut estimator.axes[axis];
             let before = estimator.velocity[axis];
-            let hit = hits(*place, before, *velocity, seconds, reach);
+            let hit = met[axis];
             covariance.advance(&lasted, &estimator.variances);
             // A turn about y pushes along x, a turn about x against y.
-            let turned = ACCELERATION * (tilt[1 - axis] - estimator.tilt[1 - axis]);
-            covariance.kick(turned, seconds, &estimator.variances);
+            let pushes = if axis == 0 { ACCELERATION } else { -ACCELERATION };
+            let turned = pushes * (tilt[1 - axis] - estimator.tilt[1 - axis]);
+            let leaves = estimator.place[axis].abs().ge(reach)
+                & (turned * estimator.place[axis]).lt(turned.like(0.0));
+            let of_departure = leaves.select(estimator.variances.departure, turned.like(0.0));
+            let of_time = estimator.variances.jitter + of_departure;
+            covariance.kick(turned, seconds, of_time);
             covariance.settle(rests, seconds, &estimator.variances);
             covariance.bounce(hit, before, rims.restitution, &estimator.variances);
+            covariance.graze(met[1 - axis], speeds[1 - axis], &estimator.variances);
 
             let lasting = &mut estimator.lasting[axis];
             *lasting = *lasting * remembered;
@@ -271,6 +285,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             *spin = *spin + faster + gain[1];
             *pull = *pull + gain[2];
             *lasting = *lasting + gain[3];
+            estimator.place[axis] = *place;
             estimator.velocity[axis] = *velocity;
             let (predicted, variance) = (predicted.to_array(), variance.to_array());
             for (lane, out) in out.iter_mut().enumerate().take(group.jobs.len()) {

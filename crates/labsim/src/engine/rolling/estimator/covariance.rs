@@ -13,6 +13,7 @@ pub(super) struct Variances<S: Simd> {
     pub(super) pull: Lanes<S>,
     pub(super) restitution: Lanes<S>,
     pub(super) jitter: Lanes<S>,
+    pub(super) departure: Lanes<S>,
 }
 
 /// The covariance of one axis: of place, velocity, push and lasting error.
@@ -83,10 +84,11 @@ impl<S: Simd> Covariance<S> {
         self.bb = square * self.bb + (one - square) * variances.lasting;
     }
 
-    /// A command that came early or late by some time has given the marble another velocity since.
+    /// A marble that followed a turn of the board early or late by some time has another velocity since: by how much
+    /// the board's push has changed (m/s²), and the variance of that time.
     #[inline(always)]
-    pub(super) fn kick(&mut self, turned: Lanes<S>, seconds: Lanes<S>, variances: &Variances<S>) {
-        let kick = variances.jitter * turned * turned;
+    pub(super) fn kick(&mut self, turned: Lanes<S>, seconds: Lanes<S>, variance: Lanes<S>) {
+        let kick = variance * turned * turned;
         self.xx = self.xx + seconds * seconds * kick;
         self.xv = self.xv + seconds * kick;
         self.vv = self.vv + kick;
@@ -181,6 +183,13 @@ impl<S: Simd> Covariance<S> {
         self.vv = hit.select(bounced.vv, self.vv);
         self.va = hit.select(bounced.va, self.va);
         self.vb = hit.select(bounced.vb, self.vb);
+    }
+
+    /// The friction of a wall that was met at some speed across changes the velocity along it, too.
+    #[inline(always)]
+    pub(super) fn graze(&mut self, hit: Mask<S>, speed: Lanes<S>, variances: &Variances<S>) {
+        let more = variances.restitution * speed * speed;
+        self.vv = self.vv + hit.select(more, more.like(0.0));
     }
 
     /// Takes in how far off a prediction was; returns the variance that it had, the corrections of the states, and the
