@@ -79,7 +79,8 @@ class Scored:
         """
         if JITTER in self.effects and self.noise[KICK] > config.SPREAD * mean_delay(self.values):
             return -math.inf
-        width = float(self.top.deviations[self.names.index(SPIN)]) / _width_before()
+        spin = self.names.index(SPIN)
+        width = float(self.top.deviations[spin] / self.top.values[spin]) / _width_before()
         return self.top.log_evidence - self.price - math.log(width)
 
     @property
@@ -103,9 +104,9 @@ class Scored:
 
 @functools.cache
 def _width_before() -> float:
-    """Return the standard deviation of the friction against spins before anything was seen."""
+    """Return the standard deviation of the logarithm of the friction against spins before anything was seen."""
     (size,) = effect(SPINNING).required
-    return (size.high - size.low) / math.sqrt(12.0)
+    return math.log(size.high / size.low) / math.sqrt(12.0)
 
 
 def mean_delay(values: Mapping[str, float]) -> float:
@@ -153,11 +154,21 @@ class Scores:
             values, noises = self._starts()
             found = self.ascend((), values, noises, iterations=config.FIRST_OF_BASE)
             found.sort(key=lambda one: -one.score)
-            for one in found[: config.TOPS]:
+            for one in found:
                 self.ascend(
                     (), one.top.values[None], one.noise[None], one.top.states, iterations=config.THOROUGH
                 )
+            self._spun(self.known[key])
         return self.known[key]
+
+    def _spun(self, one: Scored) -> None:
+        """Fit a set from other frictions against spins: where one is strong enough, more changes nothing."""
+        count = len(config.SPINNING)
+        values = np.tile(one.top.values, (2 * count, 1))
+        values[:, one.names.index(SPIN)] = np.tile(config.SPINNING, 2)
+        noise = np.tile(one.noise, (len(values), 1))
+        noise[count:] = quiet(noise[count:])
+        self.ascend(one.effects, values, noise, one.top.states, iterations=config.THOROUGH)
 
     def problem(self, effects: Sequence[str]) -> Problem:
         """Return the problem of a set, and of a time by which engines that step in time are apart."""
@@ -182,7 +193,7 @@ class Scores:
         values, noises = [], []
         for begin, pushes in ((found, config.PUSHES[:-1]), (middle, config.PUSHES[1:])):
             for push in pushes:
-                values.append([*begin, SUBSTEP_S / 2.0, config.SPINNING])
+                values.append([*begin, SUBSTEP_S / 2.0, config.SPINNING[1]])
                 noises.append(self.noise(push))
         return np.array(values), np.array(noises)
 
@@ -249,8 +260,13 @@ class Scores:
         one : Scored
             The set.
         sizes : sequence of int
-            Where the sizes that are to be zero stand, such as `PUSH`.
+            Where the sizes that are to be zero stand, such as `PUSH`. A push that is no larger than what engines
+            differ by is none.
         """
+        if (one.noise[[PUSH, PULL]] <= config.LITTLE[:2]).all():
+            sizes = [size for size in sizes if size not in (PUSH, PULL)]
+        if not sizes:
+            return 0.0
         problem = self.problem(one.effects)
         noise = one.noise.copy()
         if LASTING in sizes:
@@ -278,3 +294,10 @@ class Scores:
         """Return the values that a set has of a problem, (n,); engines may be half a step apart."""
         values = source.values
         return np.array([values.get(name, SUBSTEP_S / 2.0) for name in problem.names])
+
+
+def quiet(noise: Array) -> Array:
+    """Return (k, 10) sizes with as little push, and chance at the rim, as on a rig that lacks nothing."""
+    quiet = noise.copy()
+    quiet[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
+    return quiet

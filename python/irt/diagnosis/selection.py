@@ -11,7 +11,7 @@ import numpy as np
 
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, ON_AVERAGE, SMOOTHED
-from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, RESTITUTION, Array, Scored, Scores
+from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, Array, Scored, Scores, quiet
 from irt.diagnosis.screening import Promise, Screening, child
 from irt.diagnosis.validation import Validation
 
@@ -203,7 +203,7 @@ class Selection:
         effects = child(parent.effects, promise.name)
         self.report(" + ".join(effects))
         values = np.concatenate([promise.starts[:2], promise.starts[:2]])
-        noise = np.concatenate([promise.noise[:2], _quiet(promise.noise[:2])])
+        noise = np.concatenate([promise.noise[:2], quiet(promise.noise[:2])])
         return self.scores.ascend(effects, values, noise, parent.top.states, iterations=config.BEGUN)
 
     def _further(self, one: Scored, noise: Array, iterations: int) -> list[Scored]:
@@ -216,10 +216,10 @@ class Selection:
         Free runs see a marble that sticks, or just does not, for as long as it takes; a filter that corrects
         it in every row is led astray.
         """
-        self._further(one, np.stack([one.noise, *_quiet(one.noise[None])]), config.THOROUGH)
+        self._further(one, np.stack([one.noise, *quiet(one.noise[None])]), config.THOROUGH)
         free = self.scores.least_squares(one)
         self.scores.ascend(
-            one.effects, free[None], _quiet(one.noise[None]), one.top.states, iterations=config.THOROUGH
+            one.effects, free[None], quiet(one.noise[None]), one.top.states, iterations=config.THOROUGH
         )
         return self.scores.known[frozenset(one.effects)]
 
@@ -280,10 +280,3 @@ def _best(found: Sequence[Scored], count: int) -> list[Scored]:
     """Return the best of some, the very best first."""
     kept = [one for one in found if math.isfinite(one.score)]
     return sorted(kept, key=lambda one: -one.score)[:count]
-
-
-def _quiet(noise: Array) -> Array:
-    """Return (k, 10) sizes with as little push, and chance at the rim, as on a rig that lacks nothing."""
-    quiet = noise.copy()
-    quiet[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
-    return quiet

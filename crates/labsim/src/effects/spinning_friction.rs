@@ -16,7 +16,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     parameters: &[Parameter {
         name: "increase",
         unit: "",
-        range: (0.0, 0.02),
+        range: (1e-5, 0.02),
         neutral: 0.0,
         allowed: (0.0, 1.0),
         time_power: 0,

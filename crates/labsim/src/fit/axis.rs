@@ -11,6 +11,8 @@ use crate::parameters::{FRICTION, GEAR_Y, MOST_SUBSTEPS, TIME};
 const REACH: f64 = 3.0;
 /// A logarithm needs a smallest value: this share of the largest that is allowed.
 pub(super) const SMALLEST: f64 = 1e-4;
+/// A size whose plausible values run over as large a factor is a scale.
+const DECADES: f64 = 1e3;
 /// Below this a timestep rounds to no physics update at all, and the marble never moves.
 const SHORTEST_TIME_SCALE: f64 = 0.5;
 /// The share of a right angle by which a fit may tilt the board at most.
@@ -94,7 +96,8 @@ pub(super) fn base_axis(
     }
 }
 
-/// The axis of an effect's parameter: a logarithm where it is a scale, whose neutral value is not zero.
+/// The axis of an effect's parameter: a logarithm where it is a scale, whose neutral value is not zero or whose
+/// plausible values run over decades.
 pub(super) fn effect_axis(
     effect: &str,
     parameter: &Parameter,
@@ -113,7 +116,7 @@ pub(super) fn effect_axis(
     let time_power = f64::from(parameter.time_power);
     let reach = parameter.reach.unwrap_or((low, high));
     let (near, far) = (reach.0.min(low), reach.1.max(high));
-    if low > 0.0 && parameter.neutral > 0.0 {
+    if low > 0.0 && (parameter.neutral > 0.0 || high >= DECADES * low) {
         return Ok(Axis {
             slot,
             shape: Shape::Logarithm,
