@@ -81,16 +81,18 @@ def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     """Return what is more probable than the best set, with what can be learned without a name.
 
     It is asked for where the set needs a push that depends on something, and leaves a share of the error. It
-    is learned beside the set, and in its place: effects may only have stood in for it, as a map may.
+    is learned beside the set, and in its place: effects may only have stood in for it. A map does even where it
+    leaves nothing that depends on anything.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()
     left = relevance.validation.of(kept).mae / relevance.validation.of(base).mae
-    has_map = MAP in best.effects
-    is_enough = not has_map and (scores.push(best) < config.SURE or left < config.WORTH)
-    if is_enough or Needed(best).p_value > CLEAR:
+    in_place = [relevance.selection.without(best, MAP)] if MAP in best.effects else []
+    is_enough = not in_place and (scores.push(best) < config.SURE or left < config.WORTH)
+    if is_enough:
         return None
-    parents = dict.fromkeys([base, best, *([relevance.selection.without(best, MAP)] if has_map else [])])
+    beside = [base, best] if Needed(best).p_value <= CLEAR else []
+    parents = dict.fromkeys([*beside, *in_place])
     found = [one for parent in parents if (one := learn(parent, report)) is not None]
     found = [one for one in found if one.score > best.score + config.SURE]
     return max(found, key=lambda one: one.score, default=None)

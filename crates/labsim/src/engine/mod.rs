@@ -197,11 +197,7 @@ impl Setup<'_> {
             return false;
         }
         !self.any(|acts| match acts {
-            Hook::OnTilt
-            | Hook::OnRims
-            | Hook::OnSpin
-            | Hook::OnPicture
-            | Hook::OnGauge => false,
+            Hook::OnTilt | Hook::OnRims | Hook::OnSpin | Hook::OnPicture | Hook::OnGauge => false,
             Hook::OnKnob { moves } => moves,
             Hook::OnArrival | Hook::OnClock | Hook::OnMarble(_) | Hook::OnExposure => true,
         })

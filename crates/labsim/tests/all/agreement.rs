@@ -119,14 +119,17 @@ fn engines_agree_where_no_rim_is_met() {
 
 #[test]
 fn engines_agree_over_impacts() {
-    for (restitution, friction) in [
-        (0.0, 0.0),
-        (0.0, 0.25),
-        (0.0, 1.0),
-        (0.5, 0.25),
-        (0.9, 0.25),
+    for (restitution, friction, spinning) in [
+        (0.0, 0.0, 0.0),
+        (0.0, 0.25, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.5, 0.25, 0.0),
+        (0.9, 0.25, 0.0),
+        (0.0, 0.25, 0.0005),
+        (0.5, 0.25, 0.02),
     ] {
         let mut rig = Rig::default();
+        rig.board.spinning_friction = spinning;
         rig.board.wall_restitution = restitution;
         rig.board.wall_friction = friction;
         let met: Vec<f64> = differences(&rig, 0.1, 2)
@@ -135,7 +138,7 @@ fn engines_agree_over_impacts() {
             .collect();
         assert!(met.len() > 20, "only {} rollouts meet a rim", met.len());
         let (mean, median) = centre(met);
-        let what = format!("rim of restitution {restitution}, friction {friction}");
+        let what = format!("rim of restitution {restitution}, frictions {friction}, {spinning}");
         println!("{what}: mean {mean:.5}, median {median:.5}");
         assert!(median < 0.001, "{what}: median {median} of an edge");
         assert!(mean < 0.002, "{what}: mean {mean} of an edge");

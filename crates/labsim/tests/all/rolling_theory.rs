@@ -156,6 +156,23 @@ fn a_marble_that_leans_on_a_rim_rolls_on_board_and_rim() {
 }
 
 #[test]
+fn a_marble_that_spins_along_a_rim_is_resisted_by_the_board() {
+    let (friction, tilt) = (0.001, 0.003);
+    let mut rig = Rig::default();
+    rig.board.spinning_friction = friction;
+    let mut commands = vec![[0.0, 0.05]; 40];
+    commands.extend([[-tilt, 0.05]; 11]);
+    let seen = simulate(&rig, parameters(1.0, 0.0, 24.0), &commands, [0.0; 2]);
+    let acceleration = 5.0 / 9.0 * GRAVITY * (tilt - friction);
+    let expected = 0.5 * acceleration / EDGE;
+    assert!(
+        (seen[50][1] / expected - 1.0).abs() < 0.01,
+        "{:?}, not {expected}",
+        seen[50]
+    );
+}
+
+#[test]
 fn a_marble_at_rest_on_a_level_board_stays() {
     let seen = simulate(
         &Rig::default(),

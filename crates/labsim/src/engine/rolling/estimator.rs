@@ -230,7 +230,11 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             let hit = met[axis];
             covariance.advance(&lasted, &estimator.variances);
             // A turn about y pushes along x, a turn about x against y.
-            let pushes = if axis == 0 { ACCELERATION } else { -ACCELERATION };
+            let pushes = if axis == 0 {
+                ACCELERATION
+            } else {
+                -ACCELERATION
+            };
             let turned = pushes * (tilt[1 - axis] - estimator.tilt[1 - axis]);
             let leaves = estimator.place[axis].abs().ge(reach)
                 & (turned * estimator.place[axis]).lt(turned.like(0.0));

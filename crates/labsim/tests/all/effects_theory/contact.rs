@@ -311,6 +311,24 @@ fn no_rim_becomes_perfect_or_less_than_dead() {
 }
 
 #[test]
+fn friction_against_spins_is_the_boards() {
+    for (engine, _) in ENGINES {
+        let mut trial = Trial {
+            velocity: [0.5, 0.2],
+            ..Trial::level(60)
+        };
+        let plain = trial.run(engine);
+        let found = trial
+            .clone()
+            .with("spinning_friction", &[0.001])
+            .run(engine);
+        assert_ne!(found, plain, "{engine:?}");
+        trial.rig.board.spinning_friction = 0.001;
+        assert_eq!(found, trial.run(engine), "{engine:?}");
+    }
+}
+
+#[test]
 fn a_rebound_is_as_lively_as_the_effect_says() {
     // Against a smooth rim v becomes -e v and the spin stays; rolling again, w = (2 - 5 e) v / 7.
     for (engine, _) in ENGINES {

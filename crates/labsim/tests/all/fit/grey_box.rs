@@ -59,6 +59,7 @@ fn top_with_jitter(
         pull_s: 0.2,
         restitution: 0.1,
         jitter,
+        departure: 0.0,
         start_velocity: Some(0.1),
     };
     // The hill has several tops: with a large push it is smooth, and lower ones hold no longer.
@@ -66,7 +67,7 @@ fn top_with_jitter(
     let best = |values: &[f64]| {
         let values = vec![values.to_vec(); noise.len()];
         let tops = planted
-            .with(|problem| problem.ascend(&values, &noise, None, 30, &AtomicBool::new(false)));
+            .with(|problem| problem.ascend(&values, &noise, None, 60, &AtomicBool::new(false)));
         let tops = tops.unwrap().into_iter();
         tops.max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))
             .unwrap()
