@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from irt import arguments
 from irt.checking.advice import next_recording
-from irt.checking.findings import run_findings
+from irt.checking.findings import SHORT_ROWS, run_findings
 from irt.checking.identify import identify
+from irt.checking.positions import position_findings
 from irt.checking.responses import Answer, response_findings, responses
 from irt.checking.result import Check, Finding
 from irt.checking.runs import rim_masks, run_facts
@@ -26,6 +27,7 @@ Array = NDArray[np.float64]
 LEAST_ROWS = 12
 #: A marble that stays within so many standard deviations of the tracker never moved: noise alone does.
 _STILL = 8.0
+_LONGER = "record longer runs; at 10 to 60 rows a second some runs of 5 s or more"
 _ORDER = ("error", "warning", "note")
 
 
@@ -62,7 +64,7 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
     answers: dict[str, Answer] = {}
     identified = None
     if not any(one.severity == "error" for one in findings):
-        answers, wrong = _wrong(rig, cleaned, of_marble)
+        answers, wrong = _wrong(rig, cleaned, of_marble, threads)
         findings += wrong
         # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
         if not wrong:
@@ -79,7 +81,7 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
 
 
 def axes_and_units(rig: Rig) -> tuple[Finding, ...]:
-    """Return what is wrong with axes, signs and units, errors first: the part of a check without a fit."""
+    """Return what is wrong with axes, signs and units, errors first: without what could be identified."""
     cleaned = [clean(recording) for recording in rig.recordings]
     marbles = [marble for marble, _ in cleaned]
     noise = {one.column: one.noise for one in signal_facts(rig, cleaned)}
@@ -91,12 +93,17 @@ def axes_and_units(rig: Rig) -> tuple[Finding, ...]:
 
 
 def _wrong(
-    rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], noise: float
+    rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], noise: float, threads: int | None = None
 ) -> tuple[dict[str, Answer], list[Finding]]:
     """Return how signals respond to each other, and what is wrong with their axes, signs and units."""
     marbles = [marble for marble, _ in cleaned]
     answers = responses(rig, cleaned, rim_masks(rig, marbles, noise))
-    return answers, [*response_findings(rig, answers), *unit_findings(rig, marbles, noise, answers)]
+    found = [
+        *response_findings(rig, answers),
+        *unit_findings(rig, answers),
+        *position_findings(rig, marbles, noise, threads),
+    ]
+    return answers, found
 
 
 def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding]:
@@ -121,7 +128,15 @@ def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding
             "error",
             f"the marble is seen in {seen} rows of all runs together, at least {LEAST_ROWS} are needed",
             "marble",
-            "record longer runs; at 10 to 60 rows a second some runs of 5 s or more",
+            _LONGER,
+        )
+        return
+    if max(int(np.isfinite(one[:, 0]).sum()) for one in marbles) < SHORT_ROWS:
+        yield Finding(
+            "error",
+            f"no run sees the marble in {SHORT_ROWS} rows, which say little beside their start state",
+            "marble",
+            _LONGER,
         )
         return
     # A few wild rows are no motion.
