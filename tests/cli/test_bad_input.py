@@ -102,7 +102,7 @@ def test_metres_are_refused_where_walls_show_them(irt, lab, origin):
 
 
 def test_metres_without_a_wall_are_warned_of(irt, lab):
-    done = irt("check", lab(lambda k, m: (k, 0.276 * m), amplitude=0.04))
+    done = irt("check", lab(lambda k, m: (k, 0.276 * m), amplitude=0.055))
     assert (done.status, done.err) == (0, "")
     words = "divide the positions by the long edge, 0.276 m, if they are metres"
     assert words in " ".join(done.out.split())

@@ -35,7 +35,8 @@ def nats_for_metres(rig: Rig, corner: Array, noise: float, threads: int | None =
     Both readings are fitted in windows of 2.5 s, each from its own regression and from the other's fit: where
     no wall is met, both leave the same residuals. Within a window residuals depend on each other, so that a
     window counts as one normal number for each axis, whose scale is free: its log likelihood falls by
-    the logarithm of its mean square. A few windows that no fit explains say nothing.
+    the logarithm of its mean square, to which noise adds its own. A few windows that no fit explains say
+    nothing.
 
     Parameters
     ----------
@@ -58,7 +59,9 @@ def nats_for_metres(rig: Rig, corner: Array, noise: float, threads: int | None =
     pairs = zip(
         declared.better(metres.values / to_other), metres.better(declared.values * to_other), strict=True
     )
-    known = [np.log(one / (edge**2 * two)) for one, two in pairs if one > 0.0 and two > 0.0]
+    known = [
+        np.log((one + noise**2) / (edge**2 * two + noise**2)) for one, two in pairs if one > 0.0 and two > 0.0
+    ]
     return float(np.sum(known))
 
 

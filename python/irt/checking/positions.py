@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _BEYOND = 0.02
 #: A lens shows the rim farther out by this much [board edges], seen on a practice rig.
 _LENS = 0.12
+#: The share of the board that runs should cross. A marble that crosses less in metres, too, shows no unit.
+_MUCH = 0.5
 #: Where metres are a thousand times likelier than board edges, positions are metres; where they are a
 #: thousand times less likely, they are not. Of 269 simulated rigs in board edges whose marble stays as close
 #: to the centre as a rim in metres, with one effect of the catalogue each, none has 0.4 nats for metres.
@@ -61,10 +63,10 @@ class _Extent:
         Where they end, but for a few wild ones.
     edges, reach : (2,) arrays
         The board, and the rim seen from its centre [board edges].
-    slack : float
-        What noise and slips of the tracker add [board edges].
-    widest : float
-        The largest scale of the picture.
+    noise : float
+        Of a position, in its unit.
+    narrowest, widest : float
+        The smallest and the largest scale of the picture.
     """
 
     together: Array
@@ -72,7 +74,8 @@ class _Extent:
     high: Array
     edges: Array
     reach: Array
-    slack: float
+    noise: float
+    narrowest: float
     widest: float
 
     @classmethod
@@ -86,14 +89,16 @@ class _Extent:
             high=high,
             edges=edges,
             reach=edges / 2.0 - rig.marble.radius_m / rig.board.edge_x_m,
-            slack=_BEYOND + 3.0 * noise,
+            noise=noise,
+            narrowest=rig.ranges["observation_scale"][0],
             widest=rig.ranges["observation_scale"][1],
         )
 
     def beyond(self) -> Finding | None:
         """Return the finding on positions beyond the rim."""
-        furthest = self.reach * self.widest + self.slack
-        in_corner = bool((self.low > -self.slack).all())
+        slack = _BEYOND + 3.0 * self.noise
+        furthest = self.reach * self.widest + slack
+        in_corner = bool((self.low > -slack).all())
         # A lens may show the rim farther out; a corner as origin shows by the other sign, too.
         limit = furthest if in_corner else furthest + _LENS
         wrong = (self.high > limit) | (self.low < -limit)
@@ -125,8 +130,17 @@ class _Extent:
 
         A `lens` shows the rim farther out by so much [board edges].
         """
-        limit = (self.reach * self.widest + lens) * edge_m + self.slack
+        limit = (self.reach * self.widest + _BEYOND + lens) * edge_m + 3.0 * self.noise
         return bool((self.high - centre <= limit).all() and (centre - self.low <= limit).all())
+
+    def reaches_rim(self, edge_m: float, centre: Array) -> bool:
+        """Whether positions reach the rim on any side, if they are metres; `centre` as above."""
+        rim = self.reach * self.narrowest * edge_m - 3.0 * self.noise
+        return bool((np.maximum(self.high - centre, centre - self.low) >= rim).any())
+
+    def crosses(self, edge_m: float) -> bool:
+        """Whether the marble crosses much of the board along x or y, if positions are metres."""
+        return bool(((self.high - self.low) >= 2.0 * _MUCH * self.reach * edge_m).any())
 
 
 def _metres(rig: Rig, extent: _Extent, noise: float, threads: int | None) -> Finding | None:
@@ -137,12 +151,12 @@ def _metres(rig: Rig, extent: _Extent, noise: float, threads: int | None) -> Fin
     in_corner = bool((extent.low >= rig.marble.radius_m - 3.0 * noise).all())
     likely = None
     for centre, usual in ((np.zeros(2), not in_corner), (half, in_corner)):
-        if not extent.within_metres(edge_m, centre, _LENS):
-            continue
-        nats = nats_for_metres(rig, centre, noise, threads)
-        if nats >= _CERTAIN:
+        meets_walls = extent.within_metres(edge_m, centre, _LENS) and extent.reaches_rim(edge_m, centre)
+        may_be = usual and extent.within_metres(edge_m, centre) and extent.crosses(edge_m)
+        nats = nats_for_metres(rig, centre, noise, threads) if meets_walls or may_be else 0.0
+        if meets_walls and nats >= _CERTAIN:
             return _in_metres(extent, centre, edge_m, certain=True)
-        if usual and nats > -_CERTAIN and extent.within_metres(edge_m, centre):
+        if may_be and nats > -_CERTAIN:
             likely = _in_metres(extent, centre, edge_m, certain=False)
     return likely
 

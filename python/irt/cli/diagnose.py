@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import (
     TIME_UNKNOWN,
-    checked,
     for_a_fit,
     parameter_line,
+    print_warnings,
     results_folder,
     row_seconds,
     whole,
@@ -94,8 +94,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
     from irt.diagnosis import diagnose
     from irt.report.diagnosed import write_diagnosis
 
-    warnings = (*notes, *checked(rig, args.threads))
-    rig = rig.of_marbles()
+    print_warnings(rig, args.threads)
     folder = results_folder(folder, ("model.toml", "diagnosis.json", "report.html"))
     try:
         with progress_bar() as progress:
@@ -103,7 +102,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
     except KeyboardInterrupt:
         print("irt: nothing was written: the same command begins anew", file=sys.stderr)
         raise
-    page = write_diagnosis(folder, rig, found, warnings)
+    page = write_diagnosis(folder, rig.of_marbles(), found, notes)
     for line in _answer(found, row_seconds(rig, found.model)):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
