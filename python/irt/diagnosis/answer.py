@@ -61,10 +61,12 @@ class Answer:
         The set, with the effects that matter.
     relevance : Relevance
         What recordings held out say, and all sets that were scored.
+    immaterial : frozenset of str
+        Effects that were probable and did not matter.
     """
 
-    def __init__(self, best: Scored, relevance: Relevance) -> None:
-        self._best, self._relevance = best, relevance
+    def __init__(self, best: Scored, relevance: Relevance, immaterial: frozenset[str]) -> None:
+        self._best, self._relevance, self._immaterial = best, relevance, immaterial
         self._posterior: Posterior = relevance.posterior
         self._case: Case = relevance.selection.scores.case
         self._base = relevance.as_free(relevance.selection.scores.base(), best)
@@ -133,7 +135,7 @@ class Answer:
             },
             seed=case.seed,
             seconds=0.0,
-            inclusion=self._posterior.probabilities(self._relevance.immaterial - set(best.effects)),
+            inclusion=self._posterior.probabilities(self._immaterial - set(best.effects)),
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
             pushes=self._pushes() if where else (),

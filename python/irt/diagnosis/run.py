@@ -73,11 +73,12 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
     posterior = selection.run()
     relevance = Relevance(selection, posterior)
     report("which effects matter")
-    kept = relevance.kept(relevance.freed(posterior.best))
+    kept, immaterial = relevance.kept(relevance.freed(posterior.best))
     learned = _learned(relevance, kept, posterior.best)
     if learned is not None:
-        kept = relevance.kept(relevance.freed(learned))
-    return Answer(kept, relevance).diagnosis(report)
+        kept, more = relevance.kept(relevance.freed(learned))
+        immaterial |= more
+    return Answer(kept, relevance, immaterial).diagnosis(report)
 
 
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:

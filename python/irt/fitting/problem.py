@@ -194,10 +194,10 @@ class Problem:
         found = []
         for number, (one, begin) in enumerate(asked):
             tell = None if progress is None else _of_one(progress, number, len(asked))
-            told = answered(
+            answer = answered(
                 _labsim.fit, one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=tell
             )
-            found.append(self._solution(told))
+            found.append(self._solution(answer))
         best = min(found, key=lambda one: one.loss)
         return replace(best, rollouts=sum(one.rollouts for one in found))
 
@@ -282,8 +282,8 @@ class Problem:
         found: dict[int, Refined] = {}
         for asked, own in self._by_choice(values):
             begin = self._of_engine(values[own])
-            told = answered(_labsim.refine, asked, begin, iterations=iterations, held=held)
-            refined = (Refined(**{**one, "values": one["values"][self.slots]}) for one in told)
+            answers = answered(_labsim.refine, asked, begin, iterations=iterations, held=held)
+            refined = (Refined(**{**one, "values": one["values"][self.slots]}) for one in answers)
             found.update(zip(own, refined, strict=True))
         return [found[index] for index in range(len(values))]
 
