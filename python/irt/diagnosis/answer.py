@@ -14,11 +14,11 @@ from irt.catalogue import effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
+from irt.diagnosis.detectability import detectability
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
-from irt.diagnosis.latent import Leftover, Source
+from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
-from irt.diagnosis.power import power
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import (
     UNLISTED,
@@ -118,7 +118,7 @@ class Answer:
             suggestion=words.suggestion(effects, case.rig.path),
             candidates=self._candidates(tied),
             runs=self._runs(),
-            power=() if effects else tuple(power(self._scores, self._base)),
+            power=() if effects else tuple(detectability(self._scores, self._base)),
             notes=tuple(
                 words.notes(
                     case,
@@ -199,7 +199,7 @@ class Answer:
     def _sources(self, one: Scored) -> list[Source]:
         """Return what a set's remainder may depend on."""
         if one not in self._known_sources:
-            self._known_sources[one] = Leftover(one.fitted).sources(self._case.seed)
+            self._known_sources[one] = LatentForce(one.fitted).sources(self._case.seed)
         return self._known_sources[one]
 
     def _without(self, name: str) -> HeldOut:

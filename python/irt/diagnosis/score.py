@@ -14,8 +14,8 @@ from irt.catalogue import hypothetical
 from irt.diagnosis import config
 from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, SHIFT_S, SMOOTHED_S, simulated
-from irt.diagnosis.library import Term
 from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.terms import Term
 from irt.engine import SUBSTEP_S
 from irt.fitting.problem import Problem
 from irt.fitting.solution import Probable
