@@ -197,9 +197,10 @@ def several(write_rig):
 
 
 @pytest.mark.slow
-def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
+def test_several_rigs_get_a_folder_and_a_line_each_and_what_is_done_stays(irt, several, tmp_path):
     out = tmp_path / "out"
-    done = irt("diagnose", *several, "--out", out, "--jobs", "2")
+    words = ("diagnose", *several, "--out", out, "--jobs", "2")
+    done = irt(*words)
     assert (done.status, done.err) == (0, "")
     for name in ("monday", "tuesday"):
         answer = json.loads((out / name / "diagnosis.json").read_text())
@@ -210,18 +211,12 @@ def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
     alone = irt("diagnose", several[0], "--out", tmp_path / "alone", "--threads", "1")
     assert alone.status == 0
     assert (tmp_path / "alone/model.toml").read_bytes() == (out / "monday/model.toml").read_bytes()
-
-
-@pytest.mark.slow
-def test_what_is_diagnosed_already_is_left_as_it_is(irt, several, tmp_path, monkeypatch):
-    words = ("diagnose", *several, "--out", tmp_path)
-    assert irt(*words).status == 0
-    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*day/diagnosis.json")}
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*day/diagnosis.json")}
     (several[1] / "run-1.csv").unlink()
     assert irt(*words).status == 0
     changed = {path.parent.name for path, time in before.items() if path.stat().st_mtime_ns != time}
     assert changed == {"tuesday"}
-    assert json.loads((tmp_path / "tuesday/diagnosis.json").read_text())["settings"]["recordings"] == 1
+    assert json.loads((out / "tuesday/diagnosis.json").read_text())["settings"]["recordings"] == 1
 
 
 def test_rigs_of_one_name_would_share_a_folder(irt, several, tmp_path):

@@ -250,10 +250,6 @@ class Check:
     findings: tuple[Finding, ...]
     next_recording: str
 
-    def of(self, severity: Severity) -> tuple[Finding, ...]:
-        """Return the findings of one severity."""
-        return tuple(one for one in self.findings if one.severity == severity)
-
     @property
     def warnings(self) -> tuple[str, ...]:
         """The warnings as lines, for the answers of other verbs."""
