@@ -165,7 +165,7 @@ def test_commands_that_never_change_are_one_clear_line(irt, write_rig, tmp_path)
 
 
 def test_what_an_interruption_left_of_another_seed_is_not_used(irt, lab, tmp_path, press):
-    words = ("diagnose", lab(PARALLAX, runs=3), "--out", tmp_path / "out", "--seed")
+    words = ("diagnose", lab(PARALLAX, runs=2, rows=40), "--out", tmp_path / "out", "--seed")
     with press():
         assert irt(*words, "0").status == 130
         (state,) = (tmp_path / "out").iterdir()
