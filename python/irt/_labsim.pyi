@@ -41,7 +41,7 @@ def effects() -> list[
         str,
         str,
         list[str],
-        tuple[bool, bool, bool, bool, bool],
+        tuple[bool, bool, bool, bool, bool, bool],
     ]
 ]: ...
 def rollouts(

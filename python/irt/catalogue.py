@@ -105,6 +105,8 @@ class EffectInfo:
         Whether its parameters are drawn from one normal distribution about zero, whose size is estimated.
     moves_board : bool
         Whether it acts between the command and the board's tilt.
+    of_rims : bool
+        Whether it is a law of the rim: how a marble leaves it.
     """
 
     name: str
@@ -120,6 +122,7 @@ class EffectInfo:
     hypothesis: bool
     shrunk: bool
     moves_board: bool
+    of_rims: bool
 
     @property
     def required(self) -> tuple[EffectParameter, ...]:
@@ -222,7 +225,7 @@ def _known() -> dict[str, EffectInfo]:
     found = {}
     for one in _labsim.effects():
         name, stage, equation, parameters, does, matters, looks, references, flags = one
-        listed, turns, hypothesis, shrunk, moves_board = flags
+        listed, turns, hypothesis, shrunk, moves_board, of_rims = flags
         found[name] = EffectInfo(
             name=name,
             stage=stage,
@@ -237,5 +240,6 @@ def _known() -> dict[str, EffectInfo]:
             hypothesis=hypothesis,
             shrunk=shrunk,
             moves_board=moves_board,
+            of_rims=of_rims,
         )
     return found

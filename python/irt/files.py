@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import secrets
+import shlex
 import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -38,6 +39,12 @@ def read_text(path: PathLike) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise IrtError(f"{path}, line {line}: not UTF-8 text; save the file as UTF-8") from error
+
+
+def as_typed(path: Path) -> str:
+    """Return a path as a user would type it here: within the working directory relative to that, quoted."""
+    here = Path.cwd()
+    return shlex.quote(f"{path.relative_to(here) if path.is_relative_to(here) else path}")
 
 
 @contextmanager

@@ -55,7 +55,7 @@ CERTAIN = {
         lambda k, m: (k, swapped(m) * [-1, 1]),
         "swap .* then change the sign of marble_y",
     ),
-    "degrees": (lambda k, m: (np.degrees(k), m), "multiply the knobs by pi/180"),
+    "degrees": (lambda k, m: (np.degrees(k), m), "they are degrees: multiply the knobs by pi/180"),
     "origin in the corner": (lambda k, m: (k, m + np.array([0.5, 0.4185])), "the origin looks like a corner"),
     "pixels": (lambda k, m: (k, 1000 * m + [640, 360]), "of pixels or millimetres subtract the centre's"),
     "millimetres": (lambda k, m: (k, 276 * m), "of pixels or millimetres subtract"),
@@ -83,6 +83,35 @@ def test_what_is_certainly_wrong_is_refused(irt, lab, tmp_path, what, verb):
     assert not (tmp_path / "out").exists()
 
 
+METRES = {
+    "from the centre": (np.zeros(2), "along y, and meets walls that stand there in metres; divide the pos"),
+    "from a corner": (
+        np.array([0.138, 0.1155]),
+        "subtract 0.138 from marble_x and 0.1155 from marble_y, then divide the positions by the long edge",
+    ),
+}
+
+
+@pytest.mark.parametrize("origin", METRES)
+def test_metres_are_refused_where_walls_show_them(irt, lab, origin):
+    centre, words = METRES[origin]
+    done = irt("check", lab(lambda k, m: (k, 0.276 * m + centre), amplitude=0.14))
+    assert done.status == 1
+    (line,) = done.err.splitlines()
+    assert words in line
+
+
+def test_metres_without_a_wall_are_warned_of(irt, lab):
+    done = irt("check", lab(lambda k, m: (k, 0.276 * m), amplitude=0.055))
+    assert (done.status, done.err) == (0, "")
+    words = "divide the positions by the long edge, 0.276 m, if they are metres"
+    assert words in " ".join(done.out.split())
+
+
+def test_board_edges_that_meet_walls_are_not_taken_for_metres(irt, lab):
+    assert "metres" not in irt("check", lab(amplitude=0.14)).out
+
+
 def test_a_few_rows_with_wrong_axes_are_tuned_with_a_warning_on_top(irt, lab, tmp_path):
     rig = lab(lambda k, m: (k, -m), rows=100, runs=1)
     done = irt("tune", rig, "--starts", "1", "--out", tmp_path / "out")
@@ -106,6 +135,12 @@ def test_a_few_rows_are_one_clear_line(irt, lab, tmp_path, rows):
         assert (
             f"the marble is seen in {3 * rows} rows of all runs together, at least 12 are needed" in done.err
         )
+
+
+def test_many_runs_of_a_few_rows_are_one_clear_line_too(irt, lab, tmp_path):
+    done = irt("tune", lab(rows=3, runs=6), "--out", tmp_path / "out")
+    assert done.status == 1
+    assert "no run sees the marble in 8 rows" in done.err
 
 
 @pytest.mark.slow

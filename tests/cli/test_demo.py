@@ -37,12 +37,20 @@ def test_it_opens_with_what_was_found_and_ends_by_naming_the_pages(demo, diagnos
     lines = done.stdout.splitlines()
     assert lines[0] == diagnosis["summary"]
     assert "backlash" in lines[0].lower()
-    assert [line.split() for line in lines[-2:]] == [
+    assert [line.split() for line in lines[-3:]] == [
+        ["recordings", "irt-demo/demo-rig"],
         ["tuning", "irt-demo/tuned/report.html"],
         ["diagnosis", "irt-demo/report.html"],
     ]
     assert done.stderr == ""  # no progress bar into a pipe
     assert all((folder / page).is_file() for page in PAGES)
+
+
+@pytest.mark.slow
+def test_the_next_step_it_names_can_be_taken(demo, diagnosis):
+    (named,) = re.findall("`irt suggest (.*)`", diagnosis["suggestion"])
+    assert named == "irt-demo/demo-rig"
+    assert load_rig(demo[0].parent / named).digest == load_rig(data("demo-rig")).digest
 
 
 @pytest.mark.slow

@@ -36,6 +36,27 @@ def lab(write_rig):
     return write
 
 
+@pytest.fixture
+def press(monkeypatch):
+    """Return what presses Ctrl-C, in a block, after so many steps of the bar."""
+
+    @contextmanager
+    def pressing(after=0):
+        @contextmanager
+        def bar():
+            def stop(done, *_):
+                if done > after:
+                    raise KeyboardInterrupt
+
+            yield stop
+
+        with monkeypatch.context() as patch:
+            patch.setattr("irt.cli.progress.progress_bar", bar)
+            yield
+
+    return pressing
+
+
 @pytest.mark.slow
 def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     rig, out = lab(PARALLAX), tmp_path / "results" / "deep"
@@ -89,15 +110,24 @@ def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_same_seed_says_the_same_for_any_number_of_threads(irt, lab, tmp_path):
+def test_the_same_seed_says_the_same_for_any_number_of_threads_and_after_an_interruption(
+    irt, lab, tmp_path, press
+):
     rig = lab(PARALLAX, runs=2, rows=40)
-    answers = []
-    for threads in ("1", "2"):
-        assert (
-            irt("diagnose", rig, "--out", tmp_path / threads, "--threads", threads, "--seed", "7").status == 0
-        )
-        answers.append(json.loads((tmp_path / threads / "diagnosis.json").read_text()))
-        del answers[-1]["settings"]["seconds"]
+    words = ("diagnose", rig, "--seed", "7", "--threads")
+    assert irt(*words, "1", "--out", tmp_path / "1").status == 0
+    with press(after=8):
+        stopped = irt(*words, "2", "--out", tmp_path / "2")
+    assert stopped.status == 130
+    assert "the same command goes on" in stopped.err
+    state = tmp_path / "2" / "unfinished.jsonl"
+    assert len(state.read_text().splitlines()) > 5
+    again = irt(*words, "2", "--out", tmp_path / "2")
+    assert f"note: goes on from {state}, which an interrupted diagnosis left\n" in again.out
+    assert not state.exists()
+    answers = [json.loads((tmp_path / threads / "diagnosis.json").read_text()) for threads in ("1", "2")]
+    for answer in answers:
+        del answer["settings"]["seconds"]
     assert answers[0] == answers[1]
 
 
@@ -134,20 +164,14 @@ def test_commands_that_never_change_are_one_clear_line(irt, write_rig, tmp_path)
     assert "no command ever changes" in done.err
 
 
-def test_ctrl_c_leaves_nothing_half_done(irt, lab, tmp_path, monkeypatch):
-    @contextmanager
-    def pressed():
-        def stop(*_):
-            raise KeyboardInterrupt
-
-        yield stop
-
-    # The first thing that the bar shows is an effect that is tried.
-    monkeypatch.setattr("irt.cli.progress.progress_bar", pressed)
-    done = irt("diagnose", lab(PARALLAX, runs=3), "--out", tmp_path / "out")
-    assert done.status == 130
-    assert "the same command begins anew" in done.err
-    assert list((tmp_path / "out").iterdir()) == []
+def test_what_an_interruption_left_of_another_seed_is_not_used(irt, lab, tmp_path, press):
+    words = ("diagnose", lab(PARALLAX, runs=2, rows=40), "--out", tmp_path / "out", "--seed")
+    with press():
+        assert irt(*words, "0").status == 130
+        (state,) = (tmp_path / "out").iterdir()
+        done = irt(*words, "1")
+    assert (done.status, list((tmp_path / "out").iterdir())) == (130, [state])
+    assert f"note: {state} is of another seed: the diagnosis begins anew\n" in done.out
 
 
 def test_no_rig_is_one_clear_line(irt, tmp_path):
@@ -173,9 +197,10 @@ def several(write_rig):
 
 
 @pytest.mark.slow
-def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
+def test_several_rigs_get_a_folder_and_a_line_each_and_what_is_done_stays(irt, several, tmp_path):
     out = tmp_path / "out"
-    done = irt("diagnose", *several, "--out", out, "--jobs", "2")
+    words = ("diagnose", *several, "--out", out, "--jobs", "2")
+    done = irt(*words)
     assert (done.status, done.err) == (0, "")
     for name in ("monday", "tuesday"):
         answer = json.loads((out / name / "diagnosis.json").read_text())
@@ -186,18 +211,12 @@ def test_several_rigs_get_a_folder_and_a_line_each(irt, several, tmp_path):
     alone = irt("diagnose", several[0], "--out", tmp_path / "alone", "--threads", "1")
     assert alone.status == 0
     assert (tmp_path / "alone/model.toml").read_bytes() == (out / "monday/model.toml").read_bytes()
-
-
-@pytest.mark.slow
-def test_what_is_diagnosed_already_is_left_as_it_is(irt, several, tmp_path, monkeypatch):
-    words = ("diagnose", *several, "--out", tmp_path)
-    assert irt(*words).status == 0
-    before = {path: path.stat().st_mtime_ns for path in tmp_path.glob("*day/diagnosis.json")}
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*day/diagnosis.json")}
     (several[1] / "run-1.csv").unlink()
     assert irt(*words).status == 0
     changed = {path.parent.name for path, time in before.items() if path.stat().st_mtime_ns != time}
     assert changed == {"tuesday"}
-    assert json.loads((tmp_path / "tuesday/diagnosis.json").read_text())["settings"]["recordings"] == 1
+    assert json.loads((out / "tuesday/diagnosis.json").read_text())["settings"]["recordings"] == 1
 
 
 def test_rigs_of_one_name_would_share_a_folder(irt, several, tmp_path):

@@ -83,6 +83,7 @@ def test_without_models_it_diagnoses(irt, monkeypatch, tmp_path: Path, rig: Path
         asked.update(options, rig=given.path)
         return SimpleNamespace(
             summary="The board lags.",
+            warnings=("run-1: fewer than 8 rows; remove it",),
             plausible=[SimpleNamespace(model=load_model(path), probability=0.5) for path in models[:2]],
             noise=NOISE,
         )
@@ -92,7 +93,9 @@ def test_without_models_it_diagnoses(irt, monkeypatch, tmp_path: Path, rig: Path
     status, said, _ = irt("suggest", rig, "--seed", "5", "--threads", "1")
     assert status == 0
     assert (asked["rig"], asked["seed"], asked["threads"]) == (rig, 5, 1)
-    assert said.startswith("The board lags.\nLay the marble down ")
+    assert said.startswith(
+        "warning: run-1: fewer than 8 rows; remove it\nThe board lags.\nLay the marble down "
+    )
     assert "lag from delay" in said
     assert (tmp_path / "suggest.csv").exists()
 

@@ -178,3 +178,31 @@ def test_tune_refuses_axes_that_are_certainly_wrong():
     mirrored = [{**columns(120, seed), MARBLE[0]: -columns(120, seed)[MARBLE[0]]} for seed in range(3)]
     with pytest.raises(irt.IrtError, match="change the sign of marble_x"):
         irt.tune(irt.Rig.from_recordings(mirrored), starts=1)
+
+
+def small_in_metres(rows=60):
+    """Return a rig whose marble stays near the centre, with positions in metres."""
+    runs = []
+    for seed in range(3):
+        knobs = drive(rows, seed, 0.07)
+        marble = 0.276 * irt.rollouts(TRUTH, knobs, time_step="continuous")[0]
+        runs.append(irt.Recording.from_arrays(commands=knobs, marble=marble, t=STEP_S * np.arange(rows)))
+    return irt.Rig.from_recordings(runs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("function", [irt.tune, irt.diagnose])
+def test_results_carry_the_warnings_of_a_check(function):
+    rig = small_in_metres()
+    found = function(rig)
+    assert found.warnings == irt.check(rig).warnings
+    (warning,) = found.warnings
+    assert "if they are metres" in warning
+    assert f"Warning: {warning}" in found._repr_html_()
+
+
+@pytest.mark.parametrize("function", [irt.tune, irt.diagnose])
+def test_a_still_marble_is_refused(function):
+    still = irt.Recording.from_arrays(commands=drive(60, 1), marble=np.full((60, 2), 0.1))
+    with pytest.raises(irt.IrtError, match="the marble never moves"):
+        function(irt.Rig.from_recordings([still]))

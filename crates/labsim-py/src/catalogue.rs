@@ -25,8 +25,9 @@ type Parameter = (
 );
 
 /// Whether it is of the catalogue, whether it matters to it how the marble has been turned, whether today's
-/// diagnosis tries it, whether a fit shrinks its parameters, and whether it acts between command and tilt.
-type Flags = (bool, bool, bool, bool, bool);
+/// diagnosis tries it, whether a fit shrinks its parameters, whether it acts between command and tilt, and whether it
+/// is a law of the rim.
+type Flags = (bool, bool, bool, bool, bool, bool);
 
 /// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, flags.
 type EffectSpec = (
@@ -80,6 +81,7 @@ pub(crate) fn catalogue() -> Vec<EffectSpec> {
                     about.hypothesis,
                     about.shrunk,
                     about.moves_board(),
+                    about.is_of_rims(),
                 ),
             )
         })

@@ -25,36 +25,3 @@ pub(crate) struct Correction {
     pub(crate) rebound: f64,
     pub(crate) edges_per_m: f64,
 }
-
-impl Correction {
-    /// Of a covariance, and the rest in the order of the fields.
-    pub(crate) fn new(covariance: [f64; 10], rest: [f64; 11]) -> Self {
-        let [
-            pull,
-            lasting,
-            off,
-            weight,
-            seconds,
-            remembered,
-            kept,
-            push,
-            rests,
-            rebound,
-            edges_per_m,
-        ] = rest;
-        Self {
-            covariance,
-            pull,
-            lasting,
-            off,
-            weight,
-            seconds,
-            remembered,
-            kept,
-            push,
-            rests,
-            rebound,
-            edges_per_m,
-        }
-    }
-}

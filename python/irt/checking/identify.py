@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.catalogue import EffectInfo, EffectParameter, effect, hypothetical
-from irt.checking.responses import EXPECTED, Answer
+from irt.checking.responses import Answer, first_values
 from irt.checking.result import Detectable, Identified
 from irt.checking.runs import row_step
 from irt.display import in_rows
@@ -86,7 +86,10 @@ def identify(
     windows = _windows(rig, stretches, time_scale)
     if not windows or all(noise.get(name) is None for name in MARBLE):
         return None
-    values = _quick_fit(rig, stretches, time_scale, answers.get("marble"), threads)
+    begin = first_values(rig, time_scale, answers.get("marble"))
+    problem = Problem.of(rig, stretches, time_scale=time_scale, threads=threads)
+    found = problem.refine(begin[None], iterations=4)[0].values
+    values = np.where(np.isfinite(found), found, begin)
     linear = _Linear.of(rig, windows, values, noise, stamped=time_scale is not None, threads=threads)
     information = _information(rig, linear, values, time_scale)
     low, high = information.ranges.T
@@ -128,29 +131,6 @@ def _windows(rig: Rig, stretches: Sequence[Segment], time_scale: float | None) -
                 start = guess(run, stretch, step_s, 2)
                 found.append(Segment(run, stretch, start[:2], start[2:]))
     return found
-
-
-def _quick_fit(
-    rig: Rig,
-    stretches: Sequence[Segment],
-    time_scale: float | None,
-    answer: Answer | None,
-    threads: int | None,
-) -> Array:
-    """Return the five parameters of a fit that begins at the gears of the regression."""
-    values = np.array([sum(rig.ranges[name]) / 2.0 for name in PARAMETERS])
-    if time_scale is not None:
-        values[_TIME] = time_scale
-    if answer is not None:
-        step_s = values[_TIME] * SUBSTEP_S
-        gain = answer.response.gain * rig.board.edge_x_m / step_s**2 / EXPECTED
-        for index, found in enumerate((-gain[1, 0], gain[0, 1])):
-            low, high = rig.ranges[PARAMETERS[index]]
-            if np.isfinite(found):
-                values[index] = np.clip(found, low + 0.01 * (high - low), high)
-    problem = Problem.of(rig, stretches, time_scale=time_scale, threads=threads)
-    found = problem.refine(values[None], iterations=4)[0].values
-    return np.where(np.isfinite(found), found, values)
 
 
 @dataclass(frozen=True, eq=False)

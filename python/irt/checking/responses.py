@@ -21,12 +21,13 @@ from irt.conventions import (
     fit_level,
     resampled,
 )
-from irt.engine import GRAVITY
+from irt.engine import GRAVITY, SUBSTEP_S
 from irt.recording import MARBLE, TILT, Recording
-from irt.rig import Rig
+from irt.rig import PARAMETERS, Rig
 
 Array = NDArray[np.float64]
 
+_TIME = PARAMETERS.index("time_scale")
 #: Acceleration of a solid sphere that rolls without slipping, per radian of tilt [m/s^2].
 EXPECTED = 5.0 / 7.0 * GRAVITY
 #: Longest delay tried: real rigs have 0.1 s and a lag of up to 0.2 s [s], and without stamps [rows].
@@ -44,8 +45,12 @@ _Z, _SHARE = 1.3, 0.15
 _CERTAIN = float(np.log(1e6) + np.log(len(CONVENTIONS) - 1))
 #: Gains this many times off the expected one are another unit, not friction or slip.
 _FACTOR = 2.0
+#: Ratios within this factor are the same: a slope of the board, friction and slip change a gain by less.
+_SAME = 1.5
+#: Standard errors that no gain is off by chance.
+_APART = 5.0
 #: Below this share explained a gain says nothing about units.
-_SURE = 0.5
+SURE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +99,31 @@ def responses(
     if to_tilt and (one := fit_level(to_tilt, held)) is not None:
         found["tilt"] = _answer(one, (commands, TILT), f"rad per {per}", 1.0, step)
     return found
+
+
+def first_values(rig: Rig, time_scale: float | None, answer: Answer | None) -> Array:
+    """Return five parameters near which a fit may begin, (5,): gears of the regression, else mid-range.
+
+    Parameters
+    ----------
+    rig : Rig
+        The recordings.
+    time_scale : float or None
+        What the stamps say; None without stamps.
+    answer : Answer or None
+        The response of the marble to the commands.
+    """
+    values = np.array([sum(rig.ranges[name]) / 2.0 for name in PARAMETERS])
+    if time_scale is not None:
+        values[_TIME] = time_scale
+    if answer is not None:
+        step_s = values[_TIME] * SUBSTEP_S
+        gain = answer.response.gain * rig.board.edge_x_m / step_s**2 / EXPECTED
+        for index, found in enumerate((-gain[1, 0], gain[0, 1])):
+            low, high = rig.ranges[PARAMETERS[index]]
+            if np.isfinite(found):
+                values[index] = np.clip(found, low + 0.01 * (high - low), high)
+    return values
 
 
 def _grid(low_s: float, high_s: float, step: float | None) -> Array:
@@ -181,7 +211,7 @@ def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
         crossed = facts.outputs == MARBLE
         names = (guilty[1], guilty[0]) if crossed else guilty
         advice = correction(found, guilty, names)
-    certain = _nats(answer.response) >= _CERTAIN and facts.best_explained >= _SURE
+    certain = _nats(answer.response) >= _CERTAIN and facts.best_explained >= SURE
     return Finding(
         "error" if certain else "warning",
         f"{_listed(facts.inputs)} move {_listed(facts.outputs)} against physics: of the eight ways to name "
@@ -211,36 +241,46 @@ def _or_command(found: Convention, inputs: tuple[str, str]) -> str:
 
 
 def _other_unit(rig: Rig, answer: Answer | None) -> list[Finding]:
-    """Return a warning where the marble's acceleration per tilt is no rolling sphere's."""
+    """Return a finding where the marble's acceleration per tilt is no rolling sphere's.
+
+    A gain that a known slip of units gives, and that is so many standard errors off a rolling sphere's, is
+    that slip: no friction or spin takes away half of the acceleration over a whole log.
+    """
     if answer is None or answer.facts.delay_unit != "s" or answer.facts.contradicts:
         return []
-    if answer.response.blocks < LEAST_BLOCKS or answer.facts.explained < _SURE:
+    if answer.response.blocks < LEAST_BLOCKS or answer.facts.explained < SURE:
         return []
-    gains = [one for one in (answer.facts.gain[0][1], answer.facts.gain[1][0]) if one is not None]
-    gain = float(np.mean(np.abs(gains)))
+    facts = answer.facts
+    pairs = [(facts.gain[0][1], facts.error[0][1]), (facts.gain[1][0], facts.error[1][0])]
+    known = [(abs(gain), error) for gain, error in pairs if gain is not None and error is not None]
+    if not known:
+        return []
+    gain = float(np.mean([one for one, _ in known]))
     if EXPECTED / _FACTOR < gain < EXPECTED * _FACTOR:
         return []
+    apart = all(abs(one - EXPECTED) > _APART * error for one, error in known)
+    slip = _slip(gain / EXPECTED, rig.board.edge_x_m)
     return [
         Finding(
-            "warning",
+            "error" if slip and apart else "warning",
             f"the marble accelerates by {gain:.3g} m/s^2 per rad of measured tilt, where a rolling sphere's "
             f"5/7 g is {EXPECTED:.2f}",
             "tilt to marble",
-            _unit_advice(gain / EXPECTED, rig.board.edge_x_m),
+            slip or "check the units of tilt, positions and stamps, and edge_x_m",
         )
     ]
 
 
-def _unit_advice(ratio: float, edge_m: float) -> str:
-    """Return what explains a gain so many times the expected one."""
+def _slip(ratio: float, edge_m: float) -> str:
+    """Return the slip of units that explains a gain so many times the expected one; empty if none does."""
     known = {
         np.pi / 180.0: "give the tilt in radians, it looks like degrees",
         edge_m: "divide the positions by the long edge, they look like metres",
     }
     for expected, advice in known.items():
-        if 1.0 / 1.5 < ratio / expected < 1.5:
+        if 1.0 / _SAME < ratio / expected < _SAME:
             return advice
-    return "check the units of tilt, positions and stamps, and edge_x_m"
+    return ""
 
 
 def runs_of(recordings: Sequence[Recording]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -38,6 +39,18 @@ class Finding:
 
     def __str__(self) -> str:
         return f"{self.where}: {self.what}; {self.advice}"
+
+
+def warning_lines(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Return the warnings among findings as lines."""
+    return tuple(str(one) for one in findings if one.severity == "warning")
+
+
+def require(rig: str, findings: Iterable[Finding]) -> None:
+    """Raise `IrtError` for the first error among findings about a rig."""
+    for one in findings:
+        if one.severity == "error":
+            raise IrtError(f"{rig}: {one.what}; {one.advice}")
 
 
 @dataclass(frozen=True)
@@ -237,19 +250,14 @@ class Check:
     findings: tuple[Finding, ...]
     next_recording: str
 
-    def of(self, severity: Severity) -> tuple[Finding, ...]:
-        """Return the findings of one severity."""
-        return tuple(one for one in self.findings if one.severity == severity)
-
     @property
     def warnings(self) -> tuple[str, ...]:
         """The warnings as lines, for the answers of other verbs."""
-        return tuple(str(one) for one in self.of("warning"))
+        return warning_lines(self.findings)
 
     def require(self) -> None:
         """Raise `IrtError` where the recordings can identify nothing, or are certainly wrong."""
-        for one in self.of("error"):
-            raise IrtError(f"{self.rig}: {one.what}; {one.advice}")
+        require(self.rig, self.findings)
 
     def plot(self) -> Figure:
         """Draw in which share of its rows each run has lost the marble, or sees it at rest or at the rim."""

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt import arguments
 from irt.checking.advice import next_recording
-from irt.checking.findings import run_findings
+from irt.checking.findings import SHORT_ROWS, run_findings
 from irt.checking.identify import identify
+from irt.checking.positions import position_findings
 from irt.checking.responses import Answer, response_findings, responses
-from irt.checking.result import Check, Finding
+from irt.checking.result import Check, Finding, RunFacts, SignalFacts, require, warning_lines
 from irt.checking.runs import rim_masks, run_facts
 from irt.checking.signals import clean, signal_facts
 from irt.checking.units import unit_findings
@@ -26,6 +28,7 @@ Array = NDArray[np.float64]
 LEAST_ROWS = 12
 #: A marble that stays within so many standard deviations of the tracker never moved: noise alone does.
 _STILL = 8.0
+_LONGER = "record longer runs; at 10 to 60 rows a second some runs of 5 s or more"
 _ORDER = ("error", "warning", "note")
 
 
@@ -52,51 +55,84 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
     """
     arguments.threads(threads)
     rig = as_rig(rig)
-    cleaned = [clean(recording) for recording in rig.recordings]
-    marbles = [marble for marble, _ in cleaned]
-    signals = signal_facts(rig, cleaned)
-    noise = {one.column: one.noise for one in signals}
-    of_marble = max((noise.get(name) or 0.0 for name in MARBLE), default=0.0)
-    runs = run_facts(rig, cleaned, signals)
-    findings = [*_fatal(rig, marbles, of_marble), *run_findings(rig, runs)]
-    answers: dict[str, Answer] = {}
+    look = _Look.at(rig, threads)
     identified = None
-    if not any(one.severity == "error" for one in findings):
-        answers, wrong = _wrong(rig, cleaned, of_marble)
-        findings += wrong
-        # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
-        if not wrong:
-            identified = identify(rig, noise, answers, threads=threads)
+    # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
+    if look.is_sound:
+        noise = {one.column: one.noise for one in look.signals}
+        identified = identify(rig, noise, look.answers, threads=threads)
     return Check(
         rig=f"{rig.path}",
-        runs=runs,
-        signals=signals,
-        responses=tuple(one.facts for one in answers.values()),
+        runs=look.runs,
+        signals=look.signals,
+        responses=tuple(one.facts for one in look.answers.values()),
         identified=identified,
-        findings=tuple(sorted(findings, key=lambda one: _ORDER.index(one.severity))),
-        next_recording=next_recording(rig, runs, findings, identified),
+        findings=look.findings,
+        next_recording=next_recording(rig, look.runs, look.findings, identified),
     )
 
 
-def axes_and_units(rig: Rig) -> tuple[Finding, ...]:
-    """Return what is wrong with axes, signs and units, errors first: the part of a check without a fit."""
-    cleaned = [clean(recording) for recording in rig.recordings]
-    marbles = [marble for marble, _ in cleaned]
-    noise = {one.column: one.noise for one in signal_facts(rig, cleaned)}
-    of_marble = max((noise.get(name) or 0.0 for name in MARBLE), default=0.0)
-    if any(True for _ in _fatal(rig, marbles, of_marble)):
-        return ()
-    found = _wrong(rig, cleaned, of_marble)[1]
-    return tuple(sorted(found, key=lambda one: _ORDER.index(one.severity)))
+def required(rig: Rig, *, threads: int | None = None) -> tuple[str, ...]:
+    """Return what a check warns of before a fit, as lines; without what could be identified.
+
+    Raises
+    ------
+    IrtError
+        Where the recordings can identify nothing, or are certainly wrong.
+    """
+    findings = _Look.at(rig, threads).findings
+    require(f"{rig.path}", findings)
+    return warning_lines(findings)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What a check finds before it asks what could be identified; fields as of a `Check`.
+
+    Attributes
+    ----------
+    answers : dict
+        Responses by name; empty where a finding leaves nothing to fit.
+    is_sound : bool
+        Whether axes and units are right, and there is something to fit.
+    """
+
+    runs: tuple[RunFacts, ...]
+    signals: tuple[SignalFacts, ...]
+    answers: dict[str, Answer]
+    findings: tuple[Finding, ...]
+    is_sound: bool
+
+    @classmethod
+    def at(cls, rig: Rig, threads: int | None) -> _Look:
+        """Look at the recordings of a rig."""
+        cleaned = [clean(recording) for recording in rig.recordings]
+        signals = signal_facts(rig, cleaned)
+        noise = max((one.noise or 0.0 for one in signals if one.column in MARBLE), default=0.0)
+        runs = run_facts(rig, cleaned, signals)
+        findings = [*_fatal(rig, [marble for marble, _ in cleaned], noise), *run_findings(rig, runs)]
+        answers: dict[str, Answer] = {}
+        is_sound = not any(one.severity == "error" for one in findings)
+        if is_sound:
+            answers, wrong = _wrong(rig, cleaned, noise, threads)
+            findings += wrong
+            is_sound = not wrong
+        ordered = tuple(sorted(findings, key=lambda one: _ORDER.index(one.severity)))
+        return cls(runs, signals, answers, ordered, is_sound)
 
 
 def _wrong(
-    rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], noise: float
+    rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], noise: float, threads: int | None
 ) -> tuple[dict[str, Answer], list[Finding]]:
     """Return how signals respond to each other, and what is wrong with their axes, signs and units."""
     marbles = [marble for marble, _ in cleaned]
     answers = responses(rig, cleaned, rim_masks(rig, marbles, noise))
-    return answers, [*response_findings(rig, answers), *unit_findings(rig, marbles, noise, answers)]
+    found = [
+        *response_findings(rig, answers),
+        *unit_findings(rig, answers),
+        *position_findings(rig, marbles, noise, threads),
+    ]
+    return answers, found
 
 
 def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding]:
@@ -121,7 +157,15 @@ def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding
             "error",
             f"the marble is seen in {seen} rows of all runs together, at least {LEAST_ROWS} are needed",
             "marble",
-            "record longer runs; at 10 to 60 rows a second some runs of 5 s or more",
+            _LONGER,
+        )
+        return
+    if max(int(np.isfinite(one[:, 0]).sum()) for one in marbles) < SHORT_ROWS:
+        yield Finding(
+            "error",
+            f"no run sees the marble in {SHORT_ROWS} rows, which say little beside their start state",
+            "marble",
+            _LONGER,
         )
         return
     # A few wild rows are no motion.

@@ -1,20 +1,15 @@
-"""Units that look wrong: degrees, metres, pixels, a corner as origin, milliseconds."""
+"""Units of commands and stamps that look wrong: degrees, milliseconds."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
-from numpy.typing import NDArray
 
-from irt.checking.responses import EXPECTED, Answer
+from irt.checking.responses import EXPECTED, SURE, Answer
 from irt.checking.result import Finding
 from irt.checking.runs import row_step
 from irt.engine import SUBSTEP_S
-from irt.recording import KNOBS, MARBLE, STAMP
+from irt.recording import KNOBS, STAMP
 from irt.rig import PARAMETERS, Rig
-
-Array = NDArray[np.float64]
 
 #: Knobs of a labyrinth turn a quarter of a circle at most while a marble is steered [rad].
 _MOST_KNOB = np.pi / 2.0
@@ -22,118 +17,68 @@ _MOST_KNOB = np.pi / 2.0
 _FULL_TURN = 2.0 * np.pi
 #: Gears this small a share of the largest one searched are another unit, if that unit's gear is plausible.
 _SMALL_GEAR = 0.03
-#: Positions this far beyond the rim, besides noise, are no slip of the tracker [board edges].
-_BEYOND = 0.02
-#: A lens shows the rim farther out by this much [board edges], seen on a practice rig.
-_LENS = 0.12
-#: Extents within this share of the rim's own in metres are metres.
-_AS_METRES = 0.06
+#: Least squares may leave the ranges by this factor.
+_LEAVES = 3.0
 #: Rows of a camera are 1 ms to 1 s apart [s].
 _SHORTEST_S, _LONGEST_S = 0.001, 1.0
 
 
-def unit_findings(
-    rig: Rig, marbles: Sequence[Array], noise: float, answers: dict[str, Answer]
-) -> list[Finding]:
-    """Return a finding for each unit that looks wrong.
+def unit_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
+    """Return a finding for each unit of commands and stamps that looks wrong.
 
     Parameters
     ----------
     rig : Rig
         The recordings.
-    marbles : sequence of (n, 2) arrays
-        Positions of each, NaN where they are no measurement.
-    noise : float
-        Of a position [board edges].
     answers : dict
         Of `irt.checking.responses.responses`.
     """
-    return [*_knobs(rig, answers.get("marble")), *_positions(rig, marbles, noise), *_stamps(rig)]
+    return [*_knobs(rig, answers.get("marble")), *_stamps(rig)]
 
 
 def _knobs(rig: Rig, answer: Answer | None) -> list[Finding]:
+    """Return the finding on knobs that look like degrees.
+
+    The recordings give the tilt of the board, and so the gear, once for radians and 57.3 times that for
+    degrees. Under a flat prior over the gears searched degrees are then 57.3 times likelier, if their gear is
+    among those. With knobs that no servo turns, or where the gear of radians is not among those, that is
+    certain; a range in rig.toml that holds the gear of radians alone says that they are radians.
+    """
     if rig.recordings[0].columns != KNOBS or rig.commands.unit != "rad":
         return []
     largest = max(float(np.abs(one.knobs).max()) for one in rig.recordings)
-    advice = "multiply the knobs by pi/180 if they are degrees, or name their unit in [commands]"
-    if largest > _MOST_KNOB:
-        turn = f"{np.degrees(largest):.0f} degrees"
-        return [
-            Finding(
-                "error" if largest > _FULL_TURN else "warning",
-                f"commands reach {largest:.3g} rad, which is {turn}",
-                "knob_x_rad, knob_y_rad",
-                advice,
-            )
-        ]
-    if answer is None or answer.facts.delay_unit != "s" or answer.facts.explained < 0.5:
+    ends = np.array([rig.ranges["gear_x"], rig.ranges["gear_y"]])
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
+    gear = _gear(answer)
+    by_degrees = None if gear is None else float(np.degrees(gear))
+    plausible = by_degrees is not None and low / _LEAVES <= by_degrees <= _LEAVES * high
+    if gear is not None and plausible:
+        certain = largest > _MOST_KNOB or gear < low / _LEAVES
+    else:
+        certain = gear is None and largest > _FULL_TURN
+    small = gear is not None and plausible and gear < _SMALL_GEAR * high
+    if not (certain or small or largest > _MOST_KNOB):
         return []
+    what = f"commands reach {largest:.3g} rad, which is {np.degrees(largest):.0f} degrees"
+    if gear is not None:
+        what += (
+            f"; the board moves by gears of {gear:.2g} if they are radians, {by_degrees:.2g} if they are "
+            f"degrees, searched from {low:g} to {high:g}"
+        )
+    advice = (
+        "they are degrees: multiply the knobs by pi/180, or name their unit in [commands]"
+        if certain and gear is not None
+        else "multiply the knobs by pi/180 if they are degrees, or name their unit in [commands]"
+    )
+    return [Finding("error" if certain else "warning", what, "knob_x_rad, knob_y_rad", advice)]
+
+
+def _gear(answer: Answer | None) -> float | None:
+    """Return the mean gear if the commands are radians; None where the recordings do not say it."""
+    if answer is None or answer.facts.delay_unit != "s" or answer.facts.explained < SURE:
+        return None
     gears = [one for one in (answer.facts.gain[0][1], answer.facts.gain[1][0]) if one is not None]
-    gear = float(np.mean(np.abs(gears))) / EXPECTED
-    high = max(rig.ranges["gear_x"][1], rig.ranges["gear_y"][1])
-    if gear < _SMALL_GEAR * high and np.degrees(gear) < high:
-        return [
-            Finding(
-                "warning",
-                f"gears would be {gear:.2g}, searched up to {high:g}",
-                "knob_x_rad, knob_y_rad",
-                advice,
-            )
-        ]
-    return []
-
-
-def _positions(rig: Rig, marbles: Sequence[Array], noise: float) -> list[Finding]:
-    together = np.concatenate([one[np.isfinite(one).all(axis=1)] for one in marbles])
-    if len(together) == 0:
-        return []
-    edges = np.array([rig.board.edge_x_m, rig.board.edge_y_m])
-    reach_m = edges / 2.0 - rig.marble.radius_m
-    reach = reach_m / rig.board.edge_x_m
-    low, high = np.quantile(together, [0.002, 0.998], axis=0)
-    furthest = reach * rig.ranges["observation_scale"][1] + _BEYOND + 3.0 * noise
-    in_corner = bool((low > -_BEYOND - 3.0 * noise).all())
-    # A lens may show the rim farther out; a corner as origin shows by the other sign, too.
-    limit = furthest if in_corner else furthest + _LENS
-    beyond = (high > limit) | (low < -limit)
-    if beyond.any():
-        wrong = [name for name, is_beyond in zip(MARBLE, beyond, strict=True) if is_beyond]
-        place = float(np.where(high > -low, high, low)[beyond][0])
-        # Where half of all places are none on the board, or all lie to one side of its centre and some beyond
-        # the rim, that is no slip of a tracker and no lens.
-        outside = (np.abs(together) > limit).any(axis=1)
-        certain = in_corner or bool(np.mean(outside) > 0.5)
-        if in_corner:
-            advice = (
-                f"the origin looks like a corner: subtract 0.5 from marble_x, "
-                f"{edges[1] / edges[0] / 2.0:.3g} from marble_y"
-            )
-        elif beyond[1] and not beyond[0] and (high[1] - low[1]) < 2.0 * furthest[0]:
-            advice = "are marble_x and marble_y swapped, or edge_x_m and edge_y_m?"
-        else:
-            advice = "check the unit of the positions, edge_x_m and edge_y_m"
-        return [
-            Finding(
-                "error" if certain else "warning",
-                f"the marble is seen at {place:.3g} edges, beyond the rim at {reach[beyond][0]:.3g}",
-                ", ".join(wrong),
-                advice,
-            )
-        ]
-    near = [
-        abs(end / metres - 1.0) < _AS_METRES
-        for end, metres in zip((*high, *-low), (*reach_m, *reach_m), strict=True)
-    ]
-    if sum(near) >= 3:
-        return [
-            Finding(
-                "warning",
-                f"the marble turns back at {high[0]:.3g}, {high[1]:.3g}, which is the rim in metres",
-                ", ".join(MARBLE),
-                f"divide the positions by the long edge, {rig.board.edge_x_m:g} m",
-            )
-        ]
-    return []
+    return float(np.mean(np.abs(gears))) / EXPECTED if gears else None
 
 
 def _stamps(rig: Rig) -> list[Finding]:

@@ -37,14 +37,19 @@ def run(args: argparse.Namespace) -> None:
     """Tune, diagnose, say what was found, and name the pages."""
     from irt.cli.progress import progress_bar
     from irt.diagnosis import diagnose
-    from irt.files import make_folder
+    from irt.files import make_folder, write_atomic
     from irt.report.diagnosed import write_diagnosis
     from irt.rig import load_rig
     from irt.tuning import tune
 
     # Before the work: a folder that cannot be written is known at once.
     folder, tuned = make_folder(args.out), make_folder(args.out / "tuned")
-    rig = load_rig(data("demo-rig"))
+    # The recordings too: every other command can be tried on them.
+    example = data("demo-rig")
+    recordings = make_folder(folder / example.name)
+    for path in example.iterdir():
+        write_atomic(recordings / path.name, path.read_bytes())
+    rig = load_rig(recordings)
     with progress_bar() as progress:
         result = tune(rig, "least-squares", seed=args.seed, progress=progress)
     tuning_page = _write_tuning(tuned, rig, result, args)
@@ -53,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     page = write_diagnosis(folder, rig, found)
     for line in (*_answer(rig, result, found), ""):
         print(line)
-    print(f"tuning     {tuning_page}\ndiagnosis  {page}")
+    print(f"recordings {recordings}\ntuning     {tuning_page}\ndiagnosis  {page}")
 
 
 def data(name: str) -> Path:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import (
     TIME_UNKNOWN,
-    checked,
     for_a_fit,
     parameter_line,
+    print_warnings,
     results_folder,
     row_seconds,
     whole,
@@ -22,10 +22,14 @@ from irt.errors import IrtError
 
 if TYPE_CHECKING:
     from irt.diagnosis import Diagnosis
+    from irt.fitting.unfinished import Unfinished
     from irt.rig import Rig
 
 NAME = "diagnose"
 HELP = "locate the mismatch, name the missing physics, model it, and prove it"
+
+#: What a diagnosis keeps in the folder of its results until it is done.
+UNFINISHED = "unfinished.jsonl"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  irt diagnose my-rig --out diagnosed\n"
-        "  irt diagnose lab/* --out diagnosed   a folder each; after Ctrl-C the same goes on"
+        "  irt diagnose lab/* --out diagnosed   a folder each\n\n"
+        "After Ctrl-C the same command goes on."
     )
 
 
@@ -94,19 +99,35 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
     from irt.diagnosis import diagnose
     from irt.report.diagnosed import write_diagnosis
 
-    warnings = (*notes, *checked(rig, args.threads))
-    rig = rig.of_marbles()
+    print_warnings(rig, args.threads)
+    of_marbles = rig.of_marbles()
     folder = results_folder(folder, ("model.toml", "diagnosis.json", "report.html"))
+    unfinished = _unfinished(folder / UNFINISHED, of_marbles, args.seed)
     try:
-        with progress_bar() as progress:
-            found = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
+        with unfinished.used():
+            with progress_bar() as progress:
+                found = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
+            page = write_diagnosis(folder, of_marbles, found, notes)
     except KeyboardInterrupt:
-        print("irt: nothing was written: the same command begins anew", file=sys.stderr)
+        print("irt: no answer was written: the same command goes on", file=sys.stderr)
         raise
-    page = write_diagnosis(folder, rig, found, warnings)
     for line in _answer(found, row_seconds(rig, found.model)):
         print(line)
     print(f"\nwrote {folder / 'model.toml'}, {folder / 'diagnosis.json'} and {page}")
+
+
+def _unfinished(path: Path, rig: Rig, seed: int) -> Unfinished:
+    """Return what an interrupted diagnosis left, and say whether it is of use."""
+    from irt.fitting.unfinished import Unfinished
+
+    found = Unfinished.of(path, rig.digest, seed)
+    if found.stale:
+        print(
+            f"note: {path} is of another {' and '.join(found.stale)}: the diagnosis begins anew", flush=True
+        )
+    elif len(found):
+        print(f"note: goes on from {path}, which an interrupted diagnosis left", flush=True)
+    return found
 
 
 def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: Mapping[str, Path]) -> None:

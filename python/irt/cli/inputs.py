@@ -98,18 +98,15 @@ def say_replaced(paths: Sequence[Path]) -> None:
         print(f"note: this replaces {', '.join(there)}", flush=True)
 
 
-def checked(rig: Rig, threads: int | None = None) -> tuple[str, ...]:
-    """Check the recordings before a fit, print what would make it wrong, and return that.
+def print_warnings(rig: Rig, threads: int | None = None) -> None:
+    """Check the recordings before a fit, and print what would make it wrong.
 
     Raises
     ------
     IrtError
-        If the recordings can identify nothing.
+        If the recordings can identify nothing, or are certainly wrong.
     """
-    from irt.checking import check
+    from irt.checking.run import required
 
-    found = check(rig, threads=threads)
-    found.require()
-    for warning in found.warnings:
+    for warning in required(rig, threads=threads):
         print(f"warning: {warning}", flush=True)
-    return found.warnings

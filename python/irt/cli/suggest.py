@@ -99,4 +99,5 @@ def _hypotheses(
         return [], models, [1.0] * len(models), tracker_noise(segments(rig))
     diagnosis = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
     models = [one.model for one in diagnosis.plausible]
-    return [diagnosis.summary], models, [one.probability for one in diagnosis.plausible], diagnosis.noise
+    said = [*(f"warning: {one}" for one in diagnosis.warnings), diagnosis.summary]
+    return said, models, [one.probability for one in diagnosis.plausible], diagnosis.noise

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import (
     TIME_UNKNOWN,
-    checked,
     for_a_fit,
     parameter_line,
+    print_warnings,
     results_folder,
     row_seconds,
     whole,
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> None:
 
     options = _options(args)
     rig, notes = for_a_fit(load_rig(args.rig))
-    warnings = (*notes, *checked(rig, args.threads))
+    print_warnings(rig, args.threads)
     training = _announce_training(rig, args) if args.network is None else None
     folder = args.out or Path(f"irt-tune-{args.rig.resolve().name}")
     folder = results_folder(folder, ("model.toml", "fit.json", "report.html"))
@@ -118,6 +118,7 @@ def run(args: argparse.Namespace) -> None:
         if training is not None and training.exists():
             print("irt: the same command again goes on with the training", file=sys.stderr)
         raise
+    warnings = (*notes, *result.warnings)
     rig = without_held_marbles(rig)
     after = evaluate(result.model, rig.recordings)
     row_s = row_seconds(rig, result.model)

@@ -14,11 +14,11 @@ from irt.catalogue import effect
 from irt.diagnosis import config, words
 from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
+from irt.diagnosis.detectability import detectability
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
-from irt.diagnosis.latent import Leftover, Source
+from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
-from irt.diagnosis.power import power
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import (
     UNLISTED,
@@ -61,10 +61,12 @@ class Answer:
         The set, with the effects that matter.
     relevance : Relevance
         What recordings held out say, and all sets that were scored.
+    immaterial : frozenset of str
+        Effects that were probable and did not matter.
     """
 
-    def __init__(self, best: Scored, relevance: Relevance) -> None:
-        self._best, self._relevance = best, relevance
+    def __init__(self, best: Scored, relevance: Relevance, immaterial: frozenset[str]) -> None:
+        self._best, self._relevance, self._immaterial = best, relevance, immaterial
         self._posterior: Posterior = relevance.posterior
         self._case: Case = relevance.selection.scores.case
         self._base = relevance.as_free(relevance.selection.scores.base(), best)
@@ -116,7 +118,7 @@ class Answer:
             suggestion=words.suggestion(effects, case.rig.path),
             candidates=self._candidates(tied),
             runs=self._runs(),
-            power=() if effects else tuple(power(self._scores, self._base)),
+            power=() if effects else tuple(detectability(self._scores, self._base)),
             notes=tuple(
                 words.notes(
                     case,
@@ -133,7 +135,7 @@ class Answer:
             },
             seed=case.seed,
             seconds=0.0,
-            inclusion=self._posterior.probabilities(self._relevance.immaterial - set(best.effects)),
+            inclusion=self._posterior.probabilities(self._immaterial - set(best.effects)),
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
             pushes=self._pushes() if where else (),
@@ -197,7 +199,7 @@ class Answer:
     def _sources(self, one: Scored) -> list[Source]:
         """Return what a set's remainder may depend on."""
         if one not in self._known_sources:
-            self._known_sources[one] = Leftover(one.fitted).sources(self._case.seed)
+            self._known_sources[one] = LatentForce(one.fitted).sources(self._case.seed)
         return self._known_sources[one]
 
     def _without(self, name: str) -> HeldOut:

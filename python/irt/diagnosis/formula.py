@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 
-from irt.diagnosis.library import BRAKE, GEARS, PROFILES, PUSH, VECTORS, of_slot
-from irt.diagnosis.profiles import BOUNDED, ROUND, SHAPES
+from irt.diagnosis.basis import BOUNDED, ROUND, SHAPES
+from irt.diagnosis.terms import BRAKE, GEARS, PROFILES, PUSH, VECTORS, of_slot
 
 #: A formula leaves out what is less than this share of the largest: components of vectors, and profiles.
 LITTLE = 1e-2

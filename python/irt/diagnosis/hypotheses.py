@@ -36,13 +36,13 @@ SPIN = f"{SPINNING}.increase"
 #: The board's own slopes, as a smooth map: a small push that depends on the place alone.
 MAP = "slope_map"
 
-#: Effects of how the marble lies as a recording begins. Whoever lays it down can do so alike each time; one
-#: that rolls already lies another way in each recording, and no value is common to all.
-OF_THE_START = frozenset({"eccentric_marble"})
-
 
 def hypotheses(start: str = "rest") -> list[str]:
     """Return the names of the effects that recordings are asked for, one for each group of `ALIKE`.
+
+    Effects that depend on how the marble has been turned depend on how it lies as a recording begins. Whoever
+    lays it down can do so alike each time; one that rolls already lies another way in each recording, and no
+    value is common to all.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def hypotheses(start: str = "rest") -> list[str]:
         for info in hypothetical()
         if info.name != max(ALIKE)
         and (info.name == JITTER or _repeats(info.name))
-        and (start == "rest" or info.name not in OF_THE_START)
+        and (start == "rest" or not info.turns)
     ] + [MAP]
 
 

@@ -234,9 +234,9 @@ def is_named(name: str, found: dict[str, Parameter]) -> bool:
         return low is not None and low > 0.0
     if may_be_absent(name, found):
         return False
-    if name != "wall_restitution":
+    if not effect(name).of_rims:
         return True
-    (law,) = effect(name).required
-    return abs(found[f"{name}.{law.name}"].value - law.neutral) > config.LEAST_OF_IMPACTS * (
-        law.high - law.low
+    return any(
+        abs(found[f"{name}.{law.name}"].value - law.neutral) > config.LEAST_OF_IMPACTS * (law.high - law.low)
+        for law in effect(name).required
     )

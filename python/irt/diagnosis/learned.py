@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from irt.catalogue import effect
 from irt.diagnosis import config
-from irt.diagnosis.library import Term, in_slots
+from irt.diagnosis.regressors import Regressors, likely_terms, motion_seen
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import PUSH, Scored, Scores
 from irt.diagnosis.selection import Report
-from irt.diagnosis.view import View, likely_terms, motion_seen
+from irt.diagnosis.terms import Term, in_slots
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def learn(parent: Scored, report: Report) -> Scored | None:
     return None if best is parent else _needed(best)
 
 
-def _with_another(parent: Scored, now: Scored, seen: View | None, report: Report) -> Scored | None:
+def _with_another(parent: Scored, now: Scored, seen: Regressors | None, report: Report) -> Scored | None:
     """Return the likeliest set with one term more."""
     tried = []
     for term in likely_terms(now.fitted, seen, now.terms):

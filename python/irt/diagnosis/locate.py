@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis.case import Case, Fitted
-from irt.diagnosis.latent import Source
-from irt.diagnosis.library import Term
+from irt.diagnosis.latent_force import Source
 from irt.diagnosis.result import Finding, Kind
+from irt.diagnosis.terms import Term
 from irt.diagnosis.windows import ROWS, Windows
 
 Array = NDArray[np.float64]

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.diagnosis.free_motion import FREE, SLOW, path_and_velocity
 from irt.diagnosis.result import Finding, Kind
 from irt.diagnosis.score import Scored, Scores
-from irt.diagnosis.stretches import FREE, SLOW, path_and_velocity
 from irt.fitting.solution import Smoothed
 
 Array = NDArray[np.float64]

@@ -33,13 +33,10 @@ class Relevance:
     ----------
     selection, posterior
         The search, and what it found.
-    immaterial : set of str
-        Effects that did not matter.
     """
 
     selection: Selection
     posterior: Posterior
-    immaterial: set[str] = field(default_factory=set)
     _without: dict[Scored, dict[str, Scored]] = field(default_factory=dict)
     _parameters: dict[Scored, Estimates] = field(default_factory=dict)
 
@@ -102,22 +99,32 @@ class Relevance:
             self._parameters[one] = intervals.parameters(one, self.validation.of(one), losses)
         return self._parameters[one]
 
-    def kept(self, one: Scored) -> Scored:
-        """Return a set without effects that do not matter, the least of them first."""
+    def kept(self, one: Scored) -> tuple[Scored, frozenset[str]]:
+        """Return a set without effects that do not matter, the least of them first, and which these were.
+
+        An effect that is not probable goes too, and is not among those.
+        """
+        immaterial = []
+        while (found := self._superfluous(one)) is not None:
+            name, matters = found
+            immaterial += [] if matters else [name]
+            one = self.without(one, name)
+        return one, frozenset(immaterial)
+
+    def _superfluous(self, one: Scored) -> tuple[str, bool] | None:
+        """Return an effect that a set does not need, and whether it matters; None if it needs all."""
         if not one.effects:
-            return one
+            return None
         found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
             # Delays that differ predict no run better: their likelihood is all there is of them, and a mean
             # that goes with their spread, by free runs too.
             if name == JITTER:
-                matters = math.isfinite(one.score)
+                counts = math.isfinite(one.score)
             else:
-                matters = losses[name] >= config.MATTERS * one.case.noise
-            if not (matters and intervals.is_named(name, found)):
-                self.immaterial.add(name)
-                return self.kept(self.without(one, name))
-            if not self._is_probable(name):
-                return self.kept(self.without(one, name))
-        return one
+                counts = losses[name] >= config.MATTERS * one.case.noise
+            matters = counts and intervals.is_named(name, found)
+            if not (matters and self._is_probable(name)):
+                return name, matters
+        return None

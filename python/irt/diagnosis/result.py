@@ -298,6 +298,8 @@ class Diagnosis:
         What nothing explains; None where nothing was held out.
     pushes : tuple of NeededPush
         Recording by recording the push that is missing; empty where nothing is.
+    warnings : tuple of str
+        What a check of the recordings warns of (`irt.check`).
     """
 
     verdict: Verdict
@@ -326,6 +328,7 @@ class Diagnosis:
     budget: tuple[Share, ...] = ()
     remains: Remains | None = None
     pushes: tuple[NeededPush, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def is_held_out(self) -> bool:
@@ -362,6 +365,7 @@ class Diagnosis:
         ]
         return display.page(
             f"Diagnosis: {self.verdict}",
+            display.items(f"Warning: {one}" for one in self.warnings),
             display.paragraph(self.summary),
             display.table(("effect", "value (95 % interval)"), rows),
             display.items(self.unidentifiable),

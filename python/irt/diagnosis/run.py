@@ -9,6 +9,7 @@ from dataclasses import replace
 from threadpoolctl import threadpool_limits
 
 from irt import arguments
+from irt.checking.run import required
 from irt.diagnosis import config
 from irt.diagnosis.answer import Answer
 from irt.diagnosis.case import Case
@@ -48,19 +49,21 @@ def diagnose(
     Raises
     ------
     IrtError
-        If the rig is not as it must be, some recordings are stamped and others not, or nothing was seen.
+        If the rig is not as it must be, or its recordings can identify nothing or are certainly wrong
+        (`irt.check` says more).
     """
     began = time.perf_counter()
     arguments.whole("seed", seed)
     arguments.threads(threads)
     arguments.progress(progress)
-    rig = as_rig(rig).of_marbles()
+    rig = as_rig(rig)
+    warnings = required(rig, threads=threads)
     # More threads add up in another order, and wait for each other longer than such matrices take.
     with threadpool_limits(1, user_api="blas"):
-        found = _diagnosed(Case.of(rig, seed=seed, threads=threads), _reporter(progress))
+        found = _diagnosed(Case.of(rig.of_marbles(), seed=seed, threads=threads), _reporter(progress))
     if progress is not None:
         progress(_STEPS, _STEPS, "done")
-    return replace(found, seconds=time.perf_counter() - began)
+    return replace(found, warnings=warnings, seconds=time.perf_counter() - began)
 
 
 def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
@@ -70,11 +73,12 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
     posterior = selection.run()
     relevance = Relevance(selection, posterior)
     report("which effects matter")
-    kept = relevance.kept(relevance.freed(posterior.best))
+    kept, immaterial = relevance.kept(relevance.freed(posterior.best))
     learned = _learned(relevance, kept, posterior.best)
     if learned is not None:
-        kept = relevance.kept(relevance.freed(learned))
-    return Answer(kept, relevance).diagnosis(report)
+        kept, more = relevance.kept(relevance.freed(learned))
+        immaterial |= more
+    return Answer(kept, relevance, immaterial).diagnosis(report)
 
 
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:

@@ -24,8 +24,8 @@ from irt.diagnosis.hypotheses import (
     SPINNING,
     simulated,
 )
-from irt.diagnosis.library import Term
 from irt.diagnosis.result import UNLISTED
+from irt.diagnosis.terms import Term
 from irt.engine import SUBSTEP_S
 from irt.fitting.problem import Problem
 from irt.fitting.solution import Probable

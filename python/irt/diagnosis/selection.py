@@ -58,6 +58,18 @@ def probabilities(scores: Sequence[float]) -> Array:
     return np.asarray(weights / weights.sum())
 
 
+def renamed(one: Scored, name: str) -> Scored:
+    """Return a set at the same values, one of its effects by the other name that it may have (`ALIKE`).
+
+    Beside a push, how likely either is does not distinguish them: a filter corrects the marble by what was
+    seen in a row, not where it was when an old picture was taken (a late picture that was true came out 568
+    nats less likely than a late command).
+    """
+    (instead,) = ALIKE - {name}
+    effects = tuple(instead if each == name else each for each in one.effects)
+    return replace(one, effects=effects, names=Scores.of(one).problem(effects).names)
+
+
 @dataclass(eq=False)
 class Selection:
     """A search for the most probable set among some effects.
@@ -103,7 +115,7 @@ class Selection:
                     better = way(best)
             if better is not None:
                 best = self._pruned(better)
-        best = self._renamed(best)
+        best = self._likelier_name(best)
         scored = [one for one in self.scores.known.values() if math.isfinite(one.score)]
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
 
@@ -112,20 +124,18 @@ class Selection:
         needed = self.scores.price([*one.effects, MEAN]) - self.scores.price(one.effects) + config.SURE
         return self.scores.loss_without(one, [PUSH, PULL, LASTING]) < needed
 
-    def _renamed(self, one: Scored) -> Scored:
+    def _likelier_name(self, one: Scored) -> Scored:
         """Return the likelier of a set and the same by the other name of one of its effects (`ALIKE`)."""
         own = ALIKE.intersection(one.effects)
         if not own:
             return one
-        (name,) = own
-        (other,) = ALIKE - own
-        effects = tuple(other if each == name else each for each in one.effects)
-        rest = iter([value for key, value in one.values.items() if key.startswith(f"{name}.")])
-        point = [
-            one.values[key] if key in one.values else next(rest) for key in self.scores.problem(effects).names
-        ]
+        other = renamed(one, *own)
         found = self.scores.ascend(
-            effects, np.array([point]), one.noise[None], one.top.states, iterations=config.THOROUGH
+            other.effects,
+            other.top.values[None],
+            one.noise[None],
+            one.top.states,
+            iterations=config.THOROUGH,
         )
         return max((one, *found), key=lambda each: each.score)
 

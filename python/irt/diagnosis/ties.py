@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER
 from irt.diagnosis.score import Array, Scored, Scores
-from irt.diagnosis.selection import Posterior
+from irt.diagnosis.selection import Posterior, renamed
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
     """Return for each effect of an answer those that do as well in its place, of all sets scored."""
     found = [one for one in exchanged(posterior) if one.name in answer.effects]
     for name in ALIKE.intersection(answer.effects):
-        other = _renamed(answer, name)
+        other = renamed(answer, name)
         instead = other.effects[answer.effects.index(name)]
         alike = _is_same(answer, other) or Scores.of(answer).push(answer) > config.SURE
         if alike and all(one.instead != instead for one in found):
@@ -50,18 +50,6 @@ def exchanged(posterior: Posterior) -> list[Tie]:
         if gone and JITTER not in {gone, instead} and close:
             found.append(Tie(gone, instead, one))
     return found
-
-
-def _renamed(one: Scored, name: str) -> Scored:
-    """Return a set at the same values, one of its effects by the other name that it may have (`ALIKE`).
-
-    Beside a push, how likely either is does not distinguish them: a filter corrects the marble by what was
-    seen in a row, not where it was when an old picture was taken (a late picture that was true came out 568
-    nats less likely than a late command).
-    """
-    (instead,) = ALIKE - {name}
-    effects = tuple(instead if each == name else each for each in one.effects)
-    return replace(one, effects=effects, names=Scores.of(one).problem(effects).names)
 
 
 def _difference(best: Scored, one: Scored) -> tuple[str, str]:

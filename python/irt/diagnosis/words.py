@@ -12,6 +12,7 @@ from irt.diagnosis.case import Case, Fitted
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.result import UNLISTED, NamedEffect
 from irt.display import in_rows
+from irt.files import as_typed
 from irt.model import Parameter
 
 #: Mean absolute value of a normal variable over its standard deviation.
@@ -90,6 +91,7 @@ def summary(
 
 def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     """Return what to record next, and why."""
+    command = f"`irt suggest {as_typed(rig)}`"
     tied = [one for one in effects if one.confusable_with]
     if any({one.name, *one.confusable_with} == {"delay", "latency"} for one in tied):
         return (
@@ -98,7 +100,7 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
         )
     if tied:
         pairs = " and ".join(f"{one.name} from {' or '.join(one.confusable_with)}" for one in tied)
-        return f"To tell {pairs}, record the run that `irt suggest {rig}` designs for it, and diagnose again."
+        return f"To tell {pairs}, record the run that {command} designs for it, and diagnose again."
     if any(one.name == UNLISTED for one in effects):
         return (
             "The push has no name yet: look at the formula, and at where on the board, at what speed or at "
@@ -107,7 +109,7 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     if effects:
         names = " and ".join(one.name for one in effects)
         return (
-            f"No effect is tied with another; the run that `irt suggest {rig}` designs would sharpen the "
+            f"No effect is tied with another; the run that {command} designs would sharpen the "
             f"values of {names}."
         )
     return (

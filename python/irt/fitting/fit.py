@@ -90,6 +90,8 @@ class FitResult:
         where nothing was seen; none of methods that do not estimate start states.
     effects : dict
         The effects of the model by name: their parameters by name, with 95 % intervals.
+    warnings : tuple of str
+        What a check of the recordings warns of (`irt.check`); empty of a fit that made none.
     """
 
     method: str
@@ -103,6 +105,7 @@ class FitResult:
     seconds: float
     residuals: tuple[NDArray[np.float64], ...] = ()
     effects: dict[str, dict[str, Parameter]] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     @property
     def history(self) -> tuple[Iteration, ...]:
@@ -131,6 +134,7 @@ class FitResult:
     def _repr_html_(self) -> str:
         return display.page(
             f"Fit by {self.method}",
+            display.items(f"Warning: {one}" for one in self.warnings),
             display.paragraph(
                 f"Mean error {display.percent(self.mae)} of the edge, tracker's noise "
                 f"{display.percent(self.noise)}; {self.rollouts:,} rollouts in {self.seconds:.1f} s."

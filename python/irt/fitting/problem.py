@@ -15,6 +15,7 @@ from irt.catalogue import EffectInfo, EffectParameter, effect
 from irt.engine import Engine
 from irt.errors import IrtError, unknown_name
 from irt.fitting.solution import Curvature, Filtered, Probable, Refined, Shrunk, Smoothed, Solution
+from irt.fitting.unfinished import answered
 from irt.model import GEAR_MATRIX
 from irt.rig import PARAMETERS
 
@@ -193,8 +194,10 @@ class Problem:
         found = []
         for number, (one, begin) in enumerate(asked):
             tell = None if progress is None else _of_one(progress, number, len(asked))
-            told = _labsim.fit(one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=tell)
-            found.append(self._solution(told))
+            answer = answered(
+                _labsim.fit, one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=tell
+            )
+            found.append(self._solution(answer))
         best = min(found, key=lambda one: one.loss)
         return replace(best, rollouts=sum(one.rollouts for one in found))
 
@@ -261,7 +264,7 @@ class Problem:
         for asked, own in self._by_choice(values):
             begin, sizes = self._of_engine(values[own]), np.ascontiguousarray(noise[own])
             begun = None if states is None else [np.ascontiguousarray(states[index]) for index in own]
-            tops = _labsim.ascend(asked, begin, sizes, begun, iterations=iterations)
+            tops = answered(_labsim.ascend, asked, begin, sizes, begun, iterations=iterations)
             found.update(zip(own, (Probable.of(one, self.slots) for one in tops), strict=True))
         return [found[index] for index in range(len(values))]
 
@@ -279,8 +282,8 @@ class Problem:
         found: dict[int, Refined] = {}
         for asked, own in self._by_choice(values):
             begin = self._of_engine(values[own])
-            told = _labsim.refine(asked, begin, iterations=iterations, held=held)
-            refined = (Refined(**{**one, "values": one["values"][self.slots]}) for one in told)
+            answers = answered(_labsim.refine, asked, begin, iterations=iterations, held=held)
+            refined = (Refined(**{**one, "values": one["values"][self.slots]}) for one in answers)
             found.update(zip(own, refined, strict=True))
         return [found[index] for index in range(len(values))]
 

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from irt.checking import check
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.run import diagnose
 from irt.errors import IrtError
@@ -62,7 +61,7 @@ def load_plausible(folder: Path) -> Left:
     return Left(summary, noise, [load_model(folder / name) for name, _ in named], [one for _, one in named])
 
 
-def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, warnings: Sequence[str] = ()) -> Path:
+def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, notes: Sequence[str] = ()) -> Path:
     """Write model, page and numbers into a folder, and return the page's path.
 
     Parameters
@@ -73,14 +72,15 @@ def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, warnings: Sequence
         What was diagnosed.
     found : Diagnosis
         The outcome.
-    warnings : sequence of str
-        What a check of the recordings warned of.
+    notes : sequence of str
+        What to say beside the warnings of the check.
 
     Raises
     ------
     IrtError
         If a file cannot be written.
     """
+    warnings = (*notes, *found.warnings)
     save_model(folder / "model.toml", found.model)
     names = [f"plausible-{number}.toml" for number in range(1, len(found.plausible) + 1)]
     for name, one in zip(names, found.plausible, strict=True):
@@ -110,10 +110,7 @@ def main(words: Sequence[str]) -> int:
     try:
         path = Path((folder / "path").read_text(encoding="utf-8"))
         rig = replace(load_rig(folder / "rig"), path=path).first_rows(MOST_ROWS)
-        checked = check(rig, threads=1)
-        checked.require()
-        rig = rig.of_marbles()
-        write_diagnosis(out, rig, diagnose(rig, seed=seed, threads=1), checked.warnings)
+        write_diagnosis(out, rig.of_marbles(), diagnose(rig, seed=seed, threads=1))
     except IrtError as error:
         print(error, file=sys.stderr)
         return 1

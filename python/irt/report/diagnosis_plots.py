@@ -181,23 +181,16 @@ def plot_push(
 ) -> None:
     """Draw the push that a recording needs beyond the simulator over time, with bands of 95 %.
 
+    `path`, `stamped` and errors as of `plot_over_time`.
+
     Parameters
     ----------
-    path : path
-        ``.svg`` or ``.png`` file to write.
     push : NeededPush
         The push of a recording.
     shown : sequence of Side
         Of which simulators, in this order.
     row_s : float
         What a row lasts in the simulation [s]: without stamps pushes are in millimetres a row squared.
-    stamped : bool
-        Whether the time axis is in seconds; else it is in rows.
-
-    Raises
-    ------
-    IrtError
-        If the file cannot be written.
     """
     corners = thinned(len(push.times), _MOST_CORNERS)
     times, label = clock(push, stamped=stamped)

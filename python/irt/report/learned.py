@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.diagnosis.basis import ROUND, SHAPES, shaped
 from irt.diagnosis.formula import cleared
-from irt.diagnosis.library import PROFILES, VECTORS, of_slot
-from irt.diagnosis.profiles import ROUND, SHAPES, shaped
 from irt.diagnosis.result import NamedEffect
+from irt.diagnosis.terms import PROFILES, VECTORS, of_slot
 from irt.model import Parameter
 from irt.report.page import Table
 from irt.report.words import in_rows, quantity, scaled, with_interval
@@ -49,7 +49,7 @@ class LearnedTerm:
     Attributes
     ----------
     shape : str
-        One of `irt.diagnosis.profiles.SHAPES`.
+        One of `irt.diagnosis.basis.SHAPES`.
     vectors : dict
         By which the values of each variable are multiplied to make the phase; keys of `VARIABLES`.
     phase, across : float

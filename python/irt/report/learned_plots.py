@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.profiles import ROUND
+from irt.diagnosis.basis import ROUND
 from irt.diagnosis.result import Diagnosis, NamedEffect
 from irt.model import Parameter
 from irt.report import style

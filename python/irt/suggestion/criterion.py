@@ -30,6 +30,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.catalogue import effect
 from irt.engine import SUBSTEP_S
 from irt.fitting.robust import student_t
 from irt.suggestion.excitations import Excitation
@@ -155,7 +156,7 @@ class Criterion:
             gain=np.stack([gain for gain, _ in learnt], axis=1),
             remaining=learnt[0][1],
             at_wall=np.mean([one.at_wall for one in told], axis=0),
-            walls_matter=any("wall_restitution" in one.effects for one in self.hypotheses),
+            walls_matter=any(effect(name).of_rims for one in self.hypotheses for name in one.effects),
         )
 
     def _compared(self, one: Expected, other: Expected) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from irt import arguments
@@ -63,13 +64,13 @@ def tune(
     Returns
     -------
     FitResult
-        The tuned model, with intervals, and how it was found.
+        The tuned model, with intervals, how it was found, and what a check of the recordings warns of.
 
     Raises
     ------
     IrtError
-        If the method is unknown, the rig or an option is not as it must be, axes or units are certainly wrong
-        (`irt.check` says more), or a file cannot be written.
+        If the method is unknown, the rig or an option is not as it must be, the recordings can identify
+        nothing or are certainly wrong (`irt.check` says more), or a file cannot be written.
     """
     arguments.word("method", method, METHODS)
     added = _effects(effects)
@@ -89,23 +90,31 @@ def tune(
         "threads": threads,
         "progress": progress,
     }
+    # The check, torch, scipy and pycma load only where they are used.
+    from irt.checking.run import required  # noqa: PLC0415
+
     rig = as_rig(rig)
-    _require_right_axes(rig)
-    # torch, scipy and pycma load only where they are used.
+    warnings = required(rig, threads=threads)
+    if method == "least-squares":
+        common["effects"] = added
+    elif network is not None:
+        common["network"] = network
+    return replace(_tuned(rig, method, common), warnings=warnings)
+
+
+def _tuned(rig: Rig, method: str, options: Mapping[str, Any]) -> FitResult:
+    """Fit by the method, with the options that it has."""
     if method == "least-squares":
         from irt.fitting.least_squares import least_squares  # noqa: PLC0415
 
-        return least_squares(rig, effects=added, **common)
-    rig = rig.of_marbles()
-    if network is not None:
-        common["network"] = network
+        return least_squares(rig, **options)
     if method == "irt":
         from irt.tuning.residual_tuning import irt  # noqa: PLC0415
 
-        return irt(rig, **common)
+        return irt(rig.of_marbles(), **options)
     from irt.tuning.budgeted import budgeted  # noqa: PLC0415
 
-    return budgeted(rig, method, **common)
+    return budgeted(rig.of_marbles(), method, **options)
 
 
 def check_options(method: str, given: Sequence[str], *, prefix: str = "") -> None:
@@ -132,15 +141,6 @@ def check_options(method: str, given: Sequence[str], *, prefix: str = "") -> Non
             )
             whose = f"{prefix}method {' or '.join(BELONGS[name])}"
             raise IrtError(f"{option} belongs to {whose}; leave it out")
-
-
-def _require_right_axes(rig: Rig) -> None:
-    """Raise where axes, signs or units are certainly wrong: every fit would be."""
-    from irt.checking.run import axes_and_units  # noqa: PLC0415
-
-    for one in axes_and_units(rig):
-        if one.severity == "error":
-            raise IrtError(f"{rig.path}: {one.what}; {one.advice}")
 
 
 def _effects(effects: Sequence[Effect | str]) -> tuple[Effect, ...]:

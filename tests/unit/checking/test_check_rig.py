@@ -126,6 +126,25 @@ def test_units_that_look_wrong_are_warned_of(make_rig, arrays, words):
     assert any(words in str(one) for one in warned(found)), [str(one) for one in warned(found)]
 
 
+def test_knobs_in_degrees_are_refused_unless_the_range_of_the_gears_says_otherwise(make_rig):
+    rig = changed(make_rig(), knobs=lambda one: np.degrees(one.knobs))
+    (error,) = warned(check(rig))
+    assert error.severity == "error"
+    assert "they are degrees" in error.advice
+    radians = {"gear_x": (0.0, 0.0005), "gear_y": (0.0, 0.0005)}
+    (warning,) = warned(check(replace(rig, ranges={**rig.ranges, **radians})))
+    assert warning.severity == "warning"
+
+
+def test_without_stamps_knobs_beyond_a_turn_are_refused_and_others_warned_of(make_rig):
+    severities = []
+    for amplitude in (0.05, 0.16):
+        rig = make_rig(stamped=False, amplitude=amplitude)
+        (found,) = warned(check(changed(rig, knobs=lambda one: np.degrees(one.knobs))))
+        severities.append(found.severity)
+    assert severities == ["warning", "error"]
+
+
 def test_small_knobs_in_degrees_show_by_their_gears(make_rig):
     # 1 degree at most: as radians no impossible knob, but gears a 57th of what is searched.
     rig = changed(make_rig(), knobs=lambda one: np.degrees(one.knobs) / np.degrees(one.knobs).max())

@@ -129,12 +129,13 @@ def test_the_gain_of_a_rolling_sphere_is_measured(make_rig):
         assert gain == pytest.approx(7.0, abs=max(4.0 * error, 0.35))
 
 
-def test_positions_in_metres_are_told_by_the_gain(make_rig):
+def test_positions_in_metres_are_refused_by_the_gain(make_rig):
     rig = with_tilt(make_rig())
     metres = with_columns(
         rig, lambda columns: columns.update({name: 0.276 * columns[name] for name in MARBLE})
     )
-    assert any("metres" in str(one) for one in check(metres).findings if one.severity == "warning")
+    (error,) = [one for one in check(metres).findings if one.severity == "error"]
+    assert (error.where, "metres" in error.advice) == ("tilt to marble", True)
 
 
 def test_gears_of_either_sign_make_mirrored_commands_right(make_rig):

@@ -1,5 +1,7 @@
 """The answer in plain words."""
 
+from pathlib import Path
+
 import pytest
 
 from irt import catalogue
@@ -75,3 +77,10 @@ def test_nothing_missing_claims_no_more_than_was_shown():
 )
 def test_what_to_record_next_depends_on_the_answer(tmp_path, effects, words):
     assert words in suggestion(effects, tmp_path)
+
+
+def test_a_rig_in_the_working_directory_is_named_from_there(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "`irt suggest 'my rig'`" in suggestion([effect()], tmp_path / "my rig")
+    assert "`irt suggest ../rig`" in suggestion([effect()], Path("../rig"))
+    assert f"`irt suggest {tmp_path.parent}`" in suggestion([effect()], tmp_path.parent)

@@ -7,9 +7,9 @@ from irt.catalogue import effect
 from irt.diagnosis import config
 from irt.diagnosis.formula import formula, variables
 from irt.diagnosis.learned import learn
+from irt.diagnosis.regressors import likely_terms, motion_seen
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
-from irt.diagnosis.view import likely_terms, motion_seen
 
 
 def quiet(_text: str) -> None:

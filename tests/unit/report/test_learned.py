@@ -7,7 +7,7 @@ import pytest
 from matplotlib.contour import QuadContourSet
 
 from irt.catalogue import effect
-from irt.diagnosis.profiles import SHAPES
+from irt.diagnosis.basis import SHAPES
 from irt.diagnosis.result import UNLISTED, NamedEffect, units
 from irt.engine import SUBSTEP_S, rollouts
 from irt.model import Parameter

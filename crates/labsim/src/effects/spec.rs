@@ -208,6 +208,11 @@ impl EffectSpec {
         self.acts == Hook::OnMarble(Memory::Turning)
     }
 
+    /// Whether it is a law of the rim: how a marble leaves it.
+    pub fn is_of_rims(&self) -> bool {
+        self.acts == Hook::OnRims
+    }
+
     /// Whether it changes what is measured of the board's angles, and nothing else.
     pub fn is_of_gauge(&self) -> bool {
         self.acts == Hook::OnGauge

@@ -316,28 +316,25 @@ fn write_down<S: Simd>(
     if out.iter().all(|out| out.corrections.is_empty()) {
         return;
     }
-    let zero = weight.like(0.0);
-    let rest = [
-        pull,
-        lasting,
-        weight.gt(zero).select(off, zero),
-        weight,
-        lasted.seconds,
-        lasted.remembered,
-        lasted.kept,
-        push,
-        rests,
-        rebound,
-        edges_per_m,
-    ];
-    let (covariance, rest) = (
-        before.triangle().map(Lanes::to_array),
-        rest.map(Lanes::to_array),
-    );
+    let off = weight.gt(weight.like(0.0)).select(off, weight.like(0.0));
+    let covariance = before.triangle().map(Lanes::to_array);
     for (lane, out) in out.iter_mut().enumerate() {
+        let at = |one: Lanes<S>| one.to_array()[lane];
         if let Some(known) = out.corrections.get_mut(row) {
-            let covariance = covariance.map(|one| one[lane]);
-            known[axis] = Correction::new(covariance, rest.map(|one| one[lane]));
+            known[axis] = Correction {
+                covariance: covariance.map(|one| one[lane]),
+                pull: at(pull),
+                lasting: at(lasting),
+                off: at(off),
+                weight: at(weight),
+                seconds: at(lasted.seconds),
+                remembered: at(lasted.remembered),
+                kept: at(lasted.kept),
+                push: at(push),
+                rests: at(rests),
+                rebound: at(rebound),
+                edges_per_m: at(edges_per_m),
+            };
         }
     }
 }

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from irt.diagnosis.case import Fitted
-from irt.diagnosis.stretches import LONGEST, SHORTEST, integrator, stretches
+from irt.diagnosis.free_motion import LONGEST, SHORTEST, free_motion, integrator
 from irt.diagnosis.windows import EARLIER
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ class Source:
         return "anew" not in self.variable
 
 
-class Leftover:
+class LatentForce:
     """What a hypothesis leaves over, in stretches away from the rim.
 
     Parameters
@@ -95,7 +95,7 @@ class Leftover:
         longest: int = LONGEST,
         most: int = MOST_ROWS,
     ) -> None:
-        self.rows, self._residual, self._fixed = stretches(fitted, longest, weak=weak, most=most)
+        self.rows, self._residual, self._fixed = free_motion(fitted, longest, weak=weak, most=most)
         self._noise = fitted.case.noise
 
     @property

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from irt.diagnosis import config
-from irt.diagnosis.power import power
+from irt.diagnosis.detectability import detectability
 from irt.diagnosis.score import Scores
 from irt.diagnosis.selection import Selection
 
@@ -12,7 +12,7 @@ from irt.diagnosis.selection import Selection
 def least(case):
     """Return the smallest sizes that a case without effects would show; infinite where none would."""
     scores = Scores(case)
-    found = power(scores, scores.base())
+    found = detectability(scores, scores.base())
     assert all(one.least is None or 0.0 < one.least <= one.largest for one in found)
     return {(one.effect, one.parameter): np.inf if one.least is None else one.least for one in found}
 

@@ -11,7 +11,7 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from irt.diagnosis.profiles import SHAPES
+from irt.diagnosis.basis import SHAPES
 
 #: Profiles that the engine's effect can hold, and the parameters of one over each of what it may depend on.
 PROFILES = 5

@@ -1,4 +1,4 @@
-"""A leftover in metres, seconds and radians, against which the terms of the library are laid.
+"""A missing force in SI units, to which the terms of the library are fitted.
 
 That is a sparse library, as in SINDy (Brunton et al. 2016), but in the weak form: no derivative of a noisy
 position is taken.
@@ -11,10 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.diagnosis.case import Fitted
-from irt.diagnosis.latent import Leftover
-from irt.diagnosis.library import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
-from irt.diagnosis.profiles import (
+from irt.diagnosis.basis import (
     LOCAL,
     POLYNOMIALS,
     ROUND,
@@ -26,7 +23,10 @@ from irt.diagnosis.profiles import (
     spots,
     waves,
 )
-from irt.diagnosis.stretches import LONGEST, PULL
+from irt.diagnosis.case import Fitted
+from irt.diagnosis.free_motion import LONGEST, PULL
+from irt.diagnosis.latent_force import LatentForce
+from irt.diagnosis.terms import BRAKE, GEARS, LAWS, MODE, PROFILES, PUSH, VECTORS, Term
 from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
@@ -61,14 +61,14 @@ HORIZONS = (LONGEST, 60, 120)
 AT = 0.1
 
 
-def likely_terms(learned: Fitted, seen: View | None, terms: Sequence[Term]) -> list[Term]:
+def likely_terms(learned: Fitted, seen: Regressors | None, terms: Sequence[Term]) -> list[Term]:
     """Return terms that explain most of what is left over, as the motion itself shows it and predictions do.
 
     Parameters
     ----------
     learned : Fitted
         A set of effects with what was learned so far.
-    seen : View or None
+    seen : Regressors or None
         The motion as it was observed, freed of what these terms could do to it.
     terms : sequence of Term
         Those that were learned.
@@ -83,25 +83,25 @@ def likely_terms(learned: Fitted, seen: View | None, terms: Sequence[Term]) -> l
     if terms or seen is None:
         # In long stretches small pushes show, in short ones predictions do not go astray.
         horizons = HORIZONS if terms else HORIZONS[:1]
-        views = (Leftover(learned, longest=rows, most=MOST_ROWS) for rows in horizons)
-        found += [term for one in views if one.count for term in View(one, learned).likely(terms, 1)]
+        forces = (LatentForce(learned, longest=rows, most=MOST_ROWS) for rows in horizons)
+        found += [term for one in forces if one.count for term in Regressors(one, learned).likely(terms, 1)]
     return found
 
 
-def motion_seen(base: Fitted) -> View | None:
+def motion_seen(base: Fitted) -> Regressors | None:
     """Return the motion as it was observed; None where the marble never moved far from the rim."""
-    leftover = Leftover(base, weak=True, longest=SEEN, most=MOST_ROWS)
-    return View(leftover, base) if leftover.count else None
+    force = LatentForce(base, weak=True, longest=SEEN, most=MOST_ROWS)
+    return Regressors(force, base) if force.count else None
 
 
-class View:
-    """A leftover, and what the marble, the board and the time were in its rows."""
+class Regressors:
+    """A force, and what the marble, the board and the time were in its rows."""
 
-    def __init__(self, leftover: Leftover, parent: Fitted) -> None:
+    def __init__(self, force: LatentForce, parent: Fitted) -> None:
         case = parent.case
         edge_m, row_s = case.edge_m(parent), case.row_s(parent)
-        rows = leftover.rows
-        self._leftover, self._case, self._row_s = leftover, case, row_s
+        rows = force.rows
+        self._force, self._case, self._row_s = force, case, row_s
         self._gears = parent.values[[PARAMETERS.index(name) for name in ("gear_x", "gear_y")]]
         self._told = {
             "position": rows.place * edge_m,
@@ -135,7 +135,7 @@ class View:
         """Leave a term out of what is left: what it depends on, of any strength."""
         pushes = self._pushes(term)
         for axis in (0, 1):
-            self._leftover.explain(axis, self._leftover.moved(pushes[:, :, axis]))
+            self._force.explain(axis, self._force.moved(pushes[:, :, axis]))
             self._data[axis] = self._freed(axis)
 
     def _pushes(self, term: Term) -> Array:
@@ -155,11 +155,11 @@ class View:
         return np.asarray(self._profile(term)[:, :, None] * pushes[:, None])
 
     def _freed(self, axis: int) -> Array:
-        return self._leftover.freed(axis, self._leftover.residual(axis)[:, None])[:, 0]
+        return self._force.freed(axis, self._force.residual(axis)[:, None])[:, 0]
 
     def _moved(self, axis: int, pushes: Array) -> Array:
         """Return what (n, k) pushes in m/s^2 along an axis do that nothing else could, (n, k)."""
-        return self._unit * self._leftover.freed(axis, self._leftover.moved(pushes))
+        return self._unit * self._force.freed(axis, self._force.moved(pushes))
 
     def _candidates(self, terms: Sequence[Term]) -> Iterator[Term]:
         laws = {term.law for term in terms}
@@ -250,7 +250,7 @@ class View:
 
     def _of_runs(self, values: Sequence[Array]) -> Array:
         """Return in each row what (rows, ...) values of each recording say there, (n, ...)."""
-        rows = self._leftover.rows
+        rows = self._force.rows
         return np.array([values[run][row] for run, row in zip(rows.run, rows.time.astype(int), strict=True)])
 
     def _power_law(self, name: str, power: float) -> Array:

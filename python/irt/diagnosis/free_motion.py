@@ -67,7 +67,7 @@ def _spread_out(count: int) -> NDArray[np.int64]:
     return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
 
 
-def stretches(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple[Rows, Array, list[Array]]:
+def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple[Rows, Array, list[Array]]:
     """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it.
 
     Of more rows than `most` whole stretches are taken, spread over the recordings.

@@ -24,7 +24,7 @@ SIZES, OTHERS = 8, 4
 _SURE = 0.84
 
 
-def power(scores: Scores, base: Scored) -> list[Power]:
+def detectability(scores: Scores, base: Scored) -> list[Power]:
     """Return the smallest size of each effect of the catalogue that these recordings would have shown.
 
     To first order: what an effect of this size changes of the predictions, beyond what the five parameters
