@@ -216,9 +216,8 @@ class Case:
 
     def model(self, effects: Sequence[str], values: Mapping[str, float]) -> Model:
         """Return the model of some effects with values by name, as of a `Fitted`."""
-        own = {
-            name: [key for key in values if key.startswith(f"{name}.")] for name in effects if name != SPINNING
-        }
+        named = [name for name in effects if name != SPINNING]
+        own = {name: [key for key in values if key.startswith(f"{name}.")] for name in named}
         board = self.rig.board
         spinning = max(0.0, board.spinning_friction + values.get(SPIN, 0.0))
         return Model.from_rig(

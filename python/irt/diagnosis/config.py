@@ -7,8 +7,8 @@ from __future__ import annotations
 PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
 #: Standard deviation of the start velocity [m/s]: a marble that is let go, or rolls as the recording begins.
 START_VELOCITY = 0.3
-#: Friction against spins about the vertical [radii] at which an ascent begins: the middle one is that of steel on
-#: wood, by Hertz.
+#: Friction against spins about the vertical [radii] at which an ascent begins: the middle one is that of
+#: steel on wood, by Hertz.
 SPINNING = (1e-4, 5e-4, 2.5e-3)
 #: Standard deviation of the time at which a marble leaves a wall that turns [s], where an ascent begins.
 DEPARTURE = 0.01

@@ -27,8 +27,9 @@ SHIFT_S, SMOOTHED_S = f"{MEAN}.delay_s", f"{SMOOTHING}.time_constant_s"
 SMOOTHED = ALIKE | {SMOOTHING}
 
 
-#: How the board resists a spin about the vertical: every set has it beside the five parameters, and none is named
-#: for it. Marbles spin once they have met the rim, and engines and rigs differ by this more than by anything else.
+#: How the board resists a spin about the vertical: every set has it beside the five parameters, and none is
+#: named for it. Marbles spin once they have met the rim, and engines differ by this more than by any
+#: other thing.
 SPINNING = "spinning_friction"
 #: Name of its size.
 SPIN = f"{SPINNING}.increase"

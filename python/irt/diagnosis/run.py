@@ -85,8 +85,8 @@ def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
     """Return what is more probable than the best set, with what can be learned without a name.
 
     It is asked for where the set needs a push that depends on something, and leaves a share of the error. It
-    is learned beside the set, and in its place: effects may only have stood in for it. A map does even where it
-    leaves nothing that depends on anything.
+    is learned beside the set, and in its place: effects may only have stood in for it. A map does even where
+    it leaves nothing that depends on anything.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()

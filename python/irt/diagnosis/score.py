@@ -104,7 +104,7 @@ class Scored:
 
 @functools.cache
 def _width_before() -> float:
-    """Return the standard deviation of the logarithm of the friction against spins before anything was seen."""
+    """Return the deviation of the logarithm of the friction against spins before anything was seen."""
     (size,) = effect(SPINNING).required
     return math.log(size.high / size.low) / math.sqrt(12.0)
 
@@ -260,12 +260,10 @@ class Scores:
         one : Scored
             The set.
         sizes : sequence of int
-            Where the sizes that are to be zero stand, such as `PUSH`. A push that is no larger than what engines
-            differ by is none.
+            Where the sizes that are to be zero stand, such as `PUSH`. A push that is no larger than what
+            engines differ by is none.
         """
-        if (one.noise[[PUSH, PULL]] <= config.LITTLE[:2]).all():
-            sizes = [size for size in sizes if size not in (PUSH, PULL)]
-        if not sizes:
+        if {PUSH, PULL}.issuperset(sizes) and (one.noise[[PUSH, PULL]] <= config.LITTLE[:2]).all():
             return 0.0
         problem = self.problem(one.effects)
         noise = one.noise.copy()

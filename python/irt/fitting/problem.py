@@ -223,7 +223,8 @@ class Problem:
             The tracker's error from row to row and its lasting error [board edges], how long that lasts [s],
             the spectral density of the marble's random acceleration [m^2/s^3], a random acceleration that
             lasts [m/s^2] and how long [s], and the standard deviations of the coefficient of restitution, of
-            the time at which the board answers [s] and of the start velocity [m/s].
+            the times at which the board answers and at which marbles follow it from a wall [s], and of the
+            start velocity [m/s].
         states : sequence of (s, 4) arrays, optional
             Known start states of the segments for each of the values, as of a `Solution`; by default a marble
             starts where it was first seen, at rest on average.

@@ -37,4 +37,4 @@ def test_a_marble_that_rolls_already_lies_another_way_in_each_recording():
 
 
 def test_what_cannot_be_simulated_is_simulated_by_what_it_is_on_average():
-    assert simulated(["bump", "delay_jitter"]) == ["bump", "delay", "lag"]
+    assert simulated(["bump", "delay_jitter"]) == ["spinning_friction", "bump", "delay", "lag"]

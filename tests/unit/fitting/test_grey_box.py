@@ -15,7 +15,7 @@ from irt.segments import segments
 TRUTH = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
 #: White and lasting error of the tracker, how long that lasts, push, push that lasts and how long,
 #: restitution, start velocity.
-NOISE = np.array([1e-3, 1e-5, 0.1, 1e-5, 1e-3, 0.2, 0.1, 0.0, 0.1])
+NOISE = np.array([1e-3, 1e-5, 0.1, 1e-5, 1e-3, 0.2, 0.1, 0.0, 0.0, 0.1])
 
 
 def problem_of(rig, *effects):
