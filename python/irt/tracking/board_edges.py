@@ -136,6 +136,7 @@ class BoardEdges:
         self._lens = lens
         self.corners, self.error_px = corners, FAR
         self.missed = 0
+        self._residuals = np.zeros((3, 4 * POINTS))
         self._slopes: Array | None = None
         for _ in range(2):
             sides = _Sides.of(self.corners, lens)
@@ -194,6 +195,22 @@ class BoardEdges:
         self._slopes = np.array(slopes).T
         return True
 
+    def tilt_noise(self) -> Array | None:
+        """Return the standard error (2,) of the tilt about x and y in one picture [rad].
+
+        None where no picture was followed. What the grain adds to each point in all pictures alike moves the
+        zero of the tilt only.
+        """
+        weights, sums, squares = self._residuals
+        known = weights > 0
+        if self._slopes is None or not known.any():
+            return None
+        means = sums[known] / weights[known]
+        scatter = (squares[known] - weights[known] * means**2).sum() / weights[known].sum()
+        part = weights / weights.max()
+        normal = (self._slopes.T * part) @ self._slopes
+        return np.asarray(np.sqrt(ALIKE * scatter * np.diag(np.linalg.inv(normal))))
+
     def follow(self, picture: Picture) -> Geometry | None:
         """Return where the board is in a picture, None where its sides are covered."""
         slopes = self._slopes
@@ -209,7 +226,10 @@ class BoardEdges:
         for _ in range(6):
             apart = offsets - slopes @ tilt
             weights = 1.0 / (1.0 + (apart / COVERED) ** 2)
-            tilt = np.asarray(np.linalg.solve((slopes.T * weights) @ slopes, (slopes.T * weights) @ offsets))
+            normal = (slopes.T * weights) @ slopes
+            tilt = np.asarray(np.linalg.solve(normal, (slopes.T * weights) @ offsets))
+        apart = offsets - slopes @ tilt
+        self._residuals[:, seen] += weights * np.array([np.ones_like(apart), apart, apart**2])
         level = self._level
         turn, _ = opencv().Rodrigues(np.array([tilt[0], tilt[1], 0.0]))
         return Pose(level.lens, level.rotation @ turn, level.origin, self._radius)

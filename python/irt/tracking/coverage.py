@@ -1,9 +1,9 @@
 """The disc that a marble covers, by what each pixel does to the board behind it.
 
-Under a shadow a picture is the board times a light of one tint, and the board's texture stays in the logarithm
-of levels. A marble replaces the board: its texture is gone, and so is its hue. Each cell of some views laid
-over each other gets the logarithm of how much likelier it is covered than shaded or lit. The marble is the
-disc of known radius that collects most of that.
+Under a shadow a picture is the board times a light of one tint, and the board's texture stays in the
+logarithm of levels. A marble replaces the board: its texture is gone, and so is its hue. Each cell of some
+views laid over each other gets the logarithm of how much likelier it is covered than shaded or lit. The
+marble is the disc of known radius that collects most of that.
 """
 
 from __future__ import annotations
@@ -127,7 +127,13 @@ class Coverage:
         return Laid(x, y, radius, worth / ALIKE)
 
     def sized(self, seen: float, known: float) -> Laid:
-        """Return the disc of the radius that sizes of board and marble say, unless the one seen fits better."""
+        """Return the disc of the known radius, unless it is another marble's and the one seen fits better.
+
+        Parameters
+        ----------
+        seen, known : float
+            As rims show it, and as sizes of board and marble say [pixels].
+        """
         disc = self.laid(known)
         if abs(np.log(seen / known)) < WRONG:
             return disc

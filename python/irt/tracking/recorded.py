@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike, write_atomic
-from irt.recording import Commands, Recording
+from irt.recording import MARBLE, STEP, TILT, Commands, Recording
 from irt.tracking.geometry import Pose
 from irt.tracking.run import Track
 from irt.tracking.timing import Alignment, Gaps, align, at_commands, find_gaps
 
 Array = NDArray[np.float64]
 
+#: A tilt is written where its noise is at most this share of what it varies by: a tenth of the variance.
+USEFUL = float(np.sqrt(0.1))
 #: A marble moves in its first row if it is faster than this [board edges per second].
 AT_REST = 0.02
 
@@ -43,6 +45,16 @@ class Timed:
     confidence: Array
     alignment: Alignment | None
     offset: float
+
+
+def shows_tilt(track: Track) -> bool:
+    """Return whether the board's tilt was measured well enough to be of use to a fit."""
+    noise = track.scene.tilt_noise
+    measured = np.isfinite(track.tilt[:, 0])
+    if noise is None or measured.sum() < 2:
+        return False
+    varies = float(np.sqrt(track.tilt[measured].var(axis=0).sum()))
+    return float(np.linalg.norm(noise)) <= USEFUL * varies
 
 
 def laid_on(track: Track, commands: Commands, path: Path, offset: float | None = None) -> Timed:
@@ -86,7 +98,8 @@ def laid_on(track: Track, commands: Commands, path: Path, offset: float | None =
         raise IrtError("the commands and the pictures do not overlap: is --offset right?")
     rows = slice(seen[0], seen[-1] + 1)
     nearest = np.abs(times[rows, None] - track.stamps[None, :]).argmin(axis=1)
-    recording = Recording(path.stem, path, commands.knobs[rows], marble[rows], times[rows])
+    tilt = at_commands(track.stamps, track.tilt, times)[rows] if shows_tilt(track) else None
+    recording = Recording(path.stem, path, commands.knobs[rows], marble[rows], times[rows], tilt)
     return Timed(recording, track.confidence[nearest], alignment, float(offset))
 
 
@@ -113,12 +126,15 @@ def save_positions(path: PathLike, track: Track) -> None:
     IrtError
         If the file cannot be written.
     """
-    lines = ["step,t_s,marble_x,marble_y,confidence"]
-    for step, (stamp, place, sure) in enumerate(
-        zip(track.stamps, track.marble, track.confidence, strict=True)
-    ):
-        x, y = ("" if np.isnan(one) else repr(float(one)) for one in place)
-        lines.append(f"{step},{float(stamp)!r},{x},{y},{sure:.3f}")
+    columns = [track.stamps[:, None], track.marble]
+    names = ["t_s", *MARBLE]
+    if shows_tilt(track):
+        columns.append(track.tilt)
+        names += TILT
+    lines = [",".join([STEP, *names, "confidence"])]
+    for step, (row, sure) in enumerate(zip(np.hstack(columns), track.confidence, strict=True)):
+        cells = ("" if np.isnan(one) else repr(float(one)) for one in row)
+        lines.append(f"{step},{','.join(cells)},{sure:.3f}")
     write_atomic(path, "\n".join(lines) + "\n")
 
 
@@ -150,6 +166,10 @@ class Summary:
         What the calibration left over [pixels].
     height, tilt : str
         Whether the marble's height, and the board's tilt, are taken out of its positions.
+    tilt_noise_rad : (about x, about y) or None
+        Standard error of the tilt in one picture, None where it was not measured [rad].
+    tilt_written : bool
+        Whether the recording has the tilt: where its noise is small beside what it varies by.
     confidence : float
         The median, where it is seen.
     moving : bool
@@ -169,6 +189,8 @@ class Summary:
     lens_px: float | None
     height: str
     tilt: str
+    tilt_noise_rad: tuple[float, float] | None
+    tilt_written: bool
     confidence: float
     moving: bool
 
@@ -212,6 +234,12 @@ def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
         tilt = "measured in each picture by the board's sides"
         if scene.edges.missed:
             tilt += f", but for {scene.edges.missed} pictures, which take that of the one before"
+    noise_rad = scene.tilt_noise
+    if noise_rad is not None:
+        tilt += (
+            f", noise {noise_rad[0]:.5f} rad about x and {noise_rad[1]:.5f} about y: "
+            f"{'written as tilt_x_rad, tilt_y_rad' if shows_tilt(track) else 'too much to be written'}"
+        )
     middle = np.array([[0.0, 0.0], [0.01, 0.0]])
     ends = geometry.pixels(middle)
     pixels = 100.0 * float(np.hypot(*(ends[1] - ends[0])))
@@ -231,6 +259,8 @@ def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
         lens_px=geometry.lens.error_px if isinstance(geometry, Pose) else None,
         height=height,
         tilt=tilt,
+        tilt_noise_rad=None if noise_rad is None else (float(noise_rad[0]), float(noise_rad[1])),
+        tilt_written=shows_tilt(track),
         confidence=float(np.median(track.confidence[track.seen])) if track.seen.any() else 0.0,
         moving=_moving(track),
     )

@@ -94,6 +94,12 @@ class Scene:
     learned: Learned
     usual_change: float
 
+    @property
+    def tilt_noise(self) -> Array | None:
+        """Standard error (2,) of the measured tilt about x and y [rad], None where it is not measured."""
+        board = self.markers or self.edges
+        return None if board is None else board.tilt_noise()
+
     def tracker(self) -> Tracker:
         """Return a tracker for this board."""
         return Tracker(self.learned, scale_of(self.geometry, self.learned.finder.middle))
@@ -121,6 +127,9 @@ class Track:
         Pictures that show the one before once more; their positions are NaN.
     in_window : (n,) bool array
         Where the search of a window was enough.
+    tilt : (n, 2) array
+        The board's angles about x and y [rad] by the right-hand rule, from their mean where its sides show
+        them, from the first picture where markers do; NaN where they were not measured.
     stopped : str
         Why the run ended early, or nothing.
     """
@@ -133,6 +142,7 @@ class Track:
     confidence: Array
     repeated: NDArray[np.bool_]
     in_window: NDArray[np.bool_]
+    tilt: Array
     stopped: str = ""
 
     @property
@@ -253,6 +263,8 @@ class Seen:
         Whether the picture shows the one before once more; then there is no place.
     geometry : Plane or Pose
         Of the board in this picture.
+    tilt : (2,) array
+        Its angles about x and y [rad], NaN where they were not measured.
     """
 
     frame: Frame
@@ -260,21 +272,30 @@ class Seen:
     place: Array
     repeated: bool
     geometry: Geometry
+    tilt: Array
 
     @classmethod
-    def of(cls, frame: Frame, sighting: Sighting, geometry: Geometry, *, repeated: bool) -> Seen:
+    def of(cls, frame: Frame, sighting: Sighting, geometry: Geometry, tilt: Array, *, repeated: bool) -> Seen:
         """Return what was seen with its place."""
         place = np.full(2, np.nan)
         if sighting.seen and not repeated:
             place = geometry.positions(np.array([[sighting.x, sighting.y]]))[0]
-        return cls(frame, sighting, place, repeated, geometry)
+        return cls(frame, sighting, place, repeated, geometry, tilt)
 
     @property
     def row(self) -> tuple[float, ...]:
-        """Stamp, pixel, place, confidence, repeated, in the window."""
+        """Stamp, pixel, place, confidence, repeated, in the window, tilt."""
         pixel = (np.nan, np.nan) if self.repeated else (self.sighting.x, self.sighting.y)
         one = self.sighting
-        return (self.frame.stamp, *pixel, *self.place, one.confidence, self.repeated, one.in_window)
+        return (
+            self.frame.stamp,
+            *pixel,
+            *self.place,
+            one.confidence,
+            self.repeated,
+            one.in_window,
+            *self.tilt,
+        )
 
 
 class Follower:
@@ -297,20 +318,21 @@ class Follower:
         sighting = self._tracker.see(picture)
         before = None
         if last is not None and sighting.confirms is not None:
-            before = Seen.of(last.frame, sighting.confirms, last.geometry, repeated=last.repeated)
+            before = Seen.of(last.frame, sighting.confirms, last.geometry, last.tilt, repeated=last.repeated)
             self._rows[-1] = before.row
-        markers, edges = self.scene.markers, self.scene.edges
-        if markers is not None:
-            self._geometry = markers.follow(picture) or self._geometry
-        elif edges is not None:
-            self._geometry = edges.follow(picture) or self._geometry
-        self._last = Seen.of(frame, sighting, self._geometry, repeated=again)
+        board = self.scene.markers or self.scene.edges
+        measured = None if board is None else board.follow(picture)
+        self._geometry = measured or self._geometry
+        tilt = np.full(2, np.nan)
+        if isinstance(measured, Pose) and isinstance(self.scene.geometry, Pose):
+            tilt = measured.tilt_from(self.scene.geometry)
+        self._last = Seen.of(frame, sighting, self._geometry, tilt, repeated=again)
         self._rows.append(self._last.row)
         return before, self._last
 
     def track(self, stopped: str = "") -> Track:
         """Return all that was seen so far."""
-        table = np.array(self._rows, dtype=np.float64).reshape(-1, 8)
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, 10)
         return Track(
             self.name,
             self.scene,
@@ -320,6 +342,7 @@ class Follower:
             table[:, 5],
             table[:, 6] > 0,
             table[:, 7] > 0,
+            table[:, 8:10],
             stopped,
         )
 

@@ -225,10 +225,10 @@ def _cut(layers: Values, centre: tuple[float, float], half: int, scale: float) -
 def _disc(mean: Values, without: Values, covers: Laid, noise: float) -> tuple[float, float, float]:
     """Return the marble's own disc in the usual picture: its middle from that of the picture, its radius.
 
-    All in pixels. It begins where the board is covered. Two things tell the marble from its shadow. A shadow has the board's hue: where marble and
-    board differ in it, the rim of the hue is the marble's. And beside rays in full light there is no shadow.
-    Each has a radius of its own, since shading and what mirrors move all rims alike; that of the second is
-    the marble's.
+    All in pixels. It begins where the board is covered. Two things set the marble off from its shadow. A
+    shadow has the board's hue: where marble and board differ in it, the rim of the hue is the marble's. And
+    beside rays in full light there is no shadow. Each has a radius of its own, since shading and what mirrors
+    move all rims alike; that of the second is the marble's.
     """
     half = len(mean) // 2
     x, y, found = covers.x, covers.y, covers.radius
