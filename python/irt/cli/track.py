@@ -164,6 +164,11 @@ def _track(args: argparse.Namespace) -> None:
         )
     for line in _answer(found.summary, found.timed, found.board):
         print(line)
+    for finding in found.findings:
+        print(
+            f"warning: {finding}; where the picture is upside down, begin --corners at the opposite corner; "
+            "where it is mirrored, mirror the video"
+        )
     if found.timed is None:
         print("no commands are known: --commands CSV makes this a recording for irt diagnose")
     print(f"\nwrote {found.path}, {found.page} and what they show")
@@ -184,6 +189,12 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
     gaps = summary.gaps
     if gaps.dropped or gaps.repeated:
         lines.append(f"{counted(gaps.dropped, 'picture')} missing, {gaps.repeated:,} shown twice")
+    if gaps.uneven > _UNEVEN:
+        lines.append(
+            f"the frame rate varies: {100 * gaps.uneven:.0f} % of the intervals are not "
+            f"{1000 * gaps.interval:.1f} ms, the longest is {1000 * gaps.longest:.1f} ms; times are by "
+            f"{summary.stamps}"
+        )
     if timed is not None and timed.alignment is not None:
         found = timed.alignment
         lines.append(
@@ -197,6 +208,8 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
     return lines
 
 
+#: More uneven intervals than this make a variable frame rate: a camera drops a picture now and then.
+_UNEVEN = 0.05
 #: Corners that are less certain than this are warned of [mm]: as much as a marble's place may be off.
 _CORNERS_MM = 0.5
 #: A chance of a shadow from here on is warned of.
@@ -206,6 +219,17 @@ _SHADOW = 0.05
 def _warnings(summary: Summary) -> list[str]:
     """Return what a user should look at before the positions are used."""
     lines = []
+    for first, count, start, end in summary.away:
+        lines.append(
+            f"warning: the board is not where it was in pictures {first + 1} to {first + count} "
+            f"({start:.2f} to {end:.2f} s): it left the view, or it or the camera was moved, or its sides "
+            "are covered; these rows are left empty: split the video there"
+        )
+    for first, count, start, end in summary.still:
+        lines.append(
+            f"warning: the camera stood still in pictures {first + 1} to {first + count} ({start:.2f} to "
+            f"{end:.2f} s): it shows one picture; these rows are left empty"
+        )
     if summary.corners_mm is not None and summary.corners_mm > _CORNERS_MM:
         lines.append(
             f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: look at the "

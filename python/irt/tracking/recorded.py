@@ -15,12 +15,15 @@ from irt.files import PathLike, write_atomic
 from irt.recording import MARBLE, STEP, TILT, Commands, Recording
 from irt.tracking.geometry import Pose
 from irt.tracking.run import Track
+from irt.tracking.standing import Stretches, stretches
 from irt.tracking.timing import Alignment, Gaps, align, at_commands, find_gaps
 
 Array = NDArray[np.float64]
 
 #: A tilt is written where its noise is at most this share of what it varies by: a tenth of the variance.
 USEFUL = float(np.sqrt(0.1))
+#: A camera that shows one picture for so long stands still [s]: a webcam that waits for light takes a tenth.
+STILL_S = 0.5
 #: A marble moves in its first row if it is faster than this [board edges per second].
 AT_REST = 0.02
 
@@ -150,6 +153,11 @@ class Summary:
         Stretches of pictures in which it is not, the longest first.
     gaps : Gaps
         Of the stamps.
+    stamps : str
+        How the stamps were made, in words.
+    away, still : tuple of (first, count, from, to)
+        Stretches of pictures in which the board is not where it was, and in which the camera shows one
+        picture for half a second or more: first picture, number, and their stamps [s].
     pixels_per_edge : float
         At the middle of the board.
     radius_px : float
@@ -180,6 +188,9 @@ class Summary:
     seen: int
     lost: tuple[tuple[int, int], ...]
     gaps: Gaps
+    stamps: str
+    away: tuple[tuple[int, int, float, float], ...]
+    still: tuple[tuple[int, int, float, float], ...]
     pixels_per_edge: float
     radius_px: float
     noise: float
@@ -200,7 +211,7 @@ class Summary:
         return self.seen / self.pictures if self.pictures else 0.0
 
 
-def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
+def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summary:
     """Return what a track is worth.
 
     Parameters
@@ -211,6 +222,8 @@ def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
         Standard deviation of its positions [board edges].
     edge_mm : float
         The board's long edge [mm].
+    stamps : str
+        How the stamps were made, in words.
     """
     scene, geometry = track.scene, track.scene.geometry
     corners_px = None
@@ -246,8 +259,11 @@ def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
     return Summary(
         pictures=len(track.stamps),
         seen=int(track.seen.sum()),
-        lost=_stretches(~track.seen),
+        lost=tuple(sorted(stretches(~track.seen), key=lambda one: -one[1])),
         gaps=find_gaps(track.stamps, track.repeated),
+        stamps=stamps,
+        away=_dated(track, track.away),
+        still=tuple(one for one in _dated(track, stretches(track.repeated)) if one[3] - one[2] >= STILL_S),
         pixels_per_edge=pixels,
         radius_px=scene.learned.radius,
         noise=noise,
@@ -290,11 +306,12 @@ def save_metadata(path: PathLike, track: Track, summary: Summary, facts: dict[st
     write_atomic(path, json.dumps(content, indent=2) + "\n")
 
 
-def _stretches(flags: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
-    """Return first index and length of the stretches that are set, the longest first."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    runs = [(int(first), int(end - first)) for first, end in zip(edges[::2], edges[1::2], strict=True)]
-    return tuple(sorted(runs, key=lambda run: -run[1]))
+def _dated(track: Track, found: Stretches) -> tuple[tuple[int, int, float, float], ...]:
+    """Return stretches of pictures with the stamps of their ends [s]."""
+    stamps = track.stamps
+    return tuple(
+        (first, count, float(stamps[first]), float(stamps[first + count - 1])) for first, count in found
+    )
 
 
 def _moving(track: Track) -> bool:

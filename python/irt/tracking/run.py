@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
-from irt.tracking.corners import checked, find_corners, ordered
+from irt.tracking.corners import TwoBoardsError, checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
@@ -21,6 +21,7 @@ from irt.tracking.opencv import opencv
 from irt.tracking.partial import Partial
 from irt.tracking.separation import Clue
 from irt.tracking.source import Frame, Picture, Source
+from irt.tracking.standing import absences
 from irt.tracking.tracker import Learned, Sighting, Tracker
 
 Array = NDArray[np.float64]
@@ -30,6 +31,8 @@ Progress = Callable[[int, int, str], None]
 SAMPLE = 48
 #: How far a marble may be seen beyond the corners, in its radii: it stands on the board, and the board tilts.
 BEYOND = 2.5
+#: Every so many pictures are looked at for whether the board is where it was.
+LOOKED_AT = 10
 #: A picture that differs from the one before by less than this share of what is usual is that one again.
 SAME = 0.05
 #: Every so many pixels are compared for that.
@@ -78,6 +81,8 @@ class Scene:
         Those on the board, where they tell its tilt.
     edges : BoardEdges or None
         The board's sides, where they show its tilt.
+    sides : BoardEdges or None
+        The board's sides, where they are clear.
     learned : Learned
         Light and marble.
     usual_change : float
@@ -91,6 +96,7 @@ class Scene:
     geometry: Geometry
     markers: Markers | None
     edges: BoardEdges | None
+    sides: BoardEdges | None
     learned: Learned
     usual_change: float
 
@@ -130,6 +136,8 @@ class Track:
     tilt : (n, 2) array
         The board's angles about x and y [rad] by the right-hand rule, from their mean where its sides show
         them, from the first picture where markers do; NaN where they were not measured.
+    away : tuple of (first, count)
+        Stretches of pictures in which the board is not where it was; their positions are NaN.
     stopped : str
         Why the run ended early, or nothing.
     """
@@ -143,6 +151,7 @@ class Track:
     repeated: NDArray[np.bool_]
     in_window: NDArray[np.bool_]
     tilt: Array
+    away: tuple[tuple[int, int], ...]
     stopped: str = ""
 
     @property
@@ -191,6 +200,7 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         geometry,
         markers if markers.enough else None,
         edges if follows else None,
+        edges if edges is not None and edges.clear else None,
         learned,
         _usual_change(pictures),
     )
@@ -212,6 +222,8 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
         try:
             found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
             return ordered(found, question.size), words
+        except TwoBoardsError:
+            raise
         except IrtError as error:
             reasons.append(error)
         marked = corners_by_markers(first) if len(reasons) == 1 else None
@@ -307,6 +319,7 @@ class Follower:
         self._geometry: Geometry = scene.geometry
         self._last: Seen | None = None
         self._rows: list[tuple[float, ...]] = []
+        self._looks: list[tuple[int, bool]] = []
         if scene.learned.first is not None:
             self._tracker.expect(*scene.learned.first)
 
@@ -323,6 +336,8 @@ class Follower:
         board = self.scene.markers or self.scene.edges
         measured = None if board is None else board.follow(picture)
         self._geometry = measured or self._geometry
+        if self.scene.sides is not None and len(self._rows) % LOOKED_AT == 0:
+            self._looks.append((len(self._rows), self.scene.sides.stand(picture)))
         tilt = np.full(2, np.nan)
         if isinstance(measured, Pose) and isinstance(self.scene.geometry, Pose):
             tilt = measured.tilt_from(self.scene.geometry)
@@ -333,6 +348,10 @@ class Follower:
     def track(self, stopped: str = "") -> Track:
         """Return all that was seen so far."""
         table = np.array(self._rows, dtype=np.float64).reshape(-1, 10)
+        away = absences(self._looks, table[:, 0])
+        for first, count in away:
+            table[first : first + count, 1:5] = np.nan
+            table[first : first + count, 8:10] = np.nan
         return Track(
             self.name,
             self.scene,
@@ -343,6 +362,7 @@ class Follower:
             table[:, 6] > 0,
             table[:, 7] > 0,
             table[:, 8:10],
+            away,
             stopped,
         )
 

@@ -225,23 +225,29 @@ def _cut(layers: Values, centre: tuple[float, float], half: int, scale: float) -
 def _disc(mean: Values, without: Values, covers: Laid, noise: float) -> tuple[float, float, float]:
     """Return the marble's own disc in the usual picture: its middle from that of the picture, its radius.
 
-    All in pixels. It begins where the board is covered. Two things set the marble off from its shadow. A
-    shadow has the board's hue: where marble and board differ in it, the rim of the hue is the marble's. And
-    beside rays in full light there is no shadow. Each has a radius of its own, since shading and what mirrors
-    move all rims alike; that of the second is the marble's.
+    All in pixels. It begins where the board is covered, and in the picture's middle; the disc that rims miss
+    less is taken. Two things set the marble off from its shadow. A shadow has the board's hue: where marble
+    and board differ in it, the rim of the hue is the marble's. And beside rays in full light there is no
+    shadow. Each has a radius of its own, since shading and what mirrors move all rims alike; that of the
+    second is the marble's.
     """
     half = len(mean) // 2
-    x, y, found = covers.x, covers.y, covers.radius
-    for _ in range(6):
-        place, along = (half + FINE * x, half + FINE * y), FINE * found * PARTS
-        rays, board = (look(one, *place, along) for one in (mean, without))
-        dx, dy, part = _laid(rays, board, noise, covers.radius / found)
-        x, y, found = x + 0.7 * dx * found, y + 0.7 * dy * found, found * (1.0 + 0.7 * (part - 1.0))
+    discs = []
+    for start in ((covers.x, covers.y), (0.0, 0.0)):
+        disc = np.array([*start, covers.radius])
+        missed = np.inf
+        for _ in range(6):
+            place, found = (half + FINE * disc[0], half + FINE * disc[1]), float(disc[2])
+            rays, board = (look(one, *place, FINE * found * PARTS) for one in (mean, without))
+            dx, dy, part, missed = _laid(rays, board, noise, covers.radius / found)
+            disc = disc + 0.7 * found * np.array([dx, dy, part - 1.0])
+        discs.append((missed, *disc.tolist()))
+    _, x, y, found = min(discs)
     return x, y, found
 
 
-def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple[float, float, float]:
-    """Return offset and radius of the marble's disc in mean rays (RAYS, n, 3), in radii."""
+def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple[float, float, float, float]:
+    """Return offset and radius of the marble's disc in mean rays (RAYS, n, 3), in radii, and its misfit."""
     lit = _lit(mean, without)
     clear = np.min([np.roll(lit, turn) for turn in range(-NEAR_SHADOW, NEAR_SHADOW + 1)], axis=0)
     hue_rims, hue = _hue_rims(mean, without)
@@ -263,7 +269,9 @@ def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple
         normal[3, 3] += hold
         right[3] += hold * (expected - answer[3])
         answer = answer + np.linalg.solve(normal, right)
-    return float(answer[0]), float(answer[1]), float(answer[3])
+    square = ((measured - answer @ design) / TOLD) ** 2
+    misfit = float((trust * square / (1.0 + square)).sum())
+    return float(answer[0]), float(answer[1]), float(answer[3]), misfit
 
 
 def _changes(mean: Values, directions: Values, noise: float) -> Values:

@@ -68,7 +68,8 @@ def test_tilt_is_within_its_stated_noise(shown, edges: BoardEdges, lens) -> None
     noise = edges.tilt_noise()
     assert noise is not None
     ratio = missed.std(axis=0) / noise
-    assert (0.3 < ratio).all() and (ratio < 2.0).all(), ratio
+    assert ratio.min() > 0.3
+    assert ratio.max() < 2.0
     assert (noise < 0.002).all()
 
 

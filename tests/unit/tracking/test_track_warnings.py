@@ -20,7 +20,7 @@ from irt.cli.track import _warnings
     ],
 )
 def test_warnings(corners_mm: float | None, shadow: float, said: list[str]) -> None:
-    lines = _warnings(SimpleNamespace(corners_mm=corners_mm, shadow=shadow))
+    lines = _warnings(SimpleNamespace(corners_mm=corners_mm, shadow=shadow, away=(), still=()))
     assert len(lines) == len(said)
     for line, words in zip(lines, said, strict=True):
         assert line.startswith("warning: ")
