@@ -202,6 +202,9 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
             "delay is in this)"
         )
     lines += [f"height of the marble {summary.height}", f"tilt of the board {summary.tilt}"]
+    parts = ", ".join(f"{name} {value:.2f}" for name, value in summary.budget.parts.items())
+    unknown = f"; unknown: {', '.join(summary.budget.unknown)}" if summary.budget.unknown else ""
+    lines.append(f"standard error on the board {summary.budget.total:.2f} mm: {parts}{unknown}")
     lines += _warnings(summary)
     if summary.moving:
         lines.append('the marble moves in the first picture: rig.toml needs [recordings] start = "moving"')
@@ -212,6 +215,8 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
 _UNEVEN = 0.05
 #: Corners that are less certain than this are warned of [mm]: as much as a marble's place may be off.
 _CORNERS_MM = 0.5
+#: More than this is warned of [radii]: the two disagree by 0.05, at most 0.09, where the marble is right.
+_DISAGREE = 0.2
 #: A chance of a shadow from here on is warned of.
 _SHADOW = 0.05
 
@@ -234,6 +239,11 @@ def _warnings(summary: Summary) -> list[str]:
         lines.append(
             f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: look at the "
             "overlay, and give them with --corners where they are off"
+        )
+    if summary.disagree > _DISAGREE:
+        lines.append(
+            f"warning: the marble's rim and what it covers disagree by {summary.disagree:.2f} radii: a "
+            "shadow may be taken for a part of it; look at the overlay, and say with --marble where it is"
         )
     if summary.shadow > _SHADOW:
         lines.append(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.files import PathLike, write_atomic
 from irt.recording import MARBLE, STEP, TILT, Commands, Recording
+from irt.tracking.budget import Budget, error_budget
 from irt.tracking.geometry import Pose
 from irt.tracking.run import Track
 from irt.tracking.standing import Stretches, stretches
@@ -168,6 +169,10 @@ class Summary:
         Standard error of the board's corners, None where they were given [mm].
     shadow : float
         The chance that a shadow was followed, from 0 to 1; a half where the board has no texture.
+    budget : Budget
+        What adds to the error of a place on the board [mm].
+    disagree : float
+        How far the middle of the marble's rim is from that of what it covers [radii].
     corners_px : float or None
         Root mean square of the corners off the board's own shape, where a calibrated lens tells [pixels].
     lens_px : float or None
@@ -196,6 +201,8 @@ class Summary:
     noise: float
     corners_mm: float | None
     shadow: float
+    budget: Budget
+    disagree: float
     corners_px: float | None
     lens_px: float | None
     height: str
@@ -256,6 +263,9 @@ def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summar
     middle = np.array([[0.0, 0.0], [0.01, 0.0]])
     ends = geometry.pixels(middle)
     pixels = 100.0 * float(np.hypot(*(ends[1] - ends[0])))
+    corners_mm = None
+    if not np.isnan(scene.corners_px):
+        corners_mm = edge_mm * _largest(scene.corners_px, corners_px) / pixels
     return Summary(
         pictures=len(track.stamps),
         seen=int(track.seen.sum()),
@@ -267,10 +277,10 @@ def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summar
         pixels_per_edge=pixels,
         radius_px=scene.learned.radius,
         noise=noise,
-        corners_mm=None
-        if np.isnan(scene.corners_px)
-        else edge_mm * _largest(scene.corners_px, corners_px) / pixels,
+        corners_mm=corners_mm,
         shadow=scene.learned.shadow,
+        budget=error_budget(scene, corners_mm, noise, edge_mm, pixels),
+        disagree=scene.learned.appearance.apart / scene.learned.radius,
         corners_px=corners_px,
         lens_px=geometry.lens.error_px if isinstance(geometry, Pose) else None,
         height=height,
@@ -297,7 +307,8 @@ def save_metadata(path: PathLike, track: Track, summary: Summary, facts: dict[st
     """
     content = {
         **facts,
-        **asdict(summary),
+        **{name: value for name, value in asdict(summary).items() if name != "budget"},
+        "budget_mm": {**asdict(summary.budget), "total": summary.budget.total},
         "detection": summary.detection,
         "lost": [{"first": first, "pictures": count} for first, count in summary.lost],
         "corners": {"found_by": track.scene.found_by, "pixels": track.scene.corners.round(3).tolist()},
