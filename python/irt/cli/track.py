@@ -17,6 +17,8 @@ HELP = "follow the marble through a video, a folder of images or a camera, into 
 
 #: The lens, in the folder of results.
 _LENS = "camera.toml"
+#: The markers to print.
+_SHEET = "markers.pdf"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "video",
         metavar="VIDEO",
+        nargs="?",
         help="a video file, a folder of images, the number of a camera (0), or an address",
     )
     parser.add_argument(
@@ -94,11 +97,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=(9, 6),
         help="inner corners of the chessboard, or squares of the ChArUco board (default: 9x6)",
     )
+    parser.add_argument(
+        "--markers",
+        action="store_true",
+        help=f"write {_SHEET}, four markers for the board's corners to print, to DIR (default: here)",
+    )
     parser.add_argument("--charuco", action="store_true", help="the pattern is a ChArUco board (4x4_50)")
     parser.epilog = (
         "examples:\n"
         "  irt track run-1.mp4 --commands knobs-1.csv --out my-rig     then: irt diagnose my-rig\n"
         "  irt track chessboard.mp4 --calibrate --out my-rig           the lens, used by all later tracks\n"
+        "  irt track --markers                                         markers to print for the tilt\n"
         "  irt track 0 --publish                                       a camera, live; Ctrl-C ends it\n\n"
         "example:\n"
         "  irt track run-1.mp4"
@@ -107,10 +116,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Track, write what was seen, and say how well."""
-    if args.calibrate:
+    if args.markers:
+        _markers(args)
+    elif args.video is None:
+        raise IrtError("nothing to track: name a video, a folder of images or a camera, or --markers")
+    elif args.calibrate:
         _calibrate(args)
     else:
         _track(args)
+
+
+def _markers(args: argparse.Namespace) -> None:
+    """Write the sheet of markers."""
+    from irt.cli.inputs import results_folder
+    from irt.tracking.marker_sheet import write_marker_sheet
+
+    path = results_folder(args.out or Path(), (_SHEET,)) / _SHEET
+    write_marker_sheet(path)
+    print("print it at 100 %, measure the bar of 100 mm, and do what the sheet says")
+    print(f"\nwrote {path}")
 
 
 def _calibrate(args: argparse.Namespace) -> None:

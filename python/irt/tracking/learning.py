@@ -104,8 +104,9 @@ def learn(
     known = blank
     if clue is not None and (clue.places or clue.colour):
         known = replace(blank, colours=_told(pictures, clue, expected, box))
-    if known is blank or (clue is not None and clue.places and not _discs(pictures, known)):
-        # A marble whose colours are the board's is found by what moves beside the place that was given.
+    if known is blank or (clue is not None and clue.places and len(_discs(pictures, known)) < FEWEST):
+        # A marble whose colours are the board's is found by what moves beside the place that was given. A
+        # disc or two of these colours may be anything.
         known = _moving(pictures, scale, blank, told=empty is not None)
     learned = _refined(pictures, known, scale, expected, clue or Clue())
     return replace(learned, finder=replace(learned.finder, light=light))
