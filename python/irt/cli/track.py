@@ -103,6 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"write {_SHEET}, four markers for the board's corners to print, to DIR (default: here)",
     )
     parser.add_argument("--charuco", action="store_true", help="the pattern is a ChArUco board (4x4_50)")
+    parser.set_defaults(wrong_usage=parser.error)
     parser.epilog = (
         "examples:\n"
         "  irt track run-1.mp4 --commands knobs-1.csv --out my-rig     then: irt diagnose my-rig\n"
@@ -119,7 +120,7 @@ def run(args: argparse.Namespace) -> None:
     if args.markers:
         _markers(args)
     elif args.video is None:
-        raise IrtError("nothing to track: name a video, a folder of images or a camera, or --markers")
+        args.wrong_usage("the following arguments are required: VIDEO (or --markers)")
     elif args.calibrate:
         _calibrate(args)
     else:
