@@ -31,6 +31,8 @@ Progress = Callable[[int, int, str], None]
 SAMPLE = 48
 #: How far a marble may be seen beyond the corners, in its radii: it stands on the board, and the board tilts.
 BEYOND = 2.5
+#: One in so many pictures of the sample shows the board in its place, if it leaves early.
+EARLY = 4
 #: Every so many pictures are looked at for whether the board is where it was.
 LOOKED_AT = 10
 #: A picture that differs from the one before by less than this share of what is usual is that one again.
@@ -182,9 +184,12 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     progress(1, 3, "the board")
     corners, found_by = _corners(pictures, question)
     size = question.size
-    edges = None if question.corners is not None else BoardEdges(pictures, corners, lens)
+    edges = None if question.corners is not None else _sides(pictures, corners, lens)
     if edges is not None:
         corners = edges.corners
+    if edges is not None and edges.clear:
+        # A board that is elsewhere is no ground for the marble.
+        pictures = [pictures[0], *(one for one in pictures[1:] if edges.stand(one))]
     geometry: Geometry = Plane.of(corners, size)
     if lens is not None:
         geometry = Pose.of(lens, corners, size.corners, size.radius)
@@ -204,6 +209,15 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         learned,
         _usual_change(pictures),
     )
+
+
+def _sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardEdges:
+    """Return the board's sides, of the first pictures where the board leaves its place early."""
+    edges = BoardEdges(pictures, corners, lens)
+    if edges.clear:
+        return edges
+    early = BoardEdges(pictures[: max(len(pictures) // EARLY, 2)], corners, lens)
+    return early if early.clear else edges
 
 
 def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
