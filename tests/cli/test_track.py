@@ -219,10 +219,10 @@ def test_markers_on_the_board_take_its_tilt_away(irt, tmp_path) -> None:
     table = np.genfromtxt(tmp_path / "out" / "marked.csv", delimiter=",", names=True)
     missed = np.column_stack([table["marble_x"], table["marble_y"]]) - scene.places
     assert np.sqrt(np.nanmean(missed**2)) * 276 < 0.4
-    told = json.loads((tmp_path / "out" / "marked.json").read_text())
-    assert told["tilt_written"]
+    facts = json.loads((tmp_path / "out" / "marked.json").read_text())
+    assert facts["tilt_written"]
     apart = np.column_stack([table["tilt_x_rad"], table["tilt_y_rad"]]) - scene.tilts
-    ratio = np.nanstd(apart, axis=0) / told["tilt_noise_rad"]
+    ratio = np.nanstd(apart, axis=0) / facts["tilt_noise_rad"]
     assert (ratio < 2.0).all(), ratio
 
 
