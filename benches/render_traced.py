@@ -54,6 +54,7 @@ def write(number: int, pictures: int, folder: Path) -> None:
         "corners": traced.corners().tolist(),
         "pixels": [one.pixel.tolist() for one in truths],
         "places": [one.place.tolist() for one in truths],
+        "tilts": run.tilts.tolist(),
     }
     (folder / "truth.json").write_text(json.dumps(known), encoding="utf-8")
     print(f"{number} ({run.kind}): {time.monotonic() - start:.0f} s", file=sys.stderr, flush=True)

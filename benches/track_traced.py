@@ -1,10 +1,10 @@
-"""Score the tracker on path-traced runs that `render_traced.py` has rendered, beside an HSV threshold.
+"""Score the tracker on path-traced runs that `render_traced.py` has rendered, beside its peers.
 
     python benches/render_traced.py --out DIR 0 1 2 3 4 5 6 7 && python benches/track_traced.py DIR
 
 Prints one line for each run and way. Corners are found, except on boards with a rim: there a user gives them
-to the pixel, because a picture does not say which outline is the board's. The HSV threshold is given the
-marble's colour, its size and the true corners.
+to the pixel, because a picture does not say which outline is the board's. The peers (`tracking.rivals`) are
+given the marble's colour, its size and the true corners.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 MM = 1000.0 * EDGES_M[0]
 #: A position farther off than this is another thing [radii].
 WRONG_RADII = 1.0
-#: Pictures of which the threshold is given the marble's place.
+#: Pictures of which the peers are given the marble's place.
 GIVEN = 10
 
 
@@ -95,15 +96,16 @@ def ours(run: Run, way: str, clue: Clue) -> str:
     )
 
 
-def threshold(run: Run) -> str:
-    """Return what an HSV threshold does that is given the colour."""
+def peers(run: Run) -> Iterator[str]:
+    """Yield what each peer does that is given the colour."""
     pictures = [frame.picture for frame in run.source.frames()]
     width, height = run.lens.size
     ways = rivals(pictures[:GIVEN], run.pixels[:GIVEN], run.radius_px, Box(0, 0, width, height), {})
-    see = ways["HSV inRange + minEnclosingCircle"].see
-    pixels = np.array([see(picture) for picture in pictures])
     pose = Pose.of(run.lens, run.corners, run.size.corners, run.size.radius)
-    return score(run, "HSV", pixels, pose.positions(pixels))
+    for name, way in ways.items():
+        pixels = np.array([way.see(picture) for picture in pictures])
+        short = name.removeprefix("cv2.").split()[0].split(".")[0]
+        yield score(run, short, pixels, pose.positions(pixels))
 
 
 def main() -> None:
@@ -117,7 +119,9 @@ def main() -> None:
             continue
         run = Run(folder)
         given = Clue(places=((float(run.pixels[0, 0]), float(run.pixels[0, 1])),))
-        for line in (ours(run, "alone", Clue()), ours(run, "given", given), threshold(run)):
+        print(ours(run, "alone", Clue()), flush=True)
+        print(ours(run, "given", given), flush=True)
+        for line in peers(run):
             print(line, flush=True)
 
 

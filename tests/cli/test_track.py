@@ -25,18 +25,19 @@ TRUTH = (0.08, 0.07, 4e-4, 8.0, 1.0)
 RATE = 30.0
 
 
-def played(rows: int, seed: int, *effects: dict) -> tuple[np.ndarray, np.ndarray]:
-    """Return commands and places (rows, 2) of a marble that rolls at 30 rows a second."""
+def played(rows: int, seed: int, *effects: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return commands, places and tilts (rows, 2) of a marble that rolls at 30 rows a second."""
     random = np.random.default_rng(seed)
     time = np.arange(rows)[:, None, None] / RATE
     waves = np.sin(2 * np.pi * (time * random.uniform(0.2, 0.9, (2, 3)) + random.random((2, 3))))
     knobs = 0.05 * waves.sum(axis=2) * np.minimum(4 * time[:, 0], 1.0)
-    return knobs, rollouts([TRUTH], knobs, effects=effects or None)[0]
+    places, tilts = rollouts([TRUTH], knobs, effects=effects or None, tilt=True)
+    return knobs, places[0], tilts[0]
 
 
-def film(path: Path, knobs: np.ndarray, places: np.ndarray, **settings: object) -> Scene:
+def film(path: Path, tilts: np.ndarray, places: np.ndarray, **settings: object) -> Scene:
     """Render a run into a folder of images."""
-    scene = Scene(VIEW, Paint(lines=2, holes=2), Look("blue"), places, knobs * TRUTH[:2], seed=5, **settings)
+    scene = Scene(VIEW, Paint(lines=2, holes=2), Look("blue"), places, tilts, seed=5, **settings)
     path.mkdir()
     for index, (picture, _) in enumerate(scene.frames()):
         cv2.imwrite(str(path / f"{index}.png"), picture)
@@ -52,8 +53,8 @@ def write_commands(path: Path, knobs: np.ndarray, first: float = 100.0) -> Path:
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, Scene]:
     folder = tmp_path_factory.mktemp("filmed") / "run-1"
-    knobs, places = played(110, 3)
-    return folder, knobs, film(folder, knobs, places)
+    knobs, places, tilts = played(110, 3)
+    return folder, knobs, film(folder, tilts, places)
 
 
 @pytest.mark.slow
@@ -73,7 +74,11 @@ def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
     written = json.loads((out / "run-1.json").read_text())
     assert written["detection"] > 0.99
     assert written["height"].startswith("corrected")
-    assert written["tilt"] == "measured in each picture by the board's sides"
+    assert written["tilt"].startswith("measured in each picture by the board's sides, noise ")
+    assert recording.tilt is not None
+    apart = recording.tilt - scene.tilts
+    assert (apart.std(axis=0) < 2.0 * np.array(written["tilt_noise_rad"])).all()
+    assert irt("check", out).status == 0
     assert written["corners_mm"] < 0.5
     assert written["shadow"] < 0.01
     assert written["corners"]["found_by"] == "found in the first picture"
@@ -173,9 +178,9 @@ def test_the_package_tracks_as_the_verb_does(irt, filmed, tmp_path) -> None:
 
 @pytest.mark.slow
 def test_two_marbles_are_said(irt, tmp_path) -> None:
-    knobs, places = played(45, 3)
-    _, others = played(45, 8)
-    film(tmp_path / "two", knobs, places + np.array([0.15, 0.1]), second=others - np.array([0.15, 0.1]))
+    _, places, tilts = played(45, 3)
+    _, others, _ = played(45, 8)
+    film(tmp_path / "two", tilts, places + np.array([0.15, 0.1]), second=others - np.array([0.15, 0.1]))
     done = irt("track", tmp_path / "two", "--out", tmp_path / "out")
     assert done.status == 1
     assert "two marbles move on the board" in done.err
@@ -199,8 +204,8 @@ def test_a_picture_that_cannot_be_read_keeps_what_was_seen(irt, filmed, tmp_path
 
 @pytest.mark.slow
 def test_markers_on_the_board_take_its_tilt_away(irt, tmp_path) -> None:
-    knobs, places = played(60, 4)
-    steep = 6.0 * knobs * TRUTH[:2]
+    _, places, tilts = played(60, 4)
+    steep = 6.0 * tilts
     scene = Scene(VIEW, Paint(lines=0, holes=0, markers=0.03), Look("red"), places * 0.6, steep, seed=6)
     folder = tmp_path / "marked"
     folder.mkdir()
@@ -214,6 +219,11 @@ def test_markers_on_the_board_take_its_tilt_away(irt, tmp_path) -> None:
     table = np.genfromtxt(tmp_path / "out" / "marked.csv", delimiter=",", names=True)
     missed = np.column_stack([table["marble_x"], table["marble_y"]]) - scene.places
     assert np.sqrt(np.nanmean(missed**2)) * 276 < 0.4
+    facts = json.loads((tmp_path / "out" / "marked.json").read_text())
+    assert facts["tilt_written"]
+    apart = np.column_stack([table["tilt_x_rad"], table["tilt_y_rad"]]) - scene.tilts
+    ratio = np.nanstd(apart, axis=0) / facts["tilt_noise_rad"]
+    assert (ratio < 2.0).all(), ratio
 
 
 @pytest.mark.slow
@@ -224,8 +234,8 @@ def test_the_whole_story(irt, tmp_path) -> None:
     out.mkdir()
     save_lens(out / "camera.toml", Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
     for run in range(3):
-        knobs, places = played(60, 20 + run, backlash)
-        film(tmp_path / f"run-{run}", knobs, places)
+        knobs, places, tilts = played(60, 20 + run, backlash)
+        film(tmp_path / f"run-{run}", tilts, places)
         commands = write_commands(tmp_path / f"knobs-{run}.csv", knobs)
         words = ("--fps", "30", "--commands", commands, "--offset", "-100", "--out", out)
         assert irt("track", tmp_path / f"run-{run}", *words).status == 0

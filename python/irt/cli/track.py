@@ -17,6 +17,8 @@ HELP = "follow the marble through a video, a folder of images or a camera, into 
 
 #: The lens, in the folder of results.
 _LENS = "camera.toml"
+#: The markers to print.
+_SHEET = "markers.pdf"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "video",
         metavar="VIDEO",
+        nargs="?",
         help="a video file, a folder of images, the number of a camera (0), or an address",
     )
     parser.add_argument(
@@ -94,11 +97,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=(9, 6),
         help="inner corners of the chessboard, or squares of the ChArUco board (default: 9x6)",
     )
+    parser.add_argument(
+        "--markers",
+        action="store_true",
+        help=f"write {_SHEET}, four markers for the board's corners to print, to DIR (default: here)",
+    )
     parser.add_argument("--charuco", action="store_true", help="the pattern is a ChArUco board (4x4_50)")
+    parser.set_defaults(wrong_usage=parser.error)
     parser.epilog = (
         "examples:\n"
         "  irt track run-1.mp4 --commands knobs-1.csv --out my-rig     then: irt diagnose my-rig\n"
         "  irt track chessboard.mp4 --calibrate --out my-rig           the lens, used by all later tracks\n"
+        "  irt track --markers                                         markers to print for the tilt\n"
         "  irt track 0 --publish                                       a camera, live; Ctrl-C ends it\n\n"
         "example:\n"
         "  irt track run-1.mp4"
@@ -107,10 +117,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Track, write what was seen, and say how well."""
-    if args.calibrate:
+    if args.markers:
+        _markers(args)
+    elif args.video is None:
+        args.wrong_usage("the following arguments are required: VIDEO (or --markers)")
+    elif args.calibrate:
         _calibrate(args)
     else:
         _track(args)
+
+
+def _markers(args: argparse.Namespace) -> None:
+    """Write the sheet of markers."""
+    from irt.cli.inputs import results_folder
+    from irt.tracking.marker_sheet import write_marker_sheet
+
+    path = results_folder(args.out or Path(), (_SHEET,)) / _SHEET
+    write_marker_sheet(path)
+    print("print it at 100 %, measure the bar of 100 mm, and do what the sheet says")
+    print(f"\nwrote {path}")
 
 
 def _calibrate(args: argparse.Namespace) -> None:
@@ -164,6 +189,11 @@ def _track(args: argparse.Namespace) -> None:
         )
     for line in _answer(found.summary, found.timed, found.board):
         print(line)
+    for finding in found.findings:
+        print(
+            f"warning: {finding}; where the picture is upside down, begin --corners at the opposite corner; "
+            "where it is mirrored, mirror the video"
+        )
     if found.timed is None:
         print("no commands are known: --commands CSV makes this a recording for irt diagnose")
     print(f"\nwrote {found.path}, {found.page} and what they show")
@@ -184,6 +214,12 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
     gaps = summary.gaps
     if gaps.dropped or gaps.repeated:
         lines.append(f"{counted(gaps.dropped, 'picture')} missing, {gaps.repeated:,} shown twice")
+    if gaps.uneven > _UNEVEN:
+        lines.append(
+            f"the frame rate varies: {100 * gaps.uneven:.0f} % of the intervals are not "
+            f"{1000 * gaps.interval:.1f} ms, the longest is {1000 * gaps.longest:.1f} ms; times are by "
+            f"{summary.stamps}"
+        )
     if timed is not None and timed.alignment is not None:
         found = timed.alignment
         lines.append(
@@ -191,14 +227,21 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
             "delay is in this)"
         )
     lines += [f"height of the marble {summary.height}", f"tilt of the board {summary.tilt}"]
+    parts = ", ".join(f"{name} {value:.2f}" for name, value in summary.budget.parts.items())
+    unknown = f"; unknown: {', '.join(summary.budget.unknown)}" if summary.budget.unknown else ""
+    lines.append(f"standard error on the board {summary.budget.total:.2f} mm: {parts}{unknown}")
     lines += _warnings(summary)
     if summary.moving:
         lines.append('the marble moves in the first picture: rig.toml needs [recordings] start = "moving"')
     return lines
 
 
+#: More uneven intervals than this make a variable frame rate: a camera drops a picture now and then.
+_UNEVEN = 0.05
 #: Corners that are less certain than this are warned of [mm]: as much as a marble's place may be off.
 _CORNERS_MM = 0.5
+#: More than this is warned of [radii]: the two disagree by 0.05, at most 0.09, where the marble is right.
+_DISAGREE = 0.2
 #: A chance of a shadow from here on is warned of.
 _SHADOW = 0.05
 
@@ -206,10 +249,26 @@ _SHADOW = 0.05
 def _warnings(summary: Summary) -> list[str]:
     """Return what a user should look at before the positions are used."""
     lines = []
+    for first, count, start, end in summary.away:
+        lines.append(
+            f"warning: the board is not where it was in pictures {first + 1} to {first + count} "
+            f"({start:.2f} to {end:.2f} s): it left the view, or it or the camera was moved, or its sides "
+            "are covered; these rows are left empty: split the video there"
+        )
+    for first, count, start, end in summary.still:
+        lines.append(
+            f"warning: the camera stood still in pictures {first + 1} to {first + count} ({start:.2f} to "
+            f"{end:.2f} s): it shows one picture; these rows are left empty"
+        )
     if summary.corners_mm is not None and summary.corners_mm > _CORNERS_MM:
         lines.append(
             f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: look at the "
             "overlay, and give them with --corners where they are off"
+        )
+    if summary.disagree > _DISAGREE:
+        lines.append(
+            f"warning: the marble's rim and what it covers disagree by {summary.disagree:.2f} radii: a "
+            "shadow may be taken for a part of it; look at the overlay, and say with --marble where it is"
         )
     if summary.shadow > _SHADOW:
         lines.append(

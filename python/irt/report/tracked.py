@@ -14,9 +14,10 @@ from irt.files import PathLike, TomlTable, atomic_path, make_folder, read_toml
 from irt.fitting.fit import Progress
 from irt.fitting.problem import noise_in
 from irt.recording import Commands, Recording, load_commands
-from irt.rig import Board, Marble, read_dimensions
+from irt.rig import Board, Marble, Rig, read_dimensions
 
 if TYPE_CHECKING:
+    from irt.checking import Finding
     from irt.tracking.recorded import Summary, Timed
     from irt.tracking.run import Question, Track
     from irt.tracking.source import Source
@@ -45,6 +46,8 @@ class Tracked:
         The recording, where commands are known.
     board : Board
         What was tracked on.
+    findings : tuple of Finding
+        What is wrong with axes, signs and units of the recording, by what the commands do to the marble.
     """
 
     path: Path
@@ -53,6 +56,7 @@ class Tracked:
     summary: Summary
     timed: Timed | None
     board: Board
+    findings: tuple[Finding, ...]
 
     @property
     def recording(self) -> Recording | None:
@@ -138,8 +142,11 @@ def track(
             )
             path = folder / f"{source.name}.csv"
             timed = _saved(seen, played, path, offset)
-            facts = _facts(video, commands, source, timed)
-            return _described(seen, timed, path, facts=facts, board=board)
+            facts = _facts(video, commands, timed)
+            findings = () if timed is None else _axes(timed.recording, board, ball)
+            return _described(
+                seen, timed, path, facts=facts, board=board, stamps=source.stamped_by, findings=findings
+            )
     finally:
         source.close()
 
@@ -212,18 +219,33 @@ def _saved(found: Track, commands: Commands | None, path: Path, offset: float | 
     return timed
 
 
+def _axes(recording: Recording, board: Board, ball: Marble) -> tuple[Finding, ...]:
+    """Return what is wrong with the axes of a recording, as where the picture is upside down or mirrored."""
+    from irt.checking.run import axes_and_units  # noqa: PLC0415
+
+    rig = Rig.from_recordings([recording], board=board, marble=ball, start="moving")
+    return tuple(one for one in axes_and_units(rig) if one.severity != "note")
+
+
 def _described(
-    found: Track, timed: Timed | None, path: Path, *, facts: dict[str, Any], board: Board
+    found: Track,
+    timed: Timed | None,
+    path: Path,
+    *,
+    facts: dict[str, Any],
+    board: Board,
+    stamps: str,
+    findings: tuple[Finding, ...],
 ) -> Tracked:
     """Write what is known of a track beside it."""
     from irt.report.tracking_report import write_tracking_report  # noqa: PLC0415
     from irt.tracking.recorded import save_metadata, summarise  # noqa: PLC0415
 
     folder = path.parent
-    summary = summarise(found, noise_in([found.marble]), 1000.0 * board.edge_x_m)
+    summary = summarise(found, noise_in([found.marble]), 1000.0 * board.edge_x_m, stamps)
     save_metadata(folder / f"{found.name}.json", found, summary, facts)
     page = write_tracking_report(folder, found, summary, timed, facts=facts, edge_m=board.edge_x_m)
-    return Tracked(path, page, found, summary, timed, board)
+    return Tracked(path, page, found, summary, timed, board, findings)
 
 
 def _question(
@@ -282,9 +304,9 @@ def _publisher() -> Any:
     return Publisher()
 
 
-def _facts(video: str, commands: PathLike | None, source: Source, timed: Timed | None) -> dict[str, Any]:
+def _facts(video: str, commands: PathLike | None, timed: Timed | None) -> dict[str, Any]:
     """Return what the track was made from."""
-    facts: dict[str, Any] = {"video": video, "stamps": source.stamped_by}
+    facts: dict[str, Any] = {"video": video}
     if timed is not None:
         facts["commands"] = str(commands)
         facts["offset_s"] = timed.offset

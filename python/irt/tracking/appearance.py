@@ -82,11 +82,14 @@ class Appearance:
         One over the variance of a picture's colour about that [1/levels^2].
     radius : float
         The marble's, where the scale is 1 [pixels].
+    apart : float
+        How far the middle of its rim is from that of what it covers [pixels].
     """
 
     layers: Values
     precision: Values
     radius: float
+    apart: float = 0.0
 
     def __post_init__(self) -> None:
         cv2 = opencv()

@@ -136,9 +136,10 @@ class BoardEdges:
         self._lens = lens
         self.corners, self.error_px = corners, FAR
         self.missed = 0
+        self._residuals = np.zeros((3, 4 * POINTS))
         self._slopes: Array | None = None
         for _ in range(2):
-            sides = _Sides.of(self.corners, lens)
+            self._places = sides = _Sides.of(self.corners, lens)
             colours = [sides.profiles(picture) for picture in pictures]
             self._channel = _clearest(np.concatenate(colours))
             profiles = [one[..., self._channel] for one in colours]
@@ -173,14 +174,25 @@ class BoardEdges:
             count += len(own)
         corners = np.array([meet(lines[side - 1], lines[side]) for side in range(4)])
         self.corners = corners if self._lens is None else self._lens.bent(corners)
+        self._places = _Sides.of(self.corners, self._lens)
         # The ends of a line through n points are known to 2/sqrt(n), along each of two sides.
         self.error_px = float(np.sqrt(2.0 * 4.0 * squares / count / (POINTS / ALIKE)))
 
+    @property
+    def clear(self) -> bool:
+        """Whether all sides were measured in most pictures of the sample."""
+        return self.error_px < FAR
+
+    def stand(self, picture: Picture) -> bool:
+        """Return whether the sides are in a picture where they were in the sample."""
+        profiles = self._places.profiles(picture)[..., self._channel]
+        return bool(np.isfinite(_crossings(profiles, self._curve)).mean() >= ENOUGH)
+
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
-        if not isinstance(level, Pose) or self.error_px >= FAR:
+        if not isinstance(level, Pose) or not self.clear:
             return False
-        sides = _Sides.of(self.corners, self._lens)
+        sides = self._places
         surface = Pose(level.lens, level.rotation, level.origin, 0.0)
         there = surface.positions(sides.points)
         flat = np.column_stack([there, np.zeros(len(there))])
@@ -190,16 +202,32 @@ class BoardEdges:
             lifted = flat + small * np.column_stack([np.zeros((len(there), 2)), rise])
             moved = (surface.project(lifted) - surface.project(flat)) / small
             slopes.append((moved * sides.normals).sum(axis=1))
-        self._sides, self._level, self._radius = sides, level, size.radius
+        self._level, self._radius = level, size.radius
         self._slopes = np.array(slopes).T
         return True
+
+    def tilt_noise(self) -> Array | None:
+        """Return the standard error (2,) of the tilt about x and y in one picture [rad].
+
+        None where no picture was followed. What the grain adds to each point in all pictures alike moves the
+        zero of the tilt only.
+        """
+        weights, sums, squares = self._residuals
+        known = weights > 0
+        if self._slopes is None or not known.any():
+            return None
+        means = sums[known] / weights[known]
+        scatter = (squares[known] - weights[known] * means**2).sum() / weights[known].sum()
+        part = weights / weights.max()
+        normal = (self._slopes.T * part) @ self._slopes
+        return np.asarray(np.sqrt(ALIKE * scatter * np.diag(np.linalg.inv(normal))))
 
     def follow(self, picture: Picture) -> Geometry | None:
         """Return where the board is in a picture, None where its sides are covered."""
         slopes = self._slopes
         if slopes is None:
             return None
-        offsets = _crossings(self._sides.profiles(picture)[..., self._channel], self._curve)
+        offsets = _crossings(self._places.profiles(picture)[..., self._channel], self._curve)
         seen = np.isfinite(offsets)
         if seen.mean() < ENOUGH:
             self.missed += 1
@@ -209,7 +237,10 @@ class BoardEdges:
         for _ in range(6):
             apart = offsets - slopes @ tilt
             weights = 1.0 / (1.0 + (apart / COVERED) ** 2)
-            tilt = np.asarray(np.linalg.solve((slopes.T * weights) @ slopes, (slopes.T * weights) @ offsets))
+            normal = (slopes.T * weights) @ slopes
+            tilt = np.asarray(np.linalg.solve(normal, (slopes.T * weights) @ offsets))
+        apart = offsets - slopes @ tilt
+        self._residuals[:, seen] += weights * np.array([np.ones_like(apart), apart, apart**2])
         level = self._level
         turn, _ = opencv().Rodrigues(np.array([tilt[0], tilt[1], 0.0]))
         return Pose(level.lens, level.rotation @ turn, level.origin, self._radius)

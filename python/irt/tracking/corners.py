@@ -26,8 +26,15 @@ LEAST_SHARE = 0.04
 FILLED = 0.93
 #: A camera that looks at a board aslant by 40 degrees shortens one of its sides by so much.
 SHORTENED = 1.0 / np.cos(np.deg2rad(40.0))
+#: A second outline of this share of the first one's area may be the board as well: a camera that looks aslant
+#: by 40 degrees shows the farther of two boards smaller by about as much.
+ALIKE = 0.5
 #: Sides that show a board turned by a quarter: the ratio of its sides, this near to the inverse.
 TURNED = 1.04
+
+
+class TwoBoardsError(IrtError):
+    """More than one thing in the picture may be the board."""
 
 
 def find_corners(
@@ -52,6 +59,8 @@ def find_corners(
     ------
     IrtError
         If there is no such quadrangle.
+    TwoBoardsError
+        If there are two of nearly one size.
     """
     cv2 = opencv()
     if by_colour:
@@ -64,6 +73,8 @@ def find_corners(
     for mask in (bright, 255 - bright):
         try:
             rough = _quadrangle(mask, size)
+        except TwoBoardsError:
+            raise
         except IrtError as error:
             reasons.append(error)
             continue
@@ -77,7 +88,24 @@ def _quadrangle(mask: Any, size: Size | None) -> Array:
     """Return the rough corners (4, 2) of the largest thing in a mask that is one."""
     cv2 = opencv()
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    largest = max(outlines, key=cv2.contourArea, default=None)
+    largest, *others = sorted(outlines, key=cv2.contourArea, reverse=True) or [None]
+    corners = _board_outline(largest, mask, size)
+    if others and cv2.contourArea(others[0]) > ALIKE * cv2.contourArea(largest):
+        try:
+            other = _board_outline(others[0], mask, size)
+        except IrtError:
+            return corners
+        places = " and ".join(f"{x:.0f},{y:.0f}" for x, y in (corners.mean(axis=0), other.mean(axis=0)))
+        raise TwoBoardsError(
+            f"two things in the picture may be the board, about pixels {places}: cover one, or say with "
+            "--corners where the board is"
+        )
+    return corners
+
+
+def _board_outline(largest: Any, mask: Any, size: Size | None) -> Array:
+    """Return the rough corners (4, 2) of an outline in a mask that may be a board."""
+    cv2 = opencv()
     if largest is None or cv2.contourArea(largest) < LEAST_SHARE * mask.size:
         raise IrtError("no board in the picture: expected a bright one on a dark ground, or the reverse")
     hull = cv2.convexHull(largest)

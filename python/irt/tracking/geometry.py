@@ -178,6 +178,14 @@ class Pose:
         away = float(np.linalg.norm(self.rotation @ [*place, self.radius] + self.origin))
         return float(np.sqrt(self.lens.matrix[0, 0] * self.lens.matrix[1, 1])) * self.radius / away
 
+    def tilt_from(self, level: Pose) -> Array:
+        """Return the angles (2,) about x and y [rad] by which this board is turned from a level one.
+
+        By the right-hand rule, in the board's frame.
+        """
+        turns, _ = opencv().Rodrigues(level.rotation.T @ self.rotation)
+        return np.asarray(turns.ravel()[:2], dtype=np.float64)
+
     @property
     def height(self) -> float:
         """How far the camera is from the board's plane [board edges]."""

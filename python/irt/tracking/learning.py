@@ -57,8 +57,6 @@ TWO = 0.3
 SIZES = (1.0, 0.75, 1.35)
 #: How far a given disc's radius may be from its value (standard deviation, as a share).
 STIFF = 0.05
-#: A radius is the one that sizes say, if that is within this share.
-WRONG = 0.2
 #: A disc of this confidence is a view that the marble's looks are learned from.
 VIEW = 0.6
 #: A chance of a shadow from here on is refused: one run in a thousand may be refused in vain.
@@ -106,8 +104,9 @@ def learn(
     known = blank
     if clue is not None and (clue.places or clue.colour):
         known = replace(blank, colours=_told(pictures, clue, expected, box))
-    if known is blank or (clue is not None and clue.places and not _discs(pictures, known)):
-        # A marble whose colours are the board's is found by what moves beside the place that was given.
+    if known is blank or (clue is not None and clue.places and len(_discs(pictures, known)) < FEWEST):
+        # A marble whose colours are the board's is found by what moves beside the place that was given. A
+        # disc or two of these colours may be anything.
         known = _moving(pictures, scale, blank, told=empty is not None)
     learned = _refined(pictures, known, scale, expected, clue or Clue())
     return replace(learned, finder=replace(learned.finder, light=light))
@@ -335,7 +334,7 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
         without=_emptied(pictures, known.without, [*found, *discs]),
     )
     views = [_view(pictures[index], rim, Underlay(known.without), known.noise, scale) for index, rim in discs]
-    appearance = learn_appearance(views, radius, _plausible(radius, size), known.noise)
+    appearance = learn_appearance(views, radius, size, known.noise)
     learned = Learned(replace(known, radius=appearance.radius), appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
@@ -363,11 +362,6 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
     first = next(((one.x, one.y) for index, one in clear if index == 0), None)
     usual = float(np.median([one.confidence for _, one in matches]))
     return replace(learned, first=first, usual=usual, shadow=shadow)
-
-
-def _plausible(radius: float, expected: float) -> float:
-    """Return the radius that sizes of board and marble say, if what is seen is near it, else that."""
-    return expected if abs(np.log(radius / expected)) < WRONG else radius
 
 
 def _view(picture: Picture, rim: Rim, under: Underlay, noise: float, scale: Scale) -> View:

@@ -83,6 +83,7 @@ class Markers:
                 self.places[number] = there
         self._last: dict[int, Array] = {}
         self.missed = 0
+        self._squares: list[float] = []
 
     @property
     def enough(self) -> bool:
@@ -96,6 +97,7 @@ class Markers:
             geometry, error = self._solved(seen)
             if geometry is not None and error < FITS:
                 self._last = seen
+                self._squares.append(error**2)
                 return geometry
         seen = {number: four for number, four in detect_markers(picture).items() if number in self.places}
         geometry, error = self._solved(seen)
@@ -104,7 +106,29 @@ class Markers:
             self.missed += 1
             return None
         self._last = seen
+        self._squares.append(error**2)
         return geometry
+
+    def tilt_noise(self) -> Array | None:
+        """Return the standard error (2,) of the tilt about x and y in one picture [rad].
+
+        None without a lens, or where no picture was followed. Corners of markers err independently.
+        """
+        if not isinstance(self._level, Pose) or not self._squares:
+            return None
+        level, flat = self._level, np.concatenate(list(self.places.values()))
+        points = np.column_stack([flat, np.zeros(len(flat))])
+        origin = level.project(points)
+        small = 1e-4
+        turns = [np.cross(way, points) for way in np.eye(3)]
+        shifts = [np.tile(way, (len(points), 1)) for way in np.eye(3)]
+        slopes = np.array(
+            [(level.project(points + small * one) - origin).ravel() / small for one in (*turns, *shifts)]
+        )
+        # A pose takes 6 of the 2 n coordinates; a coordinate's square is half of a corner's.
+        free = 2 * len(points) / (2 * len(points) - len(slopes))
+        variance = 0.5 * free * float(np.mean(self._squares))
+        return np.asarray(np.sqrt(variance * np.diag(np.linalg.inv(slopes @ slopes.T))[:2]))
 
     def _refined(self, picture: Picture) -> dict[int, Array]:
         """Return the last corners, moved to where they are now."""

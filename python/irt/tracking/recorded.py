@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.files import PathLike, write_atomic
-from irt.recording import Commands, Recording
+from irt.recording import MARBLE, STEP, TILT, Commands, Recording
+from irt.tracking.budget import Budget, error_budget
 from irt.tracking.geometry import Pose
 from irt.tracking.run import Track
+from irt.tracking.standing import Stretches, stretches
 from irt.tracking.timing import Alignment, Gaps, align, at_commands, find_gaps
 
 Array = NDArray[np.float64]
 
+#: A tilt is written where its noise is at most this share of what it varies by: a tenth of the variance.
+USEFUL = float(np.sqrt(0.1))
+#: A camera that shows one picture for so long stands still [s]: a webcam that waits for light takes a tenth.
+STILL_S = 0.5
 #: A marble moves in its first row if it is faster than this [board edges per second].
 AT_REST = 0.02
 
@@ -43,6 +49,16 @@ class Timed:
     confidence: Array
     alignment: Alignment | None
     offset: float
+
+
+def shows_tilt(track: Track) -> bool:
+    """Return whether the board's tilt was measured well enough to be of use to a fit."""
+    noise = track.scene.tilt_noise
+    measured = np.isfinite(track.tilt[:, 0])
+    if noise is None or measured.sum() < 2:
+        return False
+    varies = float(np.sqrt(track.tilt[measured].var(axis=0).sum()))
+    return float(np.linalg.norm(noise)) <= USEFUL * varies
 
 
 def laid_on(track: Track, commands: Commands, path: Path, offset: float | None = None) -> Timed:
@@ -86,7 +102,8 @@ def laid_on(track: Track, commands: Commands, path: Path, offset: float | None =
         raise IrtError("the commands and the pictures do not overlap: is --offset right?")
     rows = slice(seen[0], seen[-1] + 1)
     nearest = np.abs(times[rows, None] - track.stamps[None, :]).argmin(axis=1)
-    recording = Recording(path.stem, path, commands.knobs[rows], marble[rows], times[rows])
+    tilt = at_commands(track.stamps, track.tilt, times)[rows] if shows_tilt(track) else None
+    recording = Recording(path.stem, path, commands.knobs[rows], marble[rows], times[rows], tilt)
     return Timed(recording, track.confidence[nearest], alignment, float(offset))
 
 
@@ -113,12 +130,15 @@ def save_positions(path: PathLike, track: Track) -> None:
     IrtError
         If the file cannot be written.
     """
-    lines = ["step,t_s,marble_x,marble_y,confidence"]
-    for step, (stamp, place, sure) in enumerate(
-        zip(track.stamps, track.marble, track.confidence, strict=True)
-    ):
-        x, y = ("" if np.isnan(one) else repr(float(one)) for one in place)
-        lines.append(f"{step},{float(stamp)!r},{x},{y},{sure:.3f}")
+    columns = [track.stamps[:, None], track.marble]
+    names = ["t_s", *MARBLE]
+    if shows_tilt(track):
+        columns.append(track.tilt)
+        names += TILT
+    lines = [",".join([STEP, *names, "confidence"])]
+    for step, (row, sure) in enumerate(zip(np.hstack(columns), track.confidence, strict=True)):
+        cells = ("" if np.isnan(one) else repr(float(one)) for one in row)
+        lines.append(f"{step},{','.join(cells)},{sure:.3f}")
     write_atomic(path, "\n".join(lines) + "\n")
 
 
@@ -134,6 +154,11 @@ class Summary:
         Stretches of pictures in which it is not, the longest first.
     gaps : Gaps
         Of the stamps.
+    stamps : str
+        How the stamps were made, in words.
+    away, still : tuple of (first, count, from, to)
+        Stretches of pictures in which the board is not where it was, and in which the camera shows one
+        picture for half a second or more: first picture, number, and their stamps [s].
     pixels_per_edge : float
         At the middle of the board.
     radius_px : float
@@ -144,12 +169,20 @@ class Summary:
         Standard error of the board's corners, None where they were given [mm].
     shadow : float
         The chance that a shadow was followed, from 0 to 1; a half where the board has no texture.
+    budget : Budget
+        What adds to the error of a place on the board [mm].
+    disagree : float
+        How far the middle of the marble's rim is from that of what it covers [radii].
     corners_px : float or None
         Root mean square of the corners off the board's own shape, where a calibrated lens tells [pixels].
     lens_px : float or None
         What the calibration left over [pixels].
     height, tilt : str
         Whether the marble's height, and the board's tilt, are taken out of its positions.
+    tilt_noise_rad : (about x, about y) or None
+        Standard error of the tilt in one picture, None where it was not measured [rad].
+    tilt_written : bool
+        Whether the recording has the tilt: where its noise is small beside what it varies by.
     confidence : float
         The median, where it is seen.
     moving : bool
@@ -160,15 +193,22 @@ class Summary:
     seen: int
     lost: tuple[tuple[int, int], ...]
     gaps: Gaps
+    stamps: str
+    away: tuple[tuple[int, int, float, float], ...]
+    still: tuple[tuple[int, int, float, float], ...]
     pixels_per_edge: float
     radius_px: float
     noise: float
     corners_mm: float | None
     shadow: float
+    budget: Budget
+    disagree: float
     corners_px: float | None
     lens_px: float | None
     height: str
     tilt: str
+    tilt_noise_rad: tuple[float, float] | None
+    tilt_written: bool
     confidence: float
     moving: bool
 
@@ -178,7 +218,7 @@ class Summary:
         return self.seen / self.pictures if self.pictures else 0.0
 
 
-def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
+def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summary:
     """Return what a track is worth.
 
     Parameters
@@ -189,6 +229,8 @@ def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
         Standard deviation of its positions [board edges].
     edge_mm : float
         The board's long edge [mm].
+    stamps : str
+        How the stamps were made, in words.
     """
     scene, geometry = track.scene, track.scene.geometry
     corners_px = None
@@ -212,25 +254,39 @@ def summarise(track: Track, noise: float, edge_mm: float) -> Summary:
         tilt = "measured in each picture by the board's sides"
         if scene.edges.missed:
             tilt += f", but for {scene.edges.missed} pictures, which take that of the one before"
+    noise_rad = scene.tilt_noise
+    if noise_rad is not None:
+        tilt += (
+            f", noise {noise_rad[0]:.5f} rad about x and {noise_rad[1]:.5f} about y: "
+            f"{'written as tilt_x_rad, tilt_y_rad' if shows_tilt(track) else 'too much to be written'}"
+        )
     middle = np.array([[0.0, 0.0], [0.01, 0.0]])
     ends = geometry.pixels(middle)
     pixels = 100.0 * float(np.hypot(*(ends[1] - ends[0])))
+    corners_mm = None
+    if not np.isnan(scene.corners_px):
+        corners_mm = edge_mm * _largest(scene.corners_px, corners_px) / pixels
     return Summary(
         pictures=len(track.stamps),
         seen=int(track.seen.sum()),
-        lost=_stretches(~track.seen),
+        lost=tuple(sorted(stretches(~track.seen), key=lambda one: -one[1])),
         gaps=find_gaps(track.stamps, track.repeated),
+        stamps=stamps,
+        away=_dated(track, track.away),
+        still=tuple(one for one in _dated(track, stretches(track.repeated)) if one[3] - one[2] >= STILL_S),
         pixels_per_edge=pixels,
         radius_px=scene.learned.radius,
         noise=noise,
-        corners_mm=None
-        if np.isnan(scene.corners_px)
-        else edge_mm * _largest(scene.corners_px, corners_px) / pixels,
+        corners_mm=corners_mm,
         shadow=scene.learned.shadow,
+        budget=error_budget(scene, corners_mm, noise, edge_mm, pixels),
+        disagree=scene.learned.appearance.apart / scene.learned.radius,
         corners_px=corners_px,
         lens_px=geometry.lens.error_px if isinstance(geometry, Pose) else None,
         height=height,
         tilt=tilt,
+        tilt_noise_rad=None if noise_rad is None else (float(noise_rad[0]), float(noise_rad[1])),
+        tilt_written=shows_tilt(track),
         confidence=float(np.median(track.confidence[track.seen])) if track.seen.any() else 0.0,
         moving=_moving(track),
     )
@@ -251,7 +307,8 @@ def save_metadata(path: PathLike, track: Track, summary: Summary, facts: dict[st
     """
     content = {
         **facts,
-        **asdict(summary),
+        **{name: value for name, value in asdict(summary).items() if name != "budget"},
+        "budget_mm": {**asdict(summary.budget), "total": summary.budget.total},
         "detection": summary.detection,
         "lost": [{"first": first, "pictures": count} for first, count in summary.lost],
         "corners": {"found_by": track.scene.found_by, "pixels": track.scene.corners.round(3).tolist()},
@@ -260,11 +317,12 @@ def save_metadata(path: PathLike, track: Track, summary: Summary, facts: dict[st
     write_atomic(path, json.dumps(content, indent=2) + "\n")
 
 
-def _stretches(flags: NDArray[np.bool_]) -> tuple[tuple[int, int], ...]:
-    """Return first index and length of the stretches that are set, the longest first."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    runs = [(int(first), int(end - first)) for first, end in zip(edges[::2], edges[1::2], strict=True)]
-    return tuple(sorted(runs, key=lambda run: -run[1]))
+def _dated(track: Track, found: Stretches) -> tuple[tuple[int, int, float, float], ...]:
+    """Return stretches of pictures with the stamps of their ends [s]."""
+    stamps = track.stamps
+    return tuple(
+        (first, count, float(stamps[first]), float(stamps[first + count - 1])) for first, count in found
+    )
 
 
 def _moving(track: Track) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
-from irt.tracking.corners import checked, find_corners, ordered
+from irt.tracking.corners import TwoBoardsError, checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
@@ -21,6 +21,7 @@ from irt.tracking.opencv import opencv
 from irt.tracking.partial import Partial
 from irt.tracking.separation import Clue
 from irt.tracking.source import Frame, Picture, Source
+from irt.tracking.standing import absences
 from irt.tracking.tracker import Learned, Sighting, Tracker
 
 Array = NDArray[np.float64]
@@ -30,6 +31,10 @@ Progress = Callable[[int, int, str], None]
 SAMPLE = 48
 #: How far a marble may be seen beyond the corners, in its radii: it stands on the board, and the board tilts.
 BEYOND = 2.5
+#: One in so many pictures of the sample shows the board in its place, if it leaves early.
+EARLY = 4
+#: Every so many pictures are looked at for whether the board is where it was.
+LOOKED_AT = 10
 #: A picture that differs from the one before by less than this share of what is usual is that one again.
 SAME = 0.05
 #: Every so many pixels are compared for that.
@@ -78,6 +83,8 @@ class Scene:
         Those on the board, where they tell its tilt.
     edges : BoardEdges or None
         The board's sides, where they show its tilt.
+    sides : BoardEdges or None
+        The board's sides, where they are clear.
     learned : Learned
         Light and marble.
     usual_change : float
@@ -91,8 +98,15 @@ class Scene:
     geometry: Geometry
     markers: Markers | None
     edges: BoardEdges | None
+    sides: BoardEdges | None
     learned: Learned
     usual_change: float
+
+    @property
+    def tilt_noise(self) -> Array | None:
+        """Standard error (2,) of the measured tilt about x and y [rad], None where it is not measured."""
+        board = self.markers or self.edges
+        return None if board is None else board.tilt_noise()
 
     def tracker(self) -> Tracker:
         """Return a tracker for this board."""
@@ -121,6 +135,11 @@ class Track:
         Pictures that show the one before once more; their positions are NaN.
     in_window : (n,) bool array
         Where the search of a window was enough.
+    tilt : (n, 2) array
+        The board's angles about x and y [rad] by the right-hand rule, from their mean where its sides show
+        them, from the first picture where markers do; NaN where they were not measured.
+    away : tuple of (first, count)
+        Stretches of pictures in which the board is not where it was; their positions are NaN.
     stopped : str
         Why the run ended early, or nothing.
     """
@@ -133,6 +152,8 @@ class Track:
     confidence: Array
     repeated: NDArray[np.bool_]
     in_window: NDArray[np.bool_]
+    tilt: Array
+    away: tuple[tuple[int, int], ...]
     stopped: str = ""
 
     @property
@@ -163,9 +184,12 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     progress(1, 3, "the board")
     corners, found_by = _corners(pictures, question)
     size = question.size
-    edges = None if question.corners is not None else BoardEdges(pictures, corners, lens)
+    edges = None if question.corners is not None else _sides(pictures, corners, lens)
     if edges is not None:
         corners = edges.corners
+    if edges is not None and edges.clear:
+        # A board that is elsewhere is no ground for the marble.
+        pictures = [pictures[0], *(one for one in pictures[1:] if edges.stand(one))]
     geometry: Geometry = Plane.of(corners, size)
     if lens is not None:
         geometry = Pose.of(lens, corners, size.corners, size.radius)
@@ -181,9 +205,19 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         geometry,
         markers if markers.enough else None,
         edges if follows else None,
+        edges if edges is not None and edges.clear else None,
         learned,
         _usual_change(pictures),
     )
+
+
+def _sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardEdges:
+    """Return the board's sides, of the first pictures where the board leaves its place early."""
+    edges = BoardEdges(pictures, corners, lens)
+    if edges.clear:
+        return edges
+    early = BoardEdges(pictures[: max(len(pictures) // EARLY, 2)], corners, lens)
+    return early if early.clear else edges
 
 
 def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
@@ -202,6 +236,8 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
         try:
             found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
             return ordered(found, question.size), words
+        except TwoBoardsError:
+            raise
         except IrtError as error:
             reasons.append(error)
         marked = corners_by_markers(first) if len(reasons) == 1 else None
@@ -253,6 +289,8 @@ class Seen:
         Whether the picture shows the one before once more; then there is no place.
     geometry : Plane or Pose
         Of the board in this picture.
+    tilt : (2,) array
+        Its angles about x and y [rad], NaN where they were not measured.
     """
 
     frame: Frame
@@ -260,21 +298,30 @@ class Seen:
     place: Array
     repeated: bool
     geometry: Geometry
+    tilt: Array
 
     @classmethod
-    def of(cls, frame: Frame, sighting: Sighting, geometry: Geometry, *, repeated: bool) -> Seen:
+    def of(cls, frame: Frame, sighting: Sighting, geometry: Geometry, tilt: Array, *, repeated: bool) -> Seen:
         """Return what was seen with its place."""
         place = np.full(2, np.nan)
         if sighting.seen and not repeated:
             place = geometry.positions(np.array([[sighting.x, sighting.y]]))[0]
-        return cls(frame, sighting, place, repeated, geometry)
+        return cls(frame, sighting, place, repeated, geometry, tilt)
 
     @property
     def row(self) -> tuple[float, ...]:
-        """Stamp, pixel, place, confidence, repeated, in the window."""
+        """Stamp, pixel, place, confidence, repeated, in the window, tilt."""
         pixel = (np.nan, np.nan) if self.repeated else (self.sighting.x, self.sighting.y)
         one = self.sighting
-        return (self.frame.stamp, *pixel, *self.place, one.confidence, self.repeated, one.in_window)
+        return (
+            self.frame.stamp,
+            *pixel,
+            *self.place,
+            one.confidence,
+            self.repeated,
+            one.in_window,
+            *self.tilt,
+        )
 
 
 class Follower:
@@ -286,6 +333,7 @@ class Follower:
         self._geometry: Geometry = scene.geometry
         self._last: Seen | None = None
         self._rows: list[tuple[float, ...]] = []
+        self._looks: list[tuple[int, bool]] = []
         if scene.learned.first is not None:
             self._tracker.expect(*scene.learned.first)
 
@@ -297,20 +345,27 @@ class Follower:
         sighting = self._tracker.see(picture)
         before = None
         if last is not None and sighting.confirms is not None:
-            before = Seen.of(last.frame, sighting.confirms, last.geometry, repeated=last.repeated)
+            before = Seen.of(last.frame, sighting.confirms, last.geometry, last.tilt, repeated=last.repeated)
             self._rows[-1] = before.row
-        markers, edges = self.scene.markers, self.scene.edges
-        if markers is not None:
-            self._geometry = markers.follow(picture) or self._geometry
-        elif edges is not None:
-            self._geometry = edges.follow(picture) or self._geometry
-        self._last = Seen.of(frame, sighting, self._geometry, repeated=again)
+        board = self.scene.markers or self.scene.edges
+        measured = None if board is None else board.follow(picture)
+        self._geometry = measured or self._geometry
+        if self.scene.sides is not None and len(self._rows) % LOOKED_AT == 0:
+            self._looks.append((len(self._rows), self.scene.sides.stand(picture)))
+        tilt = np.full(2, np.nan)
+        if isinstance(measured, Pose) and isinstance(self.scene.geometry, Pose):
+            tilt = measured.tilt_from(self.scene.geometry)
+        self._last = Seen.of(frame, sighting, self._geometry, tilt, repeated=again)
         self._rows.append(self._last.row)
         return before, self._last
 
     def track(self, stopped: str = "") -> Track:
         """Return all that was seen so far."""
-        table = np.array(self._rows, dtype=np.float64).reshape(-1, 8)
+        table = np.array(self._rows, dtype=np.float64).reshape(-1, 10)
+        away = absences(self._looks, table[:, 0])
+        for first, count in away:
+            table[first : first + count, 1:5] = np.nan
+            table[first : first + count, 8:10] = np.nan
         return Track(
             self.name,
             self.scene,
@@ -320,6 +375,8 @@ class Follower:
             table[:, 5],
             table[:, 6] > 0,
             table[:, 7] > 0,
+            table[:, 8:10],
+            away,
             stopped,
         )
 

@@ -2,20 +2,21 @@
 
 Views are laid over each other by the appearance learned so far, which is then learned anew. So they come to
 lie exactly over each other, wherever the marble's light, its shadow and what it mirrors have their middle.
-Where the marble has its own is told by its rim, and on the side of its shadow the steepest change may lie
-outside of that. So a disc is laid through those rays outside of which the board has its light, and through
-the rim of what is no shadow by its hue.
+Where the marble has its own is shown roughly by what it covers (`irt.tracking.coverage`), and exactly by its
+rim. On the side of its shadow the steepest change may lie outside of that. So a disc is laid through those
+rays outside of which the board has its light, and through the rim of what is no shadow by its hue.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from irt.tracking.appearance import FINE, REACH, Appearance, Values
+from irt.tracking.coverage import Coverage, Laid
 from irt.tracking.edge_fit import COS, RAYS, SIN, changes, look
 from irt.tracking.opencv import opencv
 
@@ -57,6 +58,11 @@ NEAR_SHADOW = 2
 KNOWN = 0.03
 #: What rays tell of the rim (standard deviation, as a share of the radius).
 TOLD = 0.03
+#: Neighbouring rays err alike: so many of them count as one.
+TOGETHER = 8.0
+#: How well the middle of what is covered is known (standard deviation, in radii): its error in 19 path-traced
+#: runs (`docs/experiments.md`).
+COVERS = 0.065
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,10 +114,12 @@ def learn_appearance(views: Sequence[View], radius: float, expected: float, nois
         # Where all move alike the appearance would, too: its middle is told below.
         moved = moved - np.median((moved - centres)[trust > 0], axis=0)
         centres = np.where(trust[:, None] > 0, moved, centres)
-    dx, dy, found = _disc(stack.mean(trust), stack.mean_board(trust), radius, expected, noise)
+    covers = stack.coverage(trust, noise).sized(radius, expected)
+    dx, dy, found = _disc(stack.mean(trust), stack.mean_board(trust), covers, noise)
     scales = np.array([view.scale for view in views])
     centres = centres + np.outer(scales, [dx, dy])
-    return _Stack.of(views, centres, found).appearance(trust, found, noise)
+    appearance = _Stack.of(views, centres, found).appearance(trust, found, noise)
+    return replace(appearance, apart=float(np.hypot(dx - covers.x, dy - covers.y)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +145,10 @@ class _Stack:
     def mean_board(self, trust: Array) -> Values:
         """Return the usual board without a marble (n, n, 3)."""
         return np.asarray(np.median(self.boards[trust > 0], axis=0), dtype=np.float32)
+
+    def coverage(self, trust: Array, noise: float) -> Coverage:
+        """Return what the views do to the board."""
+        return Coverage.of(self.pictures[trust > 0], self.boards[trust > 0], noise, FINE)
 
     def appearance(self, trust: Array, radius: float, noise: float) -> Appearance:
         """Return what the views have in common, by a robust regression of pictures on boards in each cell."""
@@ -215,28 +227,33 @@ def _cut(layers: Values, centre: tuple[float, float], half: int, scale: float) -
     return np.asarray(cut, dtype=np.float32)
 
 
-def _disc(
-    mean: Values, without: Values, radius: float, expected: float, noise: float
-) -> tuple[float, float, float]:
+def _disc(mean: Values, without: Values, covers: Laid, noise: float) -> tuple[float, float, float]:
     """Return the marble's own disc in the usual picture: its middle from that of the picture, its radius.
 
-    All in pixels. Two things tell the marble from its shadow. A shadow has the board's hue: where marble and
-    board differ in it, the rim of the hue is the marble's. And beside rays in full light there is no shadow.
-    Each has a radius of its own, since shading and what mirrors move all rims alike; that of the second is
-    the marble's.
+    All in pixels. It begins where the board is covered, and in the picture's middle; the disc is taken
+    that rims and what is covered miss less. Two things set the marble off from its shadow. A shadow has
+    the hue of the board: where marble and board differ in it, the rim of the hue is the marble's. And
+    beside rays in full light there is no shadow. Each has a radius of its own, since shading and what
+    mirrors move all rims alike; that of the second is the marble's.
     """
     half = len(mean) // 2
-    x, y, found = 0.0, 0.0, radius
-    for _ in range(6):
-        place, along = (half + FINE * x, half + FINE * y), FINE * found * PARTS
-        rays, board = (look(one, *place, along) for one in (mean, without))
-        dx, dy, part = _laid(rays, board, noise, expected / found)
-        x, y, found = x + 0.7 * dx * found, y + 0.7 * dy * found, found * (1.0 + 0.7 * (part - 1.0))
+    discs = []
+    for start in ((covers.x, covers.y), (0.0, 0.0)):
+        disc = np.array([*start, covers.radius])
+        missed = np.inf
+        for _ in range(6):
+            place, found = (half + FINE * disc[0], half + FINE * disc[1]), float(disc[2])
+            rays, board = (look(one, *place, FINE * found * PARTS) for one in (mean, without))
+            dx, dy, part, missed = _laid(rays, board, noise, covers.radius / found)
+            disc = disc + 0.7 * found * np.array([dx, dy, part - 1.0])
+        away = np.hypot(disc[0] - covers.x, disc[1] - covers.y) / covers.radius
+        discs.append((missed / TOGETHER + (away / COVERS) ** 2, *disc.tolist()))
+    _, x, y, found = min(discs)
     return x, y, found
 
 
-def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple[float, float, float]:
-    """Return offset and radius of the marble's disc in mean rays (RAYS, n, 3), in radii."""
+def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple[float, float, float, float]:
+    """Return offset and radius of the marble's disc in mean rays (RAYS, n, 3), in radii, and its misfit."""
     lit = _lit(mean, without)
     clear = np.min([np.roll(lit, turn) for turn in range(-NEAR_SHADOW, NEAR_SHADOW + 1)], axis=0)
     hue_rims, hue = _hue_rims(mean, without)
@@ -248,8 +265,7 @@ def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple
     one, none = np.ones(RAYS), np.zeros(RAYS)
     design = np.stack([np.tile(COS, 2), np.tile(SIN, 2), np.append(one, none), np.append(none, one)])
     answer = np.array([0.0, 0.0, float(np.median(measured[:RAYS])), expected])
-    # Neighbouring rays err alike: some eight of them count as one.
-    hold = 8.0 * (TOLD / KNOWN) ** 2
+    hold = TOGETHER * (TOLD / KNOWN) ** 2
     for _ in range(15):
         apart = measured - answer @ design
         weights = trust / (1.0 + (apart / TOLD) ** 2) ** 2
@@ -258,7 +274,9 @@ def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple
         normal[3, 3] += hold
         right[3] += hold * (expected - answer[3])
         answer = answer + np.linalg.solve(normal, right)
-    return float(answer[0]), float(answer[1]), float(answer[3])
+    square = ((measured - answer @ design) / TOLD) ** 2
+    misfit = float((trust * square / (1.0 + square)).sum())
+    return float(answer[0]), float(answer[1]), float(answer[3]), misfit
 
 
 def _changes(mean: Values, directions: Values, noise: float) -> Values:

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 
 #: Interval between pictures, over the usual one, from which on some are missing.
 DROPPED = 1.5
+#: Share of the usual interval by which another one differs from it.
+UNEVEN = 0.1
 #: Width of the bump [s], and the step at which both sides are weighed.
 BUMP_S, STEP_S = 0.4, 1.0 / 240.0
 #: Parts of a run whose offsets, each left out in turn, tell how sure their mean is.
@@ -47,6 +49,8 @@ class Gaps:
         The longest interval [s].
     repeated : int
         Pictures that show the one before once more.
+    uneven : float
+        Share of the intervals that differ from the usual one by more than a tenth of it.
     """
 
     interval: float
@@ -54,17 +58,21 @@ class Gaps:
     dropped: int
     longest: float
     repeated: int
+    uneven: float
 
 
 def find_gaps(stamps: Array, repeated: NDArray[np.bool_]) -> Gaps:
     """Return what stamps (n,) [s] and repetitions (n,) tell."""
     if len(stamps) < 2:
-        return Gaps(0.0, 0.0, 0, 0.0, int(repeated.sum()))
+        return Gaps(0.0, 0.0, 0, 0.0, int(repeated.sum()), 0.0)
     steps = np.diff(stamps)
     usual = float(np.median(steps))
     missing = np.where(steps > DROPPED * usual, np.rint(steps / usual) - 1, 0)
     normal = steps[steps <= DROPPED * usual]
-    return Gaps(usual, float(normal.std()), int(missing.sum()), float(steps.max()), int(repeated.sum()))
+    uneven = float((np.abs(steps - usual) > UNEVEN * usual).mean())
+    return Gaps(
+        usual, float(normal.std()), int(missing.sum()), float(steps.max()), int(repeated.sum()), uneven
+    )
 
 
 @dataclass(frozen=True)

@@ -57,6 +57,22 @@ def test_tilt_of_each_picture_is_measured(shown, edges: BoardEdges, lens) -> Non
         assert np.arccos(np.clip(found.rotation[:, 2] @ normal, -1.0, 1.0)) < 0.004
 
 
+def test_tilt_is_within_its_stated_noise(shown, edges: BoardEdges, lens) -> None:
+    tilts, pictures = shown
+    level = Pose.of(lens, edges.corners, SIZE.corners, SIZE.radius)
+    assert edges.watch(level, SIZE)
+    measured = np.array([edges.follow(picture).tilt_from(level) for picture in pictures])
+    missed = measured - tilts
+    # Its zero is the mean of the run.
+    missed -= missed.mean(axis=0)
+    noise = edges.tilt_noise()
+    assert noise is not None
+    ratio = missed.std(axis=0) / noise
+    assert ratio.min() > 0.3
+    assert ratio.max() < 2.0
+    assert (noise < 0.002).all()
+
+
 def test_covered_sides_say_nothing(shown, edges: BoardEdges, lens) -> None:
     _, pictures = shown
     assert edges.watch(Pose.of(lens, edges.corners, SIZE.corners, SIZE.radius), SIZE)

@@ -1,0 +1,155 @@
+"""What is wrong with a video is said in one line: a board that leaves, a camera that stands still."""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from irt.engine import rollouts
+from irt.recording import load_recording
+from tracking.board import Paint
+from tracking.scene import Look, Scene
+from tracking.view import View
+
+pytestmark = pytest.mark.slow
+
+COUNT, RATE = 110, 30.0
+TRUTH = (0.08, 0.07, 4e-4, 8.0, 1.0)
+Pictures = list[np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def shown() -> tuple[Pictures, np.ndarray]:
+    """Return pictures of a run, and its commands (n, 2) [rad]."""
+    random = np.random.default_rng(3)
+    time = np.arange(COUNT)[:, None, None] / RATE
+    waves = np.sin(2 * np.pi * (time * random.uniform(0.2, 0.9, (2, 3)) + random.random((2, 3))))
+    knobs = 0.05 * waves.sum(axis=2) * np.minimum(4 * time[:, 0], 1.0)
+    places, tilts = rollouts([TRUTH], knobs, tilt=True)
+    view = View.above(300.0, lean=(0.05, -0.08))
+    scene = Scene(view, Paint(lines=2, holes=2), Look("blue"), places[0], tilts[0], seed=5)
+    return [picture for picture, _ in scene.frames()], knobs
+
+
+def moved(picture: np.ndarray, dx: float, scale: float = 1.0, dy: float = 0.0) -> np.ndarray:
+    matrix = np.array([[scale, 0, dx], [0, scale, dy]], np.float32)
+    return cv2.warpAffine(picture, matrix, (640, 480), borderValue=(40, 40, 40))
+
+
+@pytest.fixture
+def tracked(irt, tmp_path, shown) -> Callable:
+    """Return a function that tracks pictures with their commands."""
+    knobs = tmp_path / "knobs.csv"
+    rows = [f"{i},{i / RATE:.6f},{x!r},{y!r}" for i, (x, y) in enumerate(shown[1].tolist())]
+    knobs.write_text("\n".join(["step,t_s,knob_x_rad,knob_y_rad", *rows]) + "\n")
+
+    def track(pictures: Pictures):
+        folder = tmp_path / "run"
+        folder.mkdir()
+        for index, picture in enumerate(pictures):
+            cv2.imwrite(str(folder / f"{index}.png"), picture)
+        out = tmp_path / "out"
+        return irt("track", folder, "--fps", "30", "--out", out, "--commands", knobs, "--offset", "0"), out
+
+    return track
+
+
+def warnings(done) -> list[str]:
+    return [line for line in done.out.splitlines() if line.startswith("warning: ")]
+
+
+def test_a_board_that_leaves_the_picture(tracked, shown) -> None:
+    done, out = tracked([moved(one, min(0, -8 * (i - 45))) for i, one in enumerate(shown[0])])
+    (line,) = warnings(done)
+    assert "the board is not where it was in pictures" in line
+    ((first, *_),) = json.loads((out / "run.json").read_text())["away"]
+    assert 40 <= first <= 60
+    assert not load_recording(out / "run.csv").seen[first:].any()
+
+
+def test_a_camera_that_stands_still(tracked, shown) -> None:
+    pictures = shown[0]
+    done, out = tracked([pictures[i if i < 40 or i > 70 else 40] for i in range(COUNT)])
+    (line,) = warnings(done)
+    assert "the camera stood still in pictures 42 to 71" in line
+    assert not load_recording(out / "run.csv").seen[41:70].any()
+
+
+@pytest.mark.parametrize(
+    ("turn", "said"),
+    [
+        (lambda one: cv2.rotate(one, cv2.ROTATE_180), "change the sign of marble_x and marble_y"),
+        (lambda one: cv2.flip(one, 1), "change the sign of marble_x"),
+    ],
+    ids=["upside down", "mirrored"],
+)
+def test_a_picture_that_is_turned(tracked, shown, turn, said) -> None:
+    done, _ = tracked([turn(one) for one in shown[0]])
+    (line,) = warnings(done)
+    assert said in line
+    assert "where the picture is upside down, begin --corners at the opposite corner" in line
+
+
+def test_two_boards(tracked, shown) -> None:
+    other = moved(shown[0][0], 290, 0.62, 60)
+    left = np.arange(640)[None, :, None] < 312
+    done, _ = tracked([np.where(left, moved(one, 10, 0.62, 60), other) for one in shown[0]])
+    assert done.status == 1
+    assert done.err.count("\n") == 1
+    assert "two things in the picture may be the board, about pixels" in done.err
+
+
+def boxes(data: bytes, start: int, end: int) -> list[tuple[str, int, int]]:
+    """Return kind, start and end of the boxes of an MP4 file between two places."""
+    found = []
+    while start < end:
+        size, kind = struct.unpack_from(">I4s", data, start)
+        found.append((kind.decode("latin1"), start, start + size))
+        start += size
+    return found
+
+
+def with_durations(path: Path, durations: list[int]) -> None:
+    """Give the pictures of an MP4 file, whose index comes last, durations of their own [its ticks]."""
+    data = path.read_bytes()
+    place, outer = (0, len(data)), []
+    for wanted in ("moov", "trak", "mdia", "minf", "stbl", "stts"):
+        start, end = next((start, end) for kind, start, end in boxes(data, *place) if kind == wanted)
+        outer.append(start)
+        place = start + 8, end
+    assert max(one[2] for one in boxes(data, 0, len(data))) > outer[0] > data.index(b"mdat")
+    table = struct.pack(">II", 0, len(durations)) + b"".join(struct.pack(">II", 1, one) for one in durations)
+    new = bytearray(data[: outer[-1]] + struct.pack(">I4s", 8 + len(table), b"stts") + table + data[end:])
+    grown = len(new) - len(data)
+    for start in outer[:-1]:
+        struct.pack_into(">I", new, start, struct.unpack_from(">I", new, start)[0] + grown)
+    path.write_bytes(new)
+
+
+def test_a_variable_frame_rate(irt, tmp_path, shown) -> None:
+    path = tmp_path / "run.mp4"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, (640, 480))
+    for picture in shown[0]:
+        writer.write(picture)
+    writer.release()
+    plain = cv2.VideoCapture(str(path))
+    assert plain.get(cv2.CAP_PROP_FPS) == pytest.approx(RATE)
+    plain.release()
+    data = path.read_bytes()
+    tick = struct.unpack_from(">I", data, data.index(b"stts") + 16)[0]
+    # Every third picture is held twice as long as the others, and the whole as long as before.
+    durations = [tick * 3 // (2 if i % 3 == 2 else 4) for i in range(COUNT)]
+    with_durations(path, durations)
+    done = irt("track", path, "--out", tmp_path / "out")
+    assert (done.status, done.err) == (0, "")
+    assert "the frame rate varies" in done.out
+    assert "times are by the file's own stamps" in done.out
+    table = np.genfromtxt(tmp_path / "out" / "run.csv", delimiter=",", names=True)
+    expected = np.concatenate([[0], np.cumsum(durations[:-1])]) / tick / RATE
+    np.testing.assert_allclose(table["t_s"], expected, atol=2e-3)
