@@ -60,10 +60,10 @@ def hypotheses(start: str = "rest") -> list[str]:
 
 
 def group_of(name: str) -> list[str]:
-    """Return the effects that an effect is at work in: its other name, and for a delay those that differ."""
-    if name not in ALIKE:
-        return [name]
-    return [*sorted(ALIKE), JITTER]
+    """Return the effects that an effect is at work in: its other name, and delays that differ have both."""
+    if name == SMOOTHING:
+        return [name, JITTER]
+    return [*sorted(ALIKE), JITTER] if name in ALIKE else [name]
 
 
 def simulated(effects: Sequence[str]) -> list[str]:
