@@ -166,6 +166,38 @@ impl<S: Simd> Estimator<S> {
         self.row = Some(row);
         row
     }
+
+    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and the walls that were met.
+    #[inline(always)]
+    fn grow(
+        &mut self,
+        lasted: &Row<S>,
+        tilt: &Pair<S>,
+        rims: &Rims<S>,
+        rests: Mask<S>,
+        met: [Mask<S>; 2],
+    ) {
+        let (seconds, variances) = (lasted.seconds, &self.variances);
+        let zero = seconds.like(0.0);
+        for (axis, reach) in [rims.reach_x, rims.reach_y].into_iter().enumerate() {
+            let covariance = &mut self.axes[axis];
+            covariance.advance(lasted, variances);
+            // A turn about y pushes along x, a turn about x against y.
+            let pushes = if axis == 0 {
+                ACCELERATION
+            } else {
+                -ACCELERATION
+            };
+            let turned = pushes * (tilt[1 - axis] - self.tilt[1 - axis]);
+            let place = self.place[axis];
+            let leaves = place.abs().ge(reach) & (turned * place).lt(zero);
+            let of_time = variances.jitter + leaves.select(variances.departure, zero);
+            covariance.kick(turned, seconds, of_time);
+            covariance.settle(rests, seconds, variances);
+            covariance.bounce(met[axis], self.velocity[axis], rims.restitution, variances);
+            covariance.graze(met[1 - axis], self.velocity[1 - axis], variances);
+        }
+    }
 }
 
 /// One row of all lanes, as a function of its own.
@@ -218,7 +250,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             hits(marbles.x, x, marbles.vx, seconds, rims.reach_x),
             hits(marbles.y, y, marbles.vy, seconds, rims.reach_y),
         ];
-        let speeds = estimator.velocity;
+        estimator.grow(&lasted, tilt, rims, rests, met);
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
@@ -226,25 +258,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let axes = places.into_iter().zip(velocities).zip(spins).zip(reaches);
         for (axis, (((place, velocity), spin), reach)) in axes.enumerate() {
             let covariance = &mut estimator.axes[axis];
-            let before = estimator.velocity[axis];
             let hit = met[axis];
-            covariance.advance(&lasted, &estimator.variances);
-            // A turn about y pushes along x, a turn about x against y.
-            let pushes = if axis == 0 {
-                ACCELERATION
-            } else {
-                -ACCELERATION
-            };
-            let turned = pushes * (tilt[1 - axis] - estimator.tilt[1 - axis]);
-            let leaves = estimator.place[axis].abs().ge(reach)
-                & (turned * estimator.place[axis]).lt(turned.like(0.0));
-            let of_departure = leaves.select(estimator.variances.departure, turned.like(0.0));
-            let of_time = estimator.variances.jitter + of_departure;
-            covariance.kick(turned, seconds, of_time);
-            covariance.settle(rests, seconds, &estimator.variances);
-            covariance.bounce(hit, before, rims.restitution, &estimator.variances);
-            covariance.graze(met[1 - axis], speeds[1 - axis], &estimator.variances);
-
             let lasting = &mut estimator.lasting[axis];
             *lasting = *lasting * remembered;
             // Friction holds a marble that rests.
