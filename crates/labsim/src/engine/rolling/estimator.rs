@@ -195,7 +195,9 @@ impl<S: Simd> Estimator<S> {
             covariance.kick(turned, seconds, of_time);
             covariance.settle(rests, seconds, variances);
             covariance.bounce(met[axis], self.velocity[axis], rims.restitution, variances);
-            covariance.graze(met[1 - axis], self.velocity[1 - axis], variances);
+            // Coulomb's law: friction goes with the impulse, and is as uncertain.
+            let along = rims.friction * self.velocity[1 - axis];
+            covariance.graze(met[1 - axis], along, variances);
         }
     }
 }
@@ -278,7 +280,14 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
                 measured.map_or(f64::NAN, |one| one.observed[row - job.first][axis])
             });
             let off = measured - predicted;
-            covariance.follow(off, seconds, estimator.edges_per_m, &estimator.variances);
+            let at = *place + moved + off.over(estimator.edges_per_m);
+            let beyond = estimator.edges_per_m * (at.abs() - reach);
+            covariance.follow(
+                (off, beyond),
+                seconds,
+                estimator.edges_per_m,
+                &estimator.variances,
+            );
             let before = *covariance;
             let (variance, gain, weight) =
                 covariance.update(off, estimator.edges_per_m, &estimator.variances);

@@ -5,6 +5,9 @@ use pulp::Simd;
 use super::{JUMP, TAIL};
 use crate::lanes::{Lanes, Mask};
 
+/// So many standard deviations beyond a wall nothing is a marble.
+const FAR: f64 = 3.0;
+
 /// Variances of the random quantities.
 pub(super) struct Variances<S: Simd> {
     pub(super) white: Lanes<S>,
@@ -108,11 +111,12 @@ impl<S: Simd> Covariance<S> {
     /// Gives marbles that are lost an unknown speed, where that is likelier than an outlier of the tracker.
     ///
     /// A marble that just stops, or just does not, or meets a corner, goes two ways from there, and a normal
-    /// distribution has one middle; outliers count so little that the mean would never come back.
+    /// distribution has one middle; outliers count so little that the mean would never come back. What is seen beyond
+    /// a wall, by more than errors do, is no marble.
     #[inline(always)]
     pub(super) fn follow(
         &mut self,
-        off: Lanes<S>,
+        (off, beyond): (Lanes<S>, Lanes<S>),
         seconds: Lanes<S>,
         edges_per_m: Lanes<S>,
         variances: &Variances<S>,
@@ -126,7 +130,10 @@ impl<S: Simd> Covariance<S> {
             let far = off.like(1.0) + (1.0 / TAIL) * (off * off).over(variance);
             variance * far * far * far * far * far
         };
-        let speed = rarity(here).gt(rarity(gone)).select(speed, off.like(0.0));
+        let zero = off.like(0.0);
+        let outside = beyond.gt(zero) & (beyond * beyond).gt(FAR * FAR * here);
+        let speed = rarity(here).gt(rarity(gone)).select(speed, zero);
+        let speed = outside.select(zero, speed);
         self.xx = self.xx + seconds * seconds * speed;
         self.xv = self.xv + seconds * speed;
         self.vv = self.vv + speed;
@@ -185,7 +192,7 @@ impl<S: Simd> Covariance<S> {
         self.vb = hit.select(bounced.vb, self.vb);
     }
 
-    /// The friction of a wall that was met at some speed across changes the velocity along it, too.
+    /// The friction of a wall that was met changes the velocity along it, by at most so much (m/s) if nothing bounces.
     #[inline(always)]
     pub(super) fn graze(&mut self, hit: Mask<S>, speed: Lanes<S>, variances: &Variances<S>) {
         let more = variances.restitution * speed * speed;
