@@ -85,6 +85,11 @@ def required(rig: Rig, *, threads: int | None = None) -> tuple[str, ...]:
     return warning_lines(findings)
 
 
+def axes_and_units(rig: Rig) -> tuple[Finding, ...]:
+    """Return what is wrong with axes, signs and units, errors first: what of a check needs no model."""
+    return _ordered(_Look.at(rig, None).wrong)
+
+
 @dataclass(frozen=True, eq=False)
 class _Look:
     """What a check finds before it asks what could be identified; fields as of a `Check`.
@@ -93,6 +98,8 @@ class _Look:
     ----------
     answers : dict
         Responses by name; empty where a finding leaves nothing to fit.
+    wrong : tuple of Finding
+        Those about axes, signs and units.
     is_sound : bool
         Whether axes and units are right, and there is something to fit.
     """
@@ -101,6 +108,7 @@ class _Look:
     signals: tuple[SignalFacts, ...]
     answers: dict[str, Answer]
     findings: tuple[Finding, ...]
+    wrong: tuple[Finding, ...]
     is_sound: bool
 
     @classmethod
@@ -112,13 +120,17 @@ class _Look:
         runs = run_facts(rig, cleaned, signals)
         findings = [*_fatal(rig, [marble for marble, _ in cleaned], noise), *run_findings(rig, runs)]
         answers: dict[str, Answer] = {}
-        is_sound = not any(one.severity == "error" for one in findings)
-        if is_sound:
+        wrong: list[Finding] = []
+        can_be_fitted = not any(one.severity == "error" for one in findings)
+        if can_be_fitted:
             answers, wrong = _wrong(rig, cleaned, noise, threads)
-            findings += wrong
-            is_sound = not wrong
-        ordered = tuple(sorted(findings, key=lambda one: _ORDER.index(one.severity)))
-        return cls(runs, signals, answers, ordered, is_sound)
+        is_sound = can_be_fitted and not wrong
+        return cls(runs, signals, answers, _ordered([*findings, *wrong]), tuple(wrong), is_sound)
+
+
+def _ordered(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return findings, errors first."""
+    return tuple(sorted(findings, key=lambda one: _ORDER.index(one.severity)))
 
 
 def _wrong(
