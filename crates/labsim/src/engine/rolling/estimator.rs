@@ -167,7 +167,8 @@ impl<S: Simd> Estimator<S> {
         row
     }
 
-    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and the walls that were met.
+    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns who met walls along x
+    /// and along y.
     #[inline(always)]
     fn grow(
         &mut self,
@@ -175,9 +176,14 @@ impl<S: Simd> Estimator<S> {
         tilt: &Pair<S>,
         rims: &Rims<S>,
         rests: Mask<S>,
-        met: [Mask<S>; 2],
-    ) {
+        marbles: &Marbles<S>,
+    ) -> [Mask<S>; 2] {
         let (seconds, variances) = (lasted.seconds, &self.variances);
+        let [x, y] = self.velocity;
+        let met = [
+            hits(marbles.x, x, marbles.vx, seconds, rims.reach_x),
+            hits(marbles.y, y, marbles.vy, seconds, rims.reach_y),
+        ];
         let zero = seconds.like(0.0);
         for (axis, reach) in [rims.reach_x, rims.reach_y].into_iter().enumerate() {
             let covariance = &mut self.axes[axis];
@@ -199,6 +205,7 @@ impl<S: Simd> Estimator<S> {
             let along = rims.friction * self.velocity[1 - axis];
             covariance.graze(met[1 - axis], along, variances);
         }
+        met
     }
 }
 
@@ -248,11 +255,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let moved = x.abs().ge(still) | y.abs().ge(still);
         let rests = rests & (moved | estimator.known.gt(still.like(0.0)));
         estimator.known = (rests | moved).select(still.like(1.0), estimator.known);
-        let met = [
-            hits(marbles.x, x, marbles.vx, seconds, rims.reach_x),
-            hits(marbles.y, y, marbles.vy, seconds, rims.reach_y),
-        ];
-        estimator.grow(&lasted, tilt, rims, rests, met);
+        let met = estimator.grow(&lasted, tilt, rims, rests, marbles);
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
