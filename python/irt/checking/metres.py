@@ -1,4 +1,4 @@
-"""Positions in metres: the walls tell them from board edges.
+"""Positions in metres: walls distinguish them from board edges.
 
 In free motion a scale of the positions is a scale of the gears, and nothing shows which of the two is right.
 Walls stand in a place that is known: positions in metres show walls where the board has none.

@@ -100,7 +100,7 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
         )
     if tied:
         pairs = " and ".join(f"{one.name} from {' or '.join(one.confusable_with)}" for one in tied)
-        return f"To tell {pairs}, record the run that {command} designs for it, and diagnose again."
+        return f"To distinguish {pairs}, record the run that {command} designs for it, and diagnose again."
     if any(one.name == UNLISTED for one in effects):
         return (
             "The push has no name yet: look at the formula, and at where on the board, at what speed or at "

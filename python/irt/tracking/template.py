@@ -56,8 +56,8 @@ HUE, HUE_COUNTS, LEAVES = 40.0, 1.5, 0.4
 NEAR_SHADOW = 2
 #: How far a radius may be from what board and marble say (standard deviation, as a share).
 KNOWN = 0.03
-#: What rays tell of the rim (standard deviation, as a share of the radius).
-TOLD = 0.03
+#: How far rays are off the rim (standard deviation, as a share of the radius).
+RIM_ERROR = 0.03
 #: Neighbouring rays err alike: so many of them count as one.
 TOGETHER = 8.0
 #: How well the middle of what is covered is known (standard deviation, in radii): its error in 19 path-traced
@@ -265,16 +265,16 @@ def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple
     one, none = np.ones(RAYS), np.zeros(RAYS)
     design = np.stack([np.tile(COS, 2), np.tile(SIN, 2), np.append(one, none), np.append(none, one)])
     answer = np.array([0.0, 0.0, float(np.median(measured[:RAYS])), expected])
-    hold = TOGETHER * (TOLD / KNOWN) ** 2
+    hold = TOGETHER * (RIM_ERROR / KNOWN) ** 2
     for _ in range(15):
         apart = measured - answer @ design
-        weights = trust / (1.0 + (apart / TOLD) ** 2) ** 2
+        weights = trust / (1.0 + (apart / RIM_ERROR) ** 2) ** 2
         normal = (design * weights) @ design.T + 1e-6 * np.eye(4)
         right = (design * weights) @ apart
         normal[3, 3] += hold
         right[3] += hold * (expected - answer[3])
         answer = answer + np.linalg.solve(normal, right)
-    square = ((measured - answer @ design) / TOLD) ** 2
+    square = ((measured - answer @ design) / RIM_ERROR) ** 2
     misfit = float((trust * square / (1.0 + square)).sum())
     return float(answer[0]), float(answer[1]), float(answer[3]), misfit
 

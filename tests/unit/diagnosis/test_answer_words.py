@@ -73,7 +73,7 @@ def test_nothing_missing_claims_no_more_than_was_shown():
 
 @pytest.mark.parametrize(
     ("effects", "words"),
-    [([], "Larger"), ([effect()], "sharpen"), ([effect("a", ("b",))], "To tell a from b")],
+    [([], "Larger"), ([effect()], "sharpen"), ([effect("a", ("b",))], "To distinguish a from b")],
 )
 def test_what_to_record_next_depends_on_the_answer(tmp_path, effects, words):
     assert words in suggestion(effects, tmp_path)
