@@ -296,6 +296,6 @@ class Scores:
 
 def quiet(noise: Array) -> Array:
     """Return (k, 10) sizes with as little push, and chance at the rim, as on a rig that lacks nothing."""
-    quiet = noise.copy()
-    quiet[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
-    return quiet
+    sizes = noise.copy()
+    sizes[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
+    return sizes
