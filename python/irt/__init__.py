@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from irt.dimensions import Board, Commands, Marble, TiltSensor
     from irt.engine import paper_drive, rollouts
     from irt.fitting.fit import Estimate, FitResult, Iteration
+    from irt.maze import Maze
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
     from irt.report.diagnosis_report import write_diagnosis_report
@@ -42,6 +43,7 @@ __all__ = [
     "IrtError",
     "Iteration",
     "Marble",
+    "Maze",
     "Model",
     "Parameter",
     "Recording",
@@ -74,6 +76,7 @@ _HOMES = {
     "irt.dimensions": ("Board", "Commands", "Marble", "TiltSensor"),
     "irt.engine": ("paper_drive", "rollouts"),
     "irt.fitting.fit": ("Estimate", "FitResult", "Iteration"),
+    "irt.maze": ("Maze",),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
     "irt.report.diagnosis_report": ("write_diagnosis_report",),

@@ -17,6 +17,7 @@ from irt import arguments, catalogue, display
 from irt.engine import TimeStep, rollouts
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml, write_atomic
+from irt.maze import Maze, read_maze
 from irt.recording import as_commands, durations
 from irt.rig import (
     PARAMETERS,
@@ -52,6 +53,7 @@ _SECTIONS = (
     "recordings",
     "commands",
     "tilt",
+    "maze",
     "simulation",
     "parameters",
     "effects",
@@ -133,6 +135,8 @@ class Model:
         What the commands are.
     tilt : TiltSensor
         What is known of the measured tilt.
+    maze : Maze or None
+        Inner walls and holes; None on a bare board.
 
     Raises
     ------
@@ -149,6 +153,7 @@ class Model:
     time_step: TimeStep = "rounded"
     commands: Commands = field(default_factory=Commands)
     tilt: TiltSensor = field(default_factory=TiltSensor)
+    maze: Maze | None = None
 
     def __post_init__(self) -> None:
         for field_name, kind in (
@@ -158,6 +163,8 @@ class Model:
             ("tilt", TiltSensor),
         ):
             arguments.instance(field_name, getattr(self, field_name), kind)
+        if self.maze is not None:
+            arguments.instance("maze", self.maze, Maze).check(self.board, self.marble)
         arguments.word("start", self.start, get_args(Start))
         arguments.mapping("parameters", self.parameters)
         arguments.mapping("ranges", self.ranges)
@@ -227,6 +234,7 @@ class Model:
             time_step=time_step,
             commands=rig.commands,
             tilt=rig.tilt,
+            maze=rig.maze,
         )
 
     @property
@@ -354,6 +362,7 @@ def load_model(path: PathLike) -> Model:
     _check_format(table)
     table.only("section", _SECTIONS)
     board, marble = read_dimensions(table)
+    maze = read_maze(table, board, marble)
     simulation = table.section("simulation")
     simulation.only("key", ("time_step",))
     time_step = simulation.word("time_step") if "time_step" in simulation else "rounded"
@@ -371,6 +380,7 @@ def load_model(path: PathLike) -> Model:
             time_step=time_step,  # type: ignore[arg-type]  # the model checks it
             commands=commands,
             tilt=tilt,
+            maze=maze,
         )
 
 
@@ -463,6 +473,9 @@ def _lines(model: Model) -> Iterator[str]:
         if model.tilt.noise_rad is not None:
             yield f"noise_rad = {model.tilt.noise_rad!r}"
         yield f"offset = {{ range = [{float(model.tilt.offset[0])!r}, {float(model.tilt.offset[1])!r}] }}"
+    if model.maze is not None:
+        yield "\n[maze]"
+        yield from model.maze.lines()
     yield f'\n[simulation]\ntime_step = "{model.time_step}"'
     yield "\n[parameters]"
     for name, parameter in model.parameters.items():

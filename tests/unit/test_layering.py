@@ -33,6 +33,7 @@ LAYERS = (
     "engine",
     "tracking",
     "rig",
+    "maze",
     "dimensions",
     "recording",
     "validity",
