@@ -60,6 +60,7 @@ def rollouts(
     seeds: npt.NDArray[np.uint64],
     board: tuple[float, float, float, float, float],
     marble: tuple[float, float, float],
+    maze: tuple[npt.NDArray[np.float64], float, npt.NDArray[np.float64], float] | None,
     engine: str,
     continuous: bool,
     substeps: npt.NDArray[np.uint32] | None,
@@ -67,7 +68,7 @@ def rollouts(
     hold: str,
     tilt: bool,
     threads: int | None,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]: ...
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None, npt.NDArray[np.int64]]: ...
 def turned(path: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
 def ascend(

@@ -91,6 +91,11 @@ class Maze:
         """Whether there is neither wall nor hole, so that a marble rolls as on the bare board."""
         return not self.walls and not self.holes
 
+    def arrays(self) -> tuple[Array, float, Array, float]:
+        """Return what the engine takes: walls (n, 4), their thickness, holes (m, 2), their radius [m]."""
+        walls, holes = np.reshape(self.walls, (-1, 4)), np.reshape(self.holes, (-1, 2))
+        return walls.astype(np.float64), self.wall_thickness_m, holes.astype(np.float64), self.hole_radius_m
+
     def check(self, board: Board, marble: Marble) -> None:
         """Raise unless the maze fits on a board and lets a marble through.
 

@@ -200,6 +200,21 @@ class Rig:
             )
         return replace(self, recordings=kept)
 
+    def on_bare_board(self) -> Rig:
+        """Return this rig if it has neither inner walls nor holes: fits know the bare board alone.
+
+        Raises
+        ------
+        IrtError
+            If it has.
+        """
+        if self.maze is None or self.maze.is_bare:
+            return self
+        raise IrtError(
+            f"{self.path}: its [maze] has walls or holes, and fits know the bare board alone; fit recordings "
+            "in which the marble meets neither, without [maze], and put [maze] into the model.toml found"
+        )
+
     @property
     def rows(self) -> int:
         """Rows of all recordings."""

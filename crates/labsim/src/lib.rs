@@ -46,6 +46,7 @@ pub mod filter;
 pub mod fit;
 mod lanes;
 mod live;
+pub mod maze;
 mod motion;
 mod noise;
 mod orientation;
@@ -59,11 +60,12 @@ pub use effects::{EffectInstance, EffectSpec, effects};
 pub use engine::{Engine, Hold};
 pub use error::{Error, Result};
 pub use live::Live;
+pub use maze::{Fall, Maze};
 pub use noise::Noise;
 pub use orientation::turned;
 pub use parameters::Parameters;
 pub use per_rollout::PerRollout;
-pub use rollout::{Batch, Observed, TimeBase};
+pub use rollout::{Batch, Falls, Observed, TimeBase};
 
 /// Runs the example of the crate's README with the doctests.
 #[cfg(doctest)]

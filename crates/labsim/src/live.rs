@@ -1,14 +1,17 @@
 //! One marble whose commands are not known beforehand: what a stand-in for the real board answers with.
 
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use pulp::Scalar;
 
 use crate::board::Rig;
 use crate::effects::{EffectInstance, Hook, in_order};
+use crate::engine::obstacles::Obstacles;
 use crate::engine::rolling::{LaneGroup, Register};
 use crate::engine::{Clock, Engine, Hold, Job, Setup, Sink, Step};
 use crate::error::{Error, Result};
+use crate::maze::{Fall, Maze};
 use crate::motion::Marbles;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
@@ -37,6 +40,7 @@ impl Live {
     /// times than their commands: the commands of rows to come would have to be known.
     pub fn new(
         rig: &Rig,
+        maze: Option<&Maze>,
         parameters: Parameters,
         effects: &[EffectInstance<'_>],
         start: [f64; 2],
@@ -53,6 +57,7 @@ impl Live {
         let commands = vec![[0.0; 2]; rows];
         Batch {
             effects,
+            maze,
             rows: rows.min(1),
             start: PerRollout::Shared(&[start]),
             time: TimeBase::Durations(PerRollout::Shared(&vec![row_s; rows])),
@@ -60,11 +65,15 @@ impl Live {
         }
         .run(Engine::Rolling, Some(1), &AtomicBool::new(false))?;
         let effects = in_order(effects);
+        let obstacles = maze
+            .and_then(|maze| Obstacles::new(maze, rig))
+            .map(Arc::new);
         let setup = Setup {
             rig,
             effects: &effects,
             rows,
             hold: Hold::Zero,
+            obstacles: obstacles.as_ref(),
             cancel: &AtomicBool::new(false),
         };
         let step = Step::lasting(row_s);
@@ -90,6 +99,11 @@ impl Live {
     /// Where the marble is seen (board edges) as the present row begins.
     pub fn seen(&self) -> [f64; 2] {
         self.seen[self.row]
+    }
+
+    /// Where the marble has fallen through the board; it is not a number where it is seen from then on.
+    pub fn fall(&self) -> Option<Fall> {
+        self.register.fall(0, 0)
     }
 
     /// Rows that are left to play.
@@ -127,6 +141,7 @@ impl Live {
             tilt: &mut [],
             variance: &mut [],
             corrections: &mut [],
+            fall: &mut [],
         }];
         for substep in 0..self.step.substeps {
             self.register

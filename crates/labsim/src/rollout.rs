@@ -13,8 +13,10 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::board::Rig;
 use crate::correction::Correction;
 use crate::effects::{EffectInstance, in_order};
+use crate::engine::obstacles::Obstacles;
 use crate::engine::{Clock, Engine, Hold, Job, Measured, Setup, Sink, Step, rapier, rolling};
 use crate::error::{Error, Result};
+use crate::maze::{Fall, Maze};
 use crate::noise::Noise;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
@@ -41,11 +43,24 @@ pub struct Observed {
     pub tilt: Vec<[f64; 2]>,
 }
 
+/// What is observed of marbles that may fall through holes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Falls {
+    /// Positions (board edges), not a number from the row on at which a marble was gone.
+    pub marble: Vec<[f64; 2]>,
+    /// The board's angles (rad), as in [`Observed::tilt`].
+    pub tilt: Vec<[f64; 2]>,
+    /// Where each marble fell, one entry a rollout.
+    pub falls: Vec<Option<Fall>>,
+}
+
 /// Rollouts that share a rig and a set of effects.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
     /// Board and marble.
     pub rig: &'a Rig,
+    /// Inner walls and holes; none on a bare board.
+    pub maze: Option<&'a Maze>,
     /// One set of parameters a rollout.
     pub parameters: &'a [Parameters],
     /// What the five parameters leave out; the order of naming does not matter.
@@ -82,6 +97,7 @@ impl<'a> Batch<'a> {
     pub fn new(rig: &'a Rig, parameters: &'a [Parameters], commands: &'a [[f64; 2]]) -> Self {
         Self {
             rig,
+            maze: None,
             parameters,
             effects: &[],
             rows: commands.len(),
@@ -135,6 +151,24 @@ impl<'a> Batch<'a> {
         })
     }
 
+    /// Simulates every rollout as [`Batch::run_with_tilt`] does, and says which marbles fell where.
+    ///
+    /// # Errors
+    /// As [`Batch::run`].
+    pub fn run_with_falls(
+        &self,
+        engine: Engine,
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+    ) -> Result<Falls> {
+        let all = self.simulate(engine, threads, cancel, Asked::Falls)?;
+        Ok(Falls {
+            marble: all.marble,
+            tilt: all.tilt,
+            falls: all.falls,
+        })
+    }
+
     /// Simulates every rollout in the rolling engine, corrected in every row by what was seen in it; returns the
     /// predictions, their variances, and if that is wanted all that was known as each row was taken in.
     pub(crate) fn filtered(
@@ -149,6 +183,10 @@ impl<'a> Batch<'a> {
         } else {
             Asked::Variance(observed, noise)
         };
+        if self.maze.is_some() {
+            let expected = "a bare board, where predictions are corrected";
+            return Err(Error::invalid("maze", expected, "walls or holes"));
+        }
         self.simulate(Engine::Rolling, threads, cancel, asked)
     }
 
@@ -164,7 +202,7 @@ impl<'a> Batch<'a> {
         let rows_if = |asked: bool| vec![[0.0; 2]; if asked { count } else { 0 }];
         let mut observed = Simulated {
             marble: rows_if(true),
-            tilt: rows_if(matches!(asked, Asked::Tilt)),
+            tilt: rows_if(matches!(asked, Asked::Tilt | Asked::Falls)),
             variance: rows_if(matches!(
                 asked,
                 Asked::Variance(..) | Asked::Corrections(..)
@@ -173,17 +211,24 @@ impl<'a> Batch<'a> {
                 Asked::Corrections(..) => vec![[Correction::default(); 2]; count],
                 _ => Vec::new(),
             },
+            falls: match asked {
+                Asked::Falls => vec![None; self.parameters.len()],
+                _ => Vec::new(),
+            },
         };
         if count == 0 {
             return Ok(observed);
         }
         let workers = threads.unwrap_or_else(rayon::current_num_threads);
         let effects = in_order(self.effects);
+        let obstacles = self.maze.and_then(|maze| Obstacles::new(maze, self.rig));
+        let obstacles = obstacles.map(Arc::new);
         let setup = Setup {
             rig: self.rig,
             effects: &effects,
             rows: self.rows,
             hold: self.hold,
+            obstacles: obstacles.as_ref(),
             cancel,
         };
         let mut work = || {
@@ -191,12 +236,14 @@ impl<'a> Batch<'a> {
             let mut tilts = observed.tilt.chunks_mut(block);
             let mut variances = observed.variance.chunks_mut(block);
             let mut corrections = observed.corrections.chunks_mut(block);
+            let mut falls = observed.falls.chunks_mut(BLOCK);
             for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
                 let sink = Sink {
                     marble,
                     tilt: tilts.next().unwrap_or_default(),
                     variance: variances.next().unwrap_or_default(),
                     corrections: corrections.next().unwrap_or_default(),
+                    fall: falls.next().unwrap_or_default(),
                 };
                 let groups = self.groups(&setup, engine, workers, (number * BLOCK, sink), asked);
                 groups.into_par_iter().for_each(|(jobs, mut out)| {
@@ -222,6 +269,9 @@ impl<'a> Batch<'a> {
     fn check(&self) -> Result<()> {
         let rollouts = self.parameters.len();
         self.rig.check()?;
+        if let Some(maze) = self.maze {
+            maze.check(self.rig)?;
+        }
         let issued = self.issued();
         if !matches!(self.commands, PerRollout::Of(_)) {
             self.commands.check("commands", rollouts, issued)?;
@@ -358,6 +408,7 @@ impl<'a> Batch<'a> {
         let mut tilts = observed.tilt.chunks_exact_mut(self.rows);
         let mut variances = observed.variance.chunks_exact_mut(self.rows);
         let mut corrections = observed.corrections.chunks_exact_mut(self.rows);
+        let mut falls = observed.fall.chunks_exact_mut(1);
         let mut places: Vec<_> = observed
             .marble
             .chunks_exact_mut(self.rows)
@@ -368,6 +419,7 @@ impl<'a> Batch<'a> {
                     tilt: tilts.next().unwrap_or_default(),
                     variance: variances.next().unwrap_or_default(),
                     corrections: corrections.next().unwrap_or_default(),
+                    fall: falls.next().unwrap_or_default(),
                 };
                 Some((self.job(begin + i, asked), sink))
             })
@@ -430,6 +482,8 @@ impl<'a> Batch<'a> {
 enum Asked<'a> {
     Marble,
     Tilt,
+    /// The tilt, and where marbles fell.
+    Falls,
     /// Of predictions that are corrected by these observations, with this noise.
     Variance(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
     /// The same, with all that the filter knows.
@@ -442,6 +496,7 @@ pub(crate) struct Simulated {
     tilt: Vec<[f64; 2]>,
     pub(crate) variance: Vec<[f64; 2]>,
     pub(crate) corrections: Vec<[Correction; 2]>,
+    falls: Vec<Option<Fall>>,
 }
 
 /// How many rollouts are under way at once, so that memory does not grow with a batch.

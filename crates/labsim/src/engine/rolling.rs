@@ -11,17 +11,20 @@
 mod contact;
 mod estimator;
 mod impact;
+mod maze;
 
 use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
 
 use self::contact::substep;
 use self::estimator::Estimator;
 pub(crate) use self::estimator::TAIL;
+use self::maze::Inside;
 use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup, Sink};
 use crate::effects::Any;
 use crate::lanes::Lanes;
+use crate::maze::Fall;
 use crate::motion::{Marbles, Pair, Push, Rims};
 
 /// The most rollouts to a group.
@@ -139,6 +142,17 @@ fn simulate<S: Simd, const N: usize>(
             }
         }
     }
+    for ((register, group), out) in registers
+        .iter()
+        .zip(groups)
+        .zip(out.chunks_mut(S::F64_LANES))
+    {
+        for (lane, (job, out)) in group.jobs.iter().zip(out).enumerate() {
+            if let Some(fall) = out.fall.first_mut() {
+                *fall = register.fall(lane, job.first);
+            }
+        }
+    }
 }
 
 /// How many substeps each lane of a register takes in a row; empty lanes take none.
@@ -181,6 +195,7 @@ pub(crate) struct Register<S: Simd> {
     pub(crate) actuation: Actuation<S>,
     camera: Camera<S>,
     forces: Vec<Any<S>>,
+    inside: Option<Inside<S>>,
 }
 
 impl<S: Simd> Register<S> {
@@ -191,6 +206,9 @@ impl<S: Simd> Register<S> {
             rims: setup.rims(simd, job),
             camera: Camera::new(simd, setup, &actuation, job),
             forces: setup.forces(simd, &actuation.tilt, job),
+            inside: setup
+                .obstacles
+                .map(|obstacles| Inside::new(simd, setup.rig, obstacles)),
             actuation,
         }
     }
@@ -254,7 +272,7 @@ impl<S: Simd> Register<S> {
         ];
         let ([x, y], [vx, vy]) = self.camera.place(start, velocity, &self.actuation.tilt);
         let zero = vx.like(0.0);
-        Marbles {
+        let mut marbles = Marbles {
             x: x.clamp(self.rims.reach_x),
             y: y.clamp(self.rims.reach_y),
             vx,
@@ -263,7 +281,20 @@ impl<S: Simd> Register<S> {
             sy: vy,
             spin: zero,
             air: zero,
+        };
+        if let Some(inside) = &self.inside {
+            inside.release(&mut marbles);
         }
+        marbles
+    }
+
+    /// Where the marble of a lane has fallen, that was let go in row `first`.
+    pub(crate) fn fall(&self, lane: usize, first: usize) -> Option<Fall> {
+        let (row, hole) = self.inside.as_ref()?.fallen[lane]?;
+        Some(Fall {
+            row: row + 1 - first,
+            hole,
+        })
     }
 
     fn estimator(&self, marbles: &Marbles<S>, group: LaneGroup<'_, '_>) -> Option<Estimator<S>> {
@@ -331,11 +362,11 @@ impl<S: Simd> Register<S> {
         }
         let end = f64::from(index) + 1.0;
         if !self.camera.is_due(end) {
-            *marbles = substep(&self.rims, marbles, &push);
+            *marbles = self.moved(marbles, &push, row);
             return;
         }
         let before = *marbles;
-        *marbles = substep(&self.rims, &before, &push);
+        *marbles = self.moved(&before, &push, row);
         let simd = self.rims.reach_x.simd();
         simd.vectorize(|| {
             let (stretch, motion) = ([end - 1.0, end], [&before, &*marbles]);
@@ -347,6 +378,43 @@ impl<S: Simd> Register<S> {
             self.camera
                 .expose(row, stretch, motion, &self.actuation, write);
         });
+    }
+
+    /// The marbles after a substep of a row.
+    #[inline(always)]
+    fn moved(&mut self, marbles: &Marbles<S>, push: &Push<S>, row: usize) -> Marbles<S> {
+        match &mut self.inside {
+            None => substep(&self.rims, marbles, push),
+            Some(inside) => {
+                let simd = self.rims.reach_x.simd();
+                simd.vectorize(Among {
+                    inside,
+                    rims: &self.rims,
+                    marbles,
+                    push,
+                    row,
+                })
+            }
+        }
+    }
+}
+
+/// A substep among walls and holes, as a function of its own for the same reason as [`Acting`].
+struct Among<'a, S: Simd> {
+    inside: &'a mut Inside<S>,
+    rims: &'a Rims<S>,
+    marbles: &'a Marbles<S>,
+    push: &'a Push<S>,
+    row: usize,
+}
+
+impl<S: Simd> NullaryFnOnce for Among<'_, S> {
+    type Output = Marbles<S>;
+
+    #[inline(always)]
+    fn call(self) -> Marbles<S> {
+        self.inside
+            .substep(self.rims, self.marbles, self.push, self.row)
     }
 }
 
@@ -418,6 +486,7 @@ mod tests {
                     tilt,
                     variance: &mut [],
                     corrections: &mut [],
+                    fall: &mut [],
                 })
                 .collect();
             dispatch(Group {
@@ -426,6 +495,7 @@ mod tests {
                     effects,
                     rows,
                     hold: Hold::Zero,
+                    obstacles: None,
                     cancel: &AtomicBool::new(false),
                 },
                 jobs: &jobs,

@@ -384,7 +384,7 @@ fn a_live_rollout_has_the_bits_of_a_batch() {
         }
         .run(Engine::Rolling, Some(1), &AtomicBool::new(false))
         .expect("the inputs are physical");
-        let mut live = Live::new(&rig, parameters, &effects, start, (ROWS, 0.05), 3)
+        let mut live = Live::new(&rig, None, parameters, &effects, start, (ROWS, 0.05), 3)
             .expect("the inputs are physical");
         let mut found = vec![live.seen()];
         found.extend(
@@ -413,6 +413,7 @@ fn a_live_rollout_refuses_what_would_need_commands_to_come() {
     let (values, rig) = (drift.neutral(), Rig::default());
     let refused = Live::new(
         &rig,
+        None,
         parameters()[0],
         &[chosen(drift, &values)],
         [0.0; 2],
