@@ -288,6 +288,11 @@ impl<S: Simd> Register<S> {
         marbles
     }
 
+    /// Where the camera sees marbles that are at a place (m).
+    pub(crate) fn seen(&self, place: Pair<S>) -> Pair<S> {
+        self.camera.see(place, &self.actuation.tilt)
+    }
+
     /// Where the marble of a lane has fallen, that was let go in row `first`.
     pub(crate) fn fall(&self, lane: usize, first: usize) -> Option<Fall> {
         let (row, hole) = self.inside.as_ref()?.fallen[lane]?;
