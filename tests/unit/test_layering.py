@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
     "cli",
+    "export",
     "paper",
     "proof",
     "importing",
@@ -30,6 +31,7 @@ LAYERS = (
     "segments",
     "start_state",
     "model",
+    "posterior",
     "engine",
     "tracking",
     "rig",
@@ -47,6 +49,7 @@ LAYERS = (
     "pictures",
     "display",
     "methods",
+    "values",
     "arguments",
     "extras",
     "errors",

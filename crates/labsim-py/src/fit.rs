@@ -406,12 +406,17 @@ pub(crate) fn ascend<'py>(
         let result = PyDict::new(py);
         let vector = |values: Vec<f64>| Array1::from(values).into_pyarray(py);
         let mut deviations = vec![0.0; one.values.len()];
-        for &(slot, deviation) in &one.deviations {
+        let mut covariance = Array2::<f64>::zeros((one.values.len(), one.values.len()));
+        for (&(slot, deviation), row) in one.deviations.iter().zip(&one.covariance) {
             deviations[slot] = deviation;
+            for (&(other, _), &between) in one.deviations.iter().zip(row) {
+                covariance[[slot, other]] = between;
+            }
         }
         let sizes = <[f64; 10]>::from(one.noise);
         result.set_item("values", vector(one.values.clone()))?;
         result.set_item("deviations", vector(deviations))?;
+        result.set_item("covariance", covariance.into_pyarray(py))?;
         result.set_item("states", self::states(py, &one.states))?;
         result.set_item("noise", vector(sizes.to_vec()))?;
         result.set_item("log_likelihood", one.log_likelihood)?;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
@@ -19,6 +20,7 @@ from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_o
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
+from irt.diagnosis.posterior import posterior
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import (
     UNLISTED,
@@ -111,7 +113,10 @@ class Answer:
             base_heldout_mae=base.mae if is_held_out else float("nan"),
             final_heldout_mae=answer.mae if is_held_out else float("nan"),
             base=_model(self._base, self._relevance.parameters(self._base)[0]),
-            model=_model(best, self._parameters),
+            model=replace(
+                _model(best, self._parameters),
+                posterior=posterior(self._likely(tied), self._proof, self._parameters),
+            ),
             rivals=tuple(one.scored.fitted.model for one in tied),
             plausible=self._plausible(tied),
             unidentifiable=self._unidentifiable,
@@ -259,7 +264,10 @@ class Answer:
         return gain >= config.MATTERS * self._noise
 
     def _plausible(self, tied: list[Tie]) -> tuple[Plausible, ...]:
-        """Return the sets that are worth a mention, the answer first.
+        return tuple(Plausible(one.fitted.model, chance) for one, chance in self._likely(tied))
+
+    def _likely(self, tied: list[Tie]) -> list[tuple[Scored, float]]:
+        """Return the sets that are worth a mention with their probabilities, the answer first.
 
         That effects of the most probable set do not matter to recordings held out says nothing of whether
         they are there: the answer without them is as probable. So is the answer by another name.
@@ -273,7 +281,7 @@ class Answer:
         likely = [each for each in zip(scores, chances, strict=True) if each[1] > config.MENTIONED]
         found = likely[: config.PLAUSIBLE]
         total = sum(chance for _, chance in found)
-        return tuple(Plausible(one.fitted.model, chance / total) for one, chance in found)
+        return [(one, chance / total) for one, chance in found]
 
     def _candidates(self, tied: list[Tie]) -> tuple[Candidate, ...]:
         alike = {frozenset(one.scored.effects) for one in tied}

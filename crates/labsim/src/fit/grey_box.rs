@@ -68,6 +68,8 @@ pub struct Probable {
     pub log_evidence: f64,
     /// Places of the free parameters among all, and their standard deviations.
     pub deviations: Vec<(usize, f64)>,
+    /// Covariances of the free parameters, a row for each, in their order in `deviations`.
+    pub covariance: Vec<Vec<f64>>,
 }
 
 /// Where an ascent is.
@@ -403,12 +405,17 @@ impl Hill<'_> {
         let inverse = curvature
             .cholesky()
             .map(|one| one.inverse().view((0, 0), (count, count)).into_owned());
-        let deviation = |row: &Vec<f64>| {
-            let row = DVector::from_column_slice(row);
+        let by_z: Vec<_> = by_z
+            .iter()
+            .map(|row| DVector::from_column_slice(row))
+            .collect();
+        let between = |one: &DVector<f64>, other: &DVector<f64>| {
             inverse
                 .as_ref()
-                .map_or(f64::NAN, |inverse| (inverse * &row).dot(&row).sqrt())
+                .map_or(f64::NAN, |inverse| (inverse * one).dot(other))
         };
+        let covariances = |one| by_z.iter().map(|other| between(one, other)).collect();
+        let deviations = by_z.iter().map(|one| between(one, one).sqrt());
         let slots = self.coordinates.slots();
         Probable {
             values: self
@@ -422,7 +429,8 @@ impl Hill<'_> {
                 - log_volume
                 - of_states
                 - log_width,
-            deviations: slots.into_iter().zip(by_z.iter().map(deviation)).collect(),
+            deviations: slots.into_iter().zip(deviations).collect(),
+            covariance: by_z.iter().map(covariances).collect(),
         }
     }
 
