@@ -97,9 +97,9 @@ class Component:
         spreads = list(self.parameters.values())
         stacked = (
             np.array([one.value for one in spreads]),
-            np.array([[one.low, one.high] for one in spreads]).reshape(-1, 2),
-            np.array([one.linear or (0.0,) * count for one in spreads]).reshape(-1, count),
-            np.array([one.power or (0.0,) * count for one in spreads]).reshape(-1, count),
+            np.array([[one.low, one.high] for one in spreads]).reshape(len(spreads), 2),
+            np.array([one.linear or (0.0,) * count for one in spreads]).reshape(len(spreads), count),
+            np.array([one.power or (0.0,) * count for one in spreads]).reshape(len(spreads), count),
         )
         object.__setattr__(self, "_stacked", stacked)
 
