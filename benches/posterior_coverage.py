@@ -28,7 +28,8 @@ from irt.fitting.least_squares import least_squares
 
 Array = NDArray[np.float64]
 LEVELS = (0.5, 0.8, 0.95)
-ROWS, STEP_S, NOISE = 100, 0.08, 0.001
+#: Rows of whole engine steps: no engine rounds them.
+ROWS, STEP_S, NOISE = 100, 20.0 / 240.0, 0.001
 #: The hidden effects, in turn, and the values that rigs draw from.
 HIDDEN: tuple[dict[str, tuple[float, float]], ...] = (
     {},
