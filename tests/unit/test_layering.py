@@ -27,6 +27,7 @@ LAYERS = (
     "checking",
     "fitting",
     "residual",
+    "sessions",
     "measured_tilt",
     "segments",
     "start_state",

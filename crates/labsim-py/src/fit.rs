@@ -405,14 +405,13 @@ pub(crate) fn ascend<'py>(
     let results = tops.iter().map(|one| {
         let result = PyDict::new(py);
         let vector = |values: Vec<f64>| Array1::from(values).into_pyarray(py);
-        let mut deviations = vec![0.0; one.values.len()];
         let mut covariance = Array2::<f64>::zeros((one.values.len(), one.values.len()));
-        for (&(slot, deviation), row) in one.deviations.iter().zip(&one.covariance) {
-            deviations[slot] = deviation;
-            for (&(other, _), &between) in one.deviations.iter().zip(row) {
-                covariance[[slot, other]] = between;
+        for (i, &slot) in one.slots.iter().enumerate() {
+            for (j, &other) in one.slots.iter().enumerate() {
+                covariance[[slot, other]] = one.covariance[(i, j)];
             }
         }
+        let deviations = covariance.diag().mapv(f64::sqrt).to_vec();
         let sizes = <[f64; 10]>::from(one.noise);
         result.set_item("values", vector(one.values.clone()))?;
         result.set_item("deviations", vector(deviations))?;

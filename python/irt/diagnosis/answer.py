@@ -17,6 +17,7 @@ from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
 from irt.diagnosis.detectability import detectability
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
+from irt.diagnosis.intervals import of_one_clock
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
@@ -38,6 +39,7 @@ from irt.diagnosis.result import (
 )
 from irt.diagnosis.score import LASTING, RESTITUTION, WHITE, Scored, Scores
 from irt.diagnosis.selection import Posterior, probabilities
+from irt.diagnosis.sessions import Difference, differences, sentences
 from irt.diagnosis.ties import Tie, reason, ties
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
@@ -124,13 +126,14 @@ class Answer:
             candidates=self._candidates(tied),
             runs=self._runs(),
             power=() if effects else tuple(detectability(self._scores, self._base)),
-            notes=tuple(
-                words.notes(
+            notes=(
+                *words.notes(
                     case,
                     best.fitted,
                     next((one.parameters for one in effects if one.name == JITTER), None),
                     explained=self._is_whole,
-                )
+                ),
+                *sentences(self._recordings, self._differences),
             ),
             settings={
                 "rig": str(case.rig.path),
@@ -144,7 +147,21 @@ class Answer:
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
             pushes=self._pushes() if where else (),
+            sessions=tuple(self._differences),
         )
+
+    @functools.cached_property
+    def _recordings(self) -> list[str]:
+        """Names of the recordings that were held out, one after the other."""
+        return [self._case.rig.recordings[int(fold)].name for fold in np.unique(self._case.folds)]
+
+    @functools.cached_property
+    def _differences(self) -> list[Difference]:
+        """What differs between the sessions of the rig, where several were pooled."""
+        without = of_one_clock(self._best, self._proof.values)
+        columns = dict(zip(self._best.names, without.T, strict=True))
+        own = {name: columns[name] for name in self._best.fitted.names}
+        return differences(self._recordings, self._best.values, own) if self._proof.is_proof else []
 
     @property
     def _scores(self) -> Scores:

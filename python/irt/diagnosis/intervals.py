@@ -128,7 +128,7 @@ def information_of(one: Scored, held: HeldOut) -> Information:
     """Return what recordings say of a set, as far as the fits without each recording in turn agree."""
     fitted = one.fitted
     own = [one.names.index(name) for name in fitted.names]
-    return _with_scatter(curvature(one), _of_one_clock(fitted, held.values[:, own]))
+    return _with_scatter(curvature(one), of_one_clock(one, held.values)[:, own])
 
 
 def curvature(one: Scored) -> Information:
@@ -189,13 +189,14 @@ def has_clock(case: Case) -> bool:
     return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
 
 
-def _of_one_clock(fitted: Fitted, values: Array) -> Array:
-    """Return (k, n) values as they are with the time scale of a fit: along the symmetry nothing is known."""
+def of_one_clock(one: Scored, values: Array) -> Array:
+    """Return (k, n) values as they are with a set's own time scale: along the symmetry nothing is known."""
+    fitted = one.fitted
     if has_clock(fitted.case) or not len(values):
         return values
-    clock = fitted.names.index("time_scale")
-    powers = np.array([_power(name, fitted) for name in fitted.names])
-    return np.asarray(values * (fitted.values[clock] / values[:, clock])[:, None] ** powers)
+    clock = one.names.index("time_scale")
+    powers = np.array([_power(name, fitted) for name in one.names])
+    return np.asarray(values * (one.values["time_scale"] / values[:, clock])[:, None] ** powers)
 
 
 def _power(name: str, fitted: Fitted) -> float:

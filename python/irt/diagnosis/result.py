@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from irt import display
 from irt.catalogue import effect
+from irt.diagnosis.sessions import Difference
 from irt.model import Model, Parameter
 
 if TYPE_CHECKING:
@@ -300,6 +301,8 @@ class Diagnosis:
         Recording by recording the push that is missing; empty where nothing is.
     warnings : tuple of str
         What a check of the recordings warns of (`irt.check`).
+    sessions : tuple of Difference
+        Values that differ between the sessions of a pooled rig (`irt.pool`).
     """
 
     verdict: Verdict
@@ -329,6 +332,7 @@ class Diagnosis:
     remains: Remains | None = None
     pushes: tuple[NeededPush, ...] = ()
     warnings: tuple[str, ...] = ()
+    sessions: tuple[Difference, ...] = ()
 
     @property
     def is_held_out(self) -> bool:
@@ -383,6 +387,7 @@ class Diagnosis:
             "effects": [_effect(one) for one in self.effects],
             "inclusion": self.inclusion,
             "budget": [asdict(one) for one in self.budget],
+            "sessions": [asdict(one) for one in self.sessions],
             "remains": None if self.remains is None else asdict(self.remains),
             "fit": {
                 "noise": self.noise,

@@ -66,10 +66,10 @@ pub struct Probable {
     pub log_likelihood: f64,
     /// Logarithm of the probability of what was seen, over all values [nats].
     pub log_evidence: f64,
-    /// Places of the free parameters among all, and their standard deviations.
-    pub deviations: Vec<(usize, f64)>,
-    /// Covariances of the free parameters, a row for each, in their order in `deviations`.
-    pub covariance: Vec<Vec<f64>>,
+    /// Places of the free parameters among all.
+    pub slots: Vec<usize>,
+    /// Their covariance, where the sizes of what is random are not known.
+    pub covariance: DMatrix<f64>,
 }
 
 /// Where an ascent is.
@@ -389,8 +389,8 @@ impl Hill<'_> {
         let count = self.coordinates.len();
         let (curvature, _, _) = slope.without_starts(0.0);
         let of_values = curvature.view((0, 0), (count, count)).into_owned();
-        let covariance = of_values.cholesky();
-        let log_volume: f64 = covariance.as_ref().map_or(f64::NAN, |one| {
+        let factor = of_values.cholesky();
+        let log_volume: f64 = factor.as_ref().map_or(f64::NAN, |one| {
             one.l_dirty().diagonal().iter().map(|one| one.ln()).sum()
         });
         let of_states: f64 = slope
@@ -400,23 +400,12 @@ impl Hill<'_> {
             .sum();
         let prior = self.prior.of(&place.spreads);
         let log_width: f64 = prior.iter().map(|(_, deviation)| deviation.ln()).sum();
-        let by_z = self.coordinates.derivative(&place.z);
-        // How well values are known where the sizes are not.
-        let inverse = curvature
-            .cholesky()
-            .map(|one| one.inverse().view((0, 0), (count, count)).into_owned());
-        let by_z: Vec<_> = by_z
-            .iter()
-            .map(|row| DVector::from_column_slice(row))
-            .collect();
-        let between = |one: &DVector<f64>, other: &DVector<f64>| {
-            inverse
-                .as_ref()
-                .map_or(f64::NAN, |inverse| (inverse * one).dot(other))
-        };
-        let covariances = |one| by_z.iter().map(|other| between(one, other)).collect();
-        let deviations = by_z.iter().map(|one| between(one, one).sqrt());
-        let slots = self.coordinates.slots();
+        let rows = self.coordinates.derivative(&place.z);
+        let by_z = DMatrix::from_fn(count, count, |i, j| rows[i][j]);
+        let covariance = curvature.cholesky().map_or_else(
+            || DMatrix::from_element(count, count, f64::NAN),
+            |one| &by_z * one.inverse().view((0, 0), (count, count)) * by_z.transpose(),
+        );
         Probable {
             values: self
                 .coordinates
@@ -429,8 +418,8 @@ impl Hill<'_> {
                 - log_volume
                 - of_states
                 - log_width,
-            deviations: slots.into_iter().zip(deviations).collect(),
-            covariance: by_z.iter().map(covariances).collect(),
+            slots: self.coordinates.slots(),
+            covariance,
         }
     }
 
