@@ -72,6 +72,9 @@ class NamedEffect:
         Why they cannot be told apart, in a sentence; empty where there are none.
     probability : float
         That it is at work, or one of those that do as well, given these recordings and the catalogue.
+    chosen_again : float
+        Share of the recordings without which it is chosen, or one of those that do as well; NaN where
+        nothing was held out.
     """
 
     name: str
@@ -83,6 +86,7 @@ class NamedEffect:
     confusable_with: tuple[str, ...] = ()
     reason: str = ""
     probability: float = 1.0
+    chosen_again: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -303,6 +307,9 @@ class Diagnosis:
         What a check of the recordings warns of (`irt.check`).
     sessions : tuple of Difference
         Values that differ between the sessions of a pooled rig (`irt.pool`).
+    nested_heldout_mae : float
+        Mean absolute error on runs held out [board edges], each predicted by the set of effects that the
+        others choose; NaN where nothing was held out.
     """
 
     verdict: Verdict
@@ -333,6 +340,7 @@ class Diagnosis:
     pushes: tuple[NeededPush, ...] = ()
     warnings: tuple[str, ...] = ()
     sessions: tuple[Difference, ...] = ()
+    nested_heldout_mae: float = math.nan
 
     @property
     def is_held_out(self) -> bool:
@@ -395,6 +403,7 @@ class Diagnosis:
                 "final_mae": self.final_mae,
                 "base_heldout_mae": self.base_heldout_mae,
                 "final_heldout_mae": self.final_heldout_mae,
+                "nested_heldout_mae": self.nested_heldout_mae,
             },
             "parameters": {name: _parameter(one) for name, one in self.model.parameters.items()},
             "unidentifiable": list(self.unidentifiable),
@@ -434,6 +443,7 @@ def _effect(one: NamedEffect) -> dict[str, Any]:
         "confusable_with": list(one.confusable_with),
         "reason": one.reason,
         "probability": one.probability,
+        "chosen_again": one.chosen_again,
     }
 
 
