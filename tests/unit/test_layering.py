@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
     "cli",
+    "export",
     "paper",
     "proof",
     "importing",
@@ -26,10 +27,12 @@ LAYERS = (
     "checking",
     "fitting",
     "residual",
+    "sessions",
     "measured_tilt",
     "segments",
     "start_state",
     "model",
+    "posterior",
     "engine",
     "tracking",
     "rig",
@@ -48,6 +51,7 @@ LAYERS = (
     "pictures",
     "display",
     "methods",
+    "values",
     "arguments",
     "extras",
     "errors",
