@@ -11,6 +11,7 @@ __all__ = [
     "GRAVITY",
     "PARAMETERS",
     "SUBSTEP_S",
+    "Fleet",
     "__version__",
     "ascend",
     "effects",
@@ -105,3 +106,48 @@ def smoothed(
     states: npt.NDArray[np.float64],
 ) -> dict[str, Any]: ...
 def tracker_noise(observed: Sequence[npt.NDArray[np.float64]]) -> float: ...
+
+class Fleet:
+    def __new__(
+        cls,
+        count: int,
+        rows: int,
+        row_s: float,
+        board: tuple[float, ...],
+        marble: tuple[float, ...],
+        maze: tuple[npt.NDArray[np.float64], float, npt.NDArray[np.float64], float] | None,
+        path: npt.NDArray[np.float64],
+        noise: float,
+        lost: float,
+    ) -> Fleet: ...
+    def add(
+        self,
+        board: tuple[float, ...],
+        marble: tuple[float, ...],
+        parameters: Sequence[float],
+        effects: Sequence[tuple[str, Sequence[float]]],
+    ) -> int: ...
+    def begin(
+        self,
+        marbles: npt.NDArray[np.uintp],
+        simulators: npt.NDArray[np.uintp],
+        places: npt.NDArray[np.float64],
+        passed: npt.NDArray[np.uintp],
+        seeds: npt.NDArray[np.uint64],
+    ) -> None: ...
+    def play(
+        self,
+        commands: npt.NDArray[np.float64],
+        active: npt.NDArray[np.bool_],
+        states: npt.NDArray[np.float64],
+        threads: int | None,
+    ) -> None: ...
+    def pictures(
+        self,
+        scene: npt.NDArray[np.uint8],
+        per_m: float,
+        radius_m: float,
+        pictures: npt.NDArray[np.uint8],
+        threads: int | None,
+    ) -> None: ...
+    def states(self, states: npt.NDArray[np.float64]) -> None: ...

@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "irt"
 # Top to bottom. A new module takes its place here, above all that it uses.
 LAYERS = (
     "cli",
+    "environment",
     "export",
     "paper",
     "proof",
@@ -61,6 +62,7 @@ HEAVY = {
     "cryptography",
     "cv2",
     "cyclonedds",
+    "gymnasium",
     "jinja2",
     "matplotlib",
     "mcap",

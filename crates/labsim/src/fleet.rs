@@ -2,6 +2,9 @@
 
 use std::sync::Arc;
 
+use rand_chacha::ChaCha8Rng;
+use rand_chacha::rand_core::{Rng, SeedableRng};
+use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
 use crate::board::Rig;
@@ -13,6 +16,7 @@ use crate::maze::Maze;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
 use crate::rollout::pool;
+use crate::scene::{CUT, Scene};
 
 /// Marbles that share board, maze and step length, and are stepped together.
 ///
@@ -21,11 +25,28 @@ pub struct Fleet {
     rig: Rig,
     obstacles: Option<Arc<Obstacles>>,
     simulators: Vec<Simulator>,
-    marbles: Vec<Option<Live>>,
-    states: Vec<Option<State>>,
+    marbles: Vec<Option<Episode>>,
     path: Vec<[f64; 2]>,
+    tracker: Tracker,
     rows: usize,
     row_s: f64,
+}
+
+/// How well marbles are seen.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Tracker {
+    /// Standard deviation of a place, along each axis (board edges).
+    pub noise: f64,
+    /// Probability that the marble is lost in a row: it stays where it was seen before.
+    pub lost: f64,
+}
+
+/// A marble on its way.
+struct Episode {
+    live: Live,
+    /// What its tracker draws.
+    random: ChaCha8Rng,
+    state: State,
 }
 
 /// What an episode can be played in.
@@ -38,8 +59,10 @@ struct Simulator {
 /// What is known of a marble as a row begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
-    /// Where the camera sees it (board edges), not a number once it has fallen.
+    /// Where the tracker saw it last (board edges).
     pub seen: [f64; 2],
+    /// Where it had seen it a row before (board edges).
+    pub before: [f64; 2],
     /// The board's angles about x and about y as the tilt sensor reports them (rad).
     pub tilt: [f64; 2],
     /// Where it is (m from the board's centre).
@@ -60,10 +83,12 @@ impl Fleet {
         rig: Rig,
         maze: Option<&Maze>,
         path: Vec<[f64; 2]>,
+        tracker: Tracker,
         count: usize,
         (rows, row_s): (usize, f64),
     ) -> Result<Self> {
         rig.check()?;
+        tracker.check()?;
         if let Some(maze) = maze {
             maze.check(&rig)?;
         }
@@ -87,8 +112,8 @@ impl Fleet {
             obstacles: obstacles.map(Arc::new),
             simulators: Vec::new(),
             marbles: std::iter::repeat_with(|| None).take(count).collect(),
-            states: vec![None; count],
             path,
+            tracker,
             rows,
             row_s,
         })
@@ -166,9 +191,8 @@ impl Fleet {
         let effects = in_order(&simulator.instances());
         let setup = setup(&simulator.rig, &effects, self.rows, self.obstacles.as_ref());
         let start = Start::Place(place);
-        let mut live = Live::begin(&setup, simulator.parameters, start, self.row_s, seed);
-        self.states[marble] = Some(State::of(&mut live, passed));
-        self.marbles[marble] = Some(live);
+        let live = Live::begin(&setup, simulator.parameters, start, self.row_s, seed);
+        self.marbles[marble] = Some(Episode::new(live, passed, seed, self.tracker));
         Ok(())
     }
 
@@ -202,7 +226,7 @@ impl Fleet {
                     got,
                 ));
             }
-            if marble.as_ref().is_none_or(|live| live.left() == 0) {
+            if marble.as_ref().is_none_or(|one| one.live.left() == 0) {
                 return Err(Error::invalid(
                     format!("marble {i}"),
                     "one in an episode that is not over",
@@ -210,16 +234,47 @@ impl Fleet {
                 ));
             }
         }
-        let path = &self.path;
+        let (path, tracker) = (&self.path, self.tracker);
         let mut work = || {
-            let each = self.marbles.par_iter_mut().zip(&mut self.states);
-            let each = each.zip(commands).zip(active).with_min_len(LEAST);
-            each.for_each(|(((live, state), &command), &active)| {
-                if let (Some(live), Some(state), true) = (live, state, active) {
-                    live.play(command);
-                    let passed = passed(path, live.place(), state.passed);
-                    *state = State::of(live, passed);
-                }
+            let each = self.marbles.par_iter_mut().zip(commands).zip(active);
+            each.with_min_len(LEAST)
+                .for_each(|((episode, &command), &active)| {
+                    if let Some(episode) = episode.as_mut().filter(|_| active) {
+                        episode.play(command, path, tracker);
+                    }
+                });
+        };
+        match threads {
+            None => work(),
+            Some(threads) => pool(threads)?.install(work),
+        }
+        Ok(())
+    }
+
+    /// Paints what is around each marble into `out`, [`CUT`] squared pixels of each; black of those that have no
+    /// episode yet.
+    ///
+    /// # Errors
+    /// [`Error::Invalid`] if `out` is not of that many pixels.
+    pub fn pictures(
+        &self,
+        scene: &Scene,
+        out: &mut [[u8; 3]],
+        threads: Option<usize>,
+    ) -> Result<()> {
+        let pixels = CUT * CUT;
+        if out.len() != pixels * self.marbles.len() {
+            let expected = format!("{} pixels", pixels * self.marbles.len());
+            return Err(Error::invalid("pictures", &expected, out.len()));
+        }
+        let mut work = || {
+            let each = self
+                .marbles
+                .par_iter()
+                .zip(out.par_chunks_exact_mut(pixels));
+            each.for_each(|(episode, out)| {
+                let place = episode.as_ref().map(|one| one.state.place);
+                scene.cut(place.unwrap_or([f64::NAN; 2]), out);
             });
         };
         match threads {
@@ -230,20 +285,84 @@ impl Fleet {
     }
 
     /// What is known of each marble, in order; nothing of those that have no episode yet.
-    pub fn states(&self) -> &[Option<State>] {
-        &self.states
+    pub fn states(&self) -> impl ExactSizeIterator<Item = Option<&State>> {
+        let each = self.marbles.iter();
+        each.map(|one| one.as_ref().map(|one| &one.state))
     }
 }
 
-impl State {
-    fn of(live: &mut Live, passed: usize) -> Self {
-        Self {
-            seen: live.seen(),
+impl Tracker {
+    fn check(self) -> Result<()> {
+        if !(self.noise >= 0.0 && self.noise.is_finite()) {
+            return Err(Error::invalid(
+                "noise",
+                "a number of at least 0",
+                self.noise,
+            ));
+        }
+        if !(0.0..1.0).contains(&self.lost) {
+            return Err(Error::invalid("lost", "a probability below 1", self.lost));
+        }
+        Ok(())
+    }
+
+    /// Where a marble is seen; always as an episode begins, when `before` is nothing.
+    fn look(self, seen: [f64; 2], before: Option<[f64; 2]>, random: &mut ChaCha8Rng) -> [f64; 2] {
+        if self == Self::default() {
+            return if seen[0].is_nan() {
+                before.unwrap_or(seen)
+            } else {
+                seen
+            };
+        }
+        let noise = [0, 1].map(|_| {
+            let normal: f64 = StandardNormal.sample(random);
+            self.noise * normal
+        });
+        // Of 53 bits, as many as a number from 0 to 1 has.
+        let chance = (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64;
+        match before {
+            Some(before) if chance < self.lost || seen[0].is_nan() => before,
+            _ => [seen[0] + noise[0], seen[1] + noise[1]],
+        }
+    }
+}
+
+impl Episode {
+    fn new(mut live: Live, passed: usize, seed: u64, tracker: Tracker) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let seen = tracker.look(live.seen(), None, &mut random);
+        let state = State {
+            seen,
+            before: seen,
             tilt: live.tilt(),
             place: live.place(),
-            hole: live.fall().map(|fall| fall.hole),
+            hole: None,
             passed,
+        };
+        Self {
+            live,
+            random,
+            state,
         }
+    }
+
+    fn play(&mut self, command: [f64; 2], path: &[[f64; 2]], tracker: Tracker) {
+        let Self {
+            live,
+            random,
+            state,
+        } = self;
+        let seen = live.play(command);
+        let place = live.place();
+        *state = State {
+            seen: tracker.look(seen, Some(state.seen), random),
+            before: state.seen,
+            tilt: live.tilt(),
+            place,
+            hole: live.fall().map(|fall| fall.hole),
+            passed: passed(path, place, state.passed),
+        };
     }
 }
 

@@ -54,13 +54,14 @@ mod orientation;
 pub mod parameters;
 mod per_rollout;
 pub mod rollout;
+pub mod scene;
 
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;
 pub use effects::{EffectInstance, EffectSpec, effects};
 pub use engine::{Engine, Hold};
 pub use error::{Error, Result};
-pub use fleet::{Fleet, State};
+pub use fleet::{Fleet, State, Tracker};
 pub use live::Live;
 pub use maze::{Fall, Maze};
 pub use noise::Noise;
@@ -68,6 +69,7 @@ pub use orientation::turned;
 pub use parameters::Parameters;
 pub use per_rollout::PerRollout;
 pub use rollout::{Batch, Falls, Observed, TimeBase};
+pub use scene::Scene;
 
 /// Runs the example of the crate's README with the doctests.
 #[cfg(doctest)]

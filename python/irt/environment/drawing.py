@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import itertools
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,21 +26,19 @@ WOOD, WALL, HOLE, PATH, GOAL, STEEL = (
 )
 
 
-def picture(task: Task, model: Model, place: Array) -> NDArray[np.uint8]:
-    """Return the board with a marble at a place [m], (h, w, 3): a millimetre a pixel, y upwards."""
-    scene = board(task, model).copy()
+def picture(scene: Array, radius_m: float, place: Array) -> NDArray[np.uint8]:
+    """Return a board (h, w, 3) with a marble at a place [m]."""
     height, width = scene.shape[:2]
     half = np.array([width, height]) / 2.0 / PER_M
     if np.isfinite(place).all():
         x, y = _grid(width, height, half)
-        inside = (np.hypot(x - place[0], y - place[1]) < model.marble.radius_m).mean(axis=(1, 3))
+        inside = (np.hypot(x - place[0], y - place[1]) < radius_m).mean(axis=(1, 3))
         scene = scene + inside[..., None] * (STEEL - scene)
     return np.asarray(np.round(scene), dtype=np.uint8)
 
 
-@functools.lru_cache(maxsize=8)
 def board(task: Task, model: Model) -> Array:
-    """Return the picture of a board without its marble, (h, w, 3), from 0 to 255."""
+    """Return a board without its marble, (h, w, 3) from 0 to 255: a pixel a millimetre, y upwards."""
     width, height = (max(1, round(PER_M * edge)) for edge in (model.board.edge_x_m, model.board.edge_y_m))
     half = np.array([width, height]) / 2.0 / PER_M
     x, y = _grid(width, height, half)
@@ -75,16 +73,20 @@ def _grid(width: int, height: int, half: Array) -> tuple[Array, Array]:
 
 def _along(x: Array, y: Array, points: Array) -> Array:
     distance = np.full(x.shape, np.inf)
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in itertools.pairwise(points):
         near = (np.abs(x - (a[0] + b[0]) / 2.0) < 0.01) & (np.abs(y - (a[1] + b[1]) / 2.0) < 0.01)
         distance[near] = np.minimum(distance[near], _from_line(x[near], y[near], a, b))
     return distance
 
 
-def _from_line(x: Array, y: Array, begin: Array | tuple[float, float], end: Array | tuple[float, float]) -> Array:
+def _from_line(
+    x: Array, y: Array, begin: Array | tuple[float, float], end: Array | tuple[float, float]
+) -> Array:
     """Return the distance of places from a line between two points [m]."""
     along = np.subtract(end, begin)
     square = float(along @ along)
-    part = ((x - begin[0]) * along[0] + (y - begin[1]) * along[1]) / square if square > 0.0 else np.zeros_like(x)
+    part = (
+        ((x - begin[0]) * along[0] + (y - begin[1]) * along[1]) / square if square > 0.0 else np.zeros_like(x)
+    )
     part = np.clip(part, 0.0, 1.0)
     return np.asarray(np.hypot(x - begin[0] - part * along[0], y - begin[1] - part * along[1]))

@@ -10,19 +10,19 @@ from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
 from irt.environment.drawing import picture
-from irt.environment.labyrinth import Labyrinths, Observation
+from irt.environment.vector import LabyrinthVectorEnv, Observation
 from irt.errors import IrtError
 
 
-class Labyrinth(gymnasium.Env[Any, Any]):
-    """A marble that follows a path through a maze; arguments, spaces and rewards are those of `Labyrinths`.
+class LabyrinthEnv(gymnasium.Env[Any, Any]):
+    """A marble that follows a path through a maze, as the only one of a `LabyrinthVectorEnv`.
 
     Parameters
     ----------
     render_mode : {"rgb_array"}, optional
         What `render` returns.
     **options
-        Of `Labyrinths`.
+        Of `LabyrinthVectorEnv`.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012
@@ -33,7 +33,7 @@ class Labyrinth(gymnasium.Env[Any, Any]):
         if "num_envs" in options:
             raise IrtError("num_envs: this is one labyrinth; gymnasium.make_vec makes many")
         self.render_mode = render_mode
-        self._all = Labyrinths(1, *args, autoreset_mode=AutoresetMode.DISABLED, **options)
+        self._all = LabyrinthVectorEnv(1, *args, autoreset_mode=AutoresetMode.DISABLED, **options)
         self.observation_space = self._all.single_observation_space
         self.action_space = self._all.single_action_space
 
@@ -50,11 +50,16 @@ class Labyrinth(gymnasium.Env[Any, Any]):
         observed, rewards, terminated, truncated, infos = self._all.step(np.asarray(action)[None])
         return _first(observed), float(rewards[0]), bool(terminated[0]), bool(truncated[0]), _known(infos)
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """Where the marble is [m from the board's centre], (2,), as no tracker sees it."""
+        return np.asarray(self._all.places[0])
+
+    def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of the board from above, (h, w, 3), in the mode ``rgb_array``."""
         if self.render_mode is None:
             return None
-        return picture(self._all.task, self._all.model, self._all.places[0])
+        return picture(self._all.board, self._all.model.marble.radius_m, self.place)
 
 
 def _first(observed: Observation) -> Observation:
@@ -65,4 +70,6 @@ def _first(observed: Observation) -> Observation:
 
 def _known(infos: dict[str, Any]) -> dict[str, Any]:
     """Return the infos of the one marble, without masks."""
-    return {name: one[0].item() for name, one in infos.items() if f"_{name}" in infos and infos[f"_{name}"][0]}
+    return {
+        name: one[0].item() for name, one in infos.items() if f"_{name}" in infos and infos[f"_{name}"][0]
+    }

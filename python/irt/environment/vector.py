@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple
 from typing import Any, Literal
 
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 from irt import _labsim, arguments
 from irt.catalogue import parameter_values
 from irt.engine import Array
+from irt.environment.drawing import PER_M, board
 from irt.environment.task import AHEAD, Reward, Task
 from irt.errors import IrtError
 from irt.files import PathLike
 from irt.maze import Maze
 from irt.model import Model, as_model
-from irt.rig import PARAMETERS
+from irt.rig import PARAMETERS, RANGES, Board, Marble
+from irt.values import Parameter
 
 #: Steps of an episode unless something else is asked for: half a minute at 100 Hz.
 MAX_EPISODE_STEPS = 3000
@@ -31,24 +34,32 @@ TILT_UNIT_RAD = float(np.radians(10.0))
 #: What depends on how a recording was stamped and not on the rig: an environment has one clock.
 _OF_RECORDINGS = frozenset({"clock_drift"})
 #: Columns of the engine's states.
-_SEEN, _TILT, _PLACE, _HOLE, _PASSED = slice(0, 2), slice(2, 4), slice(4, 6), 6, 7
-_COLUMNS = 8
+_SEEN, _BEFORE, _TILT, _PLACE = (slice(begin, begin + 2) for begin in range(0, 8, 2))
+_HOLE, _PASSED, _COLUMNS = 8, 9, 10
 #: Numbers in a flat observation before the path ahead.
 _OWN = 8
+#: Largest number of an observation.
+FARTHEST = 5.0
+#: Pixels of a picture along each edge.
+CUT = 64
 
-Observation = Array | dict[str, Array]
+Observation = NDArray[np.float32] | dict[str, NDArray[Any]]
 
 
-class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
+class LabyrinthVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     """Marbles that follow a path through a maze, each in a simulator drawn from a model's posterior.
+
+    Marble i of a reset with seed s is the only one of `LabyrinthEnv` with seed s + i, whatever the others do.
 
     Actions are the commands about x and about y over the largest one, from -1 to 1.
 
-    Observations are ``"states"``, 18 numbers a marble, or ``"dict"``. The states: tilt about x and y [10
-    degrees], the marble's place [long edges from the centre], by how much that changed in the last step, the last
-    action, and where five points of the path ahead lie from the marble [long edges]. The dictionary is that of the
-    CyberRunner: ``states`` (tilts [10 degrees], place over the edges from the lower left), ``goal`` (the five
-    points, [edges]), ``progress`` (share of the path).
+    Observations are ``"states"``, 18 numbers a marble, ``"dict"`` or ``"pictures"``. The states: tilt about x
+    and y [10 degrees], the marble's place [long edges from the centre], by how much that changed in the last
+    step, the last action, and where five points of the path ahead lie from the marble [long edges]. The
+    dictionary is that of the CyberRunner: ``states`` (tilts [10 degrees], place over the edges from the lower
+    left), ``goal`` (the five points [long edges]), ``progress`` (share of the path). With pictures it has
+    ``image`` as well, (64, 64, 3) uint8, a millimetre a pixel around the marble. Numbers are clipped to -5
+    and 5.
 
     Infos are arrays with masks: ``progress`` in each step; ``hole`` of those that fell, ``success`` of
     those whose episode is over.
@@ -64,7 +75,7 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
     randomise : bool
         Draw a simulator from the model's posterior for each episode (`irt.Model.sample`). A model without
         one is played as it is.
-    observation : {"states", "dict"}
+    observation : {"states", "dict", "pictures"}
         See above.
     noise : float
         Standard deviation of the tracker [board edges].
@@ -100,7 +111,7 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
         *,
         maze: Maze | str | None = None,
         randomise: bool = True,
-        observation: Literal["states", "dict"] = "states",
+        observation: Literal["states", "dict", "pictures"] = "states",
         noise: float = 0.001,
         lost: float = 0.0,
         step_s: float = 0.01,
@@ -113,12 +124,10 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
     ) -> None:
         self.num_envs = arguments.whole("num_envs", num_envs, 1)
         arguments.whole("max_episode_steps", max_episode_steps, 1)
-        arguments.word("observation", observation, ("states", "dict"))
+        arguments.word("observation", observation, ("states", "dict", "pictures"))
         for name, flag in (("randomise", randomise), ("random_start", random_start)):
             arguments.flag(name, flag)
         arguments.threads(threads)
-        self._noise = _within("noise", noise, 0.0, 1.0)
-        self._lost = _within("lost", lost, 0.0, 1.0)
         _within("step_s", step_s, 1e-4, 1.0)
         _within("tilt_limit_rad", tilt_limit_rad, 1e-6, 1.0)
         self._mode = _mode(autoreset_mode)
@@ -135,6 +144,7 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise IrtError("model: a gear is 0, so that no command tilts the board")
         self._largest = tilt_limit_rad / gears
         self._flat = observation == "states"
+        self._scene = None if observation != "pictures" else np.round(self.board).astype(np.uint8)
         self._random_start, self._limit, self._threads = random_start, max_episode_steps, threads
         bare = self.task.maze.is_bare
         self._fleet = _labsim.Fleet(
@@ -145,14 +155,22 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
             astuple(found.marble),
             None if bare else self.task.maze.arrays(),
             self.task.points,
+            _within("noise", noise, 0.0, 1.0),
+            _within("lost", lost, 0.0, 0.999),
         )
         self._simulators = _add(self._fleet, found, randomise=randomise)
         self._spaces()
         self._state = np.full((num_envs, _COLUMNS), np.nan)
-        self._seen, self._before = np.zeros((2, num_envs, 2))
         self._action = np.zeros((num_envs, 2))
         self._steps = np.zeros(num_envs, dtype=np.int64)
         self._over = np.ones(num_envs, dtype=bool)
+        self._seeds, self._episodes = np.zeros((2, num_envs), dtype=np.uint64)
+        self._is_seeded = False
+
+    @functools.cached_property
+    def board(self) -> Array:
+        """The board without a marble from above, (h, w, 3) from 0 to 255, a pixel a millimetre."""
+        return board(self.task, self.model)
 
     @property
     def places(self) -> Array:
@@ -160,10 +178,13 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
         return self._state[:, _PLACE]
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin episodes: of all marbles, or of those of ``options["reset_mask"]``, (num_envs,) bool."""
-        super().reset(seed=seed)
+        """Begin episodes: of all marbles, or of those of ``options["reset_mask"]``, (num_envs,) bool.
+
+        A seed, one for the first marble or one for each, makes these episodes and those after them the same
+        every time.
+        """
         mask = np.ones(self.num_envs, dtype=bool)
         if options is not None and "reset_mask" in options:
             mask = np.asarray(options["reset_mask"])
@@ -172,10 +193,13 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
                     f"reset_mask: expected {self.num_envs} truth values, one of them true, got "
                     f"{arguments.shown(mask)}"
                 )
+        self._seed(seed, mask)
         self._begin(mask)
         return self._observed(), self._info()
 
-    def step(self, actions: Any) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(
+        self, actions: Any
+    ) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Play a step of all marbles.
 
         Returns
@@ -183,6 +207,8 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
         observations, rewards (n,), terminations (n,), truncations (n,), infos
         """
         action = self._checked(actions)
+        if not self._is_seeded:
+            raise IrtError("step: no episode has begun; reset the environment first")
         plays = ~self._over
         if self._mode is AutoresetMode.DISABLED and not plays.all():
             raise IrtError(
@@ -194,7 +220,6 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._fleet.play(action * self._largest, plays, self._state, self._threads)
         self._steps += plays
         self._action = np.where(plays[:, None], action, 0.0)
-        self._look(plays)
         if begins.any():
             self._begin(begins)
         passed = self._state[:, _PASSED].astype(np.int64)
@@ -213,51 +238,61 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
             self._begin(self._over.copy())
         return self._observed(), rewards, terminations, truncations, infos
 
+    def _seed(self, seed: int | Sequence[int | None] | None, mask: NDArray[np.bool_]) -> None:
+        """Give marbles the seeds of their episodes: those asked for, or of the system's entropy."""
+        if seed is None and self._is_seeded:
+            return
+        given: Sequence[int | None] = [None] * self.num_envs if seed is None else []
+        if isinstance(seed, int | np.integer):
+            given = range(arguments.whole("seed", seed), seed + self.num_envs)
+        elif seed is not None:
+            given = list(seed)
+        if len(given) != self.num_envs:
+            raise IrtError(f"seed: expected one, or {self.num_envs}, got {len(given)}")
+        chance = np.random.default_rng().integers(0, 2**63, self.num_envs, dtype=np.uint64)
+        for marble in np.flatnonzero(mask):
+            one = given[int(marble)]
+            if one is not None or not self._is_seeded:
+                self._seeds[marble] = chance[marble] if one is None else np.uint64(one)
+                self._episodes[marble] = 0
+        self._is_seeded = self._is_seeded or bool(mask.all())
+
     def _begin(self, mask: NDArray[np.bool_]) -> None:
         """Begin episodes of some marbles."""
         marbles = np.flatnonzero(mask)
-        count, random = len(marbles), self.np_random
-        passed = np.zeros(count, dtype=np.uintp)
-        places = np.tile(self.task.start, (count, 1))
+        own = mixed(mixed(self._seeds[marbles]) + self._episodes[marbles])
+        self._episodes[marbles] += np.uint64(1)
+        passed = np.zeros(len(marbles), dtype=np.uintp)
+        places = np.tile(self.task.start, (len(marbles), 1))
         if self._random_start:
-            passed = random.integers(0, len(self.task.points) - 1, count).astype(np.uintp)
+            passed = (mixed(own + np.uint64(1)) % np.uint64(len(self.task.points) - 1)).astype(np.uintp)
             places = self.task.points[passed]
-        simulators = random.integers(0, self._simulators, count).astype(np.uintp)
-        seeds = random.integers(0, 2**63, count, dtype=np.uint64)
-        self._fleet.begin(marbles.astype(np.uintp), simulators, places, passed, seeds)
+        simulators = (mixed(own + np.uint64(2)) % np.uint64(self._simulators)).astype(np.uintp)
+        self._fleet.begin(marbles.astype(np.uintp), simulators, places, passed, mixed(own))
         self._fleet.states(self._state)
         self._steps[mask], self._over[mask], self._action[mask] = 0, False, 0.0
-        self._seen[mask] = self._state[mask, _SEEN]
-        self._look(mask, begins=True)
-
-    def _look(self, mask: NDArray[np.bool_], *, begins: bool = False) -> None:
-        """Let the tracker see some marbles: with its noise, and unless it loses them."""
-        count = self.num_envs
-        seen = self._state[:, _SEEN]
-        if self._noise > 0.0:
-            seen = seen + self._noise * self.np_random.standard_normal((count, 2))
-        visible = mask & np.isfinite(seen[:, 0])
-        if self._lost > 0.0 and not begins:
-            visible &= self.np_random.random(count) >= self._lost
-        self._before = np.where(mask[:, None], self._seen, self._before)
-        self._seen = np.where(visible[:, None], seen, self._seen)
-        if begins:
-            self._before = np.where(mask[:, None], self._seen, self._before)
 
     def _observed(self) -> Observation:
         """Return what a learner sees of all marbles."""
         tilt = self._state[:, _TILT] / TILT_UNIT_RAD
+        seen = self._state[:, _SEEN]
         ahead = self.task.ahead(self._state[:, _PASSED].astype(np.int64)) / self._edges[0]
-        goal = (ahead - self._seen[:, None]).reshape(self.num_envs, 2 * AHEAD)
+        goal = (ahead - seen[:, None]).reshape(self.num_envs, 2 * AHEAD)
         if self._flat:
-            parts = [tilt, self._seen, self._seen - self._before, self._action, goal]
-            return np.concatenate(parts, axis=1).astype(np.float32)
-        corner = self._seen * (self._edges[0] / self._edges) + 0.5
-        return {
-            "states": np.concatenate([tilt, corner], axis=1).astype(np.float32),
-            "goal": goal.astype(np.float32),
+            parts = [tilt, seen, seen - self._state[:, _BEFORE], self._action, goal]
+            return _clipped(np.concatenate(parts, axis=1))
+        corner = seen * (self._edges[0] / self._edges) + 0.5
+        found: dict[str, NDArray[Any]] = {
+            "states": _clipped(np.concatenate([tilt, corner], axis=1)),
+            "goal": _clipped(goal),
             "progress": self._progress()[:, None].astype(np.float32),
         }
+        if self._scene is not None:
+            pictures = np.empty((self.num_envs, CUT, CUT, 3), dtype=np.uint8)
+            radius = self.model.marble.radius_m
+            self._fleet.pictures(self._scene, PER_M, radius, pictures, self._threads)
+            found["image"] = pictures
+        return found
 
     def _progress(self) -> Array:
         return self.task.share(self._state[:, _PASSED].astype(np.int64))
@@ -279,7 +314,9 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
         final = np.full(self.num_envs, None, dtype=object)
         for index in np.flatnonzero(over):
             final[index] = (
-                last[index] if isinstance(last, np.ndarray) else {key: one[index] for key, one in last.items()}
+                last[index]
+                if isinstance(last, np.ndarray)
+                else {key: one[index] for key, one in last.items()}
             )
         return {
             "final_obs": final,
@@ -299,25 +336,30 @@ class Labyrinths(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def _spaces(self) -> None:
         def box(size: int) -> spaces.Box:
-            return spaces.Box(-np.inf, np.inf, (size,), np.float32)
+            return spaces.Box(-FARTHEST, FARTHEST, (size,), np.float32)
 
         self.single_action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
-        self.single_observation_space = (
-            box(_OWN + 2 * AHEAD)
-            if self._flat
-            else spaces.Dict({"states": box(4), "goal": box(2 * AHEAD), "progress": box(1)})
-        )
+        progress = spaces.Box(0.0, 1.0, (1,), np.float32)
+        by_name = {"states": box(4), "goal": box(2 * AHEAD), "progress": progress}
+        if self._scene is not None:
+            by_name["image"] = spaces.Box(0, 255, (CUT, CUT, 3), np.uint8)
+        self.single_observation_space = box(_OWN + 2 * AHEAD) if self._flat else spaces.Dict(by_name)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, self.num_envs)
         self.observation_space = gymnasium.vector.utils.batch_space(
             self.single_observation_space, self.num_envs
         )
 
 
+def mixed(numbers: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return numbers mixed, so that neighbours have nothing in common (SplitMix64, Steele et al. 2014)."""
+    mixing = numbers + np.uint64(0x9E3779B97F4A7C15)
+    mixing = (mixing ^ (mixing >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixing = (mixing ^ (mixing >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.asarray(mixing ^ (mixing >> np.uint64(31)))
+
+
 def default_model() -> Model:
     """Return the paper's labyrinth with the middle of each range of its parameters."""
-    from irt.rig import RANGES, Board, Marble  # noqa: PLC0415
-    from irt.model import Parameter  # noqa: PLC0415
-
     middle = {name: Parameter(float(np.mean(RANGES[name]))) for name in PARAMETERS}
     return Model(Board(), Marble(), "rest", dict(RANGES), middle)
 
@@ -334,6 +376,10 @@ def _add(fleet: _labsim.Fleet, model: Model, *, randomise: bool) -> int:
         values = [(name, found.ravel().tolist()) for name, found in parameter_values(effects, 1)]
         fleet.add(astuple(one.board), astuple(one.marble), one.values.tolist(), values)
     return len(models)
+
+
+def _clipped(numbers: Array) -> NDArray[np.float32]:
+    return np.clip(numbers, -FARTHEST, FARTHEST).astype(np.float32)
 
 
 def _within(name: str, value: float, low: float, high: float) -> float:
