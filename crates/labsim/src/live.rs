@@ -164,10 +164,9 @@ impl Live {
             corrections: &mut [],
             fall: &mut [],
         }];
-        for substep in 0..self.step.substeps {
-            self.register
-                .substep(row, substep, &mut self.marbles, &mut out);
-        }
+        let substeps = self.step.substeps;
+        self.register
+            .play(row, substeps, &mut self.marbles, &mut out);
         self.row += 1;
         self.register
             .observe(self.row, &self.marbles, group, &mut out);

@@ -300,10 +300,15 @@ impl<S: Simd> Inside<S> {
         let by = [next.x - marbles.x, next.y - marbles.y];
         let square = by[0] * by[0] + by[1] * by[1] + marbles.x.like(TINY);
         let radius = self.obstacles.hole_radius;
+        let room = square.sqrt() + zero.like(radius);
         let mut crosses = zero;
         for entry in &self.holes {
             let [x, y] = entry.each_ref().map(|array| Lanes::load(simd, array));
             let (rx, ry) = (marbles.x - x, marbles.y - y);
+            // Whatever is further away than the way is long is not crossed.
+            if !(rx * rx + ry * ry).le(room * room).any() {
+                continue;
+            }
             let part = (-(rx * by[0] + ry * by[1])).over(square).max(zero).min(one);
             let (nx, ny) = (rx + part * by[0], ry + part * by[1]);
             let inside = (nx * nx + ny * ny).lt(zero.like(radius * radius));
