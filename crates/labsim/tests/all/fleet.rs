@@ -78,12 +78,12 @@ fn marbles_have_the_bits_of_rollouts() {
             })
             .collect();
         let commands: Vec<_> = (0..ROWS).map(|row| command(marble, row)).collect();
-        let start = seen[0][marble].seen;
+        let (start, parameters) = (seen[0][marble].seen, [parameters()]);
         let batch = Batch {
             effects: &chosen,
             start: PerRollout::Shared(&[start]),
             time: TimeBase::Durations(PerRollout::Shared(&[ROW_S; ROWS])),
-            ..Batch::new(&rig, &[parameters()], &commands)
+            ..Batch::new(&rig, &parameters, &commands)
         };
         let found = batch
             .run_with_tilt(Engine::Rolling, Some(1), &AtomicBool::new(false))
