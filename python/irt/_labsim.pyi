@@ -11,6 +11,7 @@ __all__ = [
     "GRAVITY",
     "PARAMETERS",
     "SUBSTEP_S",
+    "Fleet",
     "__version__",
     "ascend",
     "effects",
@@ -104,3 +105,21 @@ def smoothed(
     states: npt.NDArray[np.float64],
 ) -> dict[str, Any]: ...
 def tracker_noise(observed: Sequence[npt.NDArray[np.float64]]) -> float: ...
+
+class Fleet:
+    def __new__(cls, count: int, threads: int | None) -> Fleet: ...
+    def begin(
+        self,
+        place: int,
+        parameters: Sequence[float],
+        start: tuple[float, float],
+        *,
+        effects: Sequence[tuple[str, npt.NDArray[np.float64]]],
+        board: tuple[float, ...],
+        marble: tuple[float, ...],
+        rows: int,
+        row_s: float,
+        seed: int,
+    ) -> None: ...
+    def play(self, commands: npt.NDArray[np.float64], is_asked: npt.NDArray[np.bool_]) -> None: ...
+    def rows(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]: ...

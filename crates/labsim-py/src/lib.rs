@@ -4,6 +4,7 @@ mod arrays;
 mod catalogue;
 mod errors;
 mod fit;
+mod fleet;
 mod interrupt;
 
 use labsim::board::{Board, Marble, Rig};
@@ -21,6 +22,8 @@ mod _labsim {
     use super::catalogue::catalogue;
     #[pymodule_export]
     use super::fit::{ascend, filtered, fit, inform, refine, smoothed, tracker_noise};
+    #[pymodule_export]
+    use super::fleet::Fleet;
     #[pymodule_export]
     use super::{paper_drive, rollouts, turned};
 

@@ -27,6 +27,7 @@ pub struct Live {
     row: usize,
     commands: Vec<[f64; 2]>,
     seen: Vec<[f64; 2]>,
+    tilts: Vec<[f64; 2]>,
 }
 
 impl Live {
@@ -73,8 +74,10 @@ impl Live {
             jobs: std::slice::from_ref(&job),
             filler: &job,
         };
-        let register = Register::new(Scalar, &setup, group);
+        let mut register = Register::new(Scalar, &setup, group);
         let marbles = register.release(group);
+        let (mut seen, mut tilts) = (vec![start; rows], vec![[0.0; 2]; rows]);
+        register.observe(0, &marbles, group, &mut [sink(&mut seen, &mut tilts)]);
         Ok(Self {
             marbles,
             register,
@@ -82,7 +85,8 @@ impl Live {
             step,
             seed,
             row: 0,
-            seen: vec![start; rows],
+            seen,
+            tilts,
             commands,
         })
     }
@@ -90,6 +94,11 @@ impl Live {
     /// Where the marble is seen (board edges) as the present row begins.
     pub fn seen(&self) -> [f64; 2] {
         self.seen[self.row]
+    }
+
+    /// What the tilt sensor reads (rad) as the present row begins.
+    pub fn tilt(&self) -> [f64; 2] {
+        self.tilts[self.row]
     }
 
     /// Rows that are left to play.
@@ -122,12 +131,7 @@ impl Live {
             filler: &job,
         };
         self.register.begin_row(row, group);
-        let mut out = [Sink {
-            marble: &mut self.seen,
-            tilt: &mut [],
-            variance: &mut [],
-            corrections: &mut [],
-        }];
+        let mut out = [sink(&mut self.seen, &mut self.tilts)];
         for substep in 0..self.step.substeps {
             self.register
                 .substep(row, substep, &mut self.marbles, &mut out);
@@ -136,6 +140,15 @@ impl Live {
         self.register
             .observe(self.row, &self.marbles, group, &mut out);
         self.seen[self.row]
+    }
+}
+
+fn sink<'a>(seen: &'a mut [[f64; 2]], tilts: &'a mut [[f64; 2]]) -> Sink<'a> {
+    Sink {
+        marble: seen,
+        tilt: tilts,
+        variance: &mut [],
+        corrections: &mut [],
     }
 }
 

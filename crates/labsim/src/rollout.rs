@@ -478,7 +478,7 @@ fn locate(error: Error, rollout: usize) -> Error {
 }
 
 /// The pool of that many threads; kept, since starting one takes longer than a small batch.
-fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
+pub(crate) fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
     static POOLS: OnceLock<Mutex<HashMap<usize, Arc<ThreadPool>>>> = OnceLock::new();
     if threads == 0 || threads > 1024 {
         return Err(Error::invalid("threads", "1 to 1024", threads));
