@@ -89,7 +89,7 @@ def test_each_episode_draws_its_simulator() -> None:
 
     def moved(one, seed: int) -> float:
         one.reset(seed=seed)
-        return float(np.linalg.norm([one.step(np.array([0.0, 0.05]))[0][2] for _ in range(8)]))
+        return float(np.linalg.norm([one.step(np.array([0.05, 0.0]))[0][3] for _ in range(8)]))
 
     assert len({round(moved(plain, seed), 6) for seed in range(6)}) == 1
     assert len({round(moved(env, seed), 6) for seed in range(6)}) > 2
