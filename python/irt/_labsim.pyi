@@ -1,7 +1,7 @@
 """The engine: arrays in, arrays out. `irt.rollouts` is the way in."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, final
 
 import numpy as np
 import numpy.typing as npt
@@ -107,6 +107,7 @@ def smoothed(
 ) -> dict[str, Any]: ...
 def tracker_noise(observed: Sequence[npt.NDArray[np.float64]]) -> float: ...
 
+@final
 class Fleet:
     def __new__(
         cls,
