@@ -97,7 +97,7 @@ def draw(model: Model, run: Array) -> None:
         axes.plot(*run.T / edge, color=style.TUNED, zorder=3)
         every = round(0.5 / (UPDATES * SUBSTEP_S))
         for place in run[::every] / edge:
-            axes.add_patch(_marble(place, model.marble.radius_m / edge))
+            axes.add_patch(_marble(tuple(place), model.marble.radius_m / edge))
         for name, place in (("start", run[0]), ("goal", np.array(model.maze.path[-1]))):
             axes.annotate(
                 name, place / edge, xytext=(0, 12), textcoords="offset points", ha="center", fontweight="bold"
@@ -109,7 +109,7 @@ def draw(model: Model, run: Array) -> None:
         axes.spines[:].set_visible(False)
 
 
-def _marble(place: Array, radius: float) -> Any:
+def _marble(place: tuple[float, float], radius: float) -> Any:
     from matplotlib.patches import Circle  # noqa: PLC0415
 
     return Circle(place, radius, fc=style.TUNED, ec="none", alpha=0.25, zorder=2.5)
