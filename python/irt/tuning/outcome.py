@@ -75,7 +75,7 @@ def concluded(
         for i, name in enumerate(PARAMETERS)
     }
     return FitResult(
-        model=Model(rig.board, rig.marble, rig.start, dict(rig.ranges), parameters),
+        model=Model(rig.board, rig.marble, rig.start, dict(rig.ranges), parameters, maze=rig.maze),
         noise=noise,
         estimates=tuple(found),
         unidentifiable=unidentifiable,
