@@ -30,13 +30,15 @@ WIDTH, HEIGHT = 7.4, 6.4
 #: Updates of 1/240 s in a row.
 UPDATES = 6
 #: Rows of a plan, in pieces of constant tilt, and how many of them are played.
-HORIZON, PIECE, PLAYED = 40, 8, 4
-#: Plans that are compared, and how far their tilts are spread [rad].
-PLANS, SPREAD_RAD, MOST_RAD = 512, 0.04, 0.07
+HORIZON, PIECE, PLAYED = 32, 8, 4
+#: Plans that are compared, how far their tilts are spread, and the largest tilt [rad].
+PLANS, SPREAD_RAD, MOST_RAD = 256, 0.025, 0.05
 #: A millimetre beside the path costs as much as so many along it.
-BESIDE = 1.5
+BESIDE = 4.0
+#: How far back and ahead along the path the marble is looked for [mm].
+BACK, AHEAD = 30, 200
 #: The run is over so near to the goal [m], or after so many rows.
-GOAL_M, MOST_ROWS = 0.008, 4000
+GOAL_M, MOST_ROWS = 0.008, 2400
 
 
 def model_of(layout: str) -> Model:
@@ -60,6 +62,7 @@ def travel(model: Model, seed: int = 0) -> Array:
     assert model.maze is not None
     random = np.random.default_rng(seed)
     places, edge = places_of(np.array(model.maze.path)), model.board.edge_x_m
+    holes = np.array(model.maze.holes)
     marble, velocity, at = places[0], np.zeros(2), 0
     plan = np.zeros((HORIZON // PIECE, 2))
     rows = [marble]
@@ -68,16 +71,17 @@ def travel(model: Model, seed: int = 0) -> Array:
         tried[0] = plan
         tilts = np.clip(tried, -MOST_RAD, MOST_RAD).repeat(PIECE, axis=1)
         paths = edge * rollouts(model, tilts, start=marble / edge, start_velocity=velocity / edge)
-        some = places[max(0, at - 30) : at + 200]
+        some = places[max(0, at - BACK) : at + AHEAD]
         distance = np.linalg.norm(paths[:, ::PLAYED, None] - some, axis=-1)
-        fallen = np.isnan(distance).any(axis=(1, 2))
-        distance[fallen] = 1.0
+        # A plan is given up over a hole: the next one would begin on the board again.
+        over = np.linalg.norm(paths[:, :, None] - holes, axis=-1) < model.maze.hole_radius_m
+        lost = np.isnan(paths).any(axis=(1, 2)) | over.any(axis=(1, 2))
         along, beside = distance[:, -1].argmin(axis=-1), 1000.0 * distance.min(axis=-1).mean(axis=-1)
-        best = int(np.where(fallen, -np.inf, along - BESIDE * beside).argmax())
+        best = int(np.where(lost, -np.inf, along - BESIDE * beside).argmax())
         plan = tried[best]
         rows.extend(paths[best, 1 : PLAYED + 1])
         marble, velocity = rows[-1], (rows[-1] - rows[-2]) / (UPDATES * SUBSTEP_S)
-        at = max(0, at - 30) + int(np.linalg.norm(some - marble, axis=-1).argmin())
+        at = max(0, at - BACK) + int(np.linalg.norm(some - marble, axis=-1).argmin())
     return np.array(rows)
 
 
@@ -93,7 +97,7 @@ def draw(model: Model, run: Array) -> None:
         axes.plot(*run.T / edge, color=style.TUNED, zorder=3)
         every = round(0.5 / (UPDATES * SUBSTEP_S))
         for place in run[::every] / edge:
-            axes.add_patch(_marble(place, model.marble.radius_m / edge))
+            axes.add_patch(_marble(tuple(place), model.marble.radius_m / edge))
         for name, place in (("start", run[0]), ("goal", np.array(model.maze.path[-1]))):
             axes.annotate(
                 name, place / edge, xytext=(0, 12), textcoords="offset points", ha="center", fontweight="bold"
@@ -105,7 +109,7 @@ def draw(model: Model, run: Array) -> None:
         axes.spines[:].set_visible(False)
 
 
-def _marble(place: Array, radius: float) -> Any:
+def _marble(place: tuple[float, float], radius: float) -> Any:
     from matplotlib.patches import Circle  # noqa: PLC0415
 
     return Circle(place, radius, fc=style.TUNED, ec="none", alpha=0.25, zorder=2.5)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import re
@@ -7,15 +8,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+import irt
 from irt.dimensions import Board, Marble
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.maze import Maze, layouts
-from irt.model import Model, load_model, save_model
-from irt.rig import Rig, load_rig
+from irt.model import Model, Parameter, load_model, save_model
+from irt.report.plots import draw_rim
+from irt.rig import PARAMETERS, RANGES, Rig, load_rig
 
 RUN = (np.zeros((3, 2)), np.zeros((3, 2)))
 VALUES = (0.07, 0.06, 3e-4, 24.0, 1.0)
+PARAMETERS_OF = {name: Parameter(value) for name, value in zip(PARAMETERS, VALUES, strict=True)}
 
 
 @pytest.mark.parametrize(("name", "holes"), [("bare", 0), ("easy", 8), ("medium", 16), ("hard", 40)])
@@ -145,3 +151,63 @@ def test_a_path_between_the_ends_of_a_wall_crosses_it(angle: float) -> None:
     maze = Maze(walls=((0.0, -0.05, 0.0, 0.05),), path=((-end[0], -end[1]), end))
     with pytest.raises(IrtError, match="leads through wall 1"):
         maze.check(Board(), Marble())
+
+
+HOLE = Maze(holes=((0.05, 0.0),), start=(-0.05, 0.0))
+
+
+def test_a_marble_that_falls_is_gone_and_the_hole_is_named() -> None:
+    commands = np.full((2, 60, 2), [0.0, 0.1])
+    commands[1] = 0.0
+    rig = Model(Board(), Marble(), "rest", dict(RANGES), PARAMETERS_OF, maze=HOLE)
+    falls = np.empty((2, 2), dtype=np.int64)
+    for engine in ("rolling", "rapier"):
+        marble, tilt = rollouts([VALUES] * 2, commands, rig=rig, engine=engine, tilt=True, falls=falls)
+        row = falls[0, 0]
+        assert falls.tolist() == [[row, 0], [-1, -1]]
+        assert (np.isnan(marble[0]).all(axis=1) == (np.arange(60) >= row)).all()
+        assert np.linalg.norm(0.276 * marble[0, row - 1] - HOLE.holes[0]) < 0.012
+        assert np.isfinite(tilt).all()
+        np.testing.assert_array_equal(marble[1], np.tile([-0.05 / 0.276, 0.0], (60, 1)))
+
+
+def test_a_model_brings_its_maze() -> None:
+    model = Model(Board(), Marble(), "rest", dict(RANGES), PARAMETERS_OF, maze=HOLE)
+    commands = np.full((60, 2), [0.0, 0.1])
+    assert np.isnan(model.predict(commands)[-1]).all()
+    bare = dataclasses.replace(model, maze=None)
+    np.testing.assert_array_equal(
+        dataclasses.replace(model, maze=Maze(start=(0.0, 0.0))).predict(commands), bare.predict(commands)
+    )
+
+
+def test_falls_need_an_array_of_their_shape() -> None:
+    with pytest.raises(IrtError, match="falls: expected an int64 array of shape"):
+        rollouts([VALUES], np.zeros((3, 2)), falls=np.zeros((2, 2), dtype=np.int64))
+
+
+@pytest.mark.parametrize("function", ["tune", "diagnose", "check"])
+def test_what_fits_refuses_walls_and_holes(function: str, write_rig) -> None:
+    folder = write_rig({"run": RUN}, '[maze]\nlayout = "cyberrunner-easy"\n')
+    with pytest.raises(IrtError, match="fits know the bare board alone") as error:
+        getattr(irt, function)(load_rig(folder))
+    assert f"{folder}" in str(error.value)
+
+
+def test_the_bare_layout_is_no_obstacle_to_a_fit(write_rig) -> None:
+    rig = load_rig(write_rig({"run": RUN}, '[maze]\nlayout = "bare"\n'))
+    assert rig.on_bare_board() is rig
+
+
+def test_walls_and_holes_are_drawn() -> None:
+    model = Model(
+        Board(), Marble(), "rest", dict(RANGES), PARAMETERS_OF, maze=Maze.of_layout("cyberrunner-medium")
+    )
+    axes = Figure().subplots()
+    draw_rim(axes, model)
+    # The rim and where a marble touches it, then one patch for each wall and hole.
+    assert len(axes.patches) == 2 + 15 + 16
+    wall, (x0, y0, x1, y1) = axes.patches[2], model.maze.walls[0]
+    box = wall.get_window_extent().transformed(axes.transData.inverted())
+    assert box.x0 * 0.276 == pytest.approx(min(x0, x1) - 0.0025, abs=2e-4)
+    assert box.height * 0.276 == pytest.approx(abs(y1 - y0) + 0.005, abs=2e-4)

@@ -146,7 +146,8 @@ fn rollouts<'py>(
     let (marble, tilt, falls) = observed;
     let fallen = Array2::from_shape_fn((count, 2), |(rollout, which)| {
         let fall: Option<Fall> = falls.get(rollout).copied().flatten();
-        fall.map_or(-1, |fall| [fall.row, fall.hole][which] as i64)
+        fall.and_then(|fall| i64::try_from([fall.row, fall.hole][which]).ok())
+            .unwrap_or(-1)
     });
     Ok((array(marble), tilt.map(array), fallen.into_pyarray(py)))
 }

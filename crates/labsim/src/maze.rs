@@ -46,7 +46,8 @@ impl Maze {
         let on_board = |place: [f64; 2], room: f64| {
             (0..2).all(|axis| place[axis].abs() + room <= half[axis] * ROUNDING)
         };
-        if !self.walls.is_empty() && !(self.wall_thickness_m > 0.0 && self.wall_thickness_m < 1e3) {
+        let is_length = |value: f64, above: f64| value > above && value < 1e3;
+        if !self.walls.is_empty() && !is_length(self.wall_thickness_m, 0.0) {
             let expected = "a length above 0 m";
             return Err(Error::invalid(
                 "wall_thickness_m",
@@ -66,7 +67,7 @@ impl Maze {
         }
         let radius = self.hole_radius_m;
         let marble = rig.marble.radius_m;
-        if !self.holes.is_empty() && !(radius > marble && radius < 1e3) {
+        if !self.holes.is_empty() && !is_length(radius, marble) {
             let expected = format!("more than the marble's radius, {marble} m");
             return Err(Error::invalid("hole_radius_m", &expected, radius));
         }
@@ -117,12 +118,13 @@ mod tests {
         }
     }
 
+    type Change = fn(&mut Maze);
+
     #[test]
     fn what_no_maze_can_be_is_named() {
         let rig = Rig::default();
         assert_eq!(maze().check(&rig), Ok(()));
         assert_eq!(Maze::default().check(&rig), Ok(()));
-        type Change = fn(&mut Maze);
         let changes: [(Change, &str); 8] = [
             (|maze| maze.walls.push([0.0, 0.0, 0.139, 0.0]), "wall 2"),
             (|maze| maze.walls[0][2] = f64::NAN, "wall 1"),

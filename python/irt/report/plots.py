@@ -440,10 +440,10 @@ def draw_rim(axes: Any, model: Model) -> None:
     for (x, y), look in ((rim, outline), (rim - marble, reach)):
         axes.add_patch(Rectangle((-x, -y), 2 * x, 2 * y, fill=False, **look))
     if model.maze is not None:
-        _draw_maze(axes, model.maze, 2 * rim[0] / model.board.edge_x_m)
+        _draw_maze(axes, model.maze, rim, 2 * rim[0] / model.board.edge_x_m)
 
 
-def _draw_maze(axes: Any, maze: Maze, per_m: float) -> None:
+def _draw_maze(axes: Any, maze: Maze, rim: Array, per_m: float) -> None:
     """Draw inner walls as they are, with their round ends, and holes; so many board edges are a metre."""
     half = maze.wall_thickness_m / 2.0
     for x0, y0, x1, y1 in per_m * np.reshape(maze.walls, (-1, 4)):
@@ -453,5 +453,7 @@ def _draw_maze(axes: Any, maze: Maze, per_m: float) -> None:
         )
         wall.set_transform(Affine2D().rotate_deg(angle).translate(x0, y0) + axes.transData)
         axes.add_patch(wall)
+        inside = Rectangle((-rim[0], -rim[1]), 2 * rim[0], 2 * rim[1], transform=axes.transData)
+        wall.set_clip_path(inside)
     for place in per_m * np.reshape(maze.holes, (-1, 2)):
         axes.add_patch(Circle(place, per_m * maze.hole_radius_m, fc=style.MUTED, ec="none", zorder=0.5))

@@ -85,6 +85,7 @@ def concluded(
             rig.start,
             dict(rig.ranges),
             parameters,
+            maze=rig.maze,
             posterior=() if values.is_point else (values,),
         ),
         noise=noise,

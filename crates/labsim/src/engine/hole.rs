@@ -12,7 +12,7 @@
 use crate::engine::obstacles::{Obstacles, TOUCH_M};
 
 /// Parts of a substep: at least so many, and as many as it takes to move by this many radii in each.
-const LEAST_PARTS: f64 = 16.0;
+const LEAST_PARTS: f64 = 4.0;
 const STEP: f64 = 0.02;
 
 /// A marble this fast (m/s) falls by less than a ten-thousandth of its radius while it crosses a hole.
@@ -164,9 +164,9 @@ fn keep_inside(marble: &mut Sphere, around: &Around<'_>, length: f64) {
     for &number in walls {
         let place = [marble.place[0], marble.place[1]];
         let (normal, gap) = around.obstacles.gap(number, place);
-        for axis in 0..2 {
-            marble.place[axis] += normal[axis] * (-gap).max(0.0);
-        }
+        let out = (-gap).max(0.0);
+        marble.place[0] += out * normal[0];
+        marble.place[1] += out * normal[1];
     }
     for axis in 0..2 {
         let reach = around.reach[axis];

@@ -10,6 +10,7 @@
 
 mod contact;
 mod estimator;
+mod frame;
 mod impact;
 mod maze;
 

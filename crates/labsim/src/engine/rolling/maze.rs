@@ -21,12 +21,13 @@ use std::sync::Arc;
 use pulp::Simd;
 
 use super::contact::substep;
+use super::frame::Frame;
 use super::impact::meet_rim;
 use crate::board::Rig;
 use crate::engine::hole::{After, Around, FLIES_M_S, Sphere, pass};
 use crate::engine::obstacles::{Meeting, Near, Obstacles, Walls, Way};
 use crate::lanes::Lanes;
-use crate::motion::{Marbles, Pair, Push, Rims, TINY};
+use crate::motion::{Marbles, Push, Rims, TINY};
 
 /// Lanes of the widest register.
 const WIDEST: usize = 8;
@@ -411,65 +412,6 @@ fn furthest<S: Simd>(marbles: &Marbles<S>, push: &Push<S>) -> Lanes<S> {
     let turning = sx * sx + sy * sy + spin * spin;
     let square = vx * vx + vy * vy + 0.4 * turning;
     2.0 * (push.length * square.sqrt())
-}
-
-/// A frame whose first axis points into what is met.
-#[derive(Clone, Copy)]
-struct Frame<S: Simd> {
-    axis: Pair<S>,
-}
-
-impl<S: Simd> Frame<S> {
-    #[inline(always)]
-    fn into(met: &Meeting<S>) -> Self {
-        Self {
-            axis: met.normal.map(|normal| -normal),
-        }
-    }
-
-    /// A vector of the board as the frame has it.
-    #[inline(always)]
-    fn seen(&self, [x, y]: Pair<S>) -> Pair<S> {
-        let [ax, ay] = self.axis;
-        [ax * x + ay * y, ax * y - ay * x]
-    }
-
-    /// A vector of the frame as the board has it.
-    #[inline(always)]
-    fn back(&self, [x, y]: Pair<S>) -> Pair<S> {
-        let [ax, ay] = self.axis;
-        [ax * x - ay * y, ay * x + ax * y]
-    }
-
-    /// Marbles at a place along the first axis.
-    #[inline(always)]
-    fn enter(&self, marbles: &Marbles<S>, at: Lanes<S>) -> Marbles<S> {
-        let [vx, vy] = self.seen([marbles.vx, marbles.vy]);
-        let [sx, sy] = self.seen([marbles.sx, marbles.sy]);
-        Marbles {
-            x: at,
-            y: at.like(0.0),
-            vx,
-            vy,
-            sx,
-            sy,
-            ..*marbles
-        }
-    }
-
-    /// The motion of marbles of the frame on the board.
-    #[inline(always)]
-    fn leave(&self, marbles: &Marbles<S>) -> Marbles<S> {
-        let [vx, vy] = self.back([marbles.vx, marbles.vy]);
-        let [sx, sy] = self.back([marbles.sx, marbles.sy]);
-        Marbles {
-            vx,
-            vy,
-            sx,
-            sy,
-            ..*marbles
-        }
-    }
 }
 
 /// The numbers of marbles, for what is done lane by lane.
