@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 class Fleet:
     """Marbles that go on row by row together, in the rolling engine.
 
-    Each has the bits of a rollout by itself, for any number of threads and whatever the others do.
+    Each has the bits of a rollout by itself, for any number of threads and beside any others.
 
     Parameters
     ----------

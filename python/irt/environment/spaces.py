@@ -7,7 +7,7 @@ from gymnasium import spaces
 
 from irt.environment.task import FASTEST, STEEPEST, Settings
 
-#: Board edges that no place is beyond, whatever the camera does.
+#: Bound of places and goals [board edges]: far beyond what any camera shows.
 _FARTHEST = 10.0
 
 

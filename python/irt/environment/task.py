@@ -92,7 +92,7 @@ class Settings:
 class Task:
     """Episodes in some places, each with a random generator of its own.
 
-    A place has the same episodes whatever the others do: place i of many seeded with s + i is the one place
+    A place has the same episodes beside any others: place i of many seeded with s + i is the one place
     of a task seeded with that.
 
     Parameters
