@@ -20,8 +20,9 @@ from irt.posterior import (
     SPINNING,
     Component,
     check_posterior,
+    drawn_effects,
+    drawn_parameters,
     draws,
-    named_effect,
     posterior_lines,
     read_posterior,
 )
@@ -230,19 +231,14 @@ class Model:
         """
         arguments.whole("n", n, 1)
         arguments.whole("seed", seed)
-        own = {one.name: one.parameters for one in self.effects}
         return [
             replace(
                 self,
                 board=replace(
                     self.board, spinning_friction=found.get(SPINNING, self.board.spinning_friction)
                 ),
-                parameters={
-                    name: Parameter(found.get(name, one.value)) for name, one in self.parameters.items()
-                },
-                effects=tuple(
-                    Effect(name, {**own.get(name, {}), **named_effect(name, found)}) for name in drawn.effects
-                ),
+                parameters=drawn_parameters(self.parameters, found),
+                effects=drawn_effects(self.effects, drawn, found),
                 posterior=(),
             )
             for drawn, found in draws(self.posterior, n, seed)

@@ -14,6 +14,7 @@ from irt import catalogue
 from irt.errors import IrtError, located, unknown_name
 from irt.files import TomlTable
 from irt.rig import PARAMETERS
+from irt.values import Effect, Parameter
 
 Array = NDArray[np.float64]
 
@@ -260,6 +261,19 @@ def _check_name(name: str, effects: Sequence[str]) -> None:
         raise unknown_name(f"parameter of {of_effect}", parameter, known)
 
 
-def named_effect(name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Return those of values by ``effect.parameter`` that are an effect's, by the parameter's own name."""
-    return {key.removeprefix(f"{name}."): one for key, one in values.items() if key.startswith(f"{name}.")}
+def drawn_parameters(parameters: Mapping[str, Parameter], found: Mapping[str, float]) -> dict[str, Parameter]:
+    """Return the five parameters of a draw, without intervals."""
+    return {name: Parameter(found.get(name, one.value)) for name, one in parameters.items()}
+
+
+def drawn_effects(
+    effects: Sequence[Effect], drawn: Component, found: Mapping[str, float]
+) -> tuple[Effect, ...]:
+    """Return the effects of a draw; what the posterior does not name is as the model has it."""
+    own = {one.name: one.parameters for one in effects}
+
+    def of(name: str) -> dict[str, float]:
+        begin = f"{name}."
+        return {key.removeprefix(begin): one for key, one in found.items() if key.startswith(begin)}
+
+    return tuple(Effect(name, {**own.get(name, {}), **of(name)}) for name in drawn.effects)
