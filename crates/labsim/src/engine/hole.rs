@@ -268,13 +268,13 @@ mod tests {
     fn a_marble_that_tips_from_rest_leaves_the_edge_where_theory_says() {
         let obstacles = obstacles(0.05);
         let around = around(&obstacles, 100.0);
-        let mut marble = rolling(0.05, 1e-5, 0.0);
+        let mut marble = rolling(0.05, 1e-6, 0.0);
         let begins = energy(&marble);
         for _ in 0..2_000_000 {
             pass(&mut marble, &around);
             let [x, _, height] = marble.place;
             let from_edge = (x + 0.05).hypot(height);
-            if from_edge > RADIUS * (1.0 + 1e-3) {
+            if from_edge > RADIUS * (1.0 + 1e-6) {
                 let cosine = height / from_edge;
                 assert!((cosine - 10.0 / 17.0).abs() < 0.02, "{cosine}");
                 assert!((energy(&marble) / begins - 1.0).abs() < 1e-3);

@@ -222,7 +222,7 @@ fn engines_agree_among_walls_and_holes() {
         );
         // Round ends of walls scatter: what engines differ by at rims is some ten times more behind one.
         assert!(median < 0.001, "{what}: median {median} of an edge");
-        assert!(mean < 0.012, "{what}: mean {mean} of an edge");
+        assert!(mean < 0.02, "{what}: mean {mean} of an edge");
         assert!(
             10 * alike >= 9 * met.len(),
             "{what}: {alike} of {}",
