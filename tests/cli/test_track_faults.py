@@ -54,8 +54,8 @@ def warnings(done) -> list[str]:
 
 def test_a_board_that_leaves_the_picture(tracked, shown) -> None:
     done, out = tracked([moved(one, min(0, -8 * (i - 45))) for i, one in enumerate(shown[0])])
-    (line,) = warnings(done)
-    assert "the board is not where it was in pictures" in line
+    # A warning of half a run's marble may stand beside it.
+    assert len([line for line in warnings(done) if "the board is not where it was in pictures" in line]) == 1
     ((first, *_),) = json.loads((out / "run.json").read_text())["away"]
     assert 40 <= first <= 60
     assert not load_recording(out / "run.csv").seen[first:].any()
