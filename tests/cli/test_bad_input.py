@@ -257,7 +257,7 @@ def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
     checked = irt("check", rig)
     assert "time scale unknown" in checked.out
     for out in (tuned.out, evaluated.out, checked.out):
-        shown = out.replace("updates of 1/240 s a timestep", "")
+        shown = out.replace("updates of 1/240 s per timestep", "")
         assert SECONDS.search(shown) is None, shown
 
 

@@ -96,7 +96,7 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     verified = irt("prove", "--verify", "--out", "out")
     assert (verified.status, verified.err) == (0, "")
     first, second = verified.out.splitlines()
-    assert first.startswith("out: 1 rigs: labels, recordings and answers are what they were")
+    assert first.startswith("out: 1 rigs: labels, recordings and answers are unchanged since")
     assert second == (
         "out/round-2: not finished, and not checked: its rigs are not all hidden; the same command goes on"
     )
@@ -160,7 +160,7 @@ def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:
     out, _ = proved
     done = irt("prove", "--verify", "--out", out)
     assert (done.status, done.err) == (0, "")
-    assert done.out == f"{out}: 2 rigs: labels, recordings and answers are what they were when sealed\n"
+    assert done.out == f"{out}: 2 rigs: labels, recordings and answers are unchanged since they were sealed\n"
     path = out / "answers" / "rig-0002" / "diagnosis.json"
     was = path.read_bytes()
     path.write_bytes(was.replace(b"sufficient", b"missing"))
@@ -186,7 +186,7 @@ def test_ctrl_c_leaves_what_is_done(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     said, err = process.communicate(timeout=30)
     assert (process.returncode, said) == (130, "")
-    assert err == f"irt: what is done stays in {out}: the same command goes on\nirt: stopped\n"
+    assert err == f"irt: finished work is kept in {out}; the same command resumes it\nirt: stopped\n"
     assert len(list((out / "seals").iterdir())) == 2
     assert not (out / "keys.json").exists()
 

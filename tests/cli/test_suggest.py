@@ -121,13 +121,13 @@ def test_the_folder_of_a_diagnosis_is_enough(irt, tmp_path: Path, rig: Path, mod
     ("words", "message"),
     [
         (("rig", "--models", "rig"), "irt: rig: no diagnosis with plausible models: run irt diagnose again"),
-        (("rig", "--models", "rig", "lag.toml"), "irt: --models: the folder of a diagnosis stands alone; "),
+        (("rig", "--models", "rig", "lag.toml"), "irt: --models: expected one folder of a diagnosis, "),
         (("none",), "irt: none: no such folder"),
         (("rig", "--models", "none.toml"), "irt: none.toml: no such file"),
         (("rig", "--models", "rig/run-0.csv"), "irt: rig/run-0.csv: broken TOML: "),
         (
             ("rig", "--models", "lag.toml", "--out", "rig/new.csv"),
-            "irt: rig/new.csv: in the rig's folder it ",
+            "irt: rig/new.csv: a file in the rig's folder ",
         ),
         (("rig", "--models", "lag.toml", "--out", "a/b.csv"), "irt: a/b.csv: cannot be written: "),
     ],

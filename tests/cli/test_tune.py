@@ -197,7 +197,7 @@ def test_a_stopped_training_goes_on_with_the_same_command(irt, other_rig, tmp_pa
         patch.setattr(training._Training, "run_epoch", interrupted)
         done = irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "out")
     assert done.status == 130
-    assert "irt: the same command again goes on with the training" in done.err
+    assert "irt: the same command resumes the training" in done.err
     assert irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "out").status == 0
 
 
