@@ -101,7 +101,7 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     assert answer["summary"] in done.out
     assert re.search(r"parallax: .* probable that parallax", done.out)
     assert "error budget: squared error on held-out runs, whole runs" in done.out
-    assert "A perfect simulator would still be off by" in done.out
+    assert "Even a perfect simulator would have an error of" in done.out
     assert f"wrote {out / 'model.toml'}, {out / 'diagnosis.json'} and {out / 'report.html'}" in done.out
 
 
@@ -149,7 +149,7 @@ def test_one_recording_is_not_proved(irt, lab, tmp_path):
     assert answer["fit"]["final_heldout_mae"] is None
     assert answer["fit"]["final_mae"] < 0.5 * answer["fit"]["base_mae"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "Not proved: there were no held-out runs." in page
+    assert "Not validated: there were no held-out runs." in page
     for sentence in ("fitted to the other runs", "On held-out runs", "the held-out error is"):
         assert sentence not in page
 

@@ -120,7 +120,7 @@ def test_the_folder_of_a_diagnosis_is_enough(irt, tmp_path: Path, rig: Path, mod
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("rig", "--models", "rig"), "irt: rig: no diagnosis with plausible models: run irt diagnose again"),
+        (("rig", "--models", "rig"), "irt: rig: no diagnosis with plausible models; run irt diagnose again"),
         (("rig", "--models", "rig", "lag.toml"), "irt: --models: expected one folder of a diagnosis, "),
         (("none",), "irt: none: no such folder"),
         (("rig", "--models", "none.toml"), "irt: none.toml: no such file"),

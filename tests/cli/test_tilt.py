@@ -92,7 +92,7 @@ def test_runs_without_a_marble(irt, tmp_path, recordings) -> None:
     out = tmp_path / "tuned"
     done = irt("tune", rig, "--effect", "delay", "--starts", "2", "--out", out)
     assert (done.status, done.err) == (0, "")
-    assert "No marble was seen" in done.out
+    assert "No recording has both a moving marble" in done.out
     assert json.loads((out / "fit.json").read_text())["after"]["overall"]["free_run"] is None
     shown = irt("evaluate", out / "model.toml", rig, "--out", tmp_path / "evaluated")
     assert shown.status == 0

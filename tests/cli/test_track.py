@@ -155,7 +155,7 @@ def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path, offset, sa
     assert done.status == 1
     kept = tmp_path / "out" / "run-1.partial"
     assert said in done.err
-    assert done.err.endswith(f"; the positions seen until then are kept in {kept}\n")
+    assert done.err.endswith(f"; the positions found before are kept in {kept}\n")
     assert done.err.count("\n") == 1
     assert len(kept.read_text().splitlines()) == 111
     assert not list((tmp_path / "out").glob("*.csv"))
@@ -241,5 +241,5 @@ def test_the_whole_story(irt, tmp_path) -> None:
         assert irt("track", tmp_path / f"run-{run}", *words).status == 0
     done = irt("diagnose", out, "--out", tmp_path / "diagnosed")
     assert done.status == 0, done.err
-    told = json.loads((tmp_path / "diagnosed" / "diagnosis.json").read_text())
-    assert "backlash" in [effect["name"] for effect in told["effects"]]
+    results = json.loads((tmp_path / "diagnosed" / "diagnosis.json").read_text())
+    assert "backlash" in [effect["name"] for effect in results["effects"]]

@@ -1,4 +1,4 @@
-"""A case with whatever is planted in it."""
+"""Cases with planted effects."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -11,7 +11,7 @@ from irt.engine import rollouts
 from irt.recording import Recording
 from irt.rig import Board, Marble, Rig
 
-#: A plate seen at 5 Hz, whose ball goes fast: what the first rows tell of its speed is rough.
+#: A plate seen at 5 Hz, whose ball goes fast: its speed estimated from the first rows is inaccurate.
 TRUTH = (0.9, 0.95, 2e-3, 48.0, 1.0)
 RANGES = {
     "gear_x": (0.2, 2.0),
