@@ -87,7 +87,7 @@ def test_a_lag_is_separated_from_a_delay_several_times_better_than_by_runs_as_re
         <= suggestion.doubt
         == pytest.approx(np.log(2.0))
     )
-    assert "Told apart: lag from delay." in suggestion.sentences[2]
+    assert "Separated: lag and delay." in suggestion.sentences[2]
 
 
 @pytest.mark.slow
@@ -132,7 +132,7 @@ def test_no_drive_separates_a_delay_from_a_latency_and_other_means_are_named() -
     assert pair.alike
     assert pair.most_nats == 0.0
     text = " ".join(found.sentences)
-    assert "No drive of the knobs tells delay from latency" in text
+    assert "No commands separate delay and latency" in text
     assert "a lamp in the camera's view" in text
     assert "sharpens the parameters" in text
 
