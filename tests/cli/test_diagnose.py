@@ -142,7 +142,7 @@ def test_the_same_seed_says_the_same_for_any_number_of_threads_and_after_an_inte
 def test_one_recording_is_not_proved(irt, lab, tmp_path):
     done = irt("diagnose", lab(*TWO, runs=1, rows=200), "--out", tmp_path / "out")
     assert (done.status, done.err) == (0, "")
-    assert "the improvement is not proved" in done.out
+    assert "the improvement is not validated" in done.out
     assert "squared error" not in done.out
     answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert answer["verdict"] == "missing"

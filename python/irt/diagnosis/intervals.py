@@ -1,9 +1,9 @@
 """Intervals of the parameters of a set, from the curvature, the jackknife and the time symmetry.
 
 The curvature of the free runs' likelihood assumes white noise of constant size around a correct model. The
-curvature of the filter also includes a random push. The jackknife over recordings (Efron and Stein, 1981, "The
-jackknife estimate of variance") covers differences between recordings, such as in rebounds from the rim. The
-widest of the three intervals is used.
+curvature of the filter also includes a random push. The jackknife over recordings (Efron and Stein, 1981,
+"The jackknife estimate of variance") covers differences between recordings, such as in rebounds from the rim.
+The widest of the three intervals is used.
 
 Recordings without stamps do not determine the duration of a row: the same path results from slower motion
 under weaker pushes. Slip after impacts, and the time discretisation of impacts by an engine, break this

@@ -1,4 +1,4 @@
-"""Latent force model of the residuals: which variable does a missing push depend on?
+"""Latent force model of the residuals: find the variable that a missing push depends on.
 
 Away from the rim the marble is a double integrator: a push in one row moves all later rows. The residuals of
 a hypothesis are the response to an unknown push, projected onto the complement of start states and the five

@@ -2,8 +2,8 @@
 
 The smoother of the filter estimates the acceleration of the marble beyond that of the simulator from all rows
 of a recording. If this push is the same in the same circumstances, physics is missing; otherwise it does not
-repeat. Its dependence on each variable is found by regression. The p-value is that of circular shifts: the push
-of a recording is shifted in time relative to the variable, which preserves its autocorrelation (Harris,
+repeat. Its dependence on each variable is found by regression. The p-value is that of circular shifts: the
+push of a recording is shifted in time relative to the variable, which preserves its autocorrelation (Harris,
 "Nonsense correlations in neuroscience", 2020).
 """
 

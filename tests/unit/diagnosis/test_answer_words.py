@@ -24,34 +24,34 @@ def test_the_answer_names_effect_value_and_gain():
 def test_without_stamps_values_are_in_rows():
     late = NamedEffect("delay", "timing", {"delay_s": Parameter(0.2)}, {"delay_s": "s"}, 0.04, 0.002)
     settings = {"noise": 0.001, "before": 0.04, "after": 0.002, "heldout": True}
-    assert "Delay (delay_s 0.2 s)" in summary([late], **settings)
-    assert "Delay (delay 2.5 rows)" in summary([late], **settings, row_s=0.08)
+    assert "delay (delay_s 0.2 s)" in summary([late], **settings)
+    assert "delay (delay 2.5 rows)" in summary([late], **settings, row_s=0.08)
 
 
 def test_a_tie_is_said():
     text = summary([effect("delay", ("latency",))], noise=0.001, before=0.04, after=0.002, heldout=True)
-    assert "do not tell delay from latency" in text
+    assert "do not distinguish delay from latency" in text
 
 
 def test_one_recording_is_fitted_and_not_predicted():
     text = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=False)
-    assert "held out" not in text
-    assert "the only recording is fitted" in text
-    assert "held out" not in summary([], noise=0.001, before=0.001, after=0.001, heldout=False)
+    assert "held-out" not in text
+    assert "the error on the only recording falls" in text
+    assert "held-out" not in summary([], noise=0.001, before=0.001, after=0.001, heldout=False)
 
 
 def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
     text = summary([], noise=0.001, before=0.04, after=0.04, heldout=True, explained=False)
-    assert "No physics is missing" not in text
-    assert "Nothing that is known explains" in text
+    assert "no missing physics" not in text
+    assert "No known effect explains" in text
 
 
 def test_a_name_that_leaves_much_is_reported_as_such():
     text = summary(
         [effect()], noise=0.001, before=0.04, after=0.02, heldout=True, explained=False, leaves=True
     )
-    assert "More than noise is not explained" in text
-    assert "not explained" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
+    assert "Errors beyond noise remain" in text
+    assert "remain" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
 
 
 def test_what_was_learned_is_described_by_its_variables():
@@ -61,12 +61,12 @@ def test_what_was_learned_is_described_by_its_variables():
         UNLISTED, "force", {name: Parameter(value) for name, value in values.items()}, {}, 0.04, 0.002
     )
     text = summary([learned], noise=0.001, before=0.04, after=0.002, heldout=True)
-    assert "depends on position and speed was left out" in text
+    assert "depends on position and speed:" in text
     assert "rate_1" not in text
 
 
 def test_nothing_missing_claims_no_more_than_was_shown():
-    assert "that these recordings could show" in summary(
+    assert "They reveal no missing physics" in summary(
         [], noise=0.001, before=0.001, after=0.001, heldout=True
     )
 
