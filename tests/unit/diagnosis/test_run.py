@@ -150,7 +150,7 @@ def test_spread_of_delays_is_stated_and_not_simulated(diagnosed, plant):
     assert set(one.parameters) == {"sd_s", "mean_s"}
     assert 0.5 < one.parameters["sd_s"].value / 0.08 < 2.0
     assert [each.name for each in found.model.effects] == ["delay", "lag"]
-    assert any("in the place of lag" in note for note in found.notes)
+    assert any("replace lag in model.toml" in note for note in found.notes)
 
 
 @pytest.mark.slow

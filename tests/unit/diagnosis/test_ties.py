@@ -45,7 +45,7 @@ def test_a_push_does_not_distinguish_them(plant, planted):
     best, found = tied(plant([planted, bias], runs=5, stamped=True, pushed=0.1), asked)
     assert names.intersection(best.effects)
     (tie,) = [one for one in found if {one.name, one.instead} == names]
-    assert "a push that never repeats" in reason(best, tie)
+    assert "the random push hides" in reason(best, tie)
 
 
 def test_of_sets_about_as_probable_one_name_stands_in_the_place_of_another(plant):
