@@ -193,8 +193,8 @@ def rollouts(
         Duration of each command [s], from a recording's stamps; ``time_scale`` is then not used.
     time_step : {"rounded", "continuous"}
         "rounded" (the default): round(time_scale) updates of 1/240 s per row, as in the paper. "continuous":
-        a row lasts exactly time_scale/240 s, in as many slightly longer or shorter updates, so that fits see a
-        smooth parameter.
+        a row lasts exactly time_scale/240 s, in as many slightly longer or shorter updates; the result is
+        smooth in the parameter.
     substeps : (n,), optional
         Number of updates per row of "continuous" rollouts; finite differences need equal numbers.
     hold : {"zero", "first"}

@@ -28,10 +28,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Check, print the page or JSON, and raise if the recordings can identify nothing."""
     from irt.checking import check, page
-    from irt.cli.inputs import for_a_fit
+    from irt.cli.inputs import rows_for_fit
     from irt.rig import load_rig
 
-    rig, _ = for_a_fit(load_rig(args.rig), quiet=args.json)
+    rig, _ = rows_for_fit(load_rig(args.rig), quiet=args.json)
     found = check(rig, threads=args.threads)
     print(json.dumps(found.as_dict(), indent=2, allow_nan=False) if args.json else page(found))
     found.require()

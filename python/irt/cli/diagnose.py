@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import (
     TIME_UNKNOWN,
-    for_a_fit,
     parameter_line,
     print_warnings,
     results_folder,
     row_seconds,
+    rows_for_fit,
     whole,
 )
 from irt.errors import IrtError
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
     # Load all rigs first, so that a broken file fails before the first diagnosis.
     rigs, notes = {}, {}
     for path in args.rigs:
-        rigs[path.resolve().name], notes[path.resolve().name] = for_a_fit(load_rig(path))
+        rigs[path.resolve().name], notes[path.resolve().name] = rows_for_fit(load_rig(path))
     if len(rigs) < len(args.rigs):
         raise IrtError("two of the rigs have the same name: their results would share a folder; rename one")
     if len(rigs) == 1 and args.cluster is None:

@@ -58,7 +58,7 @@ def row_seconds(rig: Rig, model: Model) -> float | None:
     return model.parameters["time_scale"].value * SUBSTEP_S
 
 
-def for_a_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
+def rows_for_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
     """Return a rig cut to the rows that a fit uses, and a note on the cut, printed unless `quiet`."""
     from irt.rig import MOST_ROWS
 
@@ -87,11 +87,11 @@ def results_folder(path: Path, names: Sequence[str]) -> Path:
     from irt.files import make_folder
 
     folder = make_folder(path)
-    say_replaced([folder / name for name in names])
+    print_replaced([folder / name for name in names])
     return folder
 
 
-def say_replaced(paths: Sequence[Path]) -> None:
+def print_replaced(paths: Sequence[Path]) -> None:
     """Print which files exist already and will be replaced."""
     there = [f"{path}" for path in paths if path.is_file()]
     if there:

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
-    from irt.cli.inputs import say_replaced
+    from irt.cli.inputs import print_replaced
     from irt.engine import rollouts
     from irt.files import write_atomic
     from irt.model import load_model
@@ -45,5 +45,5 @@ def run(args: argparse.Namespace) -> None:
     if args.out is None:
         sys.stdout.write(recording.to_csv())
     else:
-        say_replaced([args.out])
+        print_replaced([args.out])
         write_atomic(args.out, recording.to_csv())

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from irt.cli.inputs import for_a_fit, say_replaced, whole
+from irt.cli.inputs import print_replaced, rows_for_fit, whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -54,13 +54,13 @@ def run(args: argparse.Namespace) -> None:
     from irt.rig import load_rig
     from irt.suggestion import suggest
 
-    rig = for_a_fit(load_rig(args.rig))[0].of_marbles()
+    rig = rows_for_fit(load_rig(args.rig))[0].of_marbles()
     if args.out.resolve().parent == args.rig.resolve():
         raise IrtError(
             f"{args.out}: a file in the rig's folder would be read as a recording; choose another folder "
             "with --out"
         )
-    say_replaced([args.out])
+    print_replaced([args.out])
     # Opened before the diagnosis, which takes minutes, so that an unwritable file fails at once.
     with atomic_path(args.out) as beside, progress_bar() as progress:
         known, models, chances, noise = _hypotheses(rig, args, progress)
@@ -92,8 +92,8 @@ def _hypotheses(
     if args.models is not None and any(path.is_dir() for path in args.models):
         if len(args.models) > 1:
             raise IrtError("--models: expected one folder of a diagnosis, or model.toml files, not both")
-        left = load_plausible(args.models[0])
-        return [left.summary], left.models, left.probabilities, left.noise
+        found = load_plausible(args.models[0])
+        return [found.summary], found.models, found.probabilities, found.noise
     if args.models is not None:
         models = [load_model(path) for path in args.models]
         return [], models, [1.0] * len(models), tracker_noise(segments(rig))

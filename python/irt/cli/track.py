@@ -166,12 +166,12 @@ def _calibrate(args: argparse.Namespace) -> None:
 
 def _track(args: argparse.Namespace) -> None:
     """Track the marble; positions found before an error are kept."""
-    from irt.cli.inputs import say_replaced
+    from irt.cli.inputs import print_replaced
     from irt.cli.progress import progress_bar
     from irt.report.tracked import track
 
     name = Path(args.video).stem
-    say_replaced([(args.out or Path(f"irt-track-{name}")) / f"{name}.csv"])
+    print_replaced([(args.out or Path(f"irt-track-{name}")) / f"{name}.csv"])
     with progress_bar() as progress:
         found = track(
             args.video,

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import (
     TIME_UNKNOWN,
-    for_a_fit,
     parameter_line,
     print_warnings,
     results_folder,
     row_seconds,
+    rows_for_fit,
     whole,
 )
 from irt.methods import BELONGS, METHODS
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> None:
     from irt.tuning import tune
 
     options = _options(args)
-    rig, notes = for_a_fit(load_rig(args.rig))
+    rig, notes = rows_for_fit(load_rig(args.rig))
     print_warnings(rig, args.threads)
     training = _announce_training(rig, args) if args.network is None else None
     folder = args.out or Path(f"irt-tune-{args.rig.resolve().name}")

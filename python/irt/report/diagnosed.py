@@ -25,7 +25,7 @@ from irt.rig import MOST_ROWS, Rig, load_rig
 
 
 @dataclass(frozen=True)
-class Left:
+class PlausibleModels:
     """Results of a diagnosis that the design of the next run needs.
 
     Attributes
@@ -44,7 +44,7 @@ class Left:
     probabilities: list[float]
 
 
-def load_plausible(folder: Path) -> Left:
+def load_plausible(folder: Path) -> PlausibleModels:
     """Read the plausible models from the folder of a diagnosis.
 
     Raises
@@ -58,7 +58,9 @@ def load_plausible(folder: Path) -> Left:
         summary, noise = str(content["summary"]), float(content["fit"]["noise"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise IrtError(f"{folder}: no diagnosis with plausible models; run irt diagnose again") from error
-    return Left(summary, noise, [load_model(folder / name) for name, _ in named], [one for _, one in named])
+    return PlausibleModels(
+        summary, noise, [load_model(folder / name) for name, _ in named], [one for _, one in named]
+    )
 
 
 def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, notes: Sequence[str] = ()) -> Path:
