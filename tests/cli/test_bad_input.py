@@ -1,4 +1,4 @@
-"""What a user may do wrong with a first rig: one clear line, and an honest exit status."""
+"""Mistakes with a first rig give one clear line and a nonzero exit status."""
 
 import json
 import re

@@ -98,7 +98,7 @@ def test_without_models_it_diagnoses(irt, monkeypatch, tmp_path: Path, rig: Path
 
 
 def test_the_folder_of_a_diagnosis_is_enough(irt, tmp_path: Path, rig: Path, models) -> None:
-    """As it is, and without another diagnosis: what is probable there is read."""
+    """The plausible models are read from the folder, without another diagnosis."""
     folder = tmp_path / "diagnosed"
     folder.mkdir()
     for path in models:

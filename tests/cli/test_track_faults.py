@@ -1,4 +1,4 @@
-"""What is wrong with a video is said in one line: a board that leaves, a camera that stands still."""
+"""Faults of a video are reported in one line: a displaced board, a frozen camera."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The answer in plain words."""
+"""Summary and suggestion of a diagnosis."""
 
 from pathlib import Path
 

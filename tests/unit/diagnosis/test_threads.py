@@ -1,4 +1,4 @@
-"""Threads of the libraries below a diagnosis."""
+"""Thread limits of BLAS during a diagnosis."""
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits

@@ -1,4 +1,4 @@
-"""Where the tilt was measured, the actuator and the board are fitted by themselves."""
+"""With a measured tilt, the actuator and the board are fitted separately."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The first runs: within their limits, of every family, and enough to identify what they drive."""
+"""The first runs respect the limits, cover every family, and identify the five parameters."""
 
 import numpy as np
 import pytest

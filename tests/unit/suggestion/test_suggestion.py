@@ -122,7 +122,7 @@ def test_no_drive_separates_a_delay_from_a_latency_and_other_means_are_named() -
     rig = rig_with(DELAY)
     other = Model.from_rig(
         rig,
-        # As far along what the recordings leave open as another fit may end.
+        # As far along an unidentified direction as another fit may end.
         np.array(VALUES) * [1.1, 1.1, 1.1, 1.1**-0.5, 1.0],
         effects=[Effect("latency", {"latency_s": 0.08 * 1.1**-0.5})],
         time_step="continuous",

@@ -72,7 +72,7 @@ def test_a_cluster_diagnoses_the_same_bit_for_bit(local_ray: str, rigs, module: 
     results = {}
     for workers in (LocalWorkers(2), RayWorkers(local_ray)):
         answers = dict(workers.each(module, inputs, ["7"] if "report" in module else []))
-        # What is measured in seconds is in these, and the same nowhere.
+        # These files contain wall times, which differ.
         for files in answers.values():
             for name in ("seconds.json", "diagnosis.json", "report.html"):
                 files.pop(name, None)
