@@ -319,13 +319,13 @@ class _Design:
         Delays [steps].
     block : (m,) int array
         Index of the block of each row.
-    fit : _Freed
+    fit : _Projected
         The fit of both inputs together.
     """
 
     delays: Array
     block: NDArray[np.int64]
-    fit: _Freed
+    fit: _Projected
 
     @classmethod
     def of(
@@ -347,14 +347,14 @@ class _Design:
         u, y, z, b = u[:, known], y[known], z[known], b[known]
         if len(y) < 2 * (2 + z.shape[1]) or not np.ptp(y) > 0.0:
             return None
-        found = _freed(u, y, z, np.ones(len(y)))
+        found = _projected(u, y, z, np.ones(len(y)))
         for _ in range(_ROUNDS):
             scale = deviation(found.left)
             if scale == 0.0:
                 break
             # The residuals of weighted rows are weighted, so the weights are divided out.
             left = found.left / np.sqrt(found.weights)
-            found = _freed(u, y, z, 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale)))
+            found = _projected(u, y, z, 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale)))
         return cls(np.asarray(delays, dtype=float), np.unique(b, return_inverse=True)[1], found)
 
     @property
@@ -394,7 +394,7 @@ class _Design:
 
 
 @dataclass(frozen=True, eq=False)
-class _Freed:
+class _Projected:
     """A fit of inputs to a target, with the further columns projected out of both.
 
     Attributes
@@ -415,7 +415,7 @@ class _Freed:
     left: Array
 
 
-def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
+def _projected(u: Array, y: Array, z: Array, weights: Array) -> _Projected:
     """Return the regression with the further columns z projected out, at the best delay of both inputs."""
     root = np.sqrt(weights)
     left_vectors, lengths, _ = np.linalg.svd(root[:, None] * z, full_matrices=False)
@@ -433,7 +433,7 @@ def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
     gains = np.einsum("dij,dj->di", np.linalg.pinv(products, rcond=1e-9, hermitian=True), along)
     best = int(np.argmax(np.einsum("di,di->d", gains, along)))
     left = np.asarray(target - inputs[best] @ gains[best])
-    return _Freed(inputs, target, weights, best, np.asarray(gains[best]), left)
+    return _Projected(inputs, target, weights, best, np.asarray(gains[best]), left)
 
 
 def _delayed(values: Array, wanted: NDArray[np.int64], delay: float) -> Array:

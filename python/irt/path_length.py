@@ -27,7 +27,7 @@ def rolled(marble: Array) -> tuple[Array, Array]:
     seen = bridged(marble)
     # The noise of a path of few rows is unknown.
     noise = float(np.nan_to_num(noise_of(*seen.T)))
-    path = _smoothed(_tamed(seen, noise))
+    path = _smoothed(_without_outliers(seen, noise))
     length = np.zeros(len(path))
     done, last = 0.0, path[0]
     for row, place in enumerate(path):
@@ -47,15 +47,15 @@ def bridged(marble: Array) -> Array:
     return np.stack([np.interp(rows, seen, marble[seen, axis]) for axis in (0, 1)], axis=1)
 
 
-def _tamed(path: Array, noise: float) -> Array:
+def _without_outliers(path: Array, noise: float) -> Array:
     """Return a path with outliers replaced by the mean of their neighbours."""
-    tamed = path.copy()
+    cleaned = path.copy()
     middle = 0.5 * (path[:-2] + path[2:])
     wild = np.linalg.norm(path[1:-1] - middle, axis=1) > _WILD * noise + np.linalg.norm(
         path[2:] - path[:-2], axis=1
     )
-    tamed[1:-1][wild] = middle[wild]
-    return tamed
+    cleaned[1:-1][wild] = middle[wild]
+    return cleaned
 
 
 def _smoothed(path: Array) -> Array:

@@ -344,7 +344,7 @@ def _windowed(
     windows = [_windows(model, recording, window_s) for recording in recordings]
     flat = [window for of_one in windows for window in of_one]
     predicted = iter(
-        _leaned(model, flat) if flat and _lean_size(model) > 0.0 else _predict_windows(model, flat)
+        _predict_with_lean(model, flat) if flat and _lean_size(model) > 0.0 else _predict_windows(model, flat)
     )
     joined, firsts = [], []
     for recording, of_one in zip(recordings, windows, strict=True):
@@ -363,7 +363,7 @@ def _lean_size(model: Model) -> float:
     return next((one.parameters.get("size_rad", 0.0) for one in model.effects if one.name == LEAN), 0.0)
 
 
-def _leaned(model: Model, windows: Sequence[Segment]) -> list[Array]:
+def _predict_with_lean(model: Model, windows: Sequence[Segment]) -> list[Array]:
     """Return the predictions of windows, each with the lean estimated from earlier windows of its run.
 
     The lean of a run has a normal prior whose size is a parameter of the model. Its posterior mean, given the

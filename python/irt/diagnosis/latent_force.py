@@ -111,7 +111,7 @@ class LatentForce:
             found[own] = integrator(int(own.sum())) @ push[own]
         return found
 
-    def freed(self, axis: int, changes: Array) -> Array:
+    def projected(self, axis: int, changes: Array) -> Array:
         """Project (n, k) changes of a coordinate onto the complement of start states and five parameters."""
         basis = self._fixed[axis]
         return np.asarray(changes - basis @ (basis.T @ changes))
@@ -137,7 +137,7 @@ class LatentForce:
         random = np.random.default_rng(seed)
         drawn = self._noise * random.standard_normal((2, self.count, nulls))
         data = [np.column_stack([self.residual(axis), drawn[axis]]) for axis in (0, 1)]
-        noises = [self._coloured(share) for share in _CARRIED]
+        noises = [self._noise_covariance(share) for share in _CARRIED]
         plain = np.max([self._likelihood((noise, noise), data) for noise in noises], axis=0)
         results = [
             (name, stage, *self._of(kernels, stage, data, noises)) for name, stage, kernels in self._kernels()
@@ -152,11 +152,11 @@ class LatentForce:
                 best[name] = source
         return sorted(best.values(), key=lambda one: -one.gain)
 
-    def _coloured(self, share: float) -> Array:
+    def _noise_covariance(self, share: float) -> Array:
         """Return the covariance (n, n) of a coordinate's noise with a row-to-row autocorrelation."""
         apart = np.abs(self.rows.time[:, None] - self.rows.time)
         same = self.rows.stretch[:, None] == self.rows.stretch
-        return np.asarray(np.where(same, share**apart, 0.0) * (_seeming(share) * self._noise) ** 2)
+        return np.asarray(np.where(same, share**apart, 0.0) * (_noise_correction(share) * self._noise) ** 2)
 
     def _likelihood(self, covariances: Pair, data: Sequence[Array]) -> Array:
         """Return the log restricted likelihood (k,) of (n, k) data of both axes under these covariances."""
@@ -187,9 +187,12 @@ class LatentForce:
         both = np.concatenate([rows.knobs / angle, rows.place / 0.2], axis=1)
         found.append(("command", "camera", alike(both, 1.0)))
         alike_in_both = [(name, stage, (one, one)) for name, stage, one in found]
-        return [*alike_in_both, *(("command history", "command", self._past(late)) for late in _FORGOTTEN)]
+        return [
+            *alike_in_both,
+            *(("command history", "command", self._history_kernels(late)) for late in _FORGOTTEN),
+        ]
 
-    def _past(self, rows: float) -> Pair:
+    def _history_kernels(self, rows: float) -> Pair:
         """Return the covariances of pushes that depend on a command and on its history.
 
         The variables are a command filtered with a time constant of `rows`, and its distance from the
@@ -210,8 +213,8 @@ class LatentForce:
         The maximum is over sizes of the kernels and over covariances (n, n) of the noise.
         """
         x, y = kernels
-        moved_x = self._shown(x, stage)
-        moved_y = moved_x if y is x else self._shown(y, stage)
+        moved_x = self._position_covariance(x, stage)
+        moved_y = moved_x if y is x else self._position_covariance(y, stage)
         scale = 2.0 * self._noise**2 / max(float(np.mean(np.diag(moved_x + moved_y))), 1e-300)
         tried = list(product(scale * _SIZES, noises))
         covariances = [(size * moved_x + noise, size * moved_y + noise) for size, noise in tried]
@@ -219,12 +222,12 @@ class LatentForce:
         size, _ = tried[int(likelihoods[:, 0].argmax())]
         return likelihoods.max(axis=0), float(np.sqrt(size * float(np.mean(np.diag(x)))))
 
-    def _shown(self, kernel: Array, stage: str) -> Array:
+    def _position_covariance(self, kernel: Array, stage: str) -> Array:
         """Return the covariance of positions under pushes, or picture shifts, of this covariance."""
         return kernel if stage == "camera" else self.moved(self.moved(kernel).T)
 
 
-def _seeming(share: float) -> float:
+def _noise_correction(share: float) -> float:
     """Return the ratio of the true size of noise to its estimate from differences.
 
     The noise has autocorrelation `share` from row to row; the ratio is 1 for white noise.

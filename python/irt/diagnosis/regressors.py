@@ -114,7 +114,7 @@ class Regressors:
         }
         #: Factor from m/s^2 to board edges per row squared.
         self._unit = row_s**2 / edge_m
-        self._data = [self._freed(axis) for axis in (0, 1)]
+        self._data = [self._projected(axis) for axis in (0, 1)]
 
     @property
     def total(self) -> float:
@@ -136,7 +136,7 @@ class Regressors:
         pushes = self._pushes(term)
         for axis in (0, 1):
             self._force.explain(axis, self._force.moved(pushes[:, :, axis]))
-            self._data[axis] = self._freed(axis)
+            self._data[axis] = self._projected(axis)
 
     def _pushes(self, term: Term) -> Array:
         """Return the pushes of a term with unit strength, (n, k, 2); waves have two phases."""
@@ -154,12 +154,12 @@ class Regressors:
             pushes = self._pulls(self._values["command"])
         return np.asarray(self._profile(term)[:, :, None] * pushes[:, None])
 
-    def _freed(self, axis: int) -> Array:
-        return self._force.freed(axis, self._force.residual(axis)[:, None])[:, 0]
+    def _projected(self, axis: int) -> Array:
+        return self._force.projected(axis, self._force.residual(axis)[:, None])[:, 0]
 
     def _moved(self, axis: int, pushes: Array) -> Array:
         """Return displacements (n, k) by pushes (n, k) [m/s^2], without nuisance directions."""
-        return self._unit * self._force.freed(axis, self._force.moved(pushes))
+        return self._unit * self._force.projected(axis, self._force.moved(pushes))
 
     def _candidates(self, terms: Sequence[Term]) -> Iterator[Term]:
         laws = {term.law for term in terms}

@@ -96,10 +96,10 @@ class Windows:
         self._of_states = self._state_directions()
         self._of_base = np.zeros((0, residual.size))
         self._base = self._base_directions()
-        base = self._freed(self._base)
+        base = self._projected(self._base)
         norms = np.linalg.norm(base, axis=1)
         self._of_base = np.linalg.qr(base[norms > 1e-9 * max(norms.max(initial=0.0), 1e-300)].T)[0].T
-        self._residual = self._freed(np.nan_to_num(residual)[None])[0]
+        self._residual = self._projected(np.nan_to_num(residual)[None])[0]
 
     def windows(self) -> list[Window]:
         """Return all windows with their predictions."""
@@ -131,7 +131,7 @@ class Windows:
         the five parameters are projected out of both.
         """
         noise = np.random.default_rng(seed).standard_normal((nulls, self._residual.size))
-        scaled = np.concatenate([self._residual[None] / scale, self._freed(noise)])
+        scaled = np.concatenate([self._residual[None] / scale, self._projected(noise)])
         rows = (np.clip(scaled, -_CLIP, _CLIP) ** 2).reshape(nulls + 1, -1, 2).sum(axis=2)
         return rows[0], rows[1:]
 
@@ -176,7 +176,7 @@ class Windows:
             threads=self._case.threads,
         )
 
-    def _freed(self, changes: Array) -> Array:
+    def _projected(self, changes: Array) -> Array:
         """Weight (k, w * n * 2) changes, and project out start states and the five parameters."""
         windows = len(self._states)
         weighted = changes.reshape(len(changes), windows, -1) * self._weights.reshape(windows, -1)

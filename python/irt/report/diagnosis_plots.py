@@ -155,20 +155,20 @@ def plot_over_time(
         If the file cannot be written.
     """
     dots, corners = thinned(len(run.times), _MOST_DOTS), thinned(len(run.times), _MOST_CORNERS)
-    times, unit = clock(run, stamped=stamped)
+    times, unit = time_axis(run, stamped=stamped)
     marble, off = side.marble(run), PERCENT * side.residual(run)
     with style.drawing(path, style.WIDTH, 5.2) as figure:
         panels = figure.subplots(4, sharex=True, height_ratios=(2, 1, 2, 1))
-        for axis, (axes, apart) in enumerate(zip(panels[::2], panels[1::2], strict=True)):
+        for axis, (axes, below) in enumerate(zip(panels[::2], panels[1::2], strict=True)):
             axes.plot(times[dots], run.observed[dots, axis], ".", color=style.RECORDED)
             axes.plot(times[corners], marble[corners, axis], color=side.colour, zorder=3)
             axes.set(ylabel=f"{'xy'[axis]}  [edges]", ylim=(-limit, limit))
             axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True))
             band = PERCENT * _BAND * noise
-            apart.axhspan(-band, band, color=style.FAINT, lw=0)
-            apart.plot(times[corners], off[corners, axis], color=side.colour, lw=1.0)
-            apart.set_ylabel("residual  [%]")
-            apart.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
+            below.axhspan(-band, band, color=style.FAINT, lw=0)
+            below.plot(times[corners], off[corners, axis], color=side.colour, lw=1.0)
+            below.set_ylabel("residual  [%]")
+            below.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
         panels[0].set_title(side.label, color=side.colour, fontweight="bold")
         panels[0].set_title("• recorded", color=style.RECORDED, loc="right")
         panels[-1].set(xlabel=unit, xlim=(times[0], times[-1]))
@@ -192,7 +192,7 @@ def plot_push(
         Duration of a row in the simulation [s]; without stamps pushes are in millimetres per row squared.
     """
     corners = thinned(len(push.times), _MOST_CORNERS)
-    times, label = clock(push, stamped=stamped)
+    times, label = time_axis(push, stamped=stamped)
     size, unit = (1.0, "m/s²") if stamped else (1000.0 * row_s**2, "mm/row²")
     with style.drawing(path, style.WIDTH, 3.6) as figure:
         panels = figure.subplots(2, sharex=True)
@@ -213,7 +213,7 @@ def plot_push(
         figure.align_ylabels(panels)
 
 
-def clock(run: RunProof | NeededPush, *, stamped: bool) -> tuple[Array, str]:
+def time_axis(run: RunProof | NeededPush, *, stamped: bool) -> tuple[Array, str]:
     """Return the time axis of a run, (n,), and its label: seconds if there are stamps, else rows."""
     return (run.times, "time  [s]") if stamped else (np.arange(len(run.times), dtype=np.float64), "row")
 
@@ -327,7 +327,7 @@ def plot_errors(
     with style.drawing(path, style.WIDTH, 0.6 + 1.25 * len(runs)) as figure:
         panels = figure.subplots(len(runs), squeeze=False, sharey=True)[:, 0]
         for axes, run in zip(panels, runs, strict=True):
-            times, unit = clock(run, stamped=stamped)
+            times, unit = time_axis(run, stamped=stamped)
             make_logarithmic(axes)
             axes.axhline(floor, **FLOOR)
             for side in shown:

@@ -40,7 +40,7 @@ class RayWorkers:
 
         self._ray: Any = ray
         if not ray.is_initialized():
-            _knock(address)
+            _check_reachable(address)
             try:
                 ray.init(address=address, log_to_driver=False, logging_level="error")
             except (ConnectionError, RuntimeError, ValueError) as error:
@@ -63,7 +63,7 @@ class RayWorkers:
                 self._ray.cancel(task, force=True)
 
 
-def _knock(address: str) -> None:
+def _check_reachable(address: str) -> None:
     """Raise at once if the host and port of an address, if given, do not accept connections."""
     place = _HOST.fullmatch(address)
     if place is None:
