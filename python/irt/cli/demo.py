@@ -99,9 +99,9 @@ def _answer(rig: Rig, result: FitResult, found: Diagnosis) -> Iterator[str]:
     errors = {
         "untuned, parameters in the middle of their ranges": evaluate(untuned(rig), rig.recordings).mae,
         "tuned, five parameters": evaluate(result.model, rig.recordings).mae,
-        "the same, on runs held out": found.base_heldout_mae,
-        "diagnosed, on runs held out": found.final_heldout_mae,
-        "noise of the tracker": mean_absolute(found.noise),
+        "tuned, on held-out runs": found.base_heldout_mae,
+        "diagnosed, on held-out runs": found.final_heldout_mae,
+        "tracker noise": mean_absolute(found.noise),
     }
     width = max(map(len, errors))
     yield from (f"  {name:<{width}}  {percent(error):>7}" for name, error in errors.items())
