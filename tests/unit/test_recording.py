@@ -224,7 +224,7 @@ def test_missing_file(tmp_path: Path) -> None:
         ),
         (0.0, 0.0, None, r"run: knobs must have shape \(1, 2\), not \(\)"),
         ("left", np.zeros((3, 2)), None, "run: knobs must be an array of numbers"),
-        (np.zeros((1, 2)), np.zeros((1, 2)), None, "run: one row only"),
+        (np.zeros((1, 2)), np.zeros((1, 2)), None, "run: only one row"),
         (
             np.full((3, 2), np.nan),
             np.zeros((3, 2)),
@@ -373,7 +373,7 @@ class TestCommands:
             ("step,knob_x_rad,knob_y_rad,marble_x\n0,1,2,3\n1,1,2,3\n", "the header has only marble_x"),
             (with_line(2, "0,0.0,0.01,0.02,,"), "the marble is lost in the first row"),
             ("step,knob_x_rad\n0,1\n", "column knob_y_rad is missing"),
-            ("step,knob_x_rad,knob_y_rad\n0,1,2\n", "one row only"),
+            ("step,knob_x_rad,knob_y_rad\n0,1,2\n", "only one row"),
         ],
     )
     def test_bad_commands(self, tmp_path: Path, text: str, message: str) -> None:
