@@ -57,7 +57,7 @@ CERTAIN = {
     ),
     "degrees": (lambda k, m: (np.degrees(k), m), "they are degrees: multiply the knobs by pi/180"),
     "origin in the corner": (lambda k, m: (k, m + np.array([0.5, 0.4185])), "the origin looks like a corner"),
-    "pixels": (lambda k, m: (k, 1000 * m + [640, 360]), "in the same unit (pixels or millimetres)"),
+    "pixels": (lambda k, m: (k, 1000 * m + [640, 360]), "in the same unit .pixels or millimetres"),
     "millimetres": (lambda k, m: (k, 276 * m), "subtract the centre, then divide"),
     "a still marble": (lambda k, m: (k, np.full_like(m, 0.1)), "the marble never moves"),
     "a still marble, with noise": (
