@@ -114,7 +114,7 @@ class Answer:
             final_heldout_mae=answer.mae if is_held_out else float("nan"),
             base=_model(self._base, self._relevance.parameters(self._base)[0]),
             model=_model(best, self._parameters),
-            rivals=tuple(one.scored.fitted.model for one in tied),
+            indistinguishable=tuple(one.scored.fitted.model for one in tied),
             plausible=self._plausible(tied),
             unidentifiable=self._unidentifiable,
             suggestion=words.suggestion(effects, case.rig.path),

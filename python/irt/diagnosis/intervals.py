@@ -66,8 +66,8 @@ def parameters(
     information = _information(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
     allowed = dict(zip(information.names, information.allowed.tolist(), strict=True))
-    # Without a clock the filter's deviations reach as far along the symmetry as what is thought beforehand.
-    deviations = dict.fromkeys(deviations, 0.0) if not _has_clock(one.case) else deviations
+    # Where time is unknown the filter's deviations reach as far along the symmetry as the prior.
+    deviations = dict.fromkeys(deviations, 0.0) if not _time_is_known(one.case) else deviations
     found = {
         name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
         for name, parameter in with_intervals(information).items()
@@ -130,7 +130,7 @@ def _information(one: Scored, held: HeldOut) -> Information:
     problem = one.case.problem(fitted.effects)
     information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
     own = [one.names.index(name) for name in problem.names]
-    return _with_scatter(_without_clock(fitted, information), _of_one_clock(fitted, held.values[:, own]))
+    return _with_scatter(_without_time(fitted, information), _at_one_time_scale(fitted, held.values[:, own]))
 
 
 def _with_scatter(information: Information, values: Array) -> Information:
@@ -152,13 +152,13 @@ def _scatter(values: Array) -> Array:
     return np.asarray(float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0)) * deviation)
 
 
-def _without_clock(fitted: Fitted, information: Information) -> Information:
+def _without_time(fitted: Fitted, information: Information) -> Information:
     """Return the information without knowledge along the time symmetry.
 
     If stamps or a damping determine the time scale, the information is unchanged.
     """
     case = fitted.case
-    if _has_clock(case):
+    if _time_is_known(case):
         return information
     along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / information.widths
     along = np.where(information.free, along, 0.0)
@@ -178,18 +178,18 @@ def _without_clock(fitted: Fitted, information: Information) -> Information:
     return replace(information, directions=directions, half_width=half_width, offset=offset)
 
 
-def _has_clock(case: Case) -> bool:
+def _time_is_known(case: Case) -> bool:
     """Whether stamps or a damping determine the time scale."""
     return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
 
 
-def _of_one_clock(fitted: Fitted, values: Array) -> Array:
+def _at_one_time_scale(fitted: Fitted, values: Array) -> Array:
     """Return (k, n) values, moved along the time symmetry to the time scale of a fit."""
-    if _has_clock(fitted.case) or not len(values):
+    if _time_is_known(fitted.case) or not len(values):
         return values
-    clock = fitted.names.index("time_scale")
+    index = fitted.names.index("time_scale")
     powers = np.array([_power(name, fitted) for name in fitted.names])
-    return np.asarray(values * (fitted.values[clock] / values[:, clock])[:, None] ** powers)
+    return np.asarray(values * (fitted.values[index] / values[:, index])[:, None] ** powers)
 
 
 def _power(name: str, fitted: Fitted) -> float:
@@ -203,10 +203,10 @@ def _power(name: str, fitted: Fitted) -> float:
     return float(next(one.time_power for one in effect(of_effect).parameters if one.name == parameter))
 
 
-def _spread(one: Scored, clock: Parameter) -> Parameter:
+def _spread(one: Scored, time_scale: Parameter) -> Parameter:
     """Return the standard deviation of jittered delays [s], with its 95 % interval by the likelihood.
 
-    Without stamps the interval is as much wider as the clock is unknown.
+    Without stamps the interval is as much wider as the time scale is unknown.
     """
     size = float(one.noise[KICK])
     problem = Scores.of(one).problem(one.effects)
@@ -218,9 +218,9 @@ def _spread(one: Scored, clock: Parameter) -> Parameter:
     inside = noises[likelihood > likelihood.max() - _FALLEN, KICK]
     low, high = float(min(inside.min(), size)), float(max(inside.max(), size))
     if one.case.time_scale is None:
-        if clock.low is None or clock.high is None:
+        if time_scale.low is None or time_scale.high is None:
             return Parameter(size)
-        low, high = low * clock.low / clock.value, high * clock.high / clock.value
+        low, high = low * time_scale.low / time_scale.value, high * time_scale.high / time_scale.value
     return Parameter(size, low, high)
 
 

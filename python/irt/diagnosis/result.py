@@ -272,7 +272,7 @@ class Diagnosis:
         were fitted to, and on held-out runs, each predicted by a fit to the others.
     base, model : Model
         The best fit of the five parameters, and the final model; both with 95 % intervals.
-    rivals : tuple of Model
+    indistinguishable : tuple of Model
         Models with other effects that explain the recordings as well as the final one.
     plausible : tuple of Plausible
         Plausible models, the final model first.
@@ -320,7 +320,7 @@ class Diagnosis:
     final_heldout_mae: float
     base: Model
     model: Model
-    rivals: tuple[Model, ...]
+    indistinguishable: tuple[Model, ...]
     plausible: tuple[Plausible, ...]
     unidentifiable: tuple[str, ...]
     suggestion: str

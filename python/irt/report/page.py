@@ -25,6 +25,7 @@ from irt.report import style, words
 _PRINTED_ROWS = 20
 #: Filters of the templates.
 _FILTERS = (
+    words.commands,
     words.counted,
     words.listed,
     words.millimetres,
