@@ -62,7 +62,7 @@ def rows_for_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]
     """Return a rig cut to the rows that a fit uses, and a note on the cut, printed unless `quiet`."""
     from irt.rig import MOST_ROWS
 
-    short = rig.first_rows(MOST_ROWS)
+    short = rig.on_bare_board().first_rows(MOST_ROWS)
     if short is rig:
         return rig, ()
     longest = max(len(one.knobs) for one in short.recordings)

@@ -63,11 +63,11 @@ def parameters(
     losses : mapping
         Loss of log-likelihood without each effect [nats].
     """
-    information = _information(one, held)
+    information = information_of(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
     allowed = dict(zip(information.names, information.allowed.tolist(), strict=True))
     # Where time is unknown the filter's deviations reach as far along the symmetry as the prior.
-    deviations = dict.fromkeys(deviations, 0.0) if not _time_is_known(one.case) else deviations
+    deviations = dict.fromkeys(deviations, 0.0) if not time_is_known(one.case) else deviations
     found = {
         name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
         for name, parameter in with_intervals(information).items()
@@ -125,12 +125,19 @@ def _wider(one: Parameter, half_width: float, least: float, most: float) -> Para
     return Parameter(one.value, min(low, one.value), max(high, one.value))
 
 
-def _information(one: Scored, held: HeldOut) -> Information:
+def information_of(one: Scored, held: HeldOut) -> Information:
+    """Return what recordings say of a set, as far as the fits without each recording in turn agree."""
+    fitted = one.fitted
+    own = [one.names.index(name) for name in fitted.names]
+    return _with_scatter(curvature(one), at_one_time_scale(one, held.values)[:, own])
+
+
+def curvature(one: Scored) -> Information:
+    """Return what recordings say of a set by the curvature of the likelihood of its free runs."""
     fitted = one.fitted
     problem = one.case.problem(fitted.effects)
     information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
-    own = [one.names.index(name) for name in problem.names]
-    return _with_scatter(_without_time(fitted, information), _at_one_time_scale(fitted, held.values[:, own]))
+    return _without_time(fitted, information)
 
 
 def _with_scatter(information: Information, values: Array) -> Information:
@@ -158,7 +165,7 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
     If stamps or a damping determine the time scale, the information is unchanged.
     """
     case = fitted.case
-    if _time_is_known(case):
+    if time_is_known(case):
         return information
     along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / information.widths
     along = np.where(information.free, along, 0.0)
@@ -178,18 +185,19 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
     return replace(information, directions=directions, half_width=half_width, offset=offset)
 
 
-def _time_is_known(case: Case) -> bool:
+def time_is_known(case: Case) -> bool:
     """Whether stamps or a damping determine the time scale."""
     return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
 
 
-def _at_one_time_scale(fitted: Fitted, values: Array) -> Array:
-    """Return (k, n) values, moved along the time symmetry to the time scale of a fit."""
-    if _time_is_known(fitted.case) or not len(values):
+def at_one_time_scale(one: Scored, values: Array) -> Array:
+    """Return (k, n) values, moved along the time symmetry to a set's own time scale."""
+    fitted = one.fitted
+    if time_is_known(fitted.case) or not len(values):
         return values
-    index = fitted.names.index("time_scale")
-    powers = np.array([_power(name, fitted) for name in fitted.names])
-    return np.asarray(values * (fitted.values[index] / values[:, index])[:, None] ** powers)
+    index = one.names.index("time_scale")
+    powers = np.array([_power(name, fitted) for name in one.names])
+    return np.asarray(values * (one.values["time_scale"] / values[:, index])[:, None] ** powers)
 
 
 def _power(name: str, fitted: Fitted) -> float:

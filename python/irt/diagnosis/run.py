@@ -56,7 +56,7 @@ def diagnose(
     arguments.whole("seed", seed)
     arguments.threads(threads)
     arguments.progress(progress)
-    rig = as_rig(rig)
+    rig = as_rig(rig).on_bare_board()
     warnings = required(rig, threads=threads)
     # More BLAS threads change the order of summation, and are slower on matrices of this size.
     with threadpool_limits(1, user_api="blas"):

@@ -29,15 +29,15 @@ SMALLEST = 1e-4
 UNKNOWN = 0.9
 
 
-def estimates(
+def informed(
     model: Model,
     segments: Sequence[Segment],
     noise: float,
     *,
     engine: Engine = "rolling",
     threads: int | None = None,
-) -> tuple[dict[str, Parameter], tuple[str, ...]]:
-    """Return the parameters of a model with 95 % intervals, and sentences on unidentifiable combinations.
+) -> Information:
+    """Return the information of recordings about the parameters of a model.
 
     Works for the model of any method: if it is not the best fit, the intervals also contain the linearised
     best fit.
@@ -53,14 +53,6 @@ def estimates(
         larger.
     engine, threads
         As for `irt.rollouts`.
-
-    Returns
-    -------
-    parameters : dict of Parameter
-        The model's values with low and high, in their own units; without low and high if a parameter was not
-        estimated, such as the time scale of stamped recordings.
-    sentences : tuple of str
-        One for each unidentifiable combination; empty if there is none.
     """
     stamped = segments[0].durations is not None
     asked = Problem.of(
@@ -70,8 +62,7 @@ def estimates(
         engine=engine,
         threads=threads,
     )
-    information = Information.of(asked, model.values, asked.inform(model.values, noise))
-    return with_intervals(information), unidentifiable(information)
+    return Information.of(asked, model.values, asked.inform(model.values, noise))
 
 
 def with_intervals(information: Information) -> dict[str, Parameter]:

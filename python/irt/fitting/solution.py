@@ -215,6 +215,8 @@ class Probable:
     ----------
     values, deviations : (n,) arrays
         The five parameters, then those of the effects, and their standard deviations; 0 if held.
+    covariance : (n, n) array
+        Covariance of the values.
     states : (s, 4) array
         Start states of the segments, as in `Solution`.
     noise : (10,) array
@@ -227,6 +229,7 @@ class Probable:
 
     values: Array
     deviations: Array
+    covariance: Array
     states: Array
     noise: Array
     log_likelihood: float
@@ -236,4 +239,4 @@ class Probable:
     def of(cls, found: Mapping[str, Any], slots: NDArray[np.int64]) -> Probable:
         """Return the maximum from the engine's result; `slots` (n,) are the problem's parameters."""
         own = {name: found[name][slots] for name in ("values", "deviations")}
-        return cls(**{**found, **own})
+        return cls(**{**found, **own, "covariance": found["covariance"][np.ix_(slots, slots)]})

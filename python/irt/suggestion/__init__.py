@@ -148,7 +148,7 @@ def suggest(
         If there is no model, the noise is not positive, `probabilities` has the wrong length or values, or no
         recording moves a knob.
     """
-    rig = as_rig(rig).of_marbles()
+    rig = as_rig(rig).on_bare_board().of_marbles()
     models = arguments.listed("models", [models] if isinstance(models, Model) else models, Model)
     if not models:
         raise IrtError("models: expected at least one")
