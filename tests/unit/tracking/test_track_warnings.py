@@ -16,7 +16,7 @@ from irt.cli.track import _warnings
         (None, 0.04, 0.0, []),
         (0.8, 0.0, 0.0, ["corners are uncertain by 0.8 mm"]),
         (None, 0.5, 0.0, ["50 % that this is the marble's shadow"]),
-        (0.2, 0.0, 0.3, ["rim and what it covers disagree by 0.30 radii"]),
+        (0.2, 0.0, 0.3, ["edge and its filled area disagree by 0.30 radii"]),
         (4.0, 0.2, 0.0, ["corners are uncertain by 4.0 mm", "20 % that this is the marble's shadow"]),
     ],
 )
