@@ -248,12 +248,12 @@ def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summar
     )
     if scene.markers is not None:
         tilt = f"measured in each picture by {len(scene.markers.places)} markers on the board"
-        if scene.markers.missed:
-            tilt += f", but for {scene.markers.missed} pictures, which take that of the one before"
     elif scene.edges is not None:
         tilt = "measured in each picture by the board's sides"
-        if scene.edges.missed:
-            tilt += f", but for {scene.edges.missed} pictures, which take that of the one before"
+    elif scene.texture is not None:
+        tilt = "measured in each picture by the grain and the lines on the board"
+    if scene.shows_tilt is not None and scene.shows_tilt.missed:
+        tilt += f", but for {scene.shows_tilt.missed} pictures, which take that of the one before"
     noise_rad = scene.tilt_noise
     if noise_rad is not None:
         tilt += (

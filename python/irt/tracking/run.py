@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
+from irt.tracking.board_texture import BoardTexture
 from irt.tracking.corners import TwoBoardsError, checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
@@ -83,6 +84,8 @@ class Scene:
         Those on the board, where they tell its tilt.
     edges : BoardEdges or None
         The board's sides, where they show its tilt.
+    texture : BoardTexture or None
+        What is on the board, where it alone shows the tilt.
     sides : BoardEdges or None
         The board's sides, where they are clear.
     learned : Learned
@@ -98,6 +101,7 @@ class Scene:
     geometry: Geometry
     markers: Markers | None
     edges: BoardEdges | None
+    texture: BoardTexture | None
     sides: BoardEdges | None
     learned: Learned
     usual_change: float
@@ -105,8 +109,12 @@ class Scene:
     @property
     def tilt_noise(self) -> Array | None:
         """Standard error (2,) of the measured tilt about x and y [rad], None where it is not measured."""
-        board = self.markers or self.edges
-        return None if board is None else board.tilt_noise()
+        return None if self.shows_tilt is None else self.shows_tilt.tilt_noise()
+
+    @property
+    def shows_tilt(self) -> Markers | BoardEdges | BoardTexture | None:
+        """What shows the board's tilt."""
+        return self.markers or self.edges or self.texture
 
     def tracker(self) -> Tracker:
         """Return a tracker for this board."""
@@ -137,7 +145,7 @@ class Track:
         Where the search of a window was enough.
     tilt : (n, 2) array
         The board's angles about x and y [rad] by the right-hand rule, from their mean where its sides show
-        them, from the first picture where markers do; NaN where they were not measured.
+        them, from the first picture where markers or its texture do; NaN where they were not measured.
     away : tuple of (first, count)
         Stretches of pictures in which the board is not where it was; their positions are NaN.
     stopped : str
@@ -205,10 +213,19 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         geometry,
         markers if markers.enough else None,
         edges if follows else None,
+        None if follows or markers.enough else _texture(pictures, geometry, size),
         edges if edges is not None and edges.clear else None,
         learned,
         _usual_change(pictures),
     )
+
+
+def _texture(pictures: list[Picture], geometry: Geometry, size: Size) -> BoardTexture | None:
+    """Return what is on the board, where that shows its tilt before a calibrated lens."""
+    if not isinstance(geometry, Pose):
+        return None
+    texture = BoardTexture(pictures, geometry, size)
+    return texture if texture.shows else None
 
 
 def _sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardEdges:
@@ -347,7 +364,7 @@ class Follower:
         if last is not None and sighting.confirms is not None:
             before = Seen.of(last.frame, sighting.confirms, last.geometry, last.tilt, repeated=last.repeated)
             self._rows[-1] = before.row
-        board = self.scene.markers or self.scene.edges
+        board = self.scene.shows_tilt
         measured = None if board is None else board.follow(picture)
         self._geometry = measured or self._geometry
         if self.scene.sides is not None and len(self._rows) % LOOKED_AT == 0:
