@@ -3,8 +3,8 @@
     python benches/render_traced.py --out DIR 0 1 2 3 4 5 6 7 && python benches/track_traced.py DIR
 
 Prints one line for each run and way. Corners are found, except on boards with a rim: there a user gives those
-of the first picture to the pixel, because a picture does not say which outline is the board's. The peers (`tracking.rivals`) are
-given the marble's colour, its size and the true corners.
+of the first picture to the pixel, because a picture does not say which outline is the board's. The peers
+(`tracking.rivals`) are given the marble's colour, its size and the true corners.
 """
 
 from __future__ import annotations

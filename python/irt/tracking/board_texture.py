@@ -68,7 +68,8 @@ class BoardTexture:
         parts = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
         there = (1.0 - 2.0 * BESIDE) * parts * [size.along_x, size.along_y]
         columns, rows = (
-            np.minimum(((parts[:, axis] + 0.5) * BLOCKS[axis]).astype(int), BLOCKS[axis] - 1) for axis in (0, 1)
+            np.minimum(((parts[:, axis] + 0.5) * BLOCKS[axis]).astype(int), BLOCKS[axis] - 1)
+            for axis in (0, 1)
         )
         # Points of one block follow each other: their means are sums of stretches.
         block = rows * BLOCKS[0] + columns
@@ -127,12 +128,14 @@ class BoardTexture:
         """Return the levels (n,) at the board's points, over the mean of their blocks, times 128."""
         places = (self._points + self._bent @ _powers(tilt) + way).astype(np.float32)
         cv2 = opencv()
-        seen = cv2.remap(picture, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        seen = cv2.remap(
+            picture, places[:, 0], places[:, 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
         grey = seen.reshape(-1, 3).astype(np.float32).mean(axis=1)
         return np.asarray(128.0 * grey / (self._means(grey) + 1.0))
 
     def _laid(self, picture: Picture, tilt: Array, steps: int) -> tuple[Array, Array, float]:
-        """Return a picture's tilt (2,) from a rough one, its standard error, and the share of blocks that fit."""
+        """Return a picture's tilt (2,) from a rough one, its error (2,), and the share of blocks that fit."""
         tilt = tilt.copy()
         for _ in range(steps):
             left = self._even(picture, tilt, np.zeros(2)) - self._usual
@@ -180,7 +183,7 @@ def _powers(tilt: Array) -> Array:
 
 
 def _motion(surface: Pose, flat: Array) -> Array:
-    """Return by how much points of the board (n, 3) move in the picture (n, 2, 5) with `_powers` of a tilt."""
+    """Return how points of the board (n, 3) move in the picture (n, 2, 5) with `_powers` of a tilt."""
     small = 0.02
     tilts = small * np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1]])
     level = surface.project(flat)
