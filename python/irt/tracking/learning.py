@@ -371,19 +371,18 @@ def _first(
     pictures: Sequence[Picture], clear: Sequence[tuple[int, Match]], tracker: Tracker
 ) -> tuple[float, float] | None:
     """Return where the marble is in the first picture, followed back from the first clear sight of it."""
-    if not clear:
+    if len(clear) < 2:
         return None
-    first, here = min(clear, key=lambda one: one[0])
-    step = np.zeros(2)
+    (first, here), (second, after) = sorted(clear, key=lambda one: one[0])[:2]
+    step = np.array([here.x - after.x, here.y - after.y]) / (second - first)
     for index in range(first - 1, -1, -1):
-        found = tracker.match(pictures[index], here.x + step[0], here.y + step[1])
-        if (
-            found.confidence < VIEW
-            or np.hypot(found.x - here.x, found.y - here.y) > BACK * tracker.learned.radius
-        ):
+        # The board has moved beneath: each match finds more of how far.
+        for _ in range(ROUNDS):
+            found = tracker.match(pictures[index], here.x + step[0], here.y + step[1])
+        way = np.array([found.x - here.x, found.y - here.y])
+        if found.confidence < VIEW or np.hypot(*way) > BACK * tracker.learned.radius:
             return None
-        step = np.array([found.x - here.x, found.y - here.y])
-        here = found
+        here, step = found, way
     return here.x, here.y
 
 

@@ -233,7 +233,8 @@ class Tracker:
         """Add what is like the marble in a box of the picture, but for what was tried."""
         near = CLOSE * self.learned.radius
         for x, y in self.learned.finder.places(picture, box, most):
-            if all(np.hypot(x - one.x, y - one.y) > near for one in tried):
+            # A match that was given up says nothing of the place where it was.
+            if all(np.hypot(x - one.x, y - one.y) > near for one in tried if one.confidence > 0.0):
                 tried.append(self.match(picture, x, y))
 
     def everywhere(self, picture: Picture, tried: list[Match] | None = None) -> list[Match]:
