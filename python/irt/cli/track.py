@@ -240,14 +240,14 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
 _UNEVEN = 0.05
 #: Corners that are less certain than this are warned of [mm]: as much as a marble's place may be off.
 _CORNERS_MM = 0.5
-#: More than this is warned of [radii]: the two disagree by 0.05, at most 0.09, where the marble is right.
-_DISAGREE = 0.2
 #: A chance of a shadow from here on is warned of.
 _SHADOW = 0.05
 
 
 def _warnings(summary: Summary) -> list[str]:
     """Return what a user should look at before the positions are used."""
+    from irt.tracking.budget import DISAGREE
+
     lines = []
     for first, count, start, end in summary.away:
         lines.append(
@@ -260,12 +260,12 @@ def _warnings(summary: Summary) -> list[str]:
             f"warning: the camera stood still in pictures {first + 1} to {first + count} ({start:.2f} to "
             f"{end:.2f} s): it shows one picture; these rows are left empty"
         )
-    if summary.corners_mm is not None and summary.corners_mm > _CORNERS_MM:
+    if summary.corners_mm > _CORNERS_MM:
         lines.append(
             f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: look at the "
             "overlay, and give them with --corners where they are off"
         )
-    if summary.disagree > _DISAGREE:
+    if summary.disagree > DISAGREE:
         lines.append(
             f"warning: the marble's rim and what it covers disagree by {summary.disagree:.2f} radii: a "
             "shadow may be taken for a part of it; look at the overlay, and say with --marble where it is"

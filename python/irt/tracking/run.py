@@ -38,6 +38,8 @@ EARLY = 4
 LOOKED_AT = 10
 #: A picture that differs from the one before by less than this share of what is usual is that one again.
 SAME = 0.05
+#: Standard error of corners given in whole pixels [pixels].
+GIVEN_PX = float(np.sqrt(2.0 / 12.0))
 #: Every so many pixels are compared for that.
 SPARSE = 7
 
@@ -75,7 +77,7 @@ class Scene:
     corners : (4, 2) array
         Of the level board [pixels].
     corners_px : float
-        Standard error of the corners that were found, NaN where they were given [pixels].
+        Standard error of the corners, of whole pixels where they were given [pixels].
     found_by : str
         How the corners were found, in words.
     geometry : Plane or Pose
@@ -208,7 +210,7 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     return Scene(
         size,
         corners,
-        np.nan if edges is None else edges.error_px,
+        GIVEN_PX if edges is None else edges.error_px,
         found_by,
         geometry,
         markers if markers.enough else None,
