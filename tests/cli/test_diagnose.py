@@ -79,7 +79,14 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
         assert shares["parallax"] > 0.5
     assert answer["remains"]["floor_of_the_log"] < effect["heldout_mae_without"]
     assert effect["heldout_mae_with"] < 0.5 * effect["heldout_mae_without"]
-    assert set(answer["fit"]) == {"noise", "base_mae", "final_mae", "base_heldout_mae", "final_heldout_mae"}
+    assert set(answer["fit"]) == {
+        "noise",
+        "base_mae",
+        "final_mae",
+        "base_heldout_mae",
+        "final_heldout_mae",
+        "nested_heldout_mae",
+    }
     assert set(answer["parameters"]) == set(PARAMETERS)
     for place in answer["where"]:
         assert place["kind"] in {"stage", "time", "region", "regime", "run"}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -227,6 +228,9 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
             yield f"  {label:<22} {value}"
         if effect.reason:
             yield f"  {effect.reason}"
+        if math.isfinite(effect.chosen_again):
+            again = round(effect.chosen_again * len(found.runs))
+            yield f"  chosen again without one recording: {again} of {len(found.runs)}"
     if row_s is not None:
         yield f"\n{TIME_UNKNOWN}"
     for bar in bars(found, row_s):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 
 import numpy as np
@@ -19,6 +19,7 @@ from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_o
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
+from irt.diagnosis.nested import Nested, nested
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import (
     UNLISTED,
@@ -84,7 +85,8 @@ class Answer:
         tied = [] if UNLISTED in best.effects else ties(self._posterior, best)
         report("the proof")
         order = self._ordered()
-        effects = tuple(self._named(name, [one for one in tied if one.name == name]) for name in order)
+        again = self._chosen_again(tied)
+        effects = tuple(self._named(name, [one for one in tied if one.name == name], again) for name in order)
         base, answer = self._base_proof, self._proof
         is_held_out = answer.is_proof
         final = answer.runs[0].model
@@ -139,6 +141,7 @@ class Answer:
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
             pushes=self._pushes() if where else (),
+            nested_heldout_mae=float("nan") if again is None else again.mae,
         )
 
     @property
@@ -209,7 +212,16 @@ class Answer:
         """Return the effects, the most important first: without which recordings held out are missed most."""
         return sorted(self._best.effects, key=lambda name: -self._without(name).mae)
 
-    def _named(self, name: str, tied: list[Tie]) -> NamedEffect:
+    def _chosen_again(self, tied: Sequence[Tie]) -> Nested | None:
+        """Choose without each recording between the answer, less, what does as well, and what is likely."""
+        if not self._proof.is_proof:
+            return None
+        best = self._best
+        less = [self._base, *(self._relevance.without(best, name) for name in best.effects)]
+        likely = [one for one, _ in self._likely(tied)]
+        return nested([best, *less, *(one.scored for one in tied), *likely], self._relevance.validation)
+
+    def _named(self, name: str, tied: list[Tie], again: Nested | None) -> NamedEffect:
         own = f"{name}."
         found = {key.removeprefix(own): one for key, one in self._parameters.items() if key.startswith(own)}
         if name == JITTER:
@@ -227,6 +239,7 @@ class Answer:
             confusable_with=tuple(one.instead for one in tied),
             reason=" ".join(reason(self._best, one) for one in tied),
             probability=chance,
+            chosen_again=float("nan") if again is None else again.share_with(alike),
         )
 
     def _mean_delay(self) -> Parameter:
@@ -259,7 +272,12 @@ class Answer:
         return gain >= config.MATTERS * self._noise
 
     def _plausible(self, tied: list[Tie]) -> tuple[Plausible, ...]:
-        """Return the sets that are worth a mention, the answer first.
+        found = self._likely(tied)
+        total = sum(chance for _, chance in found)
+        return tuple(Plausible(one.fitted.model, chance / total) for one, chance in found)
+
+    def _likely(self, tied: Sequence[Tie]) -> list[tuple[Scored, float]]:
+        """Return the sets that are worth a mention, the answer first, and how probable each is.
 
         That effects of the most probable set do not matter to recordings held out says nothing of whether
         they are there: the answer without them is as probable. So is the answer by another name.
@@ -271,9 +289,7 @@ class Answer:
         scores |= {one: one.score for one in self._posterior.sets if frozenset(one.effects) not in known}
         chances = probabilities(list(scores.values())).tolist()
         likely = [each for each in zip(scores, chances, strict=True) if each[1] > config.MENTIONED]
-        found = likely[: config.PLAUSIBLE]
-        total = sum(chance for _, chance in found)
-        return tuple(Plausible(one.fitted.model, chance / total) for one, chance in found)
+        return likely[: config.PLAUSIBLE]
 
     def _candidates(self, tied: list[Tie]) -> tuple[Candidate, ...]:
         alike = {frozenset(one.scored.effects) for one in tied}

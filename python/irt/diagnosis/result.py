@@ -71,6 +71,9 @@ class NamedEffect:
         Why they cannot be told apart, in a sentence; empty where there are none.
     probability : float
         That it is at work, or one of those that do as well, given these recordings and the catalogue.
+    chosen_again : float
+        Share of the recordings without which it is chosen, or one of those that do as well; NaN where
+        nothing was held out.
     """
 
     name: str
@@ -82,6 +85,7 @@ class NamedEffect:
     confusable_with: tuple[str, ...] = ()
     reason: str = ""
     probability: float = 1.0
+    chosen_again: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -300,6 +304,9 @@ class Diagnosis:
         Recording by recording the push that is missing; empty where nothing is.
     warnings : tuple of str
         What a check of the recordings warns of (`irt.check`).
+    nested_heldout_mae : float
+        Mean absolute error on runs held out [board edges], each predicted by the set of effects that the
+        others choose; NaN where nothing was held out.
     """
 
     verdict: Verdict
@@ -329,6 +336,7 @@ class Diagnosis:
     remains: Remains | None = None
     pushes: tuple[NeededPush, ...] = ()
     warnings: tuple[str, ...] = ()
+    nested_heldout_mae: float = math.nan
 
     @property
     def is_held_out(self) -> bool:
@@ -390,6 +398,7 @@ class Diagnosis:
                 "final_mae": self.final_mae,
                 "base_heldout_mae": self.base_heldout_mae,
                 "final_heldout_mae": self.final_heldout_mae,
+                "nested_heldout_mae": self.nested_heldout_mae,
             },
             "parameters": {name: _parameter(one) for name, one in self.model.parameters.items()},
             "unidentifiable": list(self.unidentifiable),
@@ -429,6 +438,7 @@ def _effect(one: NamedEffect) -> dict[str, Any]:
         "confusable_with": list(one.confusable_with),
         "reason": one.reason,
         "probability": one.probability,
+        "chosen_again": one.chosen_again,
     }
 
 

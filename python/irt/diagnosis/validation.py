@@ -52,10 +52,14 @@ class HeldOut:
         What the fits without each recording have come to; no rows where there is one recording alone.
     runs : tuple of Held
         All recordings in the order of the rig; where there is one alone, what the fit to it makes of it.
+    scores : (folds,) array
+        The log posterior of the set given the recordings without each [nats]; NaN where values are those of
+        free runs.
     """
 
     values: Array
     runs: tuple[Held, ...]
+    scores: Array
 
     @property
     def is_proof(self) -> bool:
@@ -92,17 +96,18 @@ def _held_out(one: Scored) -> HeldOut:
     folds = np.unique(case.folds)
     if len(folds) < 2:
         runs = tuple(_predicted(case, one.values, one.effects, each) for each in case.rig.recordings)
-        return HeldOut(np.zeros((0, len(one.names))), runs)
+        return HeldOut(np.zeros((0, len(one.names))), runs, np.zeros(0))
     found = {int(fold): _fitted_without(one, int(fold)) for fold in folds}
     runs = tuple(
-        _predicted(case, found.get(index, one.values), one.effects, recording)
+        _predicted(case, found.get(index, one).values, one.effects, recording)
         for index, recording in enumerate(case.rig.recordings)
     )
-    return HeldOut(np.array([list(values.values()) for values in found.values()]), runs)
+    scores = [np.nan if one.is_free else each.score for each in found.values()]
+    return HeldOut(np.array([list(each.values.values()) for each in found.values()]), runs, np.array(scores))
 
 
-def _fitted_without(one: Scored, fold: int) -> Mapping[str, float]:
-    """Return the values to which a set comes without one recording, from where all of them led."""
+def _fitted_without(one: Scored, fold: int) -> Scored:
+    """Return a set as it is without one recording, from where all of them led."""
     keep = one.case.run_folds != fold
     rest = one.case.only([other for other in np.unique(one.case.folds) if other != fold])
     scores = Scores(rest, one.terms)
@@ -112,8 +117,7 @@ def _fitted_without(one: Scored, fold: int) -> Mapping[str, float]:
             one.top.values[None], one.noise[None], [one.top.states[keep]], iterations=config.REFIT
         )
         one = replace(one, top=top)
-    values = scores.least_squares(one) if one.is_free else one.top.values
-    return dict(zip(one.names, values.tolist(), strict=True))
+    return scores.freed(one) if one.is_free else one
 
 
 def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:

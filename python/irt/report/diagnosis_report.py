@@ -398,6 +398,15 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.effects and diagnosis.is_held_out and diagnosis.runs:
         better = sum(run.final_mae < run.base_mae for run in diagnosis.runs)
         yield f"The error falls on {better} of {counted(len(diagnosis.runs), 'held-out run')}."
+        count = len(diagnosis.runs)
+        chosen = listed(
+            f"{_with_ties(one)} {round(one.chosen_again * count)} of {count} times"
+            for one in diagnosis.effects
+        )
+        yield (
+            f"Chosen once more without each run in turn, from the most probable sets: {chosen}. A set that "
+            f"was chosen without a run predicts it to {percent(diagnosis.nested_heldout_mae)} of the edge."
+        )
     elif diagnosis.effects and not tied:
         yield "Not proved: there were no held-out runs."
 

@@ -110,6 +110,9 @@ def test_the_proof_is_that_of_the_recordings(diagnosed, plant, name):
         assert one.final_mae == pytest.approx(np.nanmean(errors), rel=0.05)
     assert found.final_heldout_mae == pytest.approx(np.mean([one.final_mae for one in found.runs]))
     assert found.base_heldout_mae == pytest.approx(np.mean([one.base_mae for one in found.runs]))
+    # What is clear is chosen without any one of the recordings, too.
+    assert all(one.chosen_again == 1.0 for one in found.effects)
+    assert found.nested_heldout_mae == pytest.approx(found.final_heldout_mae, rel=0.05)
     assert all(0.0 <= chance <= 1.0 for chance in found.inclusion.values())
     assert sum(one.probability for one in found.candidates) == pytest.approx(1.0)
 

@@ -97,9 +97,10 @@ def make_effects(verdict, before, after):
             name: Parameter(value, 0.97 * value, 1.04 * value) for name, value in one.parameters.items()
         }
         reason = "The recordings turn the knobs at one speed only, where a gap and a lost time look alike."
+        tie, chance, again = ("delay",), 0.973, 1.0
         return (
             NamedEffect(
-                one.name, "actuation", fitted, units(one.name), before, after, ("delay",), reason, 0.973
+                one.name, "actuation", fitted, units(one.name), before, after, tie, reason, chance, again
             ),
         )
     if verdict == "unlisted":
@@ -108,7 +109,8 @@ def make_effects(verdict, before, after):
             "drag_strength": Parameter(0.021, 0.018, 0.024),
             "drag_power": Parameter(1.5, 1.3, 1.7),
         }
-        return (NamedEffect(UNLISTED, "field", fitted, units(UNLISTED), before, after),)
+        learned = NamedEffect(UNLISTED, "field", fitted, units(UNLISTED), before, after, chosen_again=1.0)
+        return (learned,)
     return ()
 
 
@@ -174,6 +176,7 @@ def make_diagnosis(rig, verdict):
         final_mae=0.95 * after,
         base_heldout_mae=before,
         final_heldout_mae=after,
+        nested_heldout_mae=1.1 * after,
         base=models[1] if verdict == "sufficient" else models[0],
         model=replace(models[1], parameters=parameters),
         rivals=(replace(models[1], effects=(Effect("delay", {"delay_s": 0.113}),)),)

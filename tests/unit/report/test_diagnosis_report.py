@@ -103,6 +103,17 @@ def test_first_screen_says_how_sure_how_much_and_what_next(page, verdict, diagno
         )
 
 
+def test_first_screen_says_how_often_the_choice_comes_back(missing, diagnosis_of):
+    diagnosis = diagnosis_of("missing")
+    count = len(diagnosis.runs)
+    sure = spaced(answer(missing)["How sure is this?"])
+    assert (
+        f"Chosen once more without each run in turn, from the most probable sets: backlash or delay {count}"
+        in sure
+    )
+    assert f"predicts it to {spaced(percent(diagnosis.nested_heldout_mae))} of the edge" in sure
+
+
 def test_a_tie_stands_at_the_top_with_its_reason(missing, diagnosis_of):
     (one,) = diagnosis_of("missing").effects
     sure = answer(missing)["How sure is this?"]
