@@ -192,7 +192,7 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
             f"{height}: calibrate with this resolution"
         )
     progress(1, 3, "the board")
-    corners, found_by = _corners(pictures, question)
+    corners, found_by, mean = _corners(pictures, question)
     size = question.size
     edges = None if question.corners is not None else _sides(pictures, corners, lens)
     if edges is not None:
@@ -215,18 +215,18 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         geometry,
         markers if markers.enough else None,
         edges if follows else None,
-        None if follows or markers.enough else _texture(pictures, geometry, size),
+        None if follows or markers.enough else _texture(pictures, geometry, size, mean=mean),
         edges if edges is not None and edges.clear else None,
         learned,
         _usual_change(pictures),
     )
 
 
-def _texture(pictures: list[Picture], geometry: Geometry, size: Size) -> BoardTexture | None:
+def _texture(pictures: list[Picture], geometry: Geometry, size: Size, *, mean: bool) -> BoardTexture | None:
     """Return what is on the board, where that shows its tilt before a calibrated lens."""
     if not isinstance(geometry, Pose):
         return None
-    texture = BoardTexture(pictures, geometry, size)
+    texture = BoardTexture(pictures, geometry, size, mean=mean)
     return texture if texture.shows else None
 
 
@@ -239,10 +239,10 @@ def _sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardE
     return early if early.clear else edges
 
 
-def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
-    """Return the level board's corners, and how they were found."""
+def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, bool]:
+    """Return the board's corners, how they were found, and whether in the mean of the pictures."""
     if question.corners is not None:
-        return checked(question.corners, question.size), "given"
+        return checked(question.corners, question.size), "given", False
     first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
     ways = (
         (first, False, "found in the first picture"),
@@ -254,14 +254,14 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
     for picture, by_colour, words in ways:
         try:
             found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
-            return ordered(found, question.size), words
+            return ordered(found, question.size), words, picture is middle
         except TwoBoardsError:
             raise
         except IrtError as error:
             reasons.append(error)
         marked = corners_by_markers(first) if len(reasons) == 1 else None
         if marked is not None:
-            return marked, "the outer corners of markers 0 to 3"
+            return marked, "the outer corners of markers 0 to 3", False
     raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
 
 
