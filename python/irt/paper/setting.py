@@ -21,7 +21,7 @@ from irt.tuning.drive import Drive
 
 Array = NDArray[np.float64]
 
-#: What PyBullet applies to every body unless it is told otherwise [1/s].
+#: What PyBullet applies to every body by default [1/s].
 BULLET_DAMPING = 0.04
 #: Rollouts up to which methods are compared.
 ROLLOUTS = 300
