@@ -241,14 +241,14 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
 _UNEVEN = 0.05
 #: Warn if the corners are less certain than this [mm], the allowed error of the marble's position.
 _CORNERS_MM = 0.5
-#: Warn if the two estimates of the marble differ by more [radii]; correct tracks have 0.05, at most 0.09.
-_DISAGREE = 0.2
 #: Warn if the probability of a shadow is larger.
 _SHADOW = 0.05
 
 
 def _warnings(summary: Summary) -> list[str]:
     """Return the warnings to check before the positions are used."""
+    from irt.tracking.budget import DISAGREE
+
     lines = []
     for first, count, start, end in summary.away:
         lines.append(
@@ -261,12 +261,12 @@ def _warnings(summary: Summary) -> list[str]:
             f"warning: the camera froze in pictures {first + 1} to {first + count} ({start:.2f} to "
             f"{end:.2f} s): they all show the same picture; these rows are left empty"
         )
-    if summary.corners_mm is not None and summary.corners_mm > _CORNERS_MM:
+    if summary.corners_mm > _CORNERS_MM:
         lines.append(
             f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: check the "
             "overlay, and set them with --corners if they are wrong"
         )
-    if summary.disagree > _DISAGREE:
+    if summary.disagree > DISAGREE:
         lines.append(
             f"warning: the marble's edge and its filled area disagree by {summary.disagree:.2f} radii: a "
             "shadow may be taken for part of it; check the overlay, and set its position with --marble"
