@@ -28,6 +28,10 @@ pub(crate) struct Fleet {
 )]
 impl Fleet {
     #[new]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one flat call; irt.environment gives it names and defaults"
+    )]
     fn new(
         count: usize,
         rows: usize,
