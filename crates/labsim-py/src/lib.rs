@@ -14,7 +14,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 
-/// The labyrinth engine. `irt.rollouts` is the way in; this module only carries arrays.
+/// The labyrinth engine behind `irt.rollouts`; this module only converts arrays.
 #[pymodule]
 mod _labsim {
     #[pymodule_export]
@@ -137,10 +137,10 @@ fn rollouts<'py>(
     Ok((array(marble), tilt.map(array)))
 }
 
-/// Positions, and tilts where they are asked for, `(n, rows, 2)` each.
+/// Positions and, if requested, tilts, `(n, rows, 2)` each.
 type Results<'py> = (Bound<'py, PyArray3<f64>>, Option<Bound<'py, PyArray3<f64>>>);
 
-/// The rotation (rad) of a marble from the first place of its path to each; see `labsim::turned`.
+/// The rotation (rad) of a marble from the first position of its path to each position; see `labsim::turned`.
 #[pyfunction]
 #[expect(
     clippy::needless_pass_by_value,

@@ -1,4 +1,4 @@
-//! What every effect that the engine knows keeps to, whatever its physics.
+//! Properties that all effects of the engine share.
 
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
