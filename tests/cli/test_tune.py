@@ -165,7 +165,7 @@ def test_a_network_that_differences_came_from_predicts_nothing(irt, paper_rig, t
     words = ("--method", "direct", "--network", cache.SHIPPED, "--out", tmp_path / "out")
     done = irt("tune", paper_rig, *words)
     assert done.status == 1
-    assert "trained to tell difference, not parameters" in done.err
+    assert "trained to estimate difference, not parameters" in done.err
 
 
 @pytest.mark.parametrize(("method", "shipped"), [("irt+", cache.SHIPPED), ("irt", cache.SHIPPED_STEPS)])

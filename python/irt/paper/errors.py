@@ -26,7 +26,7 @@ def parameter_error(drive: Drive, parameters: Array, truth: Array) -> Array:
 
 
 def combinations(parameters: Array) -> Array:
-    """Return the combinations (..., 4) that a path identifies: time_scale^2 times gears and friction, scale."""
+    """Return the identifiable combinations (..., 4): time_scale^2 times gears and friction, and scale."""
     steps = np.rint(parameters[..., _TIME, None])
     return np.concatenate([steps**2 * parameters[..., :3], parameters[..., [_SCALE]]], axis=-1)
 
