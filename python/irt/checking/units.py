@@ -1,4 +1,4 @@
-"""Units of commands and stamps that look wrong: degrees, milliseconds."""
+"""Detection of wrong units of commands and stamps: degrees, milliseconds."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from irt.engine import SUBSTEP_S
 from irt.recording import KNOBS, STAMP
 from irt.rig import PARAMETERS, Rig
 
-#: Knobs of a labyrinth turn a quarter of a circle at most while a marble is steered [rad].
+#: Largest knob angle while a marble is steered [rad]: a quarter of a turn.
 _MOST_KNOB = np.pi / 2.0
-#: No knob of a labyrinth turns more than once [rad].
+#: Largest knob angle of a labyrinth [rad]: one turn.
 _FULL_TURN = 2.0 * np.pi
-#: Gears this small a share of the largest one searched are another unit, if that unit's gear is plausible.
+#: Share of the largest searched gear below which a gear indicates another unit, if that unit's gear is
+#: plausible.
 _SMALL_GEAR = 0.03
-#: Least squares may leave the ranges by this factor.
+#: Factor by which least squares may leave the ranges.
 _LEAVES = 3.0
-#: Rows of a camera are 1 ms to 1 s apart [s].
+#: Plausible times between a camera's rows [s].
 _SHORTEST_S, _LONGEST_S = 0.001, 1.0
 
 
@@ -31,7 +32,7 @@ def unit_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
     rig : Rig
         The recordings.
     answers : dict
-        Of `irt.checking.responses.responses`.
+        From `irt.checking.responses.responses`.
     """
     return [*_knobs(rig, answers.get("marble")), *_stamps(rig)]
 
@@ -39,10 +40,10 @@ def unit_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
 def _knobs(rig: Rig, answer: Answer | None) -> list[Finding]:
     """Return the finding on knobs that look like degrees.
 
-    The recordings give the tilt of the board, and so the gear, once for radians and 57.3 times that for
-    degrees. Under a flat prior over the gears searched degrees are then 57.3 times likelier, if their gear is
-    among those. With knobs that no servo turns, or where the gear of radians is not among those, that is
-    certain; a range in rig.toml that holds the gear of radians alone says that they are radians.
+    The recordings determine the board's tilt and thus the gear, which is 57.3 times larger for degrees than
+    for radians. With a flat prior over the searched gears, degrees are 57.3 times likelier if their gear is
+    in the range. The finding is certain for knob angles that no servo reaches, or if the gear of radians is
+    out of the range. A range in rig.toml that only contains the gear of radians declares radians.
     """
     if rig.recordings[0].columns != KNOBS or rig.commands.unit != "rad":
         return []
@@ -74,7 +75,7 @@ def _knobs(rig: Rig, answer: Answer | None) -> list[Finding]:
 
 
 def _gear(answer: Answer | None) -> float | None:
-    """Return the mean gear if the commands are radians; None where the recordings do not say it."""
+    """Return the mean gear if the commands are radians; None if the recordings do not determine it."""
     if answer is None or answer.facts.delay_unit != "s" or answer.facts.explained < SURE:
         return None
     gears = [one for one in (answer.facts.gain[0][1], answer.facts.gain[1][0]) if one is not None]

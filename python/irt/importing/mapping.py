@@ -60,7 +60,7 @@ class Expression:
         try:
             tree = ast.parse(text.strip(), mode="eval").body
             names = _names(tree)
-        # Deep nesting ends the parser in other ways than a slip.
+        # Deep nesting raises other errors of the parser than a syntax error.
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             reason = f" ({error})" if isinstance(error, IrtError) else ""
             raise IrtError(f'"{text}" is no expression{reason}; possible: {_GRAMMAR}') from None

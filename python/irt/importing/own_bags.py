@@ -117,7 +117,7 @@ def _import(bag: Bag, play: Play, path: Path, asked: Knobs | None, period: float
     stamps = play.stamps
     if period is not None:
         stamps = stamps[0] + period * np.arange(np.ceil((play.end - stamps[0]) / period))
-    # What the stamps' own digits leave of a row is none.
+    # A remainder within the stamps' rounding is no row.
     stamps = stamps[stamps < play.end - 1e-4]
     if stamps.size < 2:
         raise IrtError(f"{bag.path}, {play.name}: fewer than two rows were played before the stop")
