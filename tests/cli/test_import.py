@@ -259,7 +259,7 @@ def two_kinds(table: dict[str, np.ndarray], words: list[str]) -> None:
         (other_time, "commands and states do not overlap in time"),
         (no_column, 'unknown column "alfa"; did you mean "alpha"'),
         (no_expression, '"abs(alpha)" is no expression'),
-        (millimetres, "of the places lie outside the board"),
+        (millimetres, "of the positions lie outside the board"),
         (from_a_corner, "take 0.5 off where the origin is a corner"),
         (no_stamps, "no stamps of the rows"),
         (no_episode, "no column run for --episode"),

@@ -305,7 +305,7 @@ def _information(rig: Rig, linear: _Linear, values: Array, time_scale: float | N
 
 
 def _principal(changes: Array) -> tuple[Array, Array]:
-    """Return the significances of principal directions of parameters in standard errors, and the directions."""
+    """Return the significance of principal directions of parameters [standard errors], and these."""
     lengths, directions = np.linalg.eigh(changes @ changes.T)
     return np.sqrt(np.maximum(lengths, 0.0)), directions.T
 

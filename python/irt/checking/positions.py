@@ -128,7 +128,7 @@ class _Extent:
         )
 
     def within_metres(self, edge_m: float, centre: Array, lens: float = 0.0) -> bool:
-        """Return whether all positions are on the board if they are in metres, with its centre at `centre` [m].
+        """Return whether all positions are on the board if they are in metres, its centre at `centre` [m].
 
         `lens` is the outward shift of the rim by a lens [board edges].
         """
@@ -149,7 +149,7 @@ def _metres(rig: Rig, extent: _Extent, noise: float, threads: int | None) -> Fin
     """Return the finding on positions in metres, from the board's centre or from a corner."""
     edge_m = rig.board.edge_x_m
     half = extent.edges * edge_m / 2.0
-    # A marble that is always more than its radius off the origin may be seen from a corner.
+    # If the marble is always farther than its radius from the origin, the origin may be a corner.
     in_corner = bool((extent.low >= rig.marble.radius_m - 3.0 * noise).all())
     likely = None
     for centre, usual in ((np.zeros(2), not in_corner), (half, in_corner)):

@@ -80,13 +80,13 @@ def test_what_is_of_something_else_is_made_anew(setting, tmp_path):
 
 
 def test_numbers_are_json_and_agree_with_the_table(first):
-    told = json.loads(json.dumps(first.as_dict(), allow_nan=False))
-    after = told["methods"]["irt+"]["after"]["5"]["state_mae"]
+    content = json.loads(json.dumps(first.as_dict(), allow_nan=False))
+    after = content["methods"]["irt+"]["after"]["5"]["state_mae"]
     assert after["mean"] == pytest.approx(first.held["irt+"].mae[:, 5].mean())
     lines = list(tables.of_methods(first))
     (row,) = [line for line in lines if line.startswith("| IRT+ |")][:1]
     assert f"({100 * after['median']:.3f}; " in row
-    assert told["methods"]["irt+"]["pretraining_rollouts"] > 1_000_000
+    assert content["methods"]["irt+"]["pretraining_rollouts"] > 1_000_000
 
 
 def test_variants_keep_their_results_apart(setting):

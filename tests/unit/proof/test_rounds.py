@@ -72,8 +72,8 @@ def test_a_last_round_that_is_unfinished_is_named(rounds: Path, gone: tuple[str,
     last = rounds / "round-2"
     remove(last, *gone)
     last.mkdir(exist_ok=True)
-    told = f"{last}: not finished, and not checked: {words}; the same command goes on"
-    assert verify_all(rounds) == Checked(3, told)
+    line = f"{last}: not finished, and not checked: {words}; the same command goes on"
+    assert verify_all(rounds) == Checked(3, line)
     answer = next((rounds / "round-1" / "answers").rglob("*.json"))
     answer.write_bytes(answer.read_bytes() + b" ")
     with pytest.raises(IrtError, match="the answer is not the one of the manifest"):

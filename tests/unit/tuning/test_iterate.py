@@ -9,7 +9,7 @@ from irt.tuning.outcome import noise_left
 
 @dataclass
 class Oracle:
-    """Tells the true difference, by looking a simulation up among those it knows; both orders alike."""
+    """Returns the true difference by a lookup of known simulations, in both orders alike."""
 
     inputs: np.ndarray
     scaled: np.ndarray
@@ -26,7 +26,7 @@ class Oracle:
 
 @dataclass
 class Constant:
-    """Estimates the same difference whatever it sees."""
+    """Estimates a constant difference."""
 
     difference: tuple[float, ...]
 

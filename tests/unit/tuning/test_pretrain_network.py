@@ -49,9 +49,9 @@ def test_a_resumed_training_ends_with_the_same_bytes(small_drive, recipe, tmp_pa
     pretrain(small_drive, whole, recipe(**changes))
     with pytest.raises(KeyboardInterrupt):
         pretrain(small_drive, resumed, recipe(**changes), progress=stop_after(7))
-    told = []
-    pretrain(small_drive, resumed, recipe(**changes), resume=True, progress=lambda *step: told.append(step))
-    trained = [done for done, _, text in told if text.startswith("training")]
+    steps = []
+    pretrain(small_drive, resumed, recipe(**changes), resume=True, progress=lambda *step: steps.append(step))
+    trained = [done for done, _, text in steps if text.startswith("training")]
     assert trained == list(range(CHECKPOINT_EPOCHS + 1, 13))
     assert resumed.read_bytes() == whole.read_bytes()
     assert not checkpoint_path(resumed).exists()
@@ -139,11 +139,11 @@ def test_a_recipe_needs_at_least_one_of_each(recipe, name):
 @pytest.mark.parametrize(
     ("name", "message"), [("", "is a folder"), ("file/net", "the folder cannot be made")]
 )
-def test_an_output_that_cannot_be_written_is_told_before_the_work(
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     small_drive, recipe, tmp_path, name, message
 ):
     (tmp_path / "file").touch()
-    told = []
+    steps = []
     with pytest.raises(IrtError, match=message):
-        pretrain(small_drive, tmp_path / name, recipe(), progress=lambda *step: told.append(step))
-    assert not told
+        pretrain(small_drive, tmp_path / name, recipe(), progress=lambda *step: steps.append(step))
+    assert not steps
