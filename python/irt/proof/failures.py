@@ -43,7 +43,7 @@ def failures(scores: Sequence[RigScore]) -> Iterator[str]:
         )
 
 
-def told_unread(scores: Sequence[RigScore]) -> Iterator[str]:
+def unread_rigs(scores: Sequence[RigScore]) -> Iterator[str]:
     """Yield the sentence about rigs without a diagnosis because the tracker lost the marble."""
     names = _unread(scores)
     if names:
@@ -62,7 +62,7 @@ def short_unread(scores: Sequence[RigScore]) -> str:
     return f" The tracker lost the marble in {counted(count, 'rig')}, counted as failed."
 
 
-def told_left_out(scores: Sequence[RigScore]) -> Iterator[str]:
+def left_out_runs(scores: Sequence[RigScore]) -> Iterator[str]:
     """Yield the sentence about held-out runs that are left out of all errors."""
     runs = [f"{one.rig} {name}" for one in scores for name in one.left_out]
     if runs:

@@ -101,7 +101,7 @@ class Proof:
                 self._resolve(sealer)
         if self._contest:
             self._compare()
-        self._tell(self._total, "done")
+        self._report(self._total, "done")
         return self.places
 
     def _sealer(self) -> Pipe:
@@ -192,14 +192,14 @@ class Proof:
             if seen is None:
                 return
             runs[name] = seen
-        answers: dict[str, dict[str, Files]] = {}
+        collected: dict[str, dict[str, Files]] = {}
         for name, kind, files in further.diagnosed(self._workers, tied, runs):
-            answers.setdefault(name, {})[kind] = files
-            self._tell(self._done, f"one more run: {name}")
-            if len(answers[name]) == len(further.KINDS):
+            collected.setdefault(name, {})[kind] = files
+            self._report(self._done, f"one more run: {name}")
+            if len(collected[name]) == len(further.KINDS):
                 both = {
                     f"{each}/{file}": data
-                    for each, files in answers[name].items()
+                    for each, files in collected[name].items()
                     for file, data in files.items()
                 }
                 write_folder(self.places.further(name), both)
@@ -229,9 +229,9 @@ class Proof:
 
     def _step(self, kind: str, text: str, count: int = 1) -> None:
         self._done += count * _WEIGHTS[kind]
-        self._tell(self._done, text)
+        self._report(self._done, text)
 
-    def _tell(self, done: int, text: str) -> None:
+    def _report(self, done: int, text: str) -> None:
         self._progress(min(done, self._total), self._total, text)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from irt.diagnosis.result import UNLISTED
 from irt.files import make_folder, write_atomic
 from irt.proof import figures
-from irt.proof.failures import GROUPS, counted, failures, short_unread, told_left_out, told_unread
+from irt.proof.failures import GROUPS, counted, failures, short_unread, left_out_runs, unread_rigs
 from irt.proof.further import KINDS
 from irt.proof.hash_chain import Places
 from irt.proof.metrics import (
@@ -167,7 +167,7 @@ def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
         "else; if it is `unlisted` for physics that is not in the catalogue; and `sufficient` if nothing was "
         "hidden."
     )
-    yield from told_unread(scores)
+    yield from unread_rigs(scores)
     yield "\n| of rigs with effects of the catalogue | rigs | right |"
     yield "| --- | --- | --- |"
     for words, inside in _cuts(of_catalogue(scores)):
@@ -226,7 +226,7 @@ def _errors(results: Results, folder: str) -> Iterator[str]:
             low = f"{np.quantile(closed, 0.1):.3f}"
             middle = _quantity(Quantity.median(closed))
             yield f"| {words} | {len(closed)} of {len(inside)} | {middle} | {low} |"
-    yield from told_left_out(results.scores)
+    yield from left_out_runs(results.scores)
     yield ""
     yield from _picture(
         folder,

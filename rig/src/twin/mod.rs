@@ -117,7 +117,7 @@ impl Twin {
             knobs[axis] = (angle - arm.level_rad) / arm.gear;
         }
         let before = self.board.seen();
-        self.tell_joints(now.nanos)?;
+        self.publish_joints(now.nanos)?;
         self.board.tick(knobs)?;
         self.take_pictures(tick, before, now.steady, now.nanos)?;
         while self
@@ -132,7 +132,7 @@ impl Twin {
         Ok(())
     }
 
-    fn tell_joints(&mut self, nanos: i64) -> Result<()> {
+    fn publish_joints(&mut self, nanos: i64) -> Result<()> {
         let noise = normal(self.config.twin.joint_noise_rad)?;
         for (axis, (_, arm)) in self.config.arms.both().into_iter().enumerate() {
             let wrist = &self.wrists[axis];

@@ -65,7 +65,7 @@ def test_what_is_there_is_not_done_again(first, monkeypatch):
     np.testing.assert_array_equal(again.held["es"].mae, first.held["es"].mae)
 
 
-def test_what_is_broken_is_told(setting, tmp_path):
+def test_a_broken_file_is_reported(setting, tmp_path):
     path = tmp_path / "x.npz"
     path.write_bytes(b"PK no archive")
     with pytest.raises(IrtError, match="delete it and run the same command again"):

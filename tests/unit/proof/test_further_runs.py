@@ -115,7 +115,9 @@ def test_what_became_of_ties(score, tmp_path: Path) -> None:
         score(named=("lag",), ties={"lag": ["delay", "latency"]}, exact=False, tie_size=3.0),
         score(),
     ]
-    for one, suggested in zip(scores[:2], (diagnosis("delay"), diagnosis("delay", delay=["lag"])), strict=True):
+    for one, suggested in zip(
+        scores[:2], (diagnosis("delay"), diagnosis("delay", delay=["lag"])), strict=True
+    ):
         for kind, text in (("suggested", suggested), ("random", diagnosis("lag", lag=["delay"]))):
             folder = tmp_path / one.rig / kind
             folder.mkdir(parents=True)

@@ -172,7 +172,7 @@ def test_a_lost_rig_costs_the_proof_one_rig(lose, tmp_path: Path) -> None:
     assert json.dumps(rig.as_dict(), allow_nan=False)
 
 
-def test_a_lost_run_held_out_is_left_out_and_told(lose, tmp_path: Path) -> None:
+def test_a_lost_held_out_run_is_left_out_and_reported(lose, tmp_path: Path) -> None:
     places, results = lose("0/test-2", "2/test-1", "2/test-2")
     first, whole, last = results.scores
     assert [one.verdict for one in results.scores] == ["missing"] * 3

@@ -152,4 +152,9 @@ def test_a_method_that_is_not_there_says_so(score) -> None:
     scores = [score(), score("none")]
     entries = [Contestant(one.rig, "x", None, None, None, 0.0, "not installed") for one in scores]
     stands = standing("x", scores, entries)
-    assert (stands.missing, stands.named, stands.detected, stands.closed.of) == ("not installed", None, None, 0)
+    assert (stands.missing, stands.named, stands.detected, stands.closed.of) == (
+        "not installed",
+        None,
+        None,
+        0,
+    )

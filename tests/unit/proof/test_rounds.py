@@ -28,7 +28,7 @@ def test_the_only_round_is_the_proof_itself(tmp_path: Path) -> None:
     assert (only.places, only.seed, only.plan.names()[0]) == (Places(tmp_path), 5, "rig-0001")
 
 
-def test_a_seed_that_nobody_told_is_drawn_for_each(tmp_path: Path) -> None:
+def test_a_missing_seed_is_drawn_for_each(tmp_path: Path) -> None:
     assert [one.seed for one in Rounds(tmp_path, 2, hidden=2, nulls=1)] == [None, None]
 
 

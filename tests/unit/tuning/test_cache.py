@@ -105,7 +105,7 @@ def test_a_broken_checkpoint_in_the_cache_is_left_behind(needed, quick):
     assert not checkpoint.exists()
 
 
-def test_a_cache_that_cannot_be_written_is_told(needed, tmp_path, monkeypatch):
+def test_a_cache_that_cannot_be_written_is_reported(needed, tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("IRT_CACHE", str(tmp_path / "file" / "cache"))
     with pytest.raises(IrtError, match=r"cannot be made: .*set IRT_CACHE to a folder"):

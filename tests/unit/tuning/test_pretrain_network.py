@@ -69,26 +69,26 @@ def test_without_resume_training_begins_anew(small_drive, recipe, stopped, tmp_p
     assert stopped.read_bytes() == other.read_bytes()
 
 
-def test_nothing_to_resume_is_told(small_drive, recipe, tmp_path):
+def test_nothing_to_resume_is_reported(small_drive, recipe, tmp_path):
     with pytest.raises(IrtError, match=r"net\.checkpoint\.safetensors: no such file"):
         pretrain(small_drive, tmp_path / "net.safetensors", recipe(), resume=True)
 
 
-def test_a_checkpoint_of_another_training_is_told(small_drive, recipe, stopped):
+def test_a_checkpoint_of_another_training_is_refused(small_drive, recipe, stopped):
     with pytest.raises(IrtError, match="of another training: its recipe is"):
         pretrain(small_drive, stopped, recipe(seed=1), resume=True)
     with pytest.raises(IrtError, match="of another training: its drive is"):
         pretrain(Drive.paper(), stopped, recipe(), resume=True)
 
 
-def test_a_checkpoint_cut_short_is_told(small_drive, recipe, stopped):
+def test_a_truncated_checkpoint_is_refused(small_drive, recipe, stopped):
     checkpoint = checkpoint_path(stopped)
     checkpoint.write_bytes(checkpoint.read_bytes()[:-100])
     with pytest.raises(IrtError, match="cut short"):
         pretrain(small_drive, stopped, recipe(), resume=True)
 
 
-def test_a_checkpoint_that_lacks_a_moment_is_told(small_drive, recipe, stopped):
+def test_a_checkpoint_that_lacks_a_moment_is_refused(small_drive, recipe, stopped):
     checkpoint = checkpoint_path(stopped)
     tensors, metadata = read_tensors(checkpoint)
     del tensors["adam.exp_avg.joined.weight"]

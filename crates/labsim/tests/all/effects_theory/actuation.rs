@@ -260,7 +260,7 @@ fn a_gear_matrix_needs_no_gear_of_its_axis() {
 }
 
 #[test]
-fn a_run_leans_by_its_own_angles_whatever_their_size() {
+fn a_run_leans_by_its_own_angles_for_any_size() {
     for (engine, _) in ENGINES {
         let lean = |size| {
             Trial::level(11)
