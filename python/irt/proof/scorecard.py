@@ -12,7 +12,7 @@ import numpy as np
 from irt.diagnosis.result import UNLISTED
 from irt.files import make_folder, write_atomic
 from irt.proof import figures
-from irt.proof.failures import GROUPS, counted, failures, short_unread, left_out_runs, unread_rigs
+from irt.proof.failures import GROUPS, counted, failures, left_out_runs, short_unread, unread_rigs
 from irt.proof.further import KINDS
 from irt.proof.hash_chain import Places
 from irt.proof.metrics import (
