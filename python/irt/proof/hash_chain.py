@@ -143,7 +143,7 @@ def unfinished(places: Places) -> str:
         return "" if are_open else "its seals are not all open"
     if not places.commitments.exists():
         return "its rigs are not all hidden"
-    return "its keys are not given out" if places.manifest.exists() else "its rigs are not all diagnosed"
+    return "its keys are not released" if places.manifest.exists() else "its rigs are not all diagnosed"
 
 
 def verify(out: Path) -> int:
@@ -167,14 +167,14 @@ def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the sealed labels after a check of the whole chain."""
     keys, published = read_json(places.keys), read_json(places.commitments)
     if digest(canonical(read_json(places.manifest))) != keys["manifest"]:
-        raise IrtError(f"{places.manifest}: not what the keys were given out for: it was altered afterwards")
+        raise IrtError(f"{places.manifest}: not the one that the keys were released for: it was altered afterwards")
     check_answers(places, names)
     found = {}
     for name in names:
         seal = Seal(**read_json(places.seal(name)))
         content = open_seal(seal, Key(**keys["keys"][name]), published["commitments"][name])
         if content["rig"] != name:
-            raise IrtError(f"{name}: its seal holds the label of {content['rig']}: they were exchanged")
+            raise IrtError(f"{name}: its seal holds the label of {content['rig']}: the two were swapped")
         if content["recordings"] != digests(places.rig(name)):
             raise IrtError(f"{name}: its recordings are not those that were sealed: they were altered")
         found[name] = content

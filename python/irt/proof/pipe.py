@@ -105,7 +105,7 @@ class Pipe:
 
     def _ended(self) -> IrtError:
         status = self._process.wait()
-        return IrtError(f"{self._what} ended before it answered (exit status {status}); it says why above")
+        return IrtError(f"{self._what} ended before it answered (exit status {status}); its error is above")
 
 
 def serve(

@@ -71,7 +71,7 @@ def canonical(content: Any) -> bytes:
     try:
         return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False).encode("ascii")
     except (TypeError, ValueError) as error:
-        raise IrtError(f"not to be written as JSON: {error}") from error
+        raise IrtError(f"cannot be written as JSON: {error}") from error
 
 
 def digest(data: bytes) -> str:

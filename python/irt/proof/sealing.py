@@ -96,13 +96,13 @@ class Vault:
         """
         missing = [rig for rig in rigs if rig not in manifest.get("answers", {})]
         if missing:
-            raise IrtError(f"{missing[0]}: the manifest has no answer for it; no key is given out")
+            raise IrtError(f"{missing[0]}: the manifest has no answer for it; no key is released")
         hashed = digest(canonical(manifest))
         released = self._folder / "released.json"
         if not released.exists():
             write_atomic(released, canonical({"manifest": hashed}))
         if read_json(released)["manifest"] != hashed:
-            raise IrtError("the keys were given out for other answers: these were changed since")
+            raise IrtError("the keys were released for other answers, which were changed since")
         keys = {rig: read_json(self._folder / f"{rig}.json") for rig in rigs}
         return {"manifest": hashed, "keys": keys, "seed": self.seed}
 

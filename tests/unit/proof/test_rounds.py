@@ -58,7 +58,7 @@ def test_every_round_is_checked(rounds: Path, finished: Path) -> None:
     ("gone", "words"),
     [
         (("opened/rig-0002",), "its seals are not all open"),
-        (("opened", "keys.json"), "its keys are not given out"),
+        (("opened", "keys.json"), "its keys are not released"),
         (("opened", "keys.json", "manifest.json", "answers/rig-0003"), "its rigs are not all diagnosed"),
         (
             ("opened", "keys.json", "manifest.json", "answers", "commitments.json"),
@@ -83,7 +83,7 @@ def test_a_last_round_that_is_unfinished_is_named(rounds: Path, gone: tuple[str,
 @pytest.mark.parametrize(
     ("gone", "message"),
     [
-        (("round-1/opened", "round-1/keys.json"), "round-1: its keys are not given out, though .* began"),
+        (("round-1/opened", "round-1/keys.json"), "round-1: its keys are not released, though .* began"),
         (("round-1",), "round-1: is not there, though .* began"),
         (("round-2/manifest.json",), "manifest.json: no such file"),
     ],
@@ -102,7 +102,7 @@ def test_nothing_finished_is_nothing_to_check(rounds: Path) -> None:
     remove(rounds, "round-2", "round-1/keys.json")
     for place in (rounds, rounds / "round-1"):
         with pytest.raises(
-            IrtError, match="round-1: not finished, and not checked: its keys are not given out"
+            IrtError, match="round-1: not finished, and not checked: its keys are not released"
         ):
             verify_all(place)
 

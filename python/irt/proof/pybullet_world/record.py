@@ -123,7 +123,7 @@ class Recorded:
 
 
 def kind(spec: Spec) -> str | list[str]:
-    """Return what a diagnosis should say: a name, two, "none", "outliers" or "unlisted_" and a name."""
+    """Return the right answer: one name, two, "none", "outliers" or "unlisted_" and a name."""
     if spec.beyond is not None:
         return f"unlisted_{spec.beyond['name']}"
     names = [str(one["name"]) for one in spec.effects]
