@@ -167,7 +167,7 @@ def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the sealed labels after a check of the whole chain."""
     keys, published = read_json(places.keys), read_json(places.commitments)
     if digest(canonical(read_json(places.manifest))) != keys["manifest"]:
-        raise IrtError(f"{places.manifest}: not the one that the keys were released for: it was altered afterwards")
+        raise IrtError(f"{places.manifest}: not the one that the keys were released for: it was altered")
     check_answers(places, names)
     found = {}
     for name in names:
