@@ -179,14 +179,14 @@ def coverage(scores: Iterable[RigScore], *, of_effects: bool | None = None) -> t
     of_effects : bool, optional
         Only parameters of effects, or only those of the base; by default both.
     """
-    coverage = [
+    outcomes = [
         held
         for one in scores
         for name, held in one.intervals.items()
         if of_effects is None or of_effects == ("." in name)
     ]
-    closed = [held for held in coverage if held != "open"]
-    return Rate(closed.count("yes"), len(closed)), len(coverage) - len(closed)
+    closed = [held for held in outcomes if held != "open"]
+    return Rate(closed.count("yes"), len(closed)), len(outcomes) - len(closed)
 
 
 def gaps(scores: Iterable[RigScore]) -> list[float]:
