@@ -31,11 +31,11 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     parameters: &[
         parameter(
             "asymmetry_x",
-            "relative gain of positive turns about x minus 1, and 1 minus that of negative turns",
+            "a, relative increase of the tilt for positive turns about x, decrease for negative ones",
         ),
         parameter(
             "asymmetry_y",
-            "relative gain of positive turns about y minus 1, and 1 minus that of negative turns",
+            "a, relative increase of the tilt for positive turns about y, decrease for negative ones",
         ),
     ],
     does: "A turn of the knob to one side tilts the board more than the same turn to the other side: springs of unequal \
