@@ -148,7 +148,7 @@ def test_a_replay(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None
     np.savez(tmp_path / "replay.npz", states=states, action=truth.commands, is_first=np.zeros(len(states)))
     done = irt("import", tmp_path / "replay.npz", "--out", tmp_path / "rig")
     assert done.status == 0, done.err
-    assert "a replay has no stamps: rows are taken to be 1/55 s apart" in done.out
+    assert "a replay has no stamps: rows are assumed to be 1/55 s apart" in done.out
     assert "rows 0.018" in done.out
     assert 'tilt "-alpha" moves x by +' in done.out
     (recording,) = load_rig(tmp_path / "rig").recordings
@@ -260,7 +260,7 @@ def two_kinds(table: dict[str, np.ndarray], words: list[str]) -> None:
         (no_column, 'unknown column "alfa"; did you mean "alpha"'),
         (no_expression, '"abs(alpha)" is no expression'),
         (millimetres, "of the positions lie outside the board"),
-        (from_a_corner, "take 0.5 off where the origin is a corner"),
+        (from_a_corner, "subtract 0.5 if the origin is a corner"),
         (no_stamps, "no stamps of the rows"),
         (no_episode, "no column run for --episode"),
         (two_kinds, "map one pair"),

@@ -78,7 +78,7 @@ def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
 def test_under_the_papers_drive_it_works_at_once(irt, paper_rig, tmp_path, cache_folder):
     done = irt("tune", paper_rig, "--method", "irt", "--out", tmp_path / "out")
     assert "training" not in done.out
-    assert "The network is the one shipped for the paper's drive" in done.out
+    assert "The network is the shipped one for the paper's drive" in done.out
     assert not cache_folder.exists()
     before, after = re.search(r"free run +([0-9.]+) -> ([0-9.]+)", done.out).groups()
     assert float(after) < 1.0 < float(before)
