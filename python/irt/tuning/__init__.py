@@ -140,7 +140,7 @@ def check_options(method: str, given: Sequence[str], *, prefix: str = "") -> Non
                 f"{prefix}{name}".removesuffix("s") if prefix and name == "effects" else f"{prefix}{name}"
             )
             whose = f"{prefix}method {' or '.join(BELONGS[name])}"
-            raise IrtError(f"{option} is an option of {whose}; leave it out")
+            raise IrtError(f"{option} belongs to {whose}; leave it out")
 
 
 def _effects(effects: Sequence[Effect | str]) -> tuple[Effect, ...]:
