@@ -74,6 +74,7 @@ bench: $(EXTENSION) $(PEERS) ## time the engines and fits beside others, and wri
 .PHONY: pictures
 pictures: $(EXTENSION) $(PACKAGES) ## draw the pictures of README.md, write docs/effects.md
 	$(BIN)/python docs/pictures.py
+	$(BIN)/python docs/maze.py
 	$(BIN)/python docs/effects.py
 
 .PHONY: docs

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from irt.diagnosis import Diagnosis, diagnose
     from irt.dimensions import Board, Commands, Marble, TiltSensor
     from irt.engine import paper_drive, rollouts
+    from irt.export.jsonfile import to_json
+    from irt.export.mjcf import Exported, to_mjcf
     from irt.fitting.fit import Estimate, FitResult, Iteration
+    from irt.maze import Maze
     from irt.model import Effect, Model, Parameter, load_model, save_model
     from irt.recording import Recording, load_recording, save_recording
     from irt.report.diagnosis_report import write_diagnosis_report
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
     from irt.report.tuning_report import write_tuning_report
     from irt.residual import Errors, Evaluation, evaluate
     from irt.rig import Rig, load_rig
+    from irt.sessions import pool
     from irt.suggestion import Suggestion, suggest
     from irt.tuning import tune
 
@@ -38,10 +42,12 @@ __all__ = [
     "Errors",
     "Estimate",
     "Evaluation",
+    "Exported",
     "FitResult",
     "IrtError",
     "Iteration",
     "Marble",
+    "Maze",
     "Model",
     "Parameter",
     "Recording",
@@ -57,10 +63,13 @@ __all__ = [
     "load_recording",
     "load_rig",
     "paper_drive",
+    "pool",
     "rollouts",
     "save_model",
     "save_recording",
     "suggest",
+    "to_json",
+    "to_mjcf",
     "track",
     "tune",
     "write_diagnosis_report",
@@ -73,7 +82,10 @@ _HOMES = {
     "irt.diagnosis": ("Diagnosis", "diagnose"),
     "irt.dimensions": ("Board", "Commands", "Marble", "TiltSensor"),
     "irt.engine": ("paper_drive", "rollouts"),
+    "irt.export.jsonfile": ("to_json",),
+    "irt.export.mjcf": ("Exported", "to_mjcf"),
     "irt.fitting.fit": ("Estimate", "FitResult", "Iteration"),
+    "irt.maze": ("Maze",),
     "irt.model": ("Effect", "Model", "Parameter", "load_model", "save_model"),
     "irt.recording": ("Recording", "load_recording", "save_recording"),
     "irt.report.diagnosis_report": ("write_diagnosis_report",),
@@ -81,6 +93,7 @@ _HOMES = {
     "irt.report.tuning_report": ("write_tuning_report",),
     "irt.residual": ("Errors", "Evaluation", "evaluate"),
     "irt.rig": ("Rig", "load_rig"),
+    "irt.sessions": ("pool",),
     "irt.suggestion": ("Suggestion", "suggest"),
     "irt.tuning": ("tune",),
 }

@@ -1,7 +1,7 @@
 """The engine: arrays in, arrays out. `irt.rollouts` is the way in."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ __all__ = [
     "GRAVITY",
     "PARAMETERS",
     "SUBSTEP_S",
+    "Fleet",
     "__version__",
     "ascend",
     "effects",
@@ -60,6 +61,7 @@ def rollouts(
     seeds: npt.NDArray[np.uint64],
     board: tuple[float, float, float, float, float],
     marble: tuple[float, float, float],
+    maze: tuple[npt.NDArray[np.float64], float, npt.NDArray[np.float64], float] | None,
     engine: str,
     continuous: bool,
     substeps: npt.NDArray[np.uint32] | None,
@@ -67,7 +69,7 @@ def rollouts(
     hold: str,
     tilt: bool,
     threads: int | None,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None]: ...
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64] | None, npt.NDArray[np.int64]]: ...
 def turned(path: npt.NDArray[np.float64], radius: float) -> npt.NDArray[np.float64]: ...
 def paper_drive(steps: int, amplitude: float, literal: bool) -> npt.NDArray[np.float64]: ...
 def ascend(
@@ -104,3 +106,49 @@ def smoothed(
     states: npt.NDArray[np.float64],
 ) -> dict[str, Any]: ...
 def tracker_noise(observed: Sequence[npt.NDArray[np.float64]]) -> float: ...
+
+@final
+class Fleet:
+    def __new__(
+        cls,
+        count: int,
+        rows: int,
+        row_s: float,
+        board: tuple[float, ...],
+        marble: tuple[float, ...],
+        maze: tuple[npt.NDArray[np.float64], float, npt.NDArray[np.float64], float] | None,
+        path: npt.NDArray[np.float64],
+        noise: float,
+        lost: float,
+    ) -> Fleet: ...
+    def add(
+        self,
+        board: tuple[float, ...],
+        marble: tuple[float, ...],
+        parameters: Sequence[float],
+        effects: Sequence[tuple[str, Sequence[float]]],
+    ) -> int: ...
+    def begin(
+        self,
+        marbles: npt.NDArray[np.uintp],
+        simulators: npt.NDArray[np.uintp],
+        places: npt.NDArray[np.float64],
+        passed: npt.NDArray[np.uintp],
+        seeds: npt.NDArray[np.uint64],
+    ) -> None: ...
+    def play(
+        self,
+        commands: npt.NDArray[np.float64],
+        active: npt.NDArray[np.bool_],
+        states: npt.NDArray[np.float64],
+        threads: int | None,
+    ) -> None: ...
+    def pictures(
+        self,
+        scene: npt.NDArray[np.uint8],
+        per_m: float,
+        radius_m: float,
+        pictures: npt.NDArray[np.uint8],
+        threads: int | None,
+    ) -> None: ...
+    def states(self, states: npt.NDArray[np.float64]) -> None: ...

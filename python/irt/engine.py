@@ -12,6 +12,7 @@ import numpy.typing as npt
 from irt import _labsim, arguments
 from irt.catalogue import parameter_values
 from irt.errors import IrtError
+from irt.maze import Maze
 from irt.rig import Board, Marble
 
 Array = npt.NDArray[np.float64]
@@ -96,6 +97,7 @@ def rollouts(
     substeps: npt.ArrayLike | None = None,
     hold: Hold = "zero",
     tilt: Literal[False] = False,
+    falls: npt.NDArray[np.int64] | None = None,
 ) -> Array: ...
 @overload
 def rollouts(
@@ -120,6 +122,7 @@ def rollouts(
     substeps: npt.ArrayLike | None = None,
     hold: Hold = "zero",
     tilt: Literal[True],
+    falls: npt.NDArray[np.int64] | None = None,
 ) -> tuple[Array, Array]: ...
 @arguments.entry
 def rollouts(
@@ -144,6 +147,7 @@ def rollouts(
     substeps: npt.ArrayLike | None = None,
     hold: Hold = "zero",
     tilt: bool = False,
+    falls: npt.NDArray[np.int64] | None = None,
 ) -> Array | tuple[Array, Array]:
     """Simulate a batch of rollouts.
 
@@ -160,15 +164,16 @@ def rollouts(
         Knob angles [rad]; command i counts from row i to row i + 1. Commands in any other unit are fine with
         gears of its inverse [rad a unit].
     rig : optional
-        Anything with a ``board`` and a ``marble`` (a rig, a model); default the paper's labyrinth. A model
-        with effects is refused here unless `effects` says which of them count: ``()`` for none.
+        Anything with a ``board`` and a ``marble`` (a rig, a model), and a ``maze`` if it has inner walls;
+        default the paper's labyrinth. A model with effects is refused here unless `effects` says which
+        count: ``()`` for none.
     effects : sequence of mappings, optional
         Physical effects beyond the five parameters, in any order: each with its ``name`` in the catalogue
         (`effects`) and its parameters by name, numbers or (n,) arrays; those left out are neutral.
     engine : {"rolling", "rapier"}
         "rolling" (planar, fast) or "rapier" (3-D rigid bodies, the reference).
     start : (2,) or (n, 2), optional
-        Observed position at the first row [board edges]; default the centre.
+        Observed position at the first row [board edges]; default the start of the maze, or the centre.
     seed : int or (n,)
         For effects that draw random numbers. One number gives each rollout draws of its own; rollouts of
         equal numbers in an array draw the same.
@@ -202,13 +207,16 @@ def rollouts(
         command, and holds the last one. Play a measured tilt with "first" and gears of 1.
     tilt : bool
         Return the board's tilt as well. The positions have the same bits either way.
+    falls : (n, 2) int64 array, optional
+        Filled with the row from which on each marble is gone and the number of the hole that it fell through,
+        counted from 0; -1 and -1 of those that did not fall.
 
     Returns
     -------
     (n, rows, 2), or two of them with ``tilt``
-        Observed positions [board edges]; row 0 is the start. Then the board's angles about x and y [rad] as a
-        tilt sensor reports them at each row, just before the command of that row counts. A late picture
-        does not delay the tilt.
+        Observed positions [board edges]; row 0 is the start, and rows after a fall are NaN. Then the board's
+        angles about x and y [rad] as a tilt sensor reports them at each row, just before the command of that
+        row counts. A late picture does not delay the tilt.
 
     Raises
     ------
@@ -246,6 +254,10 @@ def rollouts(
         raise IrtError(f"rig: expected something with a board and a marble, got {arguments.shown(rig)}")
     values = _array("parameters", parameters, "(n, 5)", 2)
     count = len(values)
+    if falls is not None and (falls.shape != (count, 2) or falls.dtype != np.int64):
+        raise IrtError(
+            f"falls: expected an int64 array of shape ({count}, 2), got {falls.dtype} of shape {falls.shape}"
+        )
     knobs = _per_rollout("commands", commands, _COMMANDS, 3, count)
     steps = knobs.shape[1]
     if steps == 0:
@@ -254,10 +266,13 @@ def rollouts(
     if rows is None:
         rows = steps - int(firsts.max(initial=0))
     board, marble = (rig.board, rig.marble) if rig is not None else (Board(), Marble())
+    maze: Maze | None = getattr(rig, "maze", None)
+    if start is None and maze is not None and maze.start is not None:
+        start = values[:, 4:] / board.edge_x_m * np.array(maze.start)
     lasting = None
     if durations is not None:
         lasting = _per_rollout("durations", durations, "(steps,) or (n, steps)", 2, count, steps=steps)
-    observed, tilts = _labsim.rollouts(
+    observed, tilts, fallen = _labsim.rollouts(
         values,
         knobs,
         _pairs("start", start, count),
@@ -272,6 +287,7 @@ def rollouts(
         seeds=_seeds(seed, count),
         board=astuple(board),
         marble=(marble.radius_m, marble.mass_kg, marble.damping_per_s),
+        maze=None if maze is None or maze.is_bare else maze.arrays(),
         engine=engine,
         continuous=time_step == "continuous",
         substeps=None if substeps is None else _counts(substeps, count),
@@ -280,6 +296,8 @@ def rollouts(
         tilt=tilt,
         threads=threads,
     )
+    if falls is not None:
+        falls[:] = fallen
     return observed if tilts is None else (observed, tilts)
 
 

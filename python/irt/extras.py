@@ -11,6 +11,7 @@ OPTIONAL = {
     "cryptography": ("cryptography", "prove"),
     "cv2": ("OpenCV", "track"),
     "cyclonedds": ("Cyclone DDS", "ros"),
+    "gymnasium": ("Gymnasium", "gym"),
     "mcap_ros2": ("mcap-ros2-support", "ros"),
     "pybullet": ("PyBullet", "prove"),
     "pysindy": ("PySINDy", "prove"),

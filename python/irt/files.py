@@ -197,6 +197,13 @@ class TomlTable:
             raise self.error(key, f"expected [low, high], found {_shown(content)}")
         return self._number(key, content[0]), self._number(key, content[1])
 
+    def series(self, key: str) -> tuple[float, ...]:
+        """Return the numbers ``[a, b, ...]`` under ``key``, which must be there."""
+        content = self.content.get(key)
+        if not isinstance(content, list):
+            raise self.error(key, f"expected [a, b, ...], found {_shown(content)}")
+        return tuple(self._number(key, one) for one in content)
+
     def word(self, key: str) -> str:
         """Return the text under ``key``, which must be there."""
         if key not in self.content:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -17,6 +15,17 @@ from irt import arguments, catalogue, display
 from irt.engine import TimeStep, rollouts
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml, write_atomic
+from irt.maze import Maze, read_maze
+from irt.posterior import (
+    SPINNING,
+    Component,
+    check_posterior,
+    drawn_effects,
+    drawn_parameters,
+    draws,
+    posterior_lines,
+    read_posterior,
+)
 from irt.recording import as_commands, durations
 from irt.rig import (
     PARAMETERS,
@@ -33,9 +42,13 @@ from irt.rig import (
     read_signals,
     read_start,
 )
+from irt.values import Effect, Parameter
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+__all__ = ["FORMAT", "GEAR_MATRIX", "LEAN", "TILT_SENSOR", "Effect", "Model", "Parameter"]
+__all__ += ["as_model", "load_model", "save_model"]
 
 #: The effect that says what the measured tilt reads; every model of recordings with a tilt has it.
 TILT_SENSOR = "tilt_sensor"
@@ -52,62 +65,12 @@ _SECTIONS = (
     "recordings",
     "commands",
     "tilt",
+    "maze",
     "simulation",
     "parameters",
     "effects",
+    "posterior",
 )
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """The value of one tuned parameter, and where it is known its 95 % interval, in the parameter's own unit.
-
-    An end of the interval is infinite where the recordings do not bound the parameter.
-
-    Raises
-    ------
-    IrtError
-        If the interval has one end only, or does not run upwards.
-    """
-
-    value: float
-    low: float | None = None
-    high: float | None = None
-
-    def __post_init__(self) -> None:
-        for name, value in (("value", self.value), ("low", self.low), ("high", self.high)):
-            if value is not None or name == "value":
-                arguments.number(name, value)
-        if (self.low is None) != (self.high is None):
-            raise IrtError("an interval needs both low and high")
-        if self.low is not None and self.high is not None and not self.low <= self.high:
-            raise IrtError(f"the interval from {self.low} to {self.high} is upside down")
-
-
-@dataclass(frozen=True)
-class Effect:
-    """A physical effect added to the base simulation: its name in the catalogue, its parameters by name.
-
-    Parameters left out are neutral. Whether the engine knows the effect shows when it is read or simulated.
-
-    Raises
-    ------
-    IrtError
-        If a name could not stand in a file, or a value is not finite.
-    """
-
-    name: str
-    parameters: dict[str, float]
-
-    def __post_init__(self) -> None:
-        arguments.mapping("parameters", self.parameters)
-        for name in (self.name, *self.parameters):
-            if not isinstance(name, str) or not _NAME.fullmatch(name):
-                raise IrtError(f'"{name}" is no name of an effect or of a parameter of one')
-        for name, value in self.parameters.items():
-            if not math.isfinite(arguments.number(f"{self.name}, {name}", value)):
-                raise IrtError(f"{self.name}, {name}: expected a finite number, found {value}")
 
 
 @dataclass(frozen=True)
@@ -133,6 +96,10 @@ class Model:
         What the commands are.
     tilt : TiltSensor
         What is known of the measured tilt.
+    maze : Maze or None
+        Inner walls and holes; None on a bare board.
+    posterior : tuple of Component
+        How probable which effects and values are, as far as a fit knows; see `sample`.
 
     Raises
     ------
@@ -149,6 +116,8 @@ class Model:
     time_step: TimeStep = "rounded"
     commands: Commands = field(default_factory=Commands)
     tilt: TiltSensor = field(default_factory=TiltSensor)
+    maze: Maze | None = None
+    posterior: tuple[Component, ...] = ()
 
     def __post_init__(self) -> None:
         for field_name, kind in (
@@ -158,6 +127,8 @@ class Model:
             ("tilt", TiltSensor),
         ):
             arguments.instance(field_name, getattr(self, field_name), kind)
+        if self.maze is not None:
+            arguments.instance("maze", self.maze, Maze).check(self.board, self.marble)
         arguments.word("start", self.start, get_args(Start))
         arguments.mapping("parameters", self.parameters)
         arguments.mapping("ranges", self.ranges)
@@ -173,6 +144,8 @@ class Model:
             check_value(name, self.parameters[name].value)
             check_range(name, *arguments.pair(name, self.ranges[name]))
         arguments.word("time_step", self.time_step, get_args(TimeStep))
+        object.__setattr__(self, "posterior", arguments.listed("posterior", self.posterior, Component))
+        check_posterior(self.posterior)
         object.__setattr__(self, "parameters", {name: self.parameters[name] for name in PARAMETERS})
 
     @classmethod
@@ -227,12 +200,49 @@ class Model:
             time_step=time_step,
             commands=rig.commands,
             tilt=rig.tilt,
+            maze=rig.maze,
         )
 
     @property
     def values(self) -> NDArray[np.float64]:
         """The parameters' values, (5,), in the order of `PARAMETERS`."""
         return np.array([self.parameters[name].value for name in PARAMETERS])
+
+    @arguments.entry
+    def sample(self, n: int, seed: int = 0) -> list[Model]:
+        """Draw models from the posterior: effects and values as probable as the recordings leave them.
+
+        Parameters
+        ----------
+        n : int
+            How many. Draw i is the same for every n.
+        seed : int
+            Of the draws.
+
+        Returns
+        -------
+        list of Model
+            Without intervals, and without a posterior of their own.
+
+        Raises
+        ------
+        IrtError
+            If the model has no posterior.
+        """
+        arguments.whole("n", n, 1)
+        arguments.whole("seed", seed)
+        return [
+            replace(
+                self,
+                board=replace(
+                    self.board, spinning_friction=found.get(SPINNING, self.board.spinning_friction)
+                ),
+                parameters=drawn_parameters(self.parameters, found),
+                effects=drawn_effects(self.effects, drawn, found),
+                posterior=(),
+            )
+            for drawn, found in draws(self.posterior, n, seed)
+        ]
 
     @arguments.entry
     def predict(
@@ -354,6 +364,7 @@ def load_model(path: PathLike) -> Model:
     _check_format(table)
     table.only("section", _SECTIONS)
     board, marble = read_dimensions(table)
+    maze = read_maze(table, board, marble)
     simulation = table.section("simulation")
     simulation.only("key", ("time_step",))
     time_step = simulation.word("time_step") if "time_step" in simulation else "rounded"
@@ -371,6 +382,8 @@ def load_model(path: PathLike) -> Model:
             time_step=time_step,  # type: ignore[arg-type]  # the model checks it
             commands=commands,
             tilt=tilt,
+            maze=maze,
+            posterior=read_posterior(table),
         )
 
 
@@ -463,6 +476,9 @@ def _lines(model: Model) -> Iterator[str]:
         if model.tilt.noise_rad is not None:
             yield f"noise_rad = {model.tilt.noise_rad!r}"
         yield f"offset = {{ range = [{float(model.tilt.offset[0])!r}, {float(model.tilt.offset[1])!r}] }}"
+    if model.maze is not None:
+        yield "\n[maze]"
+        yield from model.maze.lines()
     yield f'\n[simulation]\ntime_step = "{model.time_step}"'
     yield "\n[parameters]"
     for name, parameter in model.parameters.items():
@@ -474,10 +490,7 @@ def _lines(model: Model) -> Iterator[str]:
         yield f'\n[[effects]]\nname = "{effect.name}"'
         for name, value in effect.parameters.items():
             yield f"{name} = {float(value)!r}"
-
-
-def _by_name(array: NDArray[np.float64]) -> dict[str, Any]:
-    return dict(zip(PARAMETERS, array.tolist(), strict=True))
+    yield from posterior_lines(model.posterior)
 
 
 def _floats(what: str, values: object, shape: tuple[int, ...]) -> NDArray[np.float64]:

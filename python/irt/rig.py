@@ -16,6 +16,7 @@ from irt import arguments
 from irt.dimensions import TILT_OFFSET_RAD, Board, Commands, Marble, TiltSensor, check_number
 from irt.errors import IrtError, located, unknown_name
 from irt.files import PathLike, TomlTable, read_toml
+from irt.maze import Maze, read_maze
 from irt.recording import CMD, Recording, as_recording, load_recording
 
 __all__ = [
@@ -85,6 +86,8 @@ class Rig:
         What the commands are.
     tilt : TiltSensor
         What is known of the measured tilt, where recordings have one.
+    maze : Maze or None
+        Inner walls and holes; None on a bare board.
 
     Raises
     ------
@@ -100,6 +103,7 @@ class Rig:
     recordings: tuple[Recording, ...]
     commands: Commands = field(default_factory=Commands)
     tilt: TiltSensor = field(default_factory=TiltSensor)
+    maze: Maze | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", arguments.path("path", self.path))
@@ -114,6 +118,8 @@ class Rig:
         object.__setattr__(self, "ranges", _checked_ranges(self.ranges))
         recordings = arguments.listed("recordings", self.recordings, Recording)
         object.__setattr__(self, "recordings", recordings)
+        if self.maze is not None:
+            arguments.instance("maze", self.maze, Maze).check(self.board, self.marble)
         if recordings:
             _check_columns(recordings, self.path, self.commands)
 
@@ -129,6 +135,7 @@ class Rig:
         ranges: Mapping[str, tuple[float, float]] | None = None,
         commands: Commands | None = None,
         tilt: TiltSensor | None = None,
+        maze: Maze | None = None,
         name: str = "rig",
     ) -> Rig:
         """Return a rig of recordings in memory; the default is the paper's labyrinth.
@@ -138,7 +145,7 @@ class Rig:
         recordings : sequence of Recording, path or table
             At least one; tables are data frames or mappings with the columns of a recording's file. Of
             recordings with the same name each gets a number.
-        board, marble, start, commands, tilt : optional
+        board, marble, start, commands, tilt, maze : optional
             As in `Rig`.
         ranges : mapping, optional
             Of the parameters that are not searched over the paper's ranges.
@@ -166,6 +173,7 @@ class Rig:
             recordings=_with_own_names([as_recording(one) for one in recordings]),
             commands=Commands() if commands is None else commands,
             tilt=TiltSensor() if tilt is None else tilt,
+            maze=maze,
         )
 
     @property
@@ -191,6 +199,21 @@ class Rig:
                 f"{self.path}: no recording has a marble, which this needs; 'irt tune' fits the tilt alone"
             )
         return replace(self, recordings=kept)
+
+    def on_bare_board(self) -> Rig:
+        """Return this rig if it has neither inner walls nor holes: fits know the bare board alone.
+
+        Raises
+        ------
+        IrtError
+            If it has.
+        """
+        if self.maze is None or self.maze.is_bare:
+            return self
+        raise IrtError(
+            f"{self.path}: its [maze] has walls or holes, and fits know the bare board alone; fit recordings "
+            "in which the marble meets neither, without [maze], and put [maze] into the model.toml found"
+        )
 
     @property
     def rows(self) -> int:
@@ -226,6 +249,7 @@ class Rig:
         known: tuple[object, ...] = (self.board, self.marble, self.start, sorted(self.ranges.items()))
         # What a rig of the paper's kind does not say leaves the hash as it was before it could be said.
         known += tuple(one for one in (self.commands, self.tilt) if one not in (Commands(), TiltSensor()))
+        known += () if self.maze is None else (self.maze,)
         sha = hashlib.sha256(repr(known).encode())
         for one in self.recordings:
             measured = () if one.tilt is None else (one.tilt,)
@@ -249,8 +273,9 @@ def load_rig(folder: PathLike) -> Rig:
         raise IrtError(f"{folder}: {problem}; give a folder with recordings (*.csv)")
     settings = folder / "rig.toml"
     table = read_toml(settings) if settings.exists() else TomlTable(f"{settings}", {})
-    table.only("section", ("board", "marble", "recordings", "commands", "tilt", "parameters"))
+    table.only("section", ("board", "marble", "recordings", "commands", "tilt", "parameters", "maze"))
     board, marble = read_dimensions(table)
+    maze = read_maze(table, board, marble)
     commands, tilt = read_signals(table)
     # Hidden files are no recordings: half-written ones and what some systems leave beside a copy.
     files = folder.glob("*.[cC][sS][vV]")
@@ -267,6 +292,7 @@ def load_rig(folder: PathLike) -> Rig:
         recordings=recordings,
         commands=commands,
         tilt=tilt,
+        maze=maze,
     )
 
 

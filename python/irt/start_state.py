@@ -263,6 +263,8 @@ def _linearise(model: Model, inputs: Inputs, observed: Array, states: Array) -> 
     predicted = simulate(model, inputs.repeated(5), tried).reshape(windows, 5, -1)
     target = observed.reshape(windows, -1)
     known = ~np.isnan(target)
+    # A marble that falls tells nothing more.
+    predicted = np.where(np.isnan(predicted).any(axis=1, keepdims=True), target[:, None], predicted)
     residual = np.where(known, predicted[:, 0] - target, 0.0)
     change = (predicted[:, 1:] - predicted[:, :1]) / steps[:, :, None]
     return residual, np.where(known[:, None, :], change, 0.0).swapaxes(1, 2)

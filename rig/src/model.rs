@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use labsim::effects::effect;
-use labsim::{EffectInstance, EffectSpec, Live, Parameters, PerRollout, Rig};
+use labsim::{EffectInstance, EffectSpec, Live, Maze, Parameters, PerRollout, Rig};
 use serde::Deserialize;
 
 use crate::error::{Error, Result};
@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 #[derive(Debug, Clone)]
 pub struct Model {
     rig: Rig,
+    maze: Option<Maze>,
     parameters: Parameters,
     effects: Vec<(&'static EffectSpec, Vec<f64>)>,
 }
@@ -25,8 +26,20 @@ struct File {
     #[serde(default)]
     marble: BTreeMap<String, f64>,
     parameters: BTreeMap<String, Value>,
+    maze: Option<Inside>,
     #[serde(default)]
     effects: Vec<BTreeMap<String, toml::Value>>,
+}
+
+/// What `irt` writes of a maze; start, path and the walls' height do not move the marble.
+#[derive(Deserialize)]
+struct Inside {
+    #[serde(default)]
+    walls: Vec<[f64; 4]>,
+    wall_thickness_m: f64,
+    #[serde(default)]
+    holes: Vec<[f64; 2]>,
+    hole_radius_m: f64,
 }
 
 #[derive(Deserialize)]
@@ -86,8 +99,15 @@ impl Model {
             .iter()
             .map(read_effect)
             .collect::<std::result::Result<_, _>>()?;
+        let maze = file.maze.as_ref().map(|inside| Maze {
+            walls: inside.walls.clone(),
+            wall_thickness_m: inside.wall_thickness_m,
+            holes: inside.holes.clone(),
+            hole_radius_m: inside.hole_radius_m,
+        });
         Ok(Self {
             rig,
+            maze,
             parameters,
             effects,
         })
@@ -113,8 +133,17 @@ impl Model {
                 values: PerRollout::Shared(values),
             })
             .collect();
-        Live::new(&self.rig, self.parameters, &effects, start, rows, seed)
-            .map_err(|error| Error::refused(error.to_string()))
+        let maze = self.maze.as_ref();
+        Live::new(
+            &self.rig,
+            maze,
+            self.parameters,
+            &effects,
+            start,
+            rows,
+            seed,
+        )
+        .map_err(|error| Error::refused(error.to_string()))
     }
 }
 
@@ -161,6 +190,20 @@ mod tests {
             .live([0.1, 0.0], (10, 1.0 / 120.0), 0)
             .expect("it is physical");
         assert_eq!(live.play([0.0, 0.1])[1], 0.0);
+    }
+
+    #[test]
+    fn a_marble_of_a_model_with_a_maze_falls_through_its_hole() {
+        let maze = "[maze]\nwall_thickness_m = 0.005\nwall_height_m = 0.012\nhole_radius_m = 0.0075\nholes = [\n    [0.05, 0.0],\n]\n";
+        let model = parse(&format!("{PLAIN}{maze}")).expect("it is right");
+        let mut live = model
+            .live([0.0; 2], (400, 1.0 / 120.0), 0)
+            .expect("it is physical");
+        while live.left() > 0 && live.fall().is_none() {
+            live.play([0.0, 0.5]);
+        }
+        assert_eq!(live.fall().map(|fall| fall.hole), Some(0));
+        assert!(live.seen()[0].is_nan());
     }
 
     #[test]

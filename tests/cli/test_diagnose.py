@@ -97,12 +97,52 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     assert [one.name for one in load_model(out / first["model"]).effects] == ["parallax"]
     model = load_model(out / "model.toml")
     assert evaluate(model, load_rig(rig).recordings).free_run.mae == answer["fit"]["final_mae"]
+    assert [one.probability for one in model.posterior] == [one["probability"] for one in answer["plausible"]]
+    heights = [one.effects[0].parameters["height_m_per_rad"] for one in model.sample(200) if one.effects]
+    low, high = np.quantile(heights, [0.025, 0.975])
+    assert high - low == pytest.approx(height["high"] - height["low"], rel=0.3)
+    assert low <= height["value"] <= high
     assert "parallax" in (out / "report.html").read_text()
     assert answer["summary"] in done.out
     assert re.search(r"parallax: .* probable that parallax", done.out)
     assert "where the squared error on held-out runs goes, whole runs" in done.out
     assert "A perfect simulator would still be off by" in done.out
     assert f"wrote {out / 'model.toml'}, {out / 'diagnosis.json'} and {out / 'report.html'}" in done.out
+
+
+@pytest.mark.slow
+def test_sessions_of_one_rig_are_one_diagnosis(irt, lab, tmp_path):
+    """Two days whose delays differ: the delay is named, and so is the difference."""
+    days = []
+    for day, delay_s in ((1, 0.1), (2, 0.16)):
+        days.append(lab({"name": "delay", "delay_s": delay_s}).rename(tmp_path / f"day-{day}"))
+    out = tmp_path / "out"
+    done = irt("diagnose", *days, "--same-rig", "--out", out)
+    assert done.status == 0, done.err
+    answer = json.loads((out / "diagnosis.json").read_text())
+    (effect,) = answer["effects"]
+    assert effect["name"] in {"delay", "latency"}
+    assert [one["parameter"] for one in answer["sessions"]] == [
+        f"{effect['name']}.{next(iter(effect['parameters']))}"
+    ]
+    first, second = (answer["sessions"][0]["values"][day] for day in ("day-1", "day-2"))
+    assert second - first == pytest.approx(0.06, abs=0.03)
+    assert "Between sessions" in done.out
+    assert "day-1/run-0" in (out / "report.html").read_text()
+
+
+def test_sessions_that_are_none_are_one_line(irt, lab, tmp_path):
+    rig = lab(runs=2)
+    for words, message in (
+        ((rig,), "--same-rig: name the folders of two sessions or more"),
+        ((rig, rig), "two sessions have the name"),
+        ((rig, tmp_path / "none"), "no such folder"),
+        ((rig, rig, "--cluster", "auto"), "--cluster: sessions of one rig are one diagnosis"),
+    ):
+        done = irt("diagnose", *words, "--same-rig")
+        assert done.status == 1
+        assert message in done.err
+        assert len(done.err.splitlines()) == 1
 
 
 @pytest.mark.slow

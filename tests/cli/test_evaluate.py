@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from irt.engine import rollouts
+from irt.maze import Maze
 from irt.model import Model, save_model
 from irt.residual import evaluate
 from irt.rig import load_rig
@@ -105,3 +107,18 @@ def test_ball_table(irt, tmp_path: Path, shared: Path) -> None:
     written = json.loads((tmp_path / "evaluation.json").read_text())
     assert len(written["runs"]) == 6
     assert 0.02 < written["overall"]["windowed"]["mae"] < 0.07
+
+
+def test_a_predicted_marble_that_falls_is_noted(irt, tmp_path: Path, rig: Path) -> None:
+    x, y = 0.276 * load_rig(rig).recordings[0].marble[20]
+    maze = Maze(holes=((float(x), float(y)),))
+    save_model(tmp_path / "model.toml", dataclasses.replace(Model.from_rig(load_rig(rig), VALUES), maze=maze))
+    status, out, _ = irt("evaluate", tmp_path / "model.toml", rig, "--window", "1", "--out", tmp_path / "out")
+    assert status == 0
+    line = next(line for line in out.splitlines() if "falls" in line)
+    row = int(line.split("rows from ")[1].split()[0])
+    assert line == f"run-1: the predicted marble falls; rows from {row} on do not count"
+    assert 3 < row < 24
+    written = json.loads((tmp_path / "out" / "evaluation.json").read_text())
+    assert written["runs"][0]["free_run"]["rows"] == row
+    assert written["runs"][0]["free_run"]["mae"] < 0.02

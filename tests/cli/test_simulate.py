@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from irt.engine import rollouts
+from irt.maze import Maze
 from irt.model import Effect, Model, Parameter, save_model
 from irt.recording import Recording, load_recording, save_recording
 from irt.rig import PARAMETERS, RANGES, Board, Marble
@@ -129,3 +130,17 @@ def test_what_cannot_be_done(irt, monkeypatch, tmp_path: Path, words: tuple[str,
     assert (status, out) == (1, "")
     assert err.startswith(message)
     assert err.count("\n") == 1
+
+
+def test_a_marble_that_falls_is_noted_and_leaves_its_place_empty(irt, tmp_path: Path) -> None:
+    maze = Maze(holes=((0.03, 0.0),), start=(-0.03, 0.0))
+    save_model(tmp_path / "model.toml", dataclasses.replace(MODEL, maze=maze))
+    commands = tmp_path / "commands.csv"
+    commands.write_text("step,knob_x_rad,knob_y_rad\n" + "".join(f"{i},0,0.2\n" for i in range(40)))
+    status, out, err = irt("simulate", tmp_path / "model.toml", "--commands", commands)
+    assert status == 0
+    row = int(err.rsplit("from row ", 1)[1].split()[0])
+    assert err == f"note: the marble falls through hole 1 at [0.03, 0]; it is gone from row {row} on\n"
+    cells = [line.split(",") for line in out.splitlines()[1:]]
+    assert float(cells[0][3]) == pytest.approx(-0.03 / 0.3 * 1.05)
+    assert all((cell[3] == "") == (i >= row) for i, cell in enumerate(cells))

@@ -405,13 +405,17 @@ pub(crate) fn ascend<'py>(
     let results = tops.iter().map(|one| {
         let result = PyDict::new(py);
         let vector = |values: Vec<f64>| Array1::from(values).into_pyarray(py);
-        let mut deviations = vec![0.0; one.values.len()];
-        for &(slot, deviation) in &one.deviations {
-            deviations[slot] = deviation;
+        let mut covariance = Array2::<f64>::zeros((one.values.len(), one.values.len()));
+        for (i, &slot) in one.slots.iter().enumerate() {
+            for (j, &other) in one.slots.iter().enumerate() {
+                covariance[[slot, other]] = one.covariance[(i, j)];
+            }
         }
+        let deviations = covariance.diag().mapv(f64::sqrt).to_vec();
         let sizes = <[f64; 10]>::from(one.noise);
         result.set_item("values", vector(one.values.clone()))?;
         result.set_item("deviations", vector(deviations))?;
+        result.set_item("covariance", covariance.into_pyarray(py))?;
         result.set_item("states", self::states(py, &one.states))?;
         result.set_item("noise", vector(sizes.to_vec()))?;
         result.set_item("log_likelihood", one.log_likelihood)?;

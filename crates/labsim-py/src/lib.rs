@@ -4,11 +4,12 @@ mod arrays;
 mod catalogue;
 mod errors;
 mod fit;
+mod fleet;
 mod interrupt;
 
 use labsim::board::{Board, Marble, Rig};
-use labsim::{Batch, Engine, Hold, Parameters, PerRollout, TimeBase};
-use numpy::ndarray::Array3;
+use labsim::{Batch, Engine, Fall, Hold, Maze, Parameters, PerRollout, TimeBase};
+use numpy::ndarray::{Array2, Array3};
 use numpy::{
     IntoPyArray, PyArray2, PyArray3, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
 };
@@ -21,6 +22,8 @@ mod _labsim {
     use super::catalogue::catalogue;
     #[pymodule_export]
     use super::fit::{ascend, filtered, fit, inform, refine, smoothed, tracker_noise};
+    #[pymodule_export]
+    use super::fleet::Fleet;
     #[pymodule_export]
     use super::{paper_drive, rollouts, turned};
 
@@ -44,7 +47,7 @@ mod _labsim {
 /// Arrays whose first axis has length 1 are shared by all rollouts.
 #[pyfunction]
 #[pyo3(signature = (
-    parameters, commands, start, start_velocity, rolled, turned, *, rows, first, issued, knobs_before, effects, seeds, board, marble,
+    parameters, commands, start, start_velocity, rolled, turned, *, rows, first, issued, knobs_before, effects, seeds, board, marble, maze,
     engine, continuous, substeps, durations, hold, tilt, threads
 ))]
 #[expect(
@@ -71,6 +74,7 @@ fn rollouts<'py>(
     seeds: PyReadonlyArray1<'py, u64>,
     board: [f64; 6],
     marble: [f64; 3],
+    maze: Option<Inside<'py>>,
     engine: &str,
     continuous: bool,
     substeps: Option<PyReadonlyArray1<'py, u32>>,
@@ -82,6 +86,7 @@ fn rollouts<'py>(
     let engine: Engine = engine.parse().map_err(errors::to_python)?;
     let hold: Hold = hold.parse().map_err(errors::to_python)?;
     let rig = rig(board, marble);
+    let maze = maze.map(inside).transpose()?;
     let parameters: Vec<Parameters> = arrays::rows::<5>(&parameters)?
         .into_iter()
         .map(Parameters::from)
@@ -103,6 +108,7 @@ fn rollouts<'py>(
     let count = parameters.len();
     let batch = Batch {
         rig: &rig,
+        maze: maze.as_ref(),
         parameters: &parameters,
         effects: &effects.chosen(count),
         rows,
@@ -122,23 +128,54 @@ fn rollouts<'py>(
         seeds: arrays::shared_or_each(&seeds, 1, count),
     };
     let observed = interrupt::interruptible(py, |cancel| {
+        if maze.is_some() {
+            let found = batch.run_with_falls(engine, threads, cancel)?;
+            return Ok((found.marble, tilt.then_some(found.tilt), found.falls));
+        }
         if tilt {
             let observed = batch.run_with_tilt(engine, threads, cancel)?;
-            return Ok((observed.marble, Some(observed.tilt)));
+            return Ok((observed.marble, Some(observed.tilt), Vec::new()));
         }
-        Ok((batch.run(engine, threads, cancel)?, None))
+        Ok((batch.run(engine, threads, cancel)?, None, Vec::new()))
     })?;
     let array = |rows_of_all: Vec<[f64; 2]>| {
         Array3::from_shape_vec((count, rows, 2), rows_of_all.into_flattened())
             .expect("the engine fills every row")
             .into_pyarray(py)
     };
-    let (marble, tilt) = observed;
-    Ok((array(marble), tilt.map(array)))
+    let (marble, tilt, falls) = observed;
+    let fallen = Array2::from_shape_fn((count, 2), |(rollout, which)| {
+        let fall: Option<Fall> = falls.get(rollout).copied().flatten();
+        fall.and_then(|fall| i64::try_from([fall.row, fall.hole][which]).ok())
+            .unwrap_or(-1)
+    });
+    Ok((array(marble), tilt.map(array), fallen.into_pyarray(py)))
 }
 
-/// Positions and, if requested, tilts, `(n, rows, 2)` each.
-type Results<'py> = (Bound<'py, PyArray3<f64>>, Option<Bound<'py, PyArray3<f64>>>);
+/// Positions and, if requested, tilts, `(n, rows, 2)` each; the first row after a marble fell and its hole,
+/// `(n, 2)`, -1 for marbles that did not fall.
+type Results<'py> = (
+    Bound<'py, PyArray3<f64>>,
+    Option<Bound<'py, PyArray3<f64>>>,
+    Bound<'py, PyArray2<i64>>,
+);
+
+/// Walls (n, 4), their thickness, holes (m, 2), their radius.
+type Inside<'py> = (
+    PyReadonlyArray2<'py, f64>,
+    f64,
+    PyReadonlyArray2<'py, f64>,
+    f64,
+);
+
+fn inside((walls, wall_thickness_m, holes, hole_radius_m): Inside<'_>) -> PyResult<Maze> {
+    Ok(Maze {
+        walls: arrays::rows::<4>(&walls)?,
+        wall_thickness_m,
+        holes: arrays::rows::<2>(&holes)?,
+        hole_radius_m,
+    })
+}
 
 /// The rotation (rad) of a marble from the first position of its path to each position; see `labsim::turned`.
 #[pyfunction]

@@ -44,26 +44,32 @@ pub mod engine;
 pub mod error;
 pub mod filter;
 pub mod fit;
+mod fleet;
 mod lanes;
 mod live;
+pub mod maze;
 mod motion;
 mod noise;
 mod orientation;
 pub mod parameters;
 mod per_rollout;
 pub mod rollout;
+pub mod scene;
 
 pub use board::{Board, Marble, Rig};
 pub use drive::paper_drive;
 pub use effects::{EffectInstance, EffectSpec, effects};
 pub use engine::{Engine, Hold};
 pub use error::{Error, Result};
+pub use fleet::{Fleet, State, Tracker};
 pub use live::Live;
+pub use maze::{Fall, Maze};
 pub use noise::Noise;
 pub use orientation::turned;
 pub use parameters::Parameters;
 pub use per_rollout::PerRollout;
-pub use rollout::{Batch, Observed, TimeBase};
+pub use rollout::{Batch, Falls, Observed, TimeBase};
+pub use scene::Scene;
 
 /// Runs the example of the crate's README with the doctests.
 #[cfg(doctest)]

@@ -1,9 +1,9 @@
 //! A batch of rollouts over the threads: the only parallel code of the engine.
 
+mod check;
 mod lane_packing;
 
 use std::collections::HashMap;
-use std::f64::consts::FRAC_PI_2;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -13,8 +13,10 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::board::Rig;
 use crate::correction::Correction;
 use crate::effects::{EffectInstance, in_order};
+use crate::engine::obstacles::Obstacles;
 use crate::engine::{Clock, Engine, Hold, Job, Measured, Setup, Sink, Step, rapier, rolling};
 use crate::error::{Error, Result};
+use crate::maze::{Fall, Maze};
 use crate::noise::Noise;
 use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
@@ -41,11 +43,24 @@ pub struct Observed {
     pub tilt: Vec<[f64; 2]>,
 }
 
+/// What is observed of marbles that may fall through holes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Falls {
+    /// Positions (board edges), not a number from the row on at which a marble was gone.
+    pub marble: Vec<[f64; 2]>,
+    /// The board's angles (rad), as in [`Observed::tilt`].
+    pub tilt: Vec<[f64; 2]>,
+    /// Where each marble fell, one entry a rollout.
+    pub falls: Vec<Option<Fall>>,
+}
+
 /// Rollouts that share a rig and a set of effects.
 #[derive(Debug, Clone, Copy)]
 pub struct Batch<'a> {
     /// Board and marble.
     pub rig: &'a Rig,
+    /// Inner walls and holes; none on a bare board.
+    pub maze: Option<&'a Maze>,
     /// One set of parameters per rollout.
     pub parameters: &'a [Parameters],
     /// The effects, in any order.
@@ -82,6 +97,7 @@ impl<'a> Batch<'a> {
     pub fn new(rig: &'a Rig, parameters: &'a [Parameters], commands: &'a [[f64; 2]]) -> Self {
         Self {
             rig,
+            maze: None,
             parameters,
             effects: &[],
             rows: commands.len(),
@@ -134,6 +150,24 @@ impl<'a> Batch<'a> {
         })
     }
 
+    /// Simulates every rollout as [`Batch::run_with_tilt`] does, and says which marbles fell where.
+    ///
+    /// # Errors
+    /// As [`Batch::run`].
+    pub fn run_with_falls(
+        &self,
+        engine: Engine,
+        threads: Option<usize>,
+        cancel: &AtomicBool,
+    ) -> Result<Falls> {
+        let all = self.simulate(engine, threads, cancel, Asked::Falls)?;
+        Ok(Falls {
+            marble: all.marble,
+            tilt: all.tilt,
+            falls: all.falls,
+        })
+    }
+
     /// Simulates every rollout in the rolling engine with a correction by each row's observation; returns the
     /// predictions, their variances and, if requested, the filter's state at each row.
     pub(crate) fn filtered(
@@ -148,6 +182,10 @@ impl<'a> Batch<'a> {
         } else {
             Asked::Variance(observed, noise)
         };
+        if self.maze.is_some() {
+            let expected = "a bare board, where predictions are corrected";
+            return Err(Error::invalid("maze", expected, "walls or holes"));
+        }
         self.simulate(Engine::Rolling, threads, cancel, asked)
     }
 
@@ -163,7 +201,7 @@ impl<'a> Batch<'a> {
         let rows_if = |asked: bool| vec![[0.0; 2]; if asked { count } else { 0 }];
         let mut observed = Simulated {
             marble: rows_if(true),
-            tilt: rows_if(matches!(asked, Asked::Tilt)),
+            tilt: rows_if(matches!(asked, Asked::Tilt | Asked::Falls)),
             variance: rows_if(matches!(
                 asked,
                 Asked::Variance(..) | Asked::Corrections(..)
@@ -172,17 +210,24 @@ impl<'a> Batch<'a> {
                 Asked::Corrections(..) => vec![[Correction::default(); 2]; count],
                 _ => Vec::new(),
             },
+            falls: match asked {
+                Asked::Falls => vec![None; self.parameters.len()],
+                _ => Vec::new(),
+            },
         };
         if count == 0 {
             return Ok(observed);
         }
         let workers = threads.unwrap_or_else(rayon::current_num_threads);
         let effects = in_order(self.effects);
+        let obstacles = self.maze.and_then(|maze| Obstacles::new(maze, self.rig));
+        let obstacles = obstacles.map(Arc::new);
         let setup = Setup {
             rig: self.rig,
             effects: &effects,
             rows: self.rows,
             hold: self.hold,
+            obstacles: obstacles.as_ref(),
             cancel,
         };
         let mut work = || {
@@ -190,12 +235,14 @@ impl<'a> Batch<'a> {
             let mut tilts = observed.tilt.chunks_mut(block);
             let mut variances = observed.variance.chunks_mut(block);
             let mut corrections = observed.corrections.chunks_mut(block);
+            let mut falls = observed.falls.chunks_mut(BLOCK);
             for (number, marble) in observed.marble.chunks_mut(block).enumerate() {
                 let sink = Sink {
                     marble,
                     tilt: tilts.next().unwrap_or_default(),
                     variance: variances.next().unwrap_or_default(),
                     corrections: corrections.next().unwrap_or_default(),
+                    fall: falls.next().unwrap_or_default(),
                 };
                 let groups = self.groups(&setup, engine, workers, (number * BLOCK, sink), asked);
                 groups.into_par_iter().for_each(|(jobs, mut out)| {
@@ -218,113 +265,9 @@ impl<'a> Batch<'a> {
         Ok(observed)
     }
 
-    fn check(&self) -> Result<()> {
-        let rollouts = self.parameters.len();
-        self.rig.check()?;
-        let issued = self.issued();
-        if !matches!(self.commands, PerRollout::Of(_)) {
-            self.commands.check("commands", rollouts, issued)?;
-        }
-        self.knobs_before.check("knobs_before", rollouts, 1)?;
-        self.first.check("first", rollouts, 1)?;
-        self.seeds.check("seeds", rollouts, 1)?;
-        self.start.check("start", rollouts, 1)?;
-        self.start_velocity.check("start_velocity", rollouts, 1)?;
-        self.rolled.check("rolled", rollouts, 1)?;
-        self.turned.check("turned", rollouts, 1)?;
-        if let TimeBase::Durations(durations) = &self.time
-            && !matches!(durations, PerRollout::Of(_))
-        {
-            durations.check("durations", rollouts, issued)?;
-        }
-        if let TimeBase::Continuous(Some(substeps)) = self.time {
-            PerRollout::Each(substeps).check("substeps", rollouts, 1)?;
-        }
-        for one in self.effects {
-            let count = one.effect.parameters.len();
-            one.values.check(one.effect.name, rollouts, count)?;
-        }
-        // Computed once if all rollouts share them.
-        let shared = match self.commands {
-            PerRollout::Shared(commands) => Some(largest(commands)),
-            _ => None,
-        };
-        (0..rollouts).try_for_each(|i| {
-            let knobs = shared.unwrap_or_else(|| largest(self.commands.of(i, issued)));
-            self.check_rollout(i, knobs)
-                .map_err(|error| locate(error, i))
-        })
-    }
-
-    /// Checks one rollout, whose knobs turn by up to `knobs` (rad).
-    fn check_rollout(&self, rollout: usize, knobs: [f64; 2]) -> Result<()> {
-        let parameters = &self.parameters[rollout];
-        parameters.check()?;
-        let finite = |what: &str, values: &[f64]| match values.iter().find(|v| !v.is_finite()) {
-            Some(value) => Err(Error::invalid(what, "finite numbers", value)),
-            None => Ok(()),
-        };
-        finite("start", self.start.of(rollout, 1).as_flattened())?;
-        let velocity = self.start_velocity.of(rollout, 1);
-        finite("start_velocity", velocity.as_flattened())?;
-        finite("rolled", self.rolled.of(rollout, 1))?;
-        finite("turned", self.turned.of(rollout, 1).as_flattened())?;
-        let commands = self.commands.of(rollout, self.issued());
-        self.check_length("commands", rollout, commands.len())?;
-        let before = self.knobs_before.of(rollout, 1);
-        finite("knobs_before", before.as_flattened())?;
-        if knobs.contains(&f64::INFINITY) {
-            finite("commands", commands.as_flattened())?;
-        }
-        for (axis, gear) in [parameters.gear_x, parameters.gear_y]
-            .into_iter()
-            .enumerate()
-        {
-            let steepest = (gear * knobs[axis]).abs();
-            if steepest >= FRAC_PI_2 {
-                return Err(Error::invalid(
-                    ["gear_x", "gear_y"][axis],
-                    "a board that tilts by less than π/2",
-                    steepest,
-                ));
-            }
-        }
-        for one in self.effects {
-            let count = one.effect.parameters.len();
-            one.effect.check(one.values.of(rollout, count))?;
-        }
-        match self.time {
-            TimeBase::Durations(durations) => {
-                let durations = durations.of(rollout, self.issued());
-                self.check_length("durations", rollout, durations.len())?;
-                let wrong = durations.iter().find(|&&s| !(0.0..=20.0).contains(&s));
-                wrong.map_or(Ok(()), |s| {
-                    Err(Error::invalid("durations", "0 to 20 s a row", s))
-                })
-            }
-            TimeBase::Continuous(Some(substeps)) if substeps[rollout] == 0 => {
-                Err(Error::invalid("substeps", "at least 1", 0))
-            }
-            _ => Ok(()),
-        }
-    }
-
     /// Number of commands of a rollout, unless they are references.
     fn issued(&self) -> usize {
         self.commands.length(self.parameters.len())
-    }
-
-    /// Refuses sequences that end before the last observed row.
-    fn check_length(&self, what: &str, rollout: usize, rows: usize) -> Result<()> {
-        let needed = self.first.of(rollout, 1)[0] + self.rows;
-        if rows < needed {
-            return Err(Error::invalid(
-                what,
-                &format!("at least {needed} rows"),
-                rows,
-            ));
-        }
-        Ok(())
     }
 
     fn clock(&self, rollout: usize) -> Clock {
@@ -357,6 +300,7 @@ impl<'a> Batch<'a> {
         let mut tilts = observed.tilt.chunks_exact_mut(self.rows);
         let mut variances = observed.variance.chunks_exact_mut(self.rows);
         let mut corrections = observed.corrections.chunks_exact_mut(self.rows);
+        let mut falls = observed.fall.chunks_exact_mut(1);
         let mut places: Vec<_> = observed
             .marble
             .chunks_exact_mut(self.rows)
@@ -367,6 +311,7 @@ impl<'a> Batch<'a> {
                     tilt: tilts.next().unwrap_or_default(),
                     variance: variances.next().unwrap_or_default(),
                     corrections: corrections.next().unwrap_or_default(),
+                    fall: falls.next().unwrap_or_default(),
                 };
                 Some((self.job(begin + i, asked), sink))
             })
@@ -429,6 +374,8 @@ impl<'a> Batch<'a> {
 enum Asked<'a> {
     Marble,
     Tilt,
+    /// The tilt, and where marbles fell.
+    Falls,
     /// Variances of predictions that are corrected by these observations, with this noise.
     Variance(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
     /// The same, with the filter's state.
@@ -441,6 +388,7 @@ pub(crate) struct Simulated {
     tilt: Vec<[f64; 2]>,
     pub(crate) variance: Vec<[f64; 2]>,
     pub(crate) corrections: Vec<[Correction; 2]>,
+    falls: Vec<Option<Fall>>,
 }
 
 /// Number of rollouts in progress at once, so that memory does not grow with the batch.
@@ -448,36 +396,8 @@ const BLOCK: usize = 1 << 16;
 
 type Group<'a> = (Vec<Job<'a>>, Vec<Sink<'a>>);
 
-/// The largest angle of each knob (rad); infinite if one is not finite.
-fn largest(commands: &[[f64; 2]]) -> [f64; 2] {
-    commands.iter().fold([0.0, 0.0], |largest, knobs| {
-        std::array::from_fn(|axis| {
-            if knobs[axis].is_finite() {
-                knobs[axis].abs().max(largest[axis])
-            } else {
-                f64::INFINITY
-            }
-        })
-    })
-}
-
-fn locate(error: Error, rollout: usize) -> Error {
-    match error {
-        Error::Invalid {
-            what,
-            expected,
-            got,
-        } => Error::Invalid {
-            what: format!("{what} of rollout {rollout}"),
-            expected,
-            got,
-        },
-        other => other,
-    }
-}
-
 /// The pool of that many threads; kept, since starting one takes longer than a small batch.
-fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
+pub(crate) fn pool(threads: usize) -> Result<Arc<ThreadPool>> {
     static POOLS: OnceLock<Mutex<HashMap<usize, Arc<ThreadPool>>>> = OnceLock::new();
     if threads == 0 || threads > 1024 {
         return Err(Error::invalid("threads", "1 to 1024", threads));

@@ -54,7 +54,7 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
         If the folder is not a rig.
     """
     arguments.threads(threads)
-    rig = as_rig(rig)
+    rig = as_rig(rig).on_bare_board()
     look = _Look.at(rig, threads)
     identified = None
     # With wrong axes or units the base model does not fit, and its sensitivities are meaningless.

@@ -29,6 +29,7 @@ VERBS = (
     "tune",
     "diagnose",
     "suggest",
+    "export",
     "prove",
     "reproduce",
     "import",

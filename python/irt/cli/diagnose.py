@@ -49,6 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder for diagnosis.json, model.toml and report.html (default: irt-diagnose-NAME, for a rig "
         "NAME); of several rigs, DIR/NAME",
     )
+    parser.add_argument(
+        "--same-rig",
+        action="store_true",
+        help="the folders are sessions of one rig: diagnose their recordings together, and say what differs "
+        "between them",
+    )
     parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of all draws (default: 0)")
     parser.add_argument(
         "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
@@ -64,7 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  irt diagnose my-rig --out diagnosed\n"
-        "  irt diagnose lab/* --out diagnosed   a folder each\n\n"
+        "  irt diagnose lab/* --out diagnosed   a folder each\n"
+        "  irt diagnose day-1 day-2 --same-rig --out diagnosed\n\n"
         "After Ctrl-C the same command goes on."
     )
 
@@ -73,6 +80,9 @@ def run(args: argparse.Namespace) -> None:
     """Diagnose, write model, numbers and the report, and print the answer."""
     from irt.rig import load_rig
 
+    if args.same_rig:
+        _diagnose_sessions(args)
+        return
     # All of them first: a broken file is known before the first rig's minute.
     rigs, notes = {}, {}
     for path in args.rigs:
@@ -85,6 +95,19 @@ def run(args: argparse.Namespace) -> None:
         return
     folders = {name: _folder(args.out, name, alone=len(rigs) == 1) for name in rigs}
     _diagnose_many(args, rigs, folders)
+
+
+def _diagnose_sessions(args: argparse.Namespace) -> None:
+    """Diagnose the recordings of several sessions of one rig together."""
+    from irt.rig import load_rig
+    from irt.sessions import pool
+
+    if len(args.rigs) < 2:
+        raise IrtError("--same-rig: name the folders of two sessions or more")
+    if args.cluster is not None:
+        raise IrtError("--cluster: sessions of one rig are one diagnosis, which runs here; leave it out")
+    rig, notes = for_a_fit(pool([load_rig(path) for path in args.rigs]))
+    _diagnose_one(args, rig, args.out or Path(f"irt-diagnose-{rig.path.name}"), notes)
 
 
 def _folder(out: Path | None, name: str, *, alone: bool) -> Path:

@@ -40,6 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Evaluate the model, print the errors of each run, and write them beside a plot."""
+    import numpy as np
+
     from irt.cli.inputs import TIME_UNKNOWN, results_folder
     from irt.files import write_atomic
     from irt.model import load_model
@@ -53,6 +55,10 @@ def run(args: argparse.Namespace) -> None:
     evaluation = evaluate(model, rig.recordings, args.window)
     for line in _table(evaluation):
         print(line)
+    for run in evaluation.runs:
+        gone = np.flatnonzero(np.isnan(run.free_prediction[:, 0]))
+        if run.free_run is not None and len(gone) > 0:
+            print(f"\n{run.recording}: the predicted marble falls; rows from {gone[0]} on do not count")
     if evaluation.window_length_rows is not None:
         print(f"\n{TIME_UNKNOWN}")
     written = {"model": f"{args.model}", "rig": f"{args.rig}", **evaluation.as_dict()}

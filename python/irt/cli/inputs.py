@@ -62,7 +62,7 @@ def for_a_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
     """Return the rows of a rig that a fit takes, and a note on that, which is printed unless `quiet`."""
     from irt.rig import MOST_ROWS
 
-    short = rig.first_rows(MOST_ROWS)
+    short = rig.on_bare_board().first_rows(MOST_ROWS)
     if short is rig:
         return rig, ()
     longest = max(len(one.knobs) for one in short.recordings)

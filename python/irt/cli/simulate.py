@@ -19,7 +19,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         required=True,
         help="columns step, knob_x_rad, knob_y_rad (or cmd_x, cmd_y); t_s, if the rows have stamps; marble_x "
-        "and marble_y, whose first row is the start (default: the centre), at rest. A recording will do",
+        "and marble_y, whose first row is the start (default: the maze's, or the centre), at rest. A "
+        "recording will do",
     )
     parser.add_argument(
         "--out", metavar="CSV", type=Path, help="the recording to write (default: standard output)"
@@ -29,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
+    import numpy as np
+
     from irt.cli.inputs import say_replaced
     from irt.engine import rollouts
     from irt.files import write_atomic
@@ -37,9 +40,17 @@ def run(args: argparse.Namespace) -> None:
 
     model = load_model(args.model)
     commands = load_commands(args.commands)
+    falls = np.empty((1, 2), dtype=np.int64)
     marble, tilt = rollouts(
-        model, commands.knobs, start=commands.start, durations=commands.durations, tilt=True
+        model, commands.knobs, start=commands.start, durations=commands.durations, tilt=True, falls=falls
     )
+    row, hole = falls[0].tolist()
+    if model.maze is not None and row >= 0:
+        x, y = model.maze.holes[hole]
+        print(
+            f"note: the marble falls through hole {hole + 1} at [{x:g}, {y:g}]; it is gone from row {row} on",
+            file=sys.stderr,
+        )
     name, path, columns = args.commands.stem, args.commands, commands.columns
     recording = Recording(name, path, commands.knobs, marble[0], commands.stamps, tilt[0], columns)
     if args.out is None:

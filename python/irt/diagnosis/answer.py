@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 
 import numpy as np
@@ -16,10 +17,12 @@ from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
 from irt.diagnosis.detectability import detectability
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
+from irt.diagnosis.intervals import of_one_clock
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
 from irt.diagnosis.nested import Nested, nested
+from irt.diagnosis.posterior import posterior
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.result import (
     UNLISTED,
@@ -37,6 +40,7 @@ from irt.diagnosis.result import (
 )
 from irt.diagnosis.score import LASTING, RESTITUTION, WHITE, Scored, Scores
 from irt.diagnosis.selection import Posterior, probabilities
+from irt.diagnosis.sessions import Difference, differences, sentences
 from irt.diagnosis.ties import Tie, reason, ties
 from irt.diagnosis.validation import HeldOut
 from irt.engine import SUBSTEP_S
@@ -113,7 +117,10 @@ class Answer:
             base_heldout_mae=base.mae if is_held_out else float("nan"),
             final_heldout_mae=answer.mae if is_held_out else float("nan"),
             base=_model(self._base, self._relevance.parameters(self._base)[0]),
-            model=_model(best, self._parameters),
+            model=replace(
+                _model(best, self._parameters),
+                posterior=posterior(self._shares(tied), self._proof, self._parameters),
+            ),
             rivals=tuple(one.scored.fitted.model for one in tied),
             plausible=self._plausible(tied),
             unidentifiable=self._unidentifiable,
@@ -121,13 +128,14 @@ class Answer:
             candidates=self._candidates(tied),
             runs=self._runs(),
             power=() if effects else tuple(detectability(self._scores, self._base)),
-            notes=tuple(
-                words.notes(
+            notes=(
+                *words.notes(
                     case,
                     best.fitted,
                     next((one.parameters for one in effects if one.name == JITTER), None),
                     explained=self._is_whole,
-                )
+                ),
+                *sentences(self._recordings, self._differences),
             ),
             settings={
                 "rig": str(case.rig.path),
@@ -141,8 +149,22 @@ class Answer:
             budget=shares,
             remains=self._remains(shares, twins.mae) if is_held_out else None,
             pushes=self._pushes() if where else (),
+            sessions=tuple(self._differences),
             nested_heldout_mae=float("nan") if again is None else again.mae,
         )
+
+    @functools.cached_property
+    def _recordings(self) -> list[str]:
+        """Names of the recordings that were held out, one after the other."""
+        return [self._case.rig.recordings[int(fold)].name for fold in np.unique(self._case.folds)]
+
+    @functools.cached_property
+    def _differences(self) -> list[Difference]:
+        """What differs between the sessions of the rig, where several were pooled."""
+        without = of_one_clock(self._best, self._proof.values)
+        columns = dict(zip(self._best.names, without.T, strict=True))
+        own = {name: columns[name] for name in self._best.fitted.names}
+        return differences(self._recordings, self._best.values, own) if self._proof.is_proof else []
 
     @property
     def _scores(self) -> Scores:
@@ -272,9 +294,13 @@ class Answer:
         return gain >= config.MATTERS * self._noise
 
     def _plausible(self, tied: list[Tie]) -> tuple[Plausible, ...]:
+        return tuple(Plausible(one.fitted.model, chance) for one, chance in self._shares(tied))
+
+    def _shares(self, tied: Sequence[Tie]) -> list[tuple[Scored, float]]:
+        """Return the sets that are worth a mention with probabilities that add up to 1."""
         found = self._likely(tied)
         total = sum(chance for _, chance in found)
-        return tuple(Plausible(one.fitted.model, chance / total) for one, chance in found)
+        return [(one, chance / total) for one, chance in found]
 
     def _likely(self, tied: Sequence[Tie]) -> list[tuple[Scored, float]]:
         """Return the sets that are worth a mention, the answer first, and how probable each is.

@@ -63,11 +63,11 @@ def parameters(
     losses : mapping
         For each effect by how many nats the set is likelier than without it.
     """
-    information = _information(one, held)
+    information = information_of(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
     allowed = dict(zip(information.names, information.allowed.tolist(), strict=True))
     # Without a clock the filter's deviations reach as far along the symmetry as what is thought beforehand.
-    deviations = dict.fromkeys(deviations, 0.0) if not _has_clock(one.case) else deviations
+    deviations = dict.fromkeys(deviations, 0.0) if not has_clock(one.case) else deviations
     found = {
         name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
         for name, parameter in with_intervals(information).items()
@@ -124,12 +124,19 @@ def _wider(one: Parameter, half_width: float, least: float, most: float) -> Para
     return Parameter(one.value, min(low, one.value), max(high, one.value))
 
 
-def _information(one: Scored, held: HeldOut) -> Information:
+def information_of(one: Scored, held: HeldOut) -> Information:
+    """Return what recordings say of a set, as far as the fits without each recording in turn agree."""
+    fitted = one.fitted
+    own = [one.names.index(name) for name in fitted.names]
+    return _with_scatter(curvature(one), of_one_clock(one, held.values)[:, own])
+
+
+def curvature(one: Scored) -> Information:
+    """Return what recordings say of a set by the curvature of the likelihood of its free runs."""
     fitted = one.fitted
     problem = one.case.problem(fitted.effects)
     information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
-    own = [one.names.index(name) for name in problem.names]
-    return _with_scatter(_without_clock(fitted, information), _of_one_clock(fitted, held.values[:, own]))
+    return _without_clock(fitted, information)
 
 
 def _with_scatter(information: Information, values: Array) -> Information:
@@ -157,7 +164,7 @@ def _without_clock(fitted: Fitted, information: Information) -> Information:
     Where stamps or a damping bring in a time, all stays as it is.
     """
     case = fitted.case
-    if _has_clock(case):
+    if has_clock(case):
         return information
     along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / information.widths
     along = np.where(information.free, along, 0.0)
@@ -177,18 +184,19 @@ def _without_clock(fitted: Fitted, information: Information) -> Information:
     return replace(information, directions=directions, half_width=half_width, offset=offset)
 
 
-def _has_clock(case: Case) -> bool:
+def has_clock(case: Case) -> bool:
     """Whether stamps or a damping bring in a time."""
     return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
 
 
-def _of_one_clock(fitted: Fitted, values: Array) -> Array:
-    """Return (k, n) values as they are with the time scale of a fit: along the symmetry nothing is known."""
-    if _has_clock(fitted.case) or not len(values):
+def of_one_clock(one: Scored, values: Array) -> Array:
+    """Return (k, n) values as they are with a set's own time scale: along the symmetry nothing is known."""
+    fitted = one.fitted
+    if has_clock(fitted.case) or not len(values):
         return values
-    clock = fitted.names.index("time_scale")
-    powers = np.array([_power(name, fitted) for name in fitted.names])
-    return np.asarray(values * (fitted.values[clock] / values[:, clock])[:, None] ** powers)
+    clock = one.names.index("time_scale")
+    powers = np.array([_power(name, fitted) for name in one.names])
+    return np.asarray(values * (one.values["time_scale"] / values[:, clock])[:, None] ** powers)
 
 
 def _power(name: str, fitted: Fitted) -> float:

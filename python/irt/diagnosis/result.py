@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from irt import display
 from irt.catalogue import effect
+from irt.diagnosis.sessions import Difference
 from irt.model import Model, Parameter
 
 if TYPE_CHECKING:
@@ -304,6 +305,8 @@ class Diagnosis:
         Recording by recording the push that is missing; empty where nothing is.
     warnings : tuple of str
         What a check of the recordings warns of (`irt.check`).
+    sessions : tuple of Difference
+        Values that differ between the sessions of a pooled rig (`irt.pool`).
     nested_heldout_mae : float
         Mean absolute error on runs held out [board edges], each predicted by the set of effects that the
         others choose; NaN where nothing was held out.
@@ -336,6 +339,7 @@ class Diagnosis:
     remains: Remains | None = None
     pushes: tuple[NeededPush, ...] = ()
     warnings: tuple[str, ...] = ()
+    sessions: tuple[Difference, ...] = ()
     nested_heldout_mae: float = math.nan
 
     @property
@@ -391,6 +395,7 @@ class Diagnosis:
             "effects": [_effect(one) for one in self.effects],
             "inclusion": self.inclusion,
             "budget": [asdict(one) for one in self.budget],
+            "sessions": [asdict(one) for one in self.sessions],
             "remains": None if self.remains is None else asdict(self.remains),
             "fit": {
                 "noise": self.noise,

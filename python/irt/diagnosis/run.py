@@ -56,7 +56,7 @@ def diagnose(
     arguments.whole("seed", seed)
     arguments.threads(threads)
     arguments.progress(progress)
-    rig = as_rig(rig)
+    rig = as_rig(rig).on_bare_board()
     warnings = required(rig, threads=threads)
     # More threads add up in another order, and wait for each other longer than such matrices take.
     with threadpool_limits(1, user_api="blas"):

@@ -20,10 +20,12 @@ from irt.catalogue import effects as catalogue
 from irt.engine import Engine
 from irt.fitting.identifiability import with_intervals
 from irt.fitting.information import Information
+from irt.fitting.posterior import component, with_leans
 from irt.fitting.problem import Problem
 from irt.fitting.solution import Solution
 from irt.measured_tilt import has_both_tilts, play_tilt
 from irt.model import TILT_SENSOR, Effect, Parameter
+from irt.posterior import Component, Spread, rounded
 from irt.recording import Recording
 from irt.rig import PARAMETERS, Rig
 from irt.segments import segments
@@ -229,6 +231,60 @@ def joined(
         for name in ("rolling_friction", "observation_scale"):
             five[name] = Parameter(five[name].value)
     return five, effects
+
+
+def joined_posterior(actuator: Stage, board: Stage | None, effects: Sequence[Effect]) -> Component:
+    """Return the distribution of the values of the whole chain, as `joined` has them, with these effects."""
+    named = [one.name for one in effects]
+    first = component(actuator.information, named)
+    if board is None:
+        held = {
+            name: Spread(first.parameters[name].value) for name in ("rolling_friction", "observation_scale")
+        }
+        return replace(first, parameters=first.parameters | held)
+    second = with_leans(component(board.information, named), board.solution.shrunk)
+    before, after = (first.size, second.size)
+    one, other = _padded(first, 0, after), _padded(second, before, 0)
+    found = one | other
+    none = np.zeros(before + after)
+    for axis in "xy":
+        gear, gain = one[f"gear_{axis}"], other[f"gear_{axis}"]
+        reading = one[f"{TILT_SENSOR}.zero_{axis}_rad"]
+        bias = other.get(f"{_LEVEL}.bias_{axis}_rad", Spread(0.0, linear=tuple(none), power=tuple(none)))
+        by_gear, by_gain, by_reading, by_bias = (
+            np.array(each.linear) for each in (gear, gain, reading, bias)
+        )
+        powers = np.array(gear.power) + np.array(gain.power)
+        k = gain.value
+        found[f"gear_{axis}"] = replace(
+            gear,
+            value=k * gear.value,
+            linear=rounded(k * by_gear + gear.value * by_gain),
+            power=rounded(powers),
+        )
+        found[f"{TILT_SENSOR}.zero_{axis}_rad"] = replace(
+            reading,
+            value=reading.value - bias.value / k,
+            linear=rounded(by_reading - by_bias / k + bias.value / k**2 * by_gain),
+        )
+        if by_gain.any() or any(gain.power):
+            found[f"{TILT_SENSOR}.gain_{axis}"] = Spread(
+                1.0 / k, 0.0, linear=rounded(-by_gain / k**2), power=rounded(-np.array(gain.power))
+            )
+    return replace(first, parameters=found)
+
+
+def _padded(one: Component, before: int, after: int) -> dict[str, Spread]:
+    """Return distributions by name with as many more z, which move nothing, before their own and after."""
+    own = (0.0,) * one.size
+
+    def padded(numbers: tuple[float, ...]) -> tuple[float, ...]:
+        return (*(0.0,) * before, *(numbers or own), *(0.0,) * after)
+
+    return {
+        name: replace(spread, linear=padded(spread.linear), power=padded(spread.power))
+        for name, spread in one.parameters.items()
+    }
 
 
 def _tilt_alone(recording: Recording, *, moving: bool) -> Recording:

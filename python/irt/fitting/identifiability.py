@@ -30,15 +30,15 @@ SMALLEST = 1e-4
 UNKNOWN = 0.9
 
 
-def estimates(
+def informed(
     model: Model,
     segments: Sequence[Segment],
     noise: float,
     *,
     engine: Engine = "rolling",
     threads: int | None = None,
-) -> tuple[dict[str, Parameter], tuple[str, ...]]:
-    """Return the parameters of a model with 95 % intervals, and what the recordings cannot pin down.
+) -> Information:
+    """Return what recordings say of the parameters of a model.
 
     Works for the outcome of any method: where the model is not the best fit, the intervals also hold the
     place where the linearised best fit would be.
@@ -54,14 +54,6 @@ def estimates(
         larger.
     engine, threads
         As for `irt.rollouts`.
-
-    Returns
-    -------
-    parameters : dict of Parameter
-        The model's values with low and high, in their own units; without them where a parameter was not
-        estimated, as the time scale of stamped recordings.
-    sentences : tuple of str
-        One for each combination that is not pinned down; empty if all is known.
     """
     stamped = segments[0].durations is not None
     asked = Problem.of(
@@ -71,8 +63,7 @@ def estimates(
         engine=engine,
         threads=threads,
     )
-    information = Information.of(asked, model.values, asked.inform(model.values, noise))
-    return with_intervals(information), unidentifiable(information)
+    return Information.of(asked, model.values, asked.inform(model.values, noise))
 
 
 def with_intervals(information: Information) -> dict[str, Parameter]:

@@ -20,11 +20,13 @@ from irt.fitting.chain import (
     in_order,
     is_chain,
     joined,
+    joined_posterior,
     without_held_marbles,
 )
 from irt.fitting.fit import Estimate, FitResult, Iteration, Progress
 from irt.fitting.identifiability import unidentifiable, with_intervals
 from irt.fitting.information import Information
+from irt.fitting.posterior import component, with_leans
 from irt.fitting.problem import Problem
 from irt.measured_tilt import has_both_tilts
 from irt.model import GEAR_MATRIX, TILT_SENSOR, Effect, Model, Parameter
@@ -122,9 +124,10 @@ def _fit_at_once(
     parameters = with_intervals(information)
     five = {name: parameters[name] for name in PARAMETERS}
     model, of_effects = _model(rig, five, by_effect(parameters))
+    found = with_leans(component(information, [one.name for one in model.effects]), solution.shrunk)
     return FitResult(
         method="least-squares",
-        model=model,
+        model=replace(model, posterior=() if found.is_point else (found,)),
         noise=solution.noise,
         estimates=tuple(_estimate(path, errors) for path, errors in solution.estimates),
         rollouts=solution.rollouts,
@@ -162,6 +165,8 @@ def _fit_chain(
     board = fit_board(used, effects, zero, progress=_report(progress, "tilt to marble"), **settings)
     five, of_effects = joined(actuator, board)
     model, of_effects = _model(rig, five, of_effects)
+    found = joined_posterior(actuator, board, model.effects)
+    model = replace(model, posterior=() if found.is_point else (found,))
     last = actuator if board is None else board
     gears = model.values[:2]
     notes = list(_tilt_notes(rig, used, actuator))

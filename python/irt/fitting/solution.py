@@ -214,6 +214,8 @@ class Probable:
     ----------
     values, deviations : (n,) arrays
         The five parameters, then the effects', and their standard deviations; 0 of what is held.
+    covariance : (n, n) array
+        Of the values.
     states : (s, 4) array
         Start states of the segments, as of a `Solution`.
     noise : (10,) array
@@ -226,6 +228,7 @@ class Probable:
 
     values: Array
     deviations: Array
+    covariance: Array
     states: Array
     noise: Array
     log_likelihood: float
@@ -235,4 +238,4 @@ class Probable:
     def of(cls, found: Mapping[str, Any], slots: NDArray[np.int64]) -> Probable:
         """Return what the engine found, whose (n,) slots are the problem's parameters."""
         own = {name: found[name][slots] for name in ("values", "deviations")}
-        return cls(**{**found, **own})
+        return cls(**{**found, **own, "covariance": found["covariance"][np.ix_(slots, slots)]})

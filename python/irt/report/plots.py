@@ -5,17 +5,20 @@ Positions are in units of the board's long edge, errors in percent of it, as in 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from matplotlib.patches import Rectangle
+from matplotlib.patches import BoxStyle, Circle, FancyBboxPatch, Rectangle
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
+from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 
 from irt.files import PathLike
 from irt.fitting.fit import FitResult
+from irt.maze import Maze
 from irt.model import Model
 from irt.recording import Recording
 from irt.report import style
@@ -429,10 +432,28 @@ def rim_of(model: Model) -> Array:
 
 
 def draw_rim(axes: Any, model: Model) -> None:
-    """Draw the inside of the rim, and dotted where the centre of a marble that touches it is seen."""
+    """Draw the inside of the rim with walls and holes, and dotted where a marble at the rim is seen."""
     rim = rim_of(model)
     marble = 2 * rim[0] * model.marble.radius_m / model.board.edge_x_m
     outline: dict[str, Any] = {"ec": style.INK, "lw": 2.2, "joinstyle": "round"}
     reach: dict[str, Any] = {"ec": style.MUTED, "lw": 0.7, "ls": (0, (1, 3))}
     for (x, y), look in ((rim, outline), (rim - marble, reach)):
         axes.add_patch(Rectangle((-x, -y), 2 * x, 2 * y, fill=False, **look))
+    if model.maze is not None:
+        _draw_maze(axes, model.maze, rim, 2 * rim[0] / model.board.edge_x_m)
+
+
+def _draw_maze(axes: Any, maze: Maze, rim: Array, per_m: float) -> None:
+    """Draw inner walls as they are, with their round ends, and holes; so many board edges are a metre."""
+    half = maze.wall_thickness_m / 2.0
+    for x0, y0, x1, y1 in per_m * np.reshape(maze.walls, (-1, 4)):
+        length, angle = math.hypot(x1 - x0, y1 - y0), math.degrees(math.atan2(y1 - y0, x1 - x0))
+        wall = FancyBboxPatch(
+            (0.0, 0.0), length, 0.0, boxstyle=BoxStyle.Round(pad=per_m * half), fc=style.INK, ec="none"
+        )
+        wall.set_transform(Affine2D().rotate_deg(angle).translate(x0, y0) + axes.transData)
+        axes.add_patch(wall)
+        inside = Rectangle((-rim[0], -rim[1]), 2 * rim[0], 2 * rim[1], transform=axes.transData)
+        wall.set_clip_path(inside)
+    for place in per_m * np.reshape(maze.holes, (-1, 2)):
+        axes.add_patch(Circle(place, per_m * maze.hole_radius_m, fc=style.MUTED, ec="none", zorder=0.5))

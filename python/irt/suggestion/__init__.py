@@ -147,7 +147,7 @@ def suggest(
         If there is no model, the noise is none, probabilities are not as many as models or not above 0, or
         the recordings never moved a knob.
     """
-    rig = as_rig(rig).of_marbles()
+    rig = as_rig(rig).on_bare_board().of_marbles()
     models = arguments.listed("models", [models] if isinstance(models, Model) else models, Model)
     if not models:
         raise IrtError("models: expected at least one")

@@ -93,7 +93,7 @@ def tune(
     # The check, torch, scipy and pycma are imported only where they are used.
     from irt.checking.run import required  # noqa: PLC0415
 
-    rig = as_rig(rig)
+    rig = as_rig(rig).on_bare_board()
     warnings = required(rig, threads=threads)
     if method == "least-squares":
         common["effects"] = added

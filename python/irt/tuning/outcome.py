@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
 from irt.fitting.fit import Estimate, FitResult, Iteration
-from irt.fitting.identifiability import estimates
+from irt.fitting.identifiability import informed, unidentifiable, with_intervals
 from irt.fitting.least_squares import MISFIT
+from irt.fitting.posterior import component
 from irt.fitting.problem import tracker_noise
 from irt.fitting.robust import deviation
 from irt.model import Model, Parameter
@@ -68,17 +69,28 @@ def concluded(
     found = sorted((_estimate(path) for path in paths), key=lambda estimate: estimate.best.mae)
     best = _model(rig, found[0].best.parameters)
     noise = noise_left(drive, best.values, observed, threads)
-    parameters, unidentifiable = estimates(best, needed.segments, noise, engine=drive.engine, threads=threads)
-    sd = spread([each.best for each in found])
+    information = informed(best, needed.segments, noise, engine=drive.engine, threads=threads)
+    parameters = with_intervals(information)
+    between = spread([each.best for each in found])
+    sd = np.sqrt(np.diag(between))
     parameters = {
         name: widened(parameters[name], _NORMAL_95 * sd[i], rig.ranges[name])
         for i, name in enumerate(PARAMETERS)
     }
+    values = component(information, (), added=between)
     return FitResult(
-        model=Model(rig.board, rig.marble, rig.start, dict(rig.ranges), parameters),
+        model=Model(
+            rig.board,
+            rig.marble,
+            rig.start,
+            dict(rig.ranges),
+            parameters,
+            maze=rig.maze,
+            posterior=() if values.is_point else (values,),
+        ),
         noise=noise,
         estimates=tuple(found),
-        unidentifiable=unidentifiable,
+        unidentifiable=unidentifiable(information),
         notes=(*notes, *_notes(needed, best, noise, about["method"])),
         **about,
     )
@@ -105,9 +117,9 @@ def checked(**least: tuple[int, int]) -> None:
 
 
 def spread(best: Sequence[Iteration]) -> Array:
-    """Return the standard deviation, (5,), of the end points of starts that did not fail."""
+    """Return the covariance, (5, 5), of the end points of starts that did not fail."""
     ended = np.array([each.parameters for each in best if each.mae <= _FAILED * best[0].mae])
-    return ended.std(axis=0, ddof=1) if len(ended) > 1 else np.zeros(len(PARAMETERS))
+    return np.cov(ended.T) if len(ended) > 1 else np.zeros((len(PARAMETERS), len(PARAMETERS)))
 
 
 def widened(parameter: Parameter, more: float, limits: tuple[float, float]) -> Parameter:

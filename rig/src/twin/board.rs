@@ -12,7 +12,8 @@ const ROWS: usize = 30 * 60 * super::HZ as usize;
 /// Knobs closer to level than this are level (rad).
 const LEVEL_RAD: f64 = 1e-4;
 
-/// A marble that a hand holds at its start until the knobs turn, and returns after they have been level for `hand_s`.
+/// A marble that a hand holds at its start until the knobs turn, and returns after they have been level for
+/// `hand_s`: from its position, or from below the board.
 pub struct Board {
     model: Model,
     live: Live,
@@ -70,9 +71,10 @@ impl Board {
             return Ok(());
         }
         if self.live.left() == 0 {
-            self.live = self
-                .model
-                .live(self.live.seen(), (ROWS, TICK_S), self.seed)?;
+            let seen = self.live.seen();
+            let fallen = self.live.fall().is_some();
+            let start = if fallen { self.start } else { seen };
+            self.live = self.model.live(start, (ROWS, TICK_S), self.seed)?;
         }
         self.live.play(knobs);
         if self.level_for > self.hand_ticks {

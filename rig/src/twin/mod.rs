@@ -184,7 +184,8 @@ impl Twin {
         let delay = twin.delay_s + normal(twin.delay_jitter_s)?.sample(&mut self.random);
         let place = place.map(|value| value + noise.sample(&mut self.random));
         let sees = Uniform::new(0.0, 1.0).map_err(|error| Error::Broken(error.to_string()))?;
-        if sees.sample(&mut self.random) < twin.lost {
+        let fallen = !place.iter().all(|value| value.is_finite());
+        if sees.sample(&mut self.random) < twin.lost || fallen {
             return Ok(());
         }
         let scale = match self.config.tracker.unit {

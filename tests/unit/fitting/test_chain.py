@@ -48,6 +48,28 @@ def test_planted_values_come_back(fitted) -> None:
     np.testing.assert_allclose(zero, ZERO, atol=5e-4)
 
 
+def test_draws_agree_with_the_intervals_of_both_halves(fitted) -> None:
+    drawn = fitted.model.sample(400)
+    stated = {**fitted.model.parameters}
+    stated |= {f"{name}.{key}": one for name, own in fitted.effects.items() for key, one in own.items()}
+    values = [
+        {
+            **{name: one.value for name, one in each.parameters.items()},
+            **{f"{one.name}.{key}": value for one in each.effects for key, value in one.parameters.items()},
+        }
+        for each in drawn
+    ]
+    compared = 0
+    for name, one in stated.items():
+        if one.low is None or one.low == one.high:
+            continue
+        low, high = np.quantile([each[name] for each in values], [0.025, 0.975])
+        assert high - low == pytest.approx(one.high - one.low, rel=0.25), name
+        assert low <= one.value <= high, name
+        compared += 1
+    assert compared >= 6
+
+
 def test_the_difference_between_axes_is_opened_where_there_is_one(fitted) -> None:
     effects = {one.name: one.parameters for one in fitted.model.effects}
     assert effects["lag"]["y_minus_x_s"] == pytest.approx(0.08, abs=0.02)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from irt.fitting.identifiability import estimates, intervals
+from irt.fitting.identifiability import informed, intervals, with_intervals
 from irt.fitting.information import Information
 from irt.fitting.sentences import SYMMETRIES, unidentifiable
 from irt.model import Model
@@ -201,11 +201,12 @@ def test_a_margin_scales_with_the_function_and_with_what_is_open(half_width, see
     assert known.margin(3.0 * change) == pytest.approx(3.0 * known.margin(change))
 
 
-def test_estimates_work_for_a_model_of_any_origin(planted):
+def test_intervals_work_for_a_model_of_any_origin(planted):
     """Here one that is off: the intervals hold the truth, which is where the linearised best fit lies."""
     rig = planted(3, noise=5e-4, stamped=True)
     off = Model.from_rig(rig, VALUES * [1.01, 0.99, 1.05, 1.0, 1.0], time_step="continuous")
-    parameters, sentences = estimates(off, segments(rig), 5e-4)
+    found = informed(off, segments(rig), 5e-4)
+    parameters, sentences = with_intervals(found), unidentifiable(found, *intervals(found))
     for name, truth in (("gear_x", 0.06), ("gear_y", 0.05), ("rolling_friction", 0.0004)):
         assert parameters[name].low <= truth <= parameters[name].high
         assert parameters[name].value == off.parameters[name].value
@@ -221,7 +222,8 @@ def test_a_knob_that_never_moves_says_nothing_about_its_gear(planted):
     )
     rig = replace(rig, recordings=still)
     model = Model.from_rig(rig, VALUES, time_step="continuous")
-    parameters, sentences = estimates(model, segments(rig), 5e-4)
+    found = informed(model, segments(rig), 5e-4)
+    parameters, sentences = with_intervals(found), unidentifiable(found, *intervals(found))
     assert parameters["gear_x"].low == pytest.approx(0.0, abs=1e-3)
     assert parameters["gear_x"].high == pytest.approx(0.1)
     assert any("gear_x" in sentence for sentence in sentences)

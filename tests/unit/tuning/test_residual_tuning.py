@@ -14,7 +14,7 @@ def steps(*errors):
 
 
 def test_spread_is_over_the_starts_that_did_not_fail():
-    assert spread(steps(0.01, 0.012, 0.5)) == pytest.approx(np.full(5, np.std([0.0, 10.0], ddof=1)))
+    assert spread(steps(0.01, 0.012, 0.5)) == pytest.approx(np.full((5, 5), np.var([0.0, 10.0], ddof=1)))
 
 
 def test_one_start_has_no_spread():

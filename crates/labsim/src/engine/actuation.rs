@@ -221,7 +221,7 @@ impl<S: Simd> Actuation<S> {
 
     /// The board's angles (rad) as the tilt sensor reports them before the next substep begins.
     #[inline(always)]
-    pub(super) fn gauged(&mut self) -> Pair<S> {
+    pub(crate) fn gauged(&mut self) -> Pair<S> {
         let mut tilt = self.tilt;
         if self.moves() {
             let mut knob = match (&self.command_delay, &self.ramp) {

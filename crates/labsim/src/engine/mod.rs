@@ -3,6 +3,8 @@
 mod actuation;
 mod camera;
 mod command_delay;
+mod hole;
+pub(crate) mod obstacles;
 pub(crate) mod rapier;
 pub(crate) mod rolling;
 mod schedule;
@@ -11,15 +13,18 @@ pub(crate) use self::rolling::TAIL;
 
 use std::cmp::Ordering;
 use std::str::FromStr;
+use std::sync::Arc;
 use std::sync::atomic::{self, AtomicBool};
 
 use pulp::Simd;
 
+use self::obstacles::Obstacles;
 use crate::board::{Rig, SUBSTEP_S};
 use crate::correction::Correction;
 use crate::effects::{Any, EffectInstance, Hook, acting};
 use crate::error::Error;
 use crate::lanes::Lanes;
+use crate::maze::Fall;
 use crate::motion::{Pair, Rims, Rolled};
 use crate::noise::Noise;
 use crate::parameters::Parameters;
@@ -171,6 +176,8 @@ pub(crate) struct Sink<'a> {
     pub(crate) variance: &'a mut [[f64; 2]],
     /// The filter's state at each row, along both axes; none if not requested.
     pub(crate) corrections: &'a mut [[Correction; 2]],
+    /// Where the marble fell, if it did; of one entry, or none where nobody asks.
+    pub(crate) fall: &'a mut [Option<Fall>],
 }
 
 /// Data shared by all rollouts of a batch.
@@ -182,6 +189,8 @@ pub(crate) struct Setup<'a> {
     /// Number of observed rows.
     pub(crate) rows: usize,
     pub(crate) hold: Hold,
+    /// Inner walls and holes, unless there are none.
+    pub(crate) obstacles: Option<&'a Arc<Obstacles>>,
     pub(crate) cancel: &'a AtomicBool,
 }
 
@@ -193,7 +202,7 @@ impl Setup<'_> {
 
     /// Whether only the marbles change within a row.
     pub(crate) fn is_plain(&self) -> bool {
-        if self.hold == Hold::First {
+        if self.hold == Hold::First || self.obstacles.is_some() {
             return false;
         }
         !self.any(|acts| match acts {

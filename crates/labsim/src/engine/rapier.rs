@@ -34,6 +34,7 @@ use pulp::Scalar;
 use rapier3d_f64::prelude::*;
 
 use self::marble::Marble;
+use super::obstacles::Obstacles;
 use super::{Job, Setup, Sink};
 use crate::board::{Rig, SUBSTEP_S};
 
@@ -96,6 +97,9 @@ fn restitution(setup: &Setup<'_>, job: &Job<'_>) -> f64 {
 /// Simulates rollouts in one world.
 fn simulate(setup: &Setup<'_>, jobs: &mut [(f64, &Job<'_>, &mut Sink<'_>)]) {
     let mut world = world(setup.rig);
+    if let Some(obstacles) = setup.obstacles {
+        build_walls(&mut world, setup.rig, obstacles);
+    }
     let mut marbles: Vec<Marble<'_>> = jobs
         .iter()
         .map(|(_, job, _)| Marble::new(setup, job, &mut world))
@@ -145,6 +149,31 @@ fn world(rig: &Rig) -> PhysicsWorld {
     let board = ColliderBuilder::new(SharedShape::halfspace(Vector::Z));
     world.insert_collider(surface(board, rig.board.sliding_friction, 0.0), None);
     world
+}
+
+/// Inner walls: boxes with an upright capsule at either end, as high as the rim.
+fn build_walls(world: &mut PhysicsWorld, rig: &Rig, obstacles: &Obstacles) {
+    let half = obstacles.reach - rig.marble.radius_m;
+    let high = 10.0 * (rig.board.edge_x_m + rig.board.edge_y_m);
+    for wall in &obstacles.walls {
+        let [x, y] = [0, 1].map(|axis| wall.begin[axis] + 0.5 * wall.length * wall.along[axis]);
+        let end = |side: f64| {
+            let place = Pose::translation(side * 0.5 * wall.length, 0.0, 0.0);
+            (place, SharedShape::capsule_z(high, half))
+        };
+        let mut parts = vec![end(-1.0), end(1.0)];
+        if wall.length > 0.0 {
+            let side = SharedShape::cuboid(0.5 * wall.length, half, high);
+            parts.push((Pose::IDENTITY, side));
+        }
+        let angle = wall.along[1].atan2(wall.along[0]);
+        let body = RigidBodyBuilder::fixed()
+            .translation(Vector::new(x, y, 0.0))
+            .rotation(Vector::new(0.0, 0.0, angle));
+        let friction = rig.board.wall_friction * (1.0 + rig.board.wall_restitution);
+        let wall = ColliderBuilder::compound(parts);
+        world.insert(body, surface(wall, friction, rig.board.wall_restitution));
+    }
 }
 
 /// Lets the marbles' contacts begin, all of them in a corner, without moving anything.

@@ -10,18 +10,22 @@
 
 mod contact;
 mod estimator;
+mod frame;
 mod impact;
+mod maze;
 
 use pulp::{Arch, NullaryFnOnce, Scalar, Simd, WithSimd};
 
 use self::contact::substep;
 use self::estimator::Estimator;
 pub(crate) use self::estimator::TAIL;
+use self::maze::Inside;
 use super::actuation::Actuation;
 use super::camera::Camera;
 use super::{Job, Setup, Sink};
 use crate::effects::Any;
 use crate::lanes::Lanes;
+use crate::maze::Fall;
 use crate::motion::{Marbles, Pair, Push, Rims};
 
 /// The most rollouts to a group.
@@ -125,7 +129,7 @@ fn simulate<S: Simd, const N: usize>(
                     }
                 }
             }
-        } else {
+        } else if setup.obstacles.is_none() {
             for i in 0..step(row) {
                 let mut out = out.chunks_mut(S::F64_LANES);
                 for ((register, group), marbles) in
@@ -134,8 +138,33 @@ fn simulate<S: Simd, const N: usize>(
                     if group.jobs.is_empty() {
                         break;
                     }
-                    register.substep(row, i, marbles, out.next().unwrap_or_default());
+                    register.substep::<false>(row, i, marbles, out.next().unwrap_or_default());
                 }
+            }
+        } else {
+            let mut out = out.chunks_mut(S::F64_LANES);
+            for ((register, group), marbles) in registers.iter_mut().zip(groups).zip(&mut marbles) {
+                if group.jobs.is_empty() {
+                    break;
+                }
+                simd.vectorize(Among {
+                    register,
+                    row,
+                    substeps: 0..step(row),
+                    marbles,
+                    out: out.next().unwrap_or_default(),
+                });
+            }
+        }
+    }
+    for ((register, group), out) in registers
+        .iter()
+        .zip(groups)
+        .zip(out.chunks_mut(S::F64_LANES))
+    {
+        for (lane, (job, out)) in group.jobs.iter().zip(out).enumerate() {
+            if let Some(fall) = out.fall.first_mut() {
+                *fall = register.fall(lane, job.first);
             }
         }
     }
@@ -181,6 +210,7 @@ pub(crate) struct Register<S: Simd> {
     pub(crate) actuation: Actuation<S>,
     camera: Camera<S>,
     forces: Vec<Any<S>>,
+    inside: Option<Box<Inside<S>>>,
 }
 
 impl<S: Simd> Register<S> {
@@ -191,6 +221,9 @@ impl<S: Simd> Register<S> {
             rims: setup.rims(simd, job),
             camera: Camera::new(simd, setup, &actuation, job),
             forces: setup.forces(simd, &actuation.tilt, job),
+            inside: setup
+                .obstacles
+                .map(|obstacles| Box::new(Inside::new(simd, setup.rig, obstacles))),
             actuation,
         }
     }
@@ -254,7 +287,7 @@ impl<S: Simd> Register<S> {
         ];
         let ([x, y], [vx, vy]) = self.camera.place(start, velocity, &self.actuation.tilt);
         let zero = vx.like(0.0);
-        Marbles {
+        let mut marbles = Marbles {
             x: x.clamp(self.rims.reach_x),
             y: y.clamp(self.rims.reach_y),
             vx,
@@ -263,7 +296,25 @@ impl<S: Simd> Register<S> {
             sy: vy,
             spin: zero,
             air: zero,
+        };
+        if let Some(inside) = &self.inside {
+            inside.release(&mut marbles);
         }
+        marbles
+    }
+
+    /// Where the camera sees marbles that are at a place (m).
+    pub(crate) fn seen(&self, place: Pair<S>) -> Pair<S> {
+        self.camera.see(place, &self.actuation.tilt)
+    }
+
+    /// Where the marble of a lane has fallen, that was let go in row `first`.
+    pub(crate) fn fall(&self, lane: usize, first: usize) -> Option<Fall> {
+        let (row, hole) = self.inside.as_ref()?.fallen[lane]?;
+        Some(Fall {
+            row: row + 1 - first,
+            hole,
+        })
     }
 
     fn estimator(&self, marbles: &Marbles<S>, group: LaneGroup<'_, '_>) -> Option<Estimator<S>> {
@@ -308,8 +359,31 @@ impl<S: Simd> Register<S> {
         }
     }
 
+    /// The substeps of a row, of whatever kind of board.
+    pub(crate) fn play(
+        &mut self,
+        row: usize,
+        substeps: u32,
+        marbles: &mut Marbles<S>,
+        out: &mut [Sink<'_>],
+    ) {
+        if self.inside.is_some() {
+            return self.rims.reach_x.simd().vectorize(Among {
+                register: self,
+                row,
+                substeps: 0..substeps,
+                marbles,
+                out,
+            });
+        }
+        for index in 0..substeps {
+            self.substep::<false>(row, index, marbles, out);
+        }
+    }
+
+    /// A substep, on the bare board or `INSIDE` a maze.
     #[inline(always)]
-    pub(crate) fn substep(
+    fn substep<const INSIDE: bool>(
         &mut self,
         row: usize,
         index: u32,
@@ -331,11 +405,11 @@ impl<S: Simd> Register<S> {
         }
         let end = f64::from(index) + 1.0;
         if !self.camera.is_due(end) {
-            *marbles = substep(&self.rims, marbles, &push);
+            *marbles = self.moved::<INSIDE>(marbles, &push, row);
             return;
         }
         let before = *marbles;
-        *marbles = substep(&self.rims, &before, &push);
+        *marbles = self.moved::<INSIDE>(&before, &push, row);
         let simd = self.rims.reach_x.simd();
         simd.vectorize(|| {
             let (stretch, motion) = ([end - 1.0, end], [&before, &*marbles]);
@@ -347,6 +421,43 @@ impl<S: Simd> Register<S> {
             self.camera
                 .expose(row, stretch, motion, &self.actuation, write);
         });
+    }
+
+    /// The marbles after a substep of a row.
+    #[inline(always)]
+    fn moved<const INSIDE: bool>(
+        &mut self,
+        marbles: &Marbles<S>,
+        push: &Push<S>,
+        row: usize,
+    ) -> Marbles<S> {
+        match &mut self.inside {
+            Some(inside) if INSIDE => inside.substep(&self.rims, marbles, push, row),
+            _ => substep(&self.rims, marbles, push),
+        }
+    }
+}
+
+/// The substeps of a row among walls and holes, as a function of its own: the loop on the bare board is slow
+/// where it holds all this.
+struct Among<'a, 'b, S: Simd> {
+    register: &'a mut Register<S>,
+    row: usize,
+    substeps: std::ops::Range<u32>,
+    marbles: &'a mut Marbles<S>,
+    out: &'a mut [Sink<'b>],
+}
+
+impl<S: Simd> NullaryFnOnce for Among<'_, '_, S> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let row = self.row;
+        for index in self.substeps {
+            self.register
+                .substep::<true>(row, index, self.marbles, self.out);
+        }
     }
 }
 
@@ -372,113 +483,4 @@ impl<S: Simd> NullaryFnOnce for Acting<'_, S> {
 }
 
 #[cfg(test)]
-mod tests {
-    use std::sync::atomic::AtomicBool;
-
-    use super::*;
-    use crate::board::Rig;
-    use crate::drive::paper_drive;
-    use crate::effects::{EffectInstance, EffectSpec, Parameter, known};
-    use crate::engine::{Clock, Hold, Step};
-    use crate::per_rollout::PerRollout;
-
-    /// What 29 marbles do on every instruction set that is here; `substeps` is asked for a marble's.
-    fn on_every_set(
-        effects: &[EffectInstance<'_>],
-        substeps: fn(i32) -> u32,
-    ) -> Vec<Vec<[f64; 2]>> {
-        let mut rig = Rig::default();
-        rig.board.wall_restitution = 0.5;
-        let commands = paper_drive(100, 0.1, false);
-        let jobs: Vec<Job<'_>> = (0..29)
-            .map(|i| Job {
-                rollout: 0,
-                knobs_before: [0.0; 2],
-                first: 10,
-                seed: i as u64,
-                measured: None,
-                parameters: [0.003 * f64::from(i), 0.09, 0.0004, 23.0, 1.1].into(),
-                commands: &commands,
-                start: [0.01 * f64::from(i), -0.2],
-                start_velocity: [0.3, 0.0],
-                rolled: 0.0,
-                turned: [0.0; 3],
-                clock: Clock::Even(Step::rounded(f64::from(substeps(i)))),
-            })
-            .collect();
-        let rows = commands.len() - 10;
-        let run = |dispatch: &dyn Fn(Group<'_, '_, '_>)| {
-            let mut all = vec![[0.0; 2]; jobs.len() * rows];
-            let mut tilts = all.clone();
-            let mut out: Vec<Sink<'_>> = all
-                .chunks_mut(rows)
-                .zip(tilts.chunks_mut(rows))
-                .map(|(marble, tilt)| Sink {
-                    marble,
-                    tilt,
-                    variance: &mut [],
-                    corrections: &mut [],
-                })
-                .collect();
-            dispatch(Group {
-                setup: &Setup {
-                    rig: &rig,
-                    effects,
-                    rows,
-                    hold: Hold::Zero,
-                    cancel: &AtomicBool::new(false),
-                },
-                jobs: &jobs,
-                out: &mut out,
-            });
-            all.append(&mut tilts);
-            all
-        };
-        let mut found = vec![
-            run(&|group| group.with_simd(Scalar)),
-            run(&|group| Arch::new().dispatch(group)),
-        ];
-        #[cfg(target_arch = "x86_64")]
-        if let Some(avx2) = pulp::x86::V3::try_new() {
-            found.push(run(&|group| pulp::Simd::vectorize(avx2, group)));
-        }
-        found
-    }
-
-    #[test]
-    fn every_instruction_set_gives_the_same_bits() {
-        let found = on_every_set(&[], |i| 17 + i as u32 % 7);
-        assert!(found.windows(2).all(|pair| pair[0] == pair[1]));
-    }
-
-    #[test]
-    fn every_instruction_set_gives_effects_the_same_bits() {
-        let middle = |about: &EffectSpec, answer: f64| -> Vec<f64> {
-            let value = |one: &Parameter| match one.range {
-                _ if one.is_choice() => answer,
-                (low, high) => low + 0.4 * (high - low),
-            };
-            about.parameters.iter().map(value).collect()
-        };
-        // Those that ask for a choice twice, with either answer.
-        let values: Vec<(&EffectSpec, Vec<f64>)> = known()
-            .flat_map(|about| {
-                let mut both = vec![middle(about, 0.0), middle(about, 1.0)];
-                both.dedup();
-                both.into_iter().map(move |values| (about, values))
-            })
-            .collect();
-        let chosen: Vec<EffectInstance<'_>> = values
-            .iter()
-            .map(|(effect, values)| EffectInstance {
-                effect,
-                values: PerRollout::Shared(values),
-            })
-            .collect();
-        for one in chosen.chunks(1).chain([&chosen[..]]) {
-            let found = on_every_set(one, |_| 19);
-            let same = found.windows(2).all(|pair| pair[0] == pair[1]);
-            assert!(same, "{}", one[0].effect.name);
-        }
-    }
-}
+mod tests;

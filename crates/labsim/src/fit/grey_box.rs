@@ -66,8 +66,10 @@ pub struct Probable {
     pub log_likelihood: f64,
     /// Log evidence: marginal likelihood of the observations over all values [nats].
     pub log_evidence: f64,
-    /// Places of the free parameters among all, and their standard deviations.
-    pub deviations: Vec<(usize, f64)>,
+    /// Places of the free parameters among all.
+    pub slots: Vec<usize>,
+    /// Their covariance, with the sizes marginalised.
+    pub covariance: DMatrix<f64>,
 }
 
 /// Present point of an ascent.
@@ -387,8 +389,8 @@ impl Hill<'_> {
         let count = self.coordinates.len();
         let (curvature, _, _) = slope.without_starts(0.0);
         let of_values = curvature.view((0, 0), (count, count)).into_owned();
-        let covariance = of_values.cholesky();
-        let log_volume: f64 = covariance.as_ref().map_or(f64::NAN, |one| {
+        let factor = of_values.cholesky();
+        let log_volume: f64 = factor.as_ref().map_or(f64::NAN, |one| {
             one.l_dirty().diagonal().iter().map(|one| one.ln()).sum()
         });
         let of_states: f64 = slope
@@ -398,18 +400,12 @@ impl Hill<'_> {
             .sum();
         let prior = self.prior.of(&place.spreads);
         let log_width: f64 = prior.iter().map(|(_, deviation)| deviation.ln()).sum();
-        let by_z = self.coordinates.derivative(&place.z);
-        // Curvature of the values with the sizes marginalised.
-        let inverse = curvature
-            .cholesky()
-            .map(|one| one.inverse().view((0, 0), (count, count)).into_owned());
-        let deviation = |row: &Vec<f64>| {
-            let row = DVector::from_column_slice(row);
-            inverse
-                .as_ref()
-                .map_or(f64::NAN, |inverse| (inverse * &row).dot(&row).sqrt())
-        };
-        let slots = self.coordinates.slots();
+        let rows = self.coordinates.derivative(&place.z);
+        let by_z = DMatrix::from_fn(count, count, |i, j| rows[i][j]);
+        let covariance = curvature.cholesky().map_or_else(
+            || DMatrix::from_element(count, count, f64::NAN),
+            |one| &by_z * one.inverse().view((0, 0), (count, count)) * by_z.transpose(),
+        );
         Probable {
             values: self
                 .coordinates
@@ -422,7 +418,8 @@ impl Hill<'_> {
                 - log_volume
                 - of_states
                 - log_width,
-            deviations: slots.into_iter().zip(by_z.iter().map(deviation)).collect(),
+            slots: self.coordinates.slots(),
+            covariance,
         }
     }
 

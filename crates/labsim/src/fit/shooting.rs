@@ -280,6 +280,7 @@ impl<'a> Shooting<'a> {
             .collect();
         let batch = Batch {
             rig: problem.rig,
+            maze: None,
             parameters: &parameters,
             effects: &chosen,
             rows,

@@ -382,16 +382,16 @@ fn a_live_rollout_has_the_bits_of_a_batch() {
             seeds: PerRollout::Shared(&[3]),
             ..Batch::new(&rig, &[parameters], &commands)
         }
-        .run(Engine::Rolling, Some(1), &AtomicBool::new(false))
+        .run_with_tilt(Engine::Rolling, Some(1), &AtomicBool::new(false))
         .expect("the inputs are physical");
-        let mut live = Live::new(&rig, parameters, &effects, start, (ROWS, 0.05), 3)
+        let mut live = Live::new(&rig, None, parameters, &effects, start, (ROWS, 0.05), 3)
             .expect("the inputs are physical");
-        let mut found = vec![live.seen()];
-        found.extend(
-            commands[..ROWS - 1]
-                .iter()
-                .map(|&command| live.play(command)),
-        );
+        let mut found = vec![(live.seen(), live.tilt())];
+        found.extend(commands[..ROWS - 1].iter().map(|&command| {
+            let seen = live.play(command);
+            (seen, live.tilt())
+        }));
+        let known: Vec<_> = known.marble.into_iter().zip(known.tilt).collect();
         assert_eq!(live.left(), 0);
         assert_eq!(
             found,
@@ -413,6 +413,7 @@ fn a_live_rollout_refuses_what_would_need_commands_to_come() {
     let (values, rig) = (drift.neutral(), Rig::default());
     let refused = Live::new(
         &rig,
+        None,
         parameters()[0],
         &[chosen(drift, &values)],
         [0.0; 2],

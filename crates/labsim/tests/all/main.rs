@@ -5,6 +5,8 @@ mod effects;
 mod effects_theory;
 mod filter;
 mod fit;
+mod fleet;
+mod maze;
 mod rapier_invariants;
 mod rapier_theory;
 mod rolling_theory;

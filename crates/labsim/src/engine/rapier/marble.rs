@@ -8,8 +8,11 @@ use crate::board::{Rig, SUBSTEP_S};
 use crate::effects::Any;
 use crate::engine::actuation::Actuation;
 use crate::engine::camera::Camera;
+use crate::engine::hole::{After, Around, FLIES_M_S, Sphere, pass};
+use crate::engine::obstacles::Obstacles;
 use crate::engine::{Job, Setup, Sink};
 use crate::lanes::Lanes;
+use crate::maze::Fall;
 use crate::motion::{Marbles, Push};
 
 type One = Lanes<Scalar>;
@@ -45,6 +48,11 @@ pub(super) struct Marble<'a> {
     spinning: f64,
     /// Position and velocity before the last part.
     before: Option<Marbles<Scalar>>,
+    obstacles: Option<&'a Obstacles>,
+    /// How the marble moves that crosses a hole, and whether it is still over it. Its body lies on the board
+    /// meanwhile, so that its contacts keep their order.
+    crossing: Option<(Sphere, bool)>,
+    fallen: bool,
 }
 
 impl<'a> Marble<'a> {
@@ -82,6 +90,9 @@ impl<'a> Marble<'a> {
             resistance: 0.0,
             spinning: 0.0,
             before: None,
+            obstacles: setup.obstacles.map(AsRef::as_ref),
+            crossing: None,
+            fallen: false,
         }
     }
 
@@ -107,11 +118,10 @@ impl<'a> Marble<'a> {
         let radius = self.rig.marble.radius_m;
         let ([x, y], [vx, vy]) = (place.map(number), velocity.map(number));
         let [reach_x, reach_y] = self.rig.reach_m();
-        let start = Vector::new(
-            x.clamp(-reach_x, reach_x),
-            y.clamp(-reach_y, reach_y),
-            radius,
-        );
+        let [x, y] = [x.clamp(-reach_x, reach_x), y.clamp(-reach_y, reach_y)];
+        let beside = |obstacles: &Obstacles| obstacles.beside_walls([x, y]);
+        let [x, y] = self.obstacles.map_or([x, y], beside);
+        let start = Vector::new(x, y, radius);
         let marble = &mut bodies[self.body];
         marble.set_translation(start, false);
         marble.set_linvel(Vector::new(vx, vy, 0.0), false);
@@ -121,6 +131,7 @@ impl<'a> Marble<'a> {
     /// Brings the marble to its next substep, over the rows that end here; false after the last.
     pub(super) fn prepare(&mut self, bodies: &mut RigidBodySet, out: &mut Sink<'_>) -> bool {
         let marble = &mut bodies[self.body];
+        self.go_on(marble);
         self.expose(marble, out.marble);
         while self.done == self.substeps {
             if self.row == self.end {
@@ -137,8 +148,13 @@ impl<'a> Marble<'a> {
         }
         self.act(marble);
         self.done += 1;
-        self.meet(marble);
-        self.resist(marble);
+        if self.fallen {
+            return true;
+        }
+        if !self.cross_hole(marble, out) {
+            self.meet(marble);
+            self.resist(marble);
+        }
         true
     }
 
@@ -165,9 +181,8 @@ impl<'a> Marble<'a> {
         if row == 0 {
             out.marble[row] = self.job.start;
         } else if self.camera.schedule.is_none() {
-            let place = marble.translation();
-            let place = [place.x, place.y].map(|value| Lanes::splat(Scalar::new(), value));
-            out.marble[row] = self.camera.see(place, &self.actuation.tilt).map(number);
+            let Marbles { x, y, .. } = self.motion(marble);
+            out.marble[row] = self.camera.see([x, y], &self.actuation.tilt).map(number);
         }
     }
 
@@ -224,7 +239,10 @@ impl<'a> Marble<'a> {
                 effect.act(&motion, &mut push);
             }
         }
-        self.push(&push, marble);
+        // What acts on one that is nowhere is not a number.
+        if !self.fallen {
+            self.push(&push, marble);
+        }
     }
 
     /// Accelerations and friction limits of a part of a substep.
@@ -266,6 +284,19 @@ impl<'a> Marble<'a> {
     fn motion(&self, marble: &RigidBody) -> Marbles<Scalar> {
         let radius = self.rig.marble.radius_m;
         let one = |value: f64| Lanes::splat(Scalar::new(), value);
+        if self.fallen {
+            let (zero, nowhere) = (one(0.0), one(f64::NAN));
+            return Marbles {
+                x: nowhere,
+                y: nowhere,
+                vx: zero,
+                vy: zero,
+                sx: zero,
+                sy: zero,
+                spin: zero,
+                air: zero,
+            };
+        }
         let (place, v, spin) = (
             marble.translation(),
             marble.linvel() / self.pace,
@@ -281,6 +312,81 @@ impl<'a> Marble<'a> {
             spin: one(spin.z),
             air: one(0.0),
         }
+    }
+
+    /// Lets a marble that crosses a hole have the velocity that it has there.
+    fn go_on(&mut self, marble: &mut RigidBody) {
+        let Some((sphere, _)) = self.crossing else {
+            return;
+        };
+        let radius = self.rig.marble.radius_m;
+        let [x, y, _] = sphere.place;
+        let [height, pace] = [radius, self.pace];
+        marble.set_translation(Vector::new(x, y, height), false);
+        marble.set_linvel(Vector::from_array(sphere.velocity) * pace, false);
+        marble.set_angvel(Vector::from_array(sphere.spin) * (pace / radius), false);
+        marble.reset_forces(false);
+        marble.add_force(self.pull * self.rig.marble.mass_kg, false);
+    }
+
+    /// Moves a marble in its next part that is over a hole or comes to one; false for any other.
+    fn cross_hole(&mut self, marble: &mut RigidBody, out: &mut Sink<'_>) -> bool {
+        let Some(obstacles) = self.obstacles else {
+            return false;
+        };
+        let (radius, pace) = (self.rig.marble.radius_m, self.pace);
+        let velocity = marble.linvel() + self.pull * SUBSTEP_S;
+        let [way_x, way_y, _] = (velocity * SUBSTEP_S).to_array();
+        let [x, y, height] = marble.translation().to_array();
+        let over = matches!(self.crossing, Some((_, true)));
+        let flies = way_x.hypot(way_y) > FLIES_M_S * SUBSTEP_S * pace;
+        let mut sphere = match self.crossing.take() {
+            Some((sphere, _)) => sphere,
+            None => Sphere {
+                place: [x, y, height],
+                velocity: (marble.linvel() / pace).to_array(),
+                spin: (marble.angvel() * (radius / pace)).to_array(),
+            },
+        };
+        if !over && (flies || !obstacles.crosses_hole([x, y], [way_x, way_y])) {
+            let [x, y, height] = sphere.place;
+            marble.set_translation(Vector::new(x, y, height), false);
+            return false;
+        }
+        let damping = 1.0 / (1.0 + marble.linear_damping() * SUBSTEP_S);
+        for velocity in sphere.velocity.iter_mut().chain(&mut sphere.spin) {
+            *velocity *= damping;
+        }
+        let around = Around {
+            obstacles,
+            radius,
+            reach: self.rig.reach_m(),
+            restitution: self.rig.board.wall_restitution,
+            wall_friction: self.rig.board.wall_friction,
+            sliding_friction: self.rig.board.sliding_friction,
+            pull: (self.pull / (pace * pace)).to_array(),
+            length: pace * SUBSTEP_S,
+        };
+        match pass(&mut sphere, &around) {
+            After::Fallen(hole) => {
+                self.fallen = true;
+                marble.set_enabled(false);
+                if let Some(fall) = out.fall.first_mut() {
+                    let row = self.row - self.job.first;
+                    *fall = Some(Fall { row, hole });
+                }
+                return true;
+            }
+            after => self.crossing = Some((sphere, after == After::OverHole)),
+        }
+        let [x, y, _] = sphere.place;
+        marble.set_translation(Vector::new(x, y, radius), false);
+        marble.set_linvel(Vector::ZERO, false);
+        marble.set_angvel(Vector::ZERO, false);
+        let weight = Vector::new(0.0, 0.0, self.pull.z) * self.rig.marble.mass_kg;
+        marble.reset_forces(false);
+        marble.add_force(weight, false);
+        true
     }
 
     /// Puts a marble that will meet a wall or the board in this substep there.
@@ -300,6 +406,18 @@ impl<'a> Marble<'a> {
         meet(0, way[0].signum(), reach_x);
         meet(1, way[1].signum(), reach_y);
         meet(2, -1.0, -radius);
+        let met = |obstacles: &Obstacles| {
+            let [x, y, _] = marble.translation().to_array();
+            obstacles.meeting([x, y], [way[0], way[1]])
+        };
+        if let Some((normal, gap)) = self.obstacles.and_then(met)
+            && gap > TOUCH * radius
+        {
+            for axis in 0..2 {
+                position[axis] -= (gap - HAIR * radius) * normal[axis];
+            }
+            meets = true;
+        }
         if meets {
             marble.set_translation(Vector::from_array(position), false);
         }
@@ -323,16 +441,28 @@ impl<'a> Marble<'a> {
             if held { 0.0 } else { velocity }
         };
         let [reach_x, reach_y] = self.rig.reach_m();
-        let x = free(
+        let mut x = free(
             position.x,
             (5.0 * v.x + 2.0 * radius * spin.y) / 7.0,
             reach_x,
         );
-        let y = free(
+        let mut y = free(
             position.y,
             (5.0 * v.y - 2.0 * radius * spin.x) / 7.0,
             reach_y,
         );
+        if let Some(obstacles) = self.obstacles {
+            let place = [position.x, position.y];
+            for &number in &obstacles.near(place).walls {
+                let ([nx, ny], gap) = obstacles.gap(number, place);
+                let towards = if gap < near {
+                    (-(x * nx + y * ny)).max(0.0)
+                } else {
+                    0.0
+                };
+                (x, y) = (x + towards * nx, y + towards * ny);
+            }
+        }
         let speed = (x * x + y * y).sqrt();
         let taken = if speed > 0.0 {
             self.resistance.min(speed) / speed

@@ -59,7 +59,7 @@ fn mirrored<S: Simd>(marbles: &Marbles<S>) -> Marbles<S> {
 
 /// Impact and friction of the marbles that would pass a rim along x in this substep.
 #[inline(always)]
-fn meet_rim<S: Simd>(
+pub(super) fn meet_rim<S: Simd>(
     rims: &Rims<S>,
     reach: Lanes<S>,
     push: &Push<S>,

@@ -107,7 +107,8 @@ fn effects_are_found_beside_a_random_push() {
             assert!(density(&less) > density(&full));
         }
         let expected: Vec<f64> = TRUTH.into_iter().chain([0.15, 0.0, 0.4]).collect();
-        for (slot, deviation) in full.deviations {
+        for (i, slot) in full.slots.into_iter().enumerate() {
+            let deviation = full.covariance[(i, i)].sqrt();
             held += usize::from((full.values[slot] - expected[slot]).abs() < 1.96 * deviation);
             count += 1;
         }

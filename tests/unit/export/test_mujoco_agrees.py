@@ -1,0 +1,54 @@
+"""MuJoCo loads what is exported, and its marbles roll where ours do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from irt.export.mjcf import to_mjcf
+
+pytest.importorskip("mujoco", reason="mujoco is an optional package: labsim-irt[mujoco]")
+
+
+@pytest.mark.parametrize(
+    ("effects", "second", "whole"),
+    [
+        ((), 2e-3, 6e-3),
+        (("delay", "lag", "backlash"), 1e-3, 4e-3),
+        (("second_order_lag", "gear_matrix", "tilt_bias", "viscous_drag"), 1e-3, 6e-3),
+        (("latency", "camera_rotation", "camera_offset", "gear_nonlinearity"), 2e-3, 6e-3),
+    ],
+    ids=["plain", "play", "coupled", "camera"],
+)
+def test_marbles_roll_alike(effects: tuple[str, ...], second: float, whole: float) -> None:
+    from mjcf_agreement import compared  # noqa: PLC0415
+
+    first, everything, *_ = compared(effects, seed=0)
+    assert first < second
+    assert everything < whole
+
+
+def test_a_rim_returns_what_the_model_says() -> None:
+    import mujoco  # noqa: PLC0415
+
+    from mjcf_agreement import drawn  # noqa: PLC0415
+
+    plain = drawn((), np.random.default_rng(0))
+    lively = replace(plain, board=replace(plain.board, wall_restitution=0.6))
+    model = mujoco.MjModel.from_xml_string(to_mjcf(lively).text)
+    returned = []
+    for offset in np.linspace(0.0, 0.05, 5):
+        data = mujoco.MjData(model)
+        marble = data.joint("marble")
+        marble.qpos[0] = 12.0 + offset
+        # Rolling: the speed over the radius is the rate of its turn.
+        marble.qvel[0], marble.qvel[4] = 30.0, 30.0 / 0.685
+        speeds = []
+        for _ in range(400):
+            mujoco.mj_step(model, data)
+            speeds.append(marble.qvel[0])
+        turned = int(np.argmax(np.array(speeds) < -1.0))
+        returned.append(-min(speeds[turned : turned + 60]) / 30.0)
+    assert np.mean(returned) == pytest.approx(0.6, abs=0.06)
