@@ -359,7 +359,7 @@ impl<S: Simd> Register<S> {
         }
     }
 
-    /// The substeps of a row, of whatever kind of board.
+    /// The substeps of a row, for any kind of board.
     pub(crate) fn play(
         &mut self,
         row: usize,
