@@ -22,6 +22,14 @@ def test_each_run_is_ready_to_play(irt, tmp_path):
         assert str(file) in done.out
 
 
+def test_commands_that_were_not_played_are_no_recordings(irt, tmp_path):
+    irt("drive", "--out", tmp_path / "drive")
+    done = irt("tune", tmp_path / "drive", "--out", tmp_path / "tuned")
+    assert done.status == 1
+    assert "these look like commands to be played; play each file" in done.err
+    assert not (tmp_path / "tuned").exists()
+
+
 def test_commands_in_another_unit(irt, tmp_path):
     done = irt("drive", "--out", tmp_path, "--unit", "us", "--amplitude", "200", "--runs", "1")
 

@@ -108,7 +108,7 @@ def stopped(irt, monkeypatch, *words):
 @pytest.mark.skipif(sys.platform == "win32", reason="a kill is a signal")
 def test_killed_outright_it_goes_on_to_the_same_bytes(irt, tmp_path):
     out, whole = tmp_path / "net.safetensors", tmp_path / "whole.safetensors"
-    words = ("pretrain", "--pairs", "200", "--epochs", "60", "--seed", "1")
+    words = ("pretrain", "--pairs", "200", "--epochs", "30", "--seed", "1")
     process = subprocess.Popen([sys.executable, "-m", "irt.cli", *words, "--out", str(out)])
     deadline = time.monotonic() + 120
     while not checkpoint_path(out).exists() and time.monotonic() < deadline:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -38,10 +39,13 @@ def run(command: list[str], folder: Path) -> str:
 
 
 @pytest.mark.slow
-def test_commands(folder: Path) -> None:
-    for line in code("sh", "irt diagnose my-rig").splitlines():
-        if line.startswith("irt "):
-            run(["sh", "-c", line], folder)
+def test_commands(irt, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    lines = [shlex.split(line, comments=True) for line in code("sh", "irt diagnose my-rig").splitlines()]
+    for name, *words in lines:
+        if name == "irt":
+            done = irt(*words)
+            assert (done.status, done.err) == (0, ""), words
 
     assert len(list((folder / "drive").iterdir())) == 6
     assert (folder / "diagnosed" / "report.html").exists()

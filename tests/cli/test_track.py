@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shutil
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import cv2
@@ -12,60 +14,35 @@ import numpy as np
 import pytest
 
 import irt as package
-from irt.engine import rollouts
+from filmed_runs import BACKLASH, LENS, RATE, VIEW, film, played, write_commands
+from irt.cli.__main__ import main
 from irt.recording import load_recording
 from irt.tracking.calibration import save_lens
 from irt.tracking.geometry import Lens
 from tracking.board import Paint
 from tracking.scene import Look, Scene
-from tracking.view import View
-
-VIEW = View.above(300.0, lean=(0.05, -0.08))
-TRUTH = (0.08, 0.07, 4e-4, 8.0, 1.0)
-RATE = 30.0
-
-
-def played(rows: int, seed: int, *effects: dict) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return commands, places and tilts (rows, 2) of a marble that rolls at 30 rows a second."""
-    random = np.random.default_rng(seed)
-    time = np.arange(rows)[:, None, None] / RATE
-    waves = np.sin(2 * np.pi * (time * random.uniform(0.2, 0.9, (2, 3)) + random.random((2, 3))))
-    knobs = 0.05 * waves.sum(axis=2) * np.minimum(4 * time[:, 0], 1.0)
-    places, tilts = rollouts([TRUTH], knobs, effects=effects or None, tilt=True)
-    return knobs, places[0], tilts[0]
-
-
-def film(path: Path, tilts: np.ndarray, places: np.ndarray, **settings: object) -> Scene:
-    """Render a run into a folder of images."""
-    scene = Scene(VIEW, Paint(lines=2, holes=2), Look("blue"), places, tilts, seed=5, **settings)
-    path.mkdir()
-    for index, (picture, _) in enumerate(scene.frames()):
-        cv2.imwrite(str(path / f"{index}.png"), picture)
-    return scene
-
-
-def write_commands(path: Path, knobs: np.ndarray, first: float = 100.0) -> Path:
-    rows = [f"{i},{first + i / RATE:.6f},{x!r},{y!r}" for i, (x, y) in enumerate(knobs.tolist())]
-    path.write_text("\n".join(["step,t_s,knob_x_rad,knob_y_rad", *rows]) + "\n")
-    return path
 
 
 @pytest.fixture(scope="module")
-def filmed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray, Scene]:
-    folder = tmp_path_factory.mktemp("filmed") / "run-1"
-    knobs, places, tilts = played(110, 3)
-    return folder, knobs, film(folder, tilts, places)
+def tracked(filmed, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a rig with the filmed run, tracked through a calibrated lens."""
+    pictures, knobs, _ = filmed
+    out = tmp_path_factory.mktemp("tracked") / "rig"
+    out.mkdir()
+    save_lens(out / "camera.toml", LENS, 12)
+    commands = write_commands(out.parent / "knobs.csv", knobs, 100.0)
+    words = ("--fps", "30", "--out", out, "--commands", commands, "--offset", "-100")
+    said = io.StringIO()
+    with redirect_stderr(said):
+        status = main([str(word) for word in ("track", pictures, *words)])
+    assert (status, said.getvalue()) == (0, "")
+    return out
 
 
 @pytest.mark.slow
-def test_images_become_a_recording(irt, filmed, tmp_path) -> None:
-    pictures, knobs, scene = filmed
-    out = tmp_path / "rig"
-    out.mkdir()
-    save_lens(out / "camera.toml", Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
-    commands = write_commands(tmp_path / "knobs.csv", knobs)
-    done = irt("track", pictures, "--fps", "30", "--out", out, "--commands", commands, "--offset", "-100")
-    assert (done.status, done.err) == (0, "")
+def test_images_become_a_recording(irt, filmed, tracked) -> None:
+    _, knobs, scene = filmed
+    out = tracked
     recording = load_recording(out / "run-1.csv")
     np.testing.assert_array_equal(recording.knobs, knobs)
     missed_mm = 276 * (recording.marble - scene.places)
@@ -137,24 +114,14 @@ def test_bad_input_is_one_line(irt, filmed, tmp_path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("offset", "said"),
-    [
-        (None, "50 commands without stamps, but 110 pictures"),
-        ("500", "the commands and the pictures do not overlap"),
-    ],
-)
-def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path, offset, said) -> None:
+def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path) -> None:
     pictures, knobs, _ = filmed
-    commands = write_commands(tmp_path / "knobs.csv", knobs[: 50 if offset is None else 110])
-    words = () if offset is None else ("--offset", offset)
-    if offset is None:
-        lines = [line.split(",") for line in commands.read_text().splitlines()]
-        commands.write_text("".join(f"{step},{x},{y}\n" for step, _, x, y in lines))
-    done = irt("track", pictures, "--fps", "30", "--out", tmp_path / "out", "--commands", commands, *words)
+    commands = write_commands(tmp_path / "knobs.csv", knobs)
+    words = ("--fps", "30", "--commands", commands, "--offset", "500")
+    done = irt("track", pictures, "--out", tmp_path / "out", *words)
     assert done.status == 1
     kept = tmp_path / "out" / "run-1.partial"
-    assert said in done.err
+    assert "the commands and the pictures do not overlap" in done.err
     assert done.err.endswith(f"; the positions seen until then are kept in {kept}\n")
     assert done.err.count("\n") == 1
     assert len(kept.read_text().splitlines()) == 111
@@ -162,16 +129,16 @@ def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path, offset, sa
 
 
 @pytest.mark.slow
-def test_the_package_tracks_as_the_verb_does(irt, filmed, tmp_path) -> None:
-    pictures, knobs, _ = filmed
-    commands = write_commands(tmp_path / "knobs.csv", knobs)
-    found = package.track(pictures, fps=30.0, out=tmp_path / "out", commands=commands, offset=-100.0)
+def test_the_package_tracks_as_the_verb_does(filmed, tracked, tmp_path) -> None:
+    pictures, _, _ = filmed
+    lens, commands = tracked / "camera.toml", tracked.parent / "knobs.csv"
+    found = package.track(
+        pictures, fps=30.0, out=tmp_path / "out", lens=lens, commands=commands, offset=-100.0
+    )
     assert found.recording is not None
     assert found.summary.pictures == 110
     assert found.page.exists()
-    words = ("--fps", "30", "--out", tmp_path / "again", "--commands", commands, "--offset", "-100")
-    assert irt("track", pictures, *words).status == 0
-    assert found.path.read_text() == (tmp_path / "again" / "run-1.csv").read_text()
+    assert found.path.read_text() == (tracked / "run-1.csv").read_text()
     with pytest.raises(package.IrtError, match='unknown option of track "colr"; did you mean "colour"'):
         package.track(pictures, colr=(0, 0, 0))
 
@@ -212,7 +179,7 @@ def test_markers_on_the_board_take_its_tilt_away(irt, tmp_path) -> None:
     for index, (picture, _) in enumerate(scene.frames()):
         cv2.imwrite(str(folder / f"{index}.png"), picture)
     lens = tmp_path / "lens.toml"
-    save_lens(lens, Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
+    save_lens(lens, LENS, 12)
     done = irt("track", folder, "--lens", lens, "--out", tmp_path / "out", "--fps", "30")
     assert (done.status, done.err) == (0, "")
     assert "in each picture" in done.out, done.out
@@ -227,19 +194,19 @@ def test_markers_on_the_board_take_its_tilt_away(irt, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_the_whole_story(irt, tmp_path) -> None:
+def test_the_whole_story(irt, tracked, tmp_path) -> None:
     """Frames of a tilting board with backlash in its knobs: tracked, diagnosed, named."""
     out = tmp_path / "rig"
-    backlash = {"name": "backlash", "width_x_rad": 0.06, "width_y_rad": 0.05}
     out.mkdir()
-    save_lens(out / "camera.toml", Lens(VIEW.matrix, VIEW.distortion, (640, 480), 0.1), 12)
-    for run in range(3):
-        knobs, places, tilts = played(60, 20 + run, backlash)
-        film(tmp_path / f"run-{run}", tilts, places)
-        commands = write_commands(tmp_path / f"knobs-{run}.csv", knobs)
-        words = ("--fps", "30", "--commands", commands, "--offset", "-100", "--out", out)
-        assert irt("track", tmp_path / f"run-{run}", *words).status == 0
+    for name in ("camera.toml", "run-1.csv"):
+        shutil.copy(tracked / name, out / name)
+    for seed in (20, 21):
+        knobs, places, tilts = played(60, seed, BACKLASH)
+        film(tmp_path / f"run-{seed}", tilts, places)
+        commands = write_commands(tmp_path / f"knobs-{seed}.csv", knobs)
+        words = ("--fps", "30", "--commands", commands, "--offset", "0", "--out", out)
+        assert irt("track", tmp_path / f"run-{seed}", *words).status == 0
     done = irt("diagnose", out, "--out", tmp_path / "diagnosed")
     assert done.status == 0, done.err
-    told = json.loads((tmp_path / "diagnosed" / "diagnosis.json").read_text())
-    assert "backlash" in [effect["name"] for effect in told["effects"]]
+    found = json.loads((tmp_path / "diagnosed" / "diagnosis.json").read_text())
+    assert "backlash" in [effect["name"] for effect in found["effects"]]

@@ -11,30 +11,20 @@ import cv2
 import numpy as np
 import pytest
 
-from irt.engine import rollouts
+from filmed_runs import RATE, write_commands
 from irt.recording import load_recording
-from tracking.board import Paint
-from tracking.scene import Look, Scene
-from tracking.view import View
 
 pytestmark = pytest.mark.slow
 
-COUNT, RATE = 110, 30.0
-TRUTH = (0.08, 0.07, 4e-4, 8.0, 1.0)
+COUNT = 110
 Pictures = list[np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def shown() -> tuple[Pictures, np.ndarray]:
+def shown(filmed) -> tuple[Pictures, np.ndarray]:
     """Return pictures of a run, and its commands (n, 2) [rad]."""
-    random = np.random.default_rng(3)
-    time = np.arange(COUNT)[:, None, None] / RATE
-    waves = np.sin(2 * np.pi * (time * random.uniform(0.2, 0.9, (2, 3)) + random.random((2, 3))))
-    knobs = 0.05 * waves.sum(axis=2) * np.minimum(4 * time[:, 0], 1.0)
-    places, tilts = rollouts([TRUTH], knobs, tilt=True)
-    view = View.above(300.0, lean=(0.05, -0.08))
-    scene = Scene(view, Paint(lines=2, holes=2), Look("blue"), places[0], tilts[0], seed=5)
-    return [picture for picture, _ in scene.frames()], knobs
+    folder, knobs, _ = filmed
+    return [cv2.imread(str(folder / f"{index}.png")) for index in range(COUNT)], knobs
 
 
 def moved(picture: np.ndarray, dx: float, scale: float = 1.0, dy: float = 0.0) -> np.ndarray:
@@ -45,9 +35,7 @@ def moved(picture: np.ndarray, dx: float, scale: float = 1.0, dy: float = 0.0) -
 @pytest.fixture
 def tracked(irt, tmp_path, shown) -> Callable:
     """Return a function that tracks pictures with their commands."""
-    knobs = tmp_path / "knobs.csv"
-    rows = [f"{i},{i / RATE:.6f},{x!r},{y!r}" for i, (x, y) in enumerate(shown[1].tolist())]
-    knobs.write_text("\n".join(["step,t_s,knob_x_rad,knob_y_rad", *rows]) + "\n")
+    knobs = write_commands(tmp_path / "knobs.csv", shown[1])
 
     def track(pictures: Pictures):
         folder = tmp_path / "run"
@@ -66,8 +54,8 @@ def warnings(done) -> list[str]:
 
 def test_a_board_that_leaves_the_picture(tracked, shown) -> None:
     done, out = tracked([moved(one, min(0, -8 * (i - 45))) for i, one in enumerate(shown[0])])
-    (line,) = warnings(done)
-    assert "the board is not where it was in pictures" in line
+    # A warning of half a run's marble may stand beside it.
+    assert len([line for line in warnings(done) if "the board is not where it was in pictures" in line]) == 1
     ((first, *_),) = json.loads((out / "run.json").read_text())["away"]
     assert 40 <= first <= 60
     assert not load_recording(out / "run.csv").seen[first:].any()

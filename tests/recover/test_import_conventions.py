@@ -22,7 +22,7 @@ CLOCK_S = 0.005
 #: Two of each format for a quick look.
 DRAWS = [
     pytest.param(seed, marks=[pytest.mark.slow] if seed >= 2 else [])
-    for seed in range(int(os.environ.get("IRT_DRAWS", "6")))
+    for seed in range(int(os.environ.get("IRT_DRAWS", "4")))
 ]
 
 

@@ -82,7 +82,7 @@ def tune_jointly(rig, path, recipe):
 @pytest.mark.slow
 def test_a_joint_network_meets_what_least_squares_meets(shared, tmp_path):
     rig = load_rig(shared / "rigs" / "rig-27")
-    by_irt = tune_jointly(rig, tmp_path / "net.safetensors", Recipe(pairs=3000, epochs=60))
+    by_irt = tune_jointly(rig, tmp_path / "net.safetensors", Recipe(pairs=2000, epochs=40))
     by_least_squares = tune(rig, "least-squares", starts=4)
     errors = [evaluate(each.model, rig.recordings).free_run.mae for each in (by_irt, by_least_squares)]
     assert errors[0] < 1.5 * errors[1] + 0.002

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 import pytest
 
-from irt.engine import rollouts
+from filmed_runs import BACKLASH, played, write_commands
 from irt.recording import load_recording
 from irt.tracking.calibration import save_lens
 from irt.tracking.geometry import Lens
@@ -22,29 +22,21 @@ from tracking.traced import Traced
 
 pytestmark = pytest.mark.slow
 
-TRUTH = (0.08, 0.07, 4e-4, 8.0, 1.0)
-BACKLASH = {"name": "backlash", "width_x_rad": 0.06, "width_y_rad": 0.05}
-ROWS, RATE, RUNS = 60, 30.0, 3
+ROWS, RUNS = 60, 3
 
 
 def filmed(folder: Path, seed: int) -> tuple[Path, Path, Lens, np.ndarray]:
     """Return a video, its commands, the lens and the true tilts (n, 2) [rad] of one run."""
-    random = np.random.default_rng(seed)
-    time = np.arange(ROWS)[:, None, None] / RATE
-    waves = np.sin(2 * np.pi * (time * random.uniform(0.2, 0.9, (2, 3)) + random.random((2, 3))))
-    knobs = 0.05 * waves.sum(axis=2) * np.minimum(4 * time[:, 0], 1.0)
-    places, tilts = rollouts([TRUTH], knobs, effects=[BACKLASH], tilt=True)
+    knobs, places, tilts = played(ROWS, seed, BACKLASH)
     shine = Shine("painted", (0.04, 0.09, 0.45), 0.08)
-    run = replace(case(0, ROWS), shine=shine, places=places[0], tilts=tilts[0])
+    run = replace(case(0, ROWS), shine=shine, places=places, tilts=tilts)
     pictures = folder / f"run-{seed}"
     pictures.mkdir()
     for index, (picture, _) in enumerate(Traced(run, samples=0.4).frames()):
         cv2.imwrite(str(pictures / f"{index}.png"), picture)
-    commands = folder / f"knobs-{seed}.csv"
-    rows = [f"{i},{i / RATE:.6f},{x!r},{y!r}" for i, (x, y) in enumerate(knobs.tolist())]
-    commands.write_text("\n".join(["step,t_s,knob_x_rad,knob_y_rad", *rows]) + "\n")
+    commands = write_commands(folder / f"knobs-{seed}.csv", knobs)
     size = run.view.width, run.view.height
-    return pictures, commands, Lens(run.view.matrix, run.view.distortion, size, 0.1), tilts[0]
+    return pictures, commands, Lens(run.view.matrix, run.view.distortion, size, 0.1), tilts
 
 
 def test_an_effect_concealed_in_a_video_is_named(irt, tmp_path) -> None:

@@ -164,6 +164,14 @@ def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding
     seen = sum(int(np.isfinite(one[:, 0]).sum()) for one in marbles)
     if tilt_moves:
         return
+    if not any(np.isfinite(one[1:]).any() for one in marbles):
+        yield Finding(
+            "error",
+            "no run says where the marble is after row 0; these look like commands to be played",
+            "marble",
+            "play each file, and write where the camera sees the marble into marble_x and marble_y",
+        )
+        return
     if seen < LEAST_ROWS:
         yield Finding(
             "error",

@@ -9,14 +9,13 @@ from irt.checking.result import Finding
 from irt.checking.runs import row_step
 from irt.engine import SUBSTEP_S
 from irt.recording import KNOBS, STAMP
-from irt.rig import PARAMETERS, Rig
+from irt.rig import PARAMETERS, RANGES, Rig
 
 #: Largest knob angle while a marble is steered [rad]: a quarter of a turn.
 _MOST_KNOB = np.pi / 2.0
-#: Largest knob angle of a labyrinth [rad]: one turn.
-_FULL_TURN = 2.0 * np.pi
-#: Share of the largest searched gear below which a gear indicates another unit, if that unit's gear is
-#: plausible.
+#: No knob of a labyrinth turns further from level: its board meets a stop before [rad].
+_HALF_TURN = np.pi
+#: Gears this small a share of the largest one searched are another unit, if that unit's gear is plausible.
 _SMALL_GEAR = 0.03
 #: Factor by which least squares may leave the ranges.
 _LEAVES = 3.0
@@ -34,29 +33,31 @@ def unit_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
     answers : dict
         From `irt.checking.responses.responses`.
     """
-    return [*_knobs(rig, answers.get("marble")), *_stamps(rig)]
+    return [*_knobs(rig, _gear(answers)), *_stamps(rig)]
 
 
-def _knobs(rig: Rig, answer: Answer | None) -> list[Finding]:
-    """Return the finding on knobs that look like degrees.
+def _knobs(rig: Rig, gear: float | None) -> list[Finding]:
+    """Return the finding on knobs that look like degrees; `gear` is theirs if they are radians.
 
-    The recordings determine the board's tilt and thus the gear, which is 57.3 times larger for degrees than
-    for radians. With a flat prior over the searched gears, degrees are 57.3 times likelier if their gear is
-    in the range. The finding is certain for knob angles that no servo reaches, or if the gear of radians is
-    out of the range. A range in rig.toml that only contains the gear of radians declares radians.
+    The recordings give the tilt of the board, and so the gear, once for radians and 57.3 times that for
+    degrees. Under a flat prior over the gears searched degrees are then 57.3 times likelier, if their gear is
+    among those. With knobs that no servo turns, or where the gear of radians is not among those, that is
+    certain; a range in rig.toml that holds the gear of radians alone says that they are radians.
+    Without stamps or a measured tilt the gear is unknown: knobs beyond half a turn are certainly degrees,
+    unless rig.toml has a range for the gears, so that somebody has thought about them.
     """
     if rig.recordings[0].columns != KNOBS or rig.commands.unit != "rad":
         return []
     largest = max(float(np.abs(one.knobs).max()) for one in rig.recordings)
     ends = np.array([rig.ranges["gear_x"], rig.ranges["gear_y"]])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
-    gear = _gear(answer)
     by_degrees = None if gear is None else float(np.degrees(gear))
     plausible = by_degrees is not None and low / _LEAVES <= by_degrees <= _LEAVES * high
     if gear is not None and plausible:
         certain = largest > _MOST_KNOB or gear < low / _LEAVES
     else:
-        certain = gear is None and largest > _FULL_TURN
+        own_range = any(rig.ranges[name] != RANGES[name] for name in ("gear_x", "gear_y"))
+        certain = gear is None and largest > _HALF_TURN and not own_range
     small = gear is not None and plausible and gear < _SMALL_GEAR * high
     if not (certain or small or largest > _MOST_KNOB):
         return []
@@ -74,12 +75,22 @@ def _knobs(rig: Rig, answer: Answer | None) -> list[Finding]:
     return [Finding("error" if certain else "warning", what, "knob_x_rad, knob_y_rad", advice)]
 
 
-def _gear(answer: Answer | None) -> float | None:
-    """Return the mean gear if the commands are radians; None if the recordings do not determine it."""
-    if answer is None or answer.facts.delay_unit != "s" or answer.facts.explained < SURE:
+def _gear(answers: dict[str, Answer]) -> float | None:
+    """Return the mean gear if the commands are radians; None where the recordings do not say it.
+
+    The marble says it where stamps give the time, the measured tilt always.
+    """
+    marble, tilt = answers.get("marble"), answers.get("tilt")
+    if marble is not None and marble.facts.delay_unit == "s" and marble.facts.explained >= SURE:
+        (_, first), (second, _) = marble.facts.gain
+        expected = EXPECTED
+    elif tilt is not None and tilt.facts.explained >= SURE:
+        (first, _), (_, second) = tilt.facts.gain
+        expected = 1.0
+    else:
         return None
-    gears = [one for one in (answer.facts.gain[0][1], answer.facts.gain[1][0]) if one is not None]
-    return float(np.mean(np.abs(gears))) / EXPECTED if gears else None
+    gears = [one for one in (first, second) if one is not None]
+    return float(np.mean(np.abs(gears))) / expected if gears else None
 
 
 def _stamps(rig: Rig) -> list[Finding]:

@@ -217,7 +217,7 @@ def _table(folders: Mapping[str, Path]) -> Iterator[str]:
     yield f"{'rig':<{width}}  {'verdict':<10} {'held out':>17}  effects"
     for name, folder in folders.items():
         told = json.loads((folder / "diagnosis.json").read_bytes())
-        named = " + ".join(_or_rivals(one) for one in told["effects"])
+        named = " + ".join(_or_ties(one) for one in told["effects"])
         fit = told["fit"]
         errors = [fit["base_heldout_mae"], fit["final_heldout_mae"]]
         held_out = "-" if None in errors else " -> ".join(f"{100 * error:.2f} %" for error in errors)
@@ -225,7 +225,7 @@ def _table(folders: Mapping[str, Path]) -> Iterator[str]:
     yield f"\nwrote diagnosis.json, model.toml and report.html to {', '.join(map(str, folders.values()))}"
 
 
-def _or_rivals(effect: Mapping[str, Any]) -> str:
+def _or_ties(effect: Mapping[str, Any]) -> str:
     """Return the name of an effect, with those that would explain the recordings as well."""
     names: Sequence[str] = [effect["name"], *effect["confusable_with"]]
     return " or ".join(names)

@@ -17,7 +17,7 @@ from irt.diagnosis.budget import REST, budget, twins_of
 from irt.diagnosis.case import Case
 from irt.diagnosis.detectability import detectability
 from irt.diagnosis.hypotheses import ALIKE, JITTER, SHIFT_S, SMOOTHED_S, group_of
-from irt.diagnosis.intervals import of_one_clock
+from irt.diagnosis.intervals import at_one_time_scale
 from irt.diagnosis.latent_force import LatentForce, Source
 from irt.diagnosis.locate import CLEAR, locate, stages, variables
 from irt.diagnosis.needed import Needed
@@ -121,7 +121,7 @@ class Answer:
                 _model(best, self._parameters),
                 posterior=posterior(self._shares(tied), self._proof, self._parameters),
             ),
-            rivals=tuple(one.scored.fitted.model for one in tied),
+            indistinguishable=tuple(one.scored.fitted.model for one in tied),
             plausible=self._plausible(tied),
             unidentifiable=self._unidentifiable,
             suggestion=words.suggestion(effects, case.rig.path),
@@ -161,7 +161,7 @@ class Answer:
     @functools.cached_property
     def _differences(self) -> list[Difference]:
         """What differs between the sessions of the rig, where several were pooled."""
-        without = of_one_clock(self._best, self._proof.values)
+        without = at_one_time_scale(self._best, self._proof.values)
         columns = dict(zip(self._best.names, without.T, strict=True))
         own = {name: columns[name] for name in self._best.fitted.names}
         return differences(self._recordings, self._best.values, own) if self._proof.is_proof else []

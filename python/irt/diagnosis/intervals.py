@@ -7,8 +7,8 @@ sees (Efron and Stein, 1981, "The jackknife estimate of variance"). The widest h
 
 Recordings without stamps do not know how long a row lasts: all of the motion can run slower under weaker
 pushes, and the path is the same. What seems to tell the time all the same is how the marble slips after an
-impact, and how an engine cuts an impact into updates; neither is known of the board well enough to read a
-clock by. So along this symmetry nothing counts as known.
+impact, and how an engine cuts an impact into updates; neither is known of the board well enough to
+measure time by. So along this symmetry nothing counts as known.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def parameters(
     information = information_of(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
     allowed = dict(zip(information.names, information.allowed.tolist(), strict=True))
-    # Without a clock the filter's deviations reach as far along the symmetry as what is thought beforehand.
-    deviations = dict.fromkeys(deviations, 0.0) if not has_clock(one.case) else deviations
+    # Where time is unknown the filter's deviations reach as far along the symmetry as the prior.
+    deviations = dict.fromkeys(deviations, 0.0) if not time_is_known(one.case) else deviations
     found = {
         name: _wider(parameter, _NORMAL * deviations[name], *allowed[name])
         for name, parameter in with_intervals(information).items()
@@ -128,7 +128,7 @@ def information_of(one: Scored, held: HeldOut) -> Information:
     """Return what recordings say of a set, as far as the fits without each recording in turn agree."""
     fitted = one.fitted
     own = [one.names.index(name) for name in fitted.names]
-    return _with_scatter(curvature(one), of_one_clock(one, held.values)[:, own])
+    return _with_scatter(curvature(one), at_one_time_scale(one, held.values)[:, own])
 
 
 def curvature(one: Scored) -> Information:
@@ -136,7 +136,7 @@ def curvature(one: Scored) -> Information:
     fitted = one.fitted
     problem = one.case.problem(fitted.effects)
     information = Information.of(problem, fitted.values, problem.inform(fitted.values, one.case.noise))
-    return _without_clock(fitted, information)
+    return _without_time(fitted, information)
 
 
 def _with_scatter(information: Information, values: Array) -> Information:
@@ -158,13 +158,13 @@ def _scatter(values: Array) -> Array:
     return np.asarray(float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2.0)) * deviation)
 
 
-def _without_clock(fitted: Fitted, information: Information) -> Information:
+def _without_time(fitted: Fitted, information: Information) -> Information:
     """Return what recordings tell of a set, the time scale not read off impacts.
 
     Where stamps or a damping bring in a time, all stays as it is.
     """
     case = fitted.case
-    if has_clock(case):
+    if time_is_known(case):
         return information
     along = np.array([_power(name, fitted) for name in fitted.names]) * fitted.values / information.widths
     along = np.where(information.free, along, 0.0)
@@ -184,19 +184,19 @@ def _without_clock(fitted: Fitted, information: Information) -> Information:
     return replace(information, directions=directions, half_width=half_width, offset=offset)
 
 
-def has_clock(case: Case) -> bool:
+def time_is_known(case: Case) -> bool:
     """Whether stamps or a damping bring in a time."""
     return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
 
 
-def of_one_clock(one: Scored, values: Array) -> Array:
+def at_one_time_scale(one: Scored, values: Array) -> Array:
     """Return (k, n) values as they are with a set's own time scale: along the symmetry nothing is known."""
     fitted = one.fitted
-    if has_clock(fitted.case) or not len(values):
+    if time_is_known(fitted.case) or not len(values):
         return values
-    clock = one.names.index("time_scale")
+    index = one.names.index("time_scale")
     powers = np.array([_power(name, fitted) for name in one.names])
-    return np.asarray(values * (one.values["time_scale"] / values[:, clock])[:, None] ** powers)
+    return np.asarray(values * (one.values["time_scale"] / values[:, index])[:, None] ** powers)
 
 
 def _power(name: str, fitted: Fitted) -> float:
@@ -210,10 +210,10 @@ def _power(name: str, fitted: Fitted) -> float:
     return float(next(one.time_power for one in effect(of_effect).parameters if one.name == parameter))
 
 
-def _spread(one: Scored, clock: Parameter) -> Parameter:
+def _spread(one: Scored, time_scale: Parameter) -> Parameter:
     """Return the standard deviation of delays that differ [s], with its 95 % interval by the likelihood.
 
-    Without stamps the interval is as much wider as the clock is unknown.
+    Without stamps the interval is as much wider as the time scale is unknown.
     """
     size = float(one.noise[KICK])
     problem = Scores.of(one).problem(one.effects)
@@ -225,9 +225,9 @@ def _spread(one: Scored, clock: Parameter) -> Parameter:
     inside = noises[likelihood > likelihood.max() - _FALLEN, KICK]
     low, high = float(min(inside.min(), size)), float(max(inside.max(), size))
     if one.case.time_scale is None:
-        if clock.low is None or clock.high is None:
+        if time_scale.low is None or time_scale.high is None:
             return Parameter(size)
-        low, high = low * clock.low / clock.value, high * clock.high / clock.value
+        low, high = low * time_scale.low / time_scale.value, high * time_scale.high / time_scale.value
     return Parameter(size, low, high)
 
 

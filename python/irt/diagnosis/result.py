@@ -273,7 +273,7 @@ class Diagnosis:
         fitted to and on runs held out, each predicted by a fit to the others.
     base, model : Model
         The best fit of five parameters, and the final model; both with 95 % intervals.
-    rivals : tuple of Model
+    indistinguishable : tuple of Model
         Models with other effects that explain the recordings as well as the final one.
     plausible : tuple of Plausible
         Models with sets of effects that may be the true one, the final model first.
@@ -323,7 +323,7 @@ class Diagnosis:
     final_heldout_mae: float
     base: Model
     model: Model
-    rivals: tuple[Model, ...]
+    indistinguishable: tuple[Model, ...]
     plausible: tuple[Plausible, ...]
     unidentifiable: tuple[str, ...]
     suggestion: str

@@ -180,14 +180,14 @@ class Scores:
         """Return values and sizes of what is random to begin at: least squares, and the middle of ranges.
 
         Where much is missing least squares go far astray, but for the signs of the gears, and their size for
-        a given clock.
+        a given time scale.
         """
         found = self.case.fit((), starts=6, rounds=1).values
         middle = found.copy()
-        friction, clock, scale = range(2, 5)
+        friction, time, scale = range(2, 5)
         if self.case.time_scale is None:
-            middle[clock] = np.mean(self.case.rig.ranges[PARAMETERS[clock]])
-            middle[:2] *= (found[clock] / middle[clock]) ** 2
+            middle[time] = np.mean(self.case.rig.ranges[PARAMETERS[time]])
+            middle[:2] *= (found[time] / middle[time]) ** 2
         middle[friction] = np.mean(self.case.rig.ranges[PARAMETERS[friction]])
         middle[scale] = 1.0
         values, noises = [], []

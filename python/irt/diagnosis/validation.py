@@ -123,10 +123,10 @@ def _fitted_without(one: Scored, fold: int) -> Scored:
 def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:
     model = case.model(simulated(effects), values)
     # Without stamps as many rows for every model, however long each takes a row to be.
-    clock = (
+    time_scaling = (
         1.0 if case.time_scale is not None else values["time_scale"] / np.mean(case.rig.ranges["time_scale"])
     )
-    found = evaluate(model, [run], float(config.HORIZON_S * clock)).runs[0]
+    found = evaluate(model, [run], float(config.HORIZON_S * time_scaling)).runs[0]
     if case.rig.start == "moving":
         longer = evaluate(model, [run]).runs[0]
         if longer.windowed is not None:

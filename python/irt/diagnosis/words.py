@@ -180,7 +180,10 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
         _, _, unit = sizes[0]
         rms = float(np.sqrt(sum(value**2 for _, value, _ in sizes)))
         return f"{one.name} (slopes of the board of {rms:.2g} {unit}, root mean square)"
-    values = ", ".join(f"{name} {value:.3g} {unit}".rstrip() for name, value, unit in sizes)
+    # A name such as width_x_rad needs no unit beside its unit.
+    values = ", ".join(
+        f"{name.removesuffix(f'_{unit}')} {value:.3g} {unit}".rstrip() for name, value, unit in sizes
+    )
     return f"{one.name} ({values})" if values else one.name
 
 

@@ -129,14 +129,14 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
         f"{_percent(irt.early[0])}. 4.02 % is a minimum over iterations of one run.",
     )
     order = [rows[name].minimum[0] for name in ("irt-paper", "cma-es", "direct")]
-    papers = [PAPERS_TABLE[name][0] for name in ("irt-paper", "cma-es", "direct")]
+    printed = [PAPERS_TABLE[name][0] for name in ("irt-paper", "cma-es", "direct")]
     early = [rows[name].early[0] for name in ("irt-paper", "cma-es")]
     yield Claim(
         "Table 1",
         "IRT is more accurate than CMA-ES, and that than direct prediction.",
         _reproduced(sorted(order) == order),
         f"{stand_in}, minimum state MAE in the median: {', '.join(map(_percent, order))} (paper: "
-        f"{', '.join(map(_percent, papers))}); CMA-ES may take 300 rollouts for it here. After 5 rollouts "
+        f"{', '.join(map(_percent, printed))}); CMA-ES may take 300 rollouts for it here. After 5 rollouts "
         f"IRT has {_percent(early[0])} and CMA-ES {_percent(early[1])}.",
     )
     failed = second.random["irt-paper"].mae

@@ -128,7 +128,7 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
         inference = NPE(
             BoxUniform(torch.zeros(5), torch.ones(5)),
             density_estimator=posterior_nn("nsf", embedding_net=embedding, z_score_x="structured"),
-            tracker=_Untold(),
+            tracker=_Silent(),
             show_progress_bars=False,
         )
         inference.append_simulations(pairs.scaled, pairs.inputs)
@@ -139,8 +139,8 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
     return estimator
 
 
-class _Untold:
-    """A summary writer that discards sbi's training logs."""
+class _Silent:
+    """A tracker of sbi that writes nothing of its training."""
 
     log_dir = None
 

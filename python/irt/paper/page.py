@@ -122,7 +122,7 @@ def floors(first: Experiment1, second: Experiment2) -> Iterator[Floor]:
     if second.diagnosed:
         full = float(np.median([one.full for one in second.diagnosed]))
         again = float(np.median([one.full_again for one in second.diagnosed]))
-        given = float(np.median([one.told for one in second.diagnosed]))
+        given = float(np.median([one.oracle for one in second.diagnosed]))
         yield Floor(
             f"stand-in rigs after diagnosis: median state MAE of {len(second.diagnosed)}",
             "at most 1.0 %",

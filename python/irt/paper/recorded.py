@@ -63,26 +63,26 @@ def judge(setting: Setting, folder: Path, progress: Progress | None = None) -> l
         replace(rig, recordings=part) for part in (rig.recordings[:first], rig.recordings[first:])
     )
     kept = setting.out / "real" / f"{folder.resolve().name}.json"
-    results: dict[str, dict[str, Any]] = json.loads(read_text(kept)) if kept.exists() else {}
-    if "untuned" not in results:
-        results["untuned"] = _errors(untuned(given), given, heldout, 0)
-        _keep(kept, results)
+    errors: dict[str, dict[str, Any]] = json.loads(read_text(kept)) if kept.exists() else {}
+    if "untuned" not in errors:
+        errors["untuned"] = _errors(untuned(given), given, heldout, 0)
+        _keep(kept, errors)
     for name in METHODS:
-        if name not in results:
+        if name not in errors:
             result = tune(given, name, threads=setting.threads, progress=within(progress, name))
-            results[name] = _errors(result.model, given, heldout, result.rollouts)
-            _keep(kept, results)
-    if not any(name.startswith("diagnosed") for name in results):
+            errors[name] = _errors(result.model, given, heldout, result.rollouts)
+            _keep(kept, errors)
+    if not any(name.startswith("diagnosed") for name in errors):
         found = diagnose(given, threads=setting.threads, progress=within(progress, "diagnosis"))
         named = ", ".join(one.name for one in found.effects) or found.verdict
-        results[f"diagnosed: {named}"] = _errors(found.model, given, heldout, 0)
-        _keep(kept, results)
-    return [Judged(name, **numbers) for name, numbers in results.items()]
+        errors[f"diagnosed: {named}"] = _errors(found.model, given, heldout, 0)
+        _keep(kept, errors)
+    return [Judged(name, **numbers) for name, numbers in errors.items()]
 
 
-def _keep(path: Path, results: dict[str, dict[str, Any]]) -> None:
+def _keep(path: Path, errors: dict[str, dict[str, Any]]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(path, json.dumps(results, indent=1) + "\n")
+    write_atomic(path, json.dumps(errors, indent=1) + "\n")
 
 
 def _errors(model: Model, given: Rig, heldout: Rig, rollouts: int) -> dict[str, Any]:

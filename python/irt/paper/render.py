@@ -41,7 +41,7 @@ def fig3(folder: Path, first: Experiment1) -> None:
 
 
 def fig4(folder: Path, first: Experiment1) -> None:
-    """Draw raw parameter errors, and errors in the identifiable combinations."""
+    """Draw raw parameter errors, and errors in the combinations that can be identified."""
     under = floor(first.setting.drive, first.truth, first.setting.seed)
     figures.plot_errors(
         folder / "fig4.png",

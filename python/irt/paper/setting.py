@@ -21,7 +21,7 @@ from irt.tuning.drive import Drive
 
 Array = NDArray[np.float64]
 
-#: PyBullet's default damping of every body [1/s].
+#: What PyBullet applies to every body by default [1/s].
 BULLET_DAMPING = 0.04
 #: Maximum number of rollouts in comparisons.
 ROLLOUTS = 300

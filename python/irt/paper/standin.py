@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,9 +51,9 @@ class Diagnosed:
     plain, plain_again : float
         Errors of five parameters fitted to the first run alone: on that run, and on the repeated drive.
     full, full_again : float
-        The same for the diagnosed model.
-    told, told_again : float
-        The same of a model that was told which effects the rig has, and fitted to all of its recordings;
+        The same of the model that the diagnosis left behind.
+    oracle, oracle_again : float
+        The same of a model that is given the effects that the rig has, and fitted to all of its recordings;
         delays that differ by chance cannot be fitted. No diagnosis can be expected to get below that.
     """
 
@@ -63,8 +63,8 @@ class Diagnosed:
     plain_again: float
     full: float
     full_again: float
-    told: float
-    told_again: float
+    oracle: float
+    oracle_again: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,15 +224,17 @@ def _diagnosed(setting: Setting, rig: int, progress: Progress | None) -> Diagnos
         for name, model in (("plain", plain), ("full", answer.model)):
             found |= {name: _mae(model, target), f"{name}_again": _mae(model, again)}
         write_atomic(kept, json.dumps(found, indent=1) + "\n")
-    if "told" not in found:
-        told = _told(setting, folder)
-        found |= {"told": _mae(told, target), "told_again": _mae(told, again)}
+    if "oracle" not in found:
+        oracle = _oracle(setting, folder)
+        found |= {"oracle": _mae(oracle, target), "oracle_again": _mae(oracle, again)}
         write_atomic(kept, json.dumps(found, indent=1) + "\n")
-    return Diagnosed(**{**found, "names": tuple(found["names"])})
+    # A file of an earlier version holds other keys besides.
+    known = {one.name: found[one.name] for one in fields(Diagnosed)}
+    return Diagnosed(**{**known, "names": tuple(known["names"])})
 
 
-def _told(setting: Setting, folder: Path) -> Model:
-    """Fit a rig with its true effects from their true values; random delays are left out."""
+def _oracle(setting: Setting, folder: Path) -> Model:
+    """Fit a rig with the effects that it truly has, from their true values; delays by chance are left out."""
     true = json.loads(read_text(folder / "truth.json"))["effects"]
     effects = [
         Effect(one["name"], {name: value for name, value in one.items() if name != "name"})

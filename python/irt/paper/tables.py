@@ -69,8 +69,8 @@ def table1(second: Experiment2) -> Iterator[str]:
     )
     yield "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |"
     for row in second.rows():
-        published = PAPERS_TABLE.get(row.name)
-        papers = ("", "") if published is None else (f"{100 * published[0]:.3g} %", f"{published[1]}")
+        printed = PAPERS_TABLE.get(row.name)
+        papers = ("", "") if printed is None else (f"{100 * printed[0]:.3g} %", f"{printed[1]}")
         cells = [
             METHODS[row.name].title,
             *papers,
@@ -91,7 +91,7 @@ def of_diagnoses(diagnosed: list[Diagnosed]) -> Iterator[str]:
     )
     yield "| ---: | --- | ---: | ---: | ---: | ---: | ---: | ---: |"
     for rig, one in enumerate(diagnosed):
-        errors = (one.plain, one.plain_again, one.full, one.full_again, one.told, one.told_again)
+        errors = (one.plain, one.plain_again, one.full, one.full_again, one.oracle, one.oracle_again)
         named = ", ".join(one.names) or one.verdict
         yield f"| {rig} | {named} | {' | '.join(f'{100 * each:.2f} %' for each in errors)} |"
 

@@ -195,7 +195,7 @@ class _Report:
             "formulas": [
                 note.removeprefix(LEARNED).removesuffix(".") for note in diagnosis.notes if _is_formula(note)
             ],
-            "rivals": tables.rivals(diagnosis, self.stated),
+            "indistinguishable": tables.indistinguishable(diagnosis, self.stated),
             "power": tables.power(diagnosis, self.stated),
             "runs": tables.runs(diagnosis, stamped=self.stamped) if diagnosis.runs else None,
             "boards": self._boards(),
@@ -460,10 +460,10 @@ def _is_formula(note: str) -> bool:
 
 
 def answers(diagnosis: Diagnosis) -> tuple[frozenset[str], set[frozenset[str]]]:
-    """Return the hypothesis that is the answer, and those that tie: rivals, or one named effect replaced."""
+    """Return the answer, and the sets that tie with it: as they are, or with one named effect replaced."""
     named = frozenset(one.name for one in diagnosis.effects)
-    ties = {named - {one.name} | {rival} for one in diagnosis.effects for rival in one.confusable_with}
-    ties |= {frozenset(one.name for one in rival.effects) for rival in diagnosis.rivals}
+    ties = {named - {one.name} | {other} for one in diagnosis.effects for other in one.confusable_with}
+    ties |= {frozenset(one.name for one in other.effects) for other in diagnosis.indistinguishable}
     return named, ties
 
 

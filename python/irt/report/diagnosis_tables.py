@@ -40,9 +40,9 @@ LEAST_PROBABLE = 0.01
 Stated = Callable[[str, Parameter, str], tuple[str, Parameter, str]]
 
 
-def rivals(diagnosis: Diagnosis, stated: Stated) -> Table | None:
+def indistinguishable(diagnosis: Diagnosis, stated: Stated) -> Table | None:
     """Return the models that explain the recordings as well, with the values that they need for it."""
-    if not diagnosis.rivals:
+    if not diagnosis.indistinguishable:
         return None
     return Table(
         "The first model is the one of this page; the others are as likely",
@@ -53,7 +53,7 @@ def rivals(diagnosis: Diagnosis, stated: Stated) -> Table | None:
                 "; ".join(_values(one, stated) for one in model.effects),
                 *(f"{model.parameters[name].value:.3g}" for name in PARAMETERS),
             ]
-            for model in (diagnosis.model, *diagnosis.rivals)
+            for model in (diagnosis.model, *diagnosis.indistinguishable)
         ],
         words=(1,),
     )

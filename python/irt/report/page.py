@@ -25,6 +25,7 @@ from irt.report import style, words
 _PRINTED_ROWS = 20
 #: What templates call on numbers and names.
 _FILTERS = (
+    words.commands,
     words.counted,
     words.listed,
     words.millimetres,

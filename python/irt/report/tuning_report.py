@@ -368,8 +368,10 @@ def _history(folder: Path, rig: Rig, results: Sequence[FitResult]) -> list[Pictu
         evolution = folder / f"parameters-{result.method}.svg"
         plot_history(history, result, noise=noise)
         plot_parameters(evolution, result)
+        # Errors elsewhere on the page are of predictions from the first row.
+        states = ", runs begin at their fitted states" if result.method == "least-squares" else ""
         caption = (
-            f"{name}: error from {counted(len(result.estimates), 'start')}; "
+            f"{name}: error from {counted(len(result.estimates), 'start')}{states}; "
             f"{result.rollouts:,} simulated runs in {result.seconds:.1f} s of computing."
         )
         histories.append(Picture(history, caption))

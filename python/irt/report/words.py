@@ -7,6 +7,8 @@ import platform
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 
+from markupsafe import Markup
+
 from irt import display
 from irt.model import Parameter
 
@@ -79,6 +81,13 @@ def share(part: float) -> str:
     if part >= 0.995:
         return _percentage(f"{math.floor(1000 * part) / 10:.4g}")
     return _percentage("< 1" if 0.0 < part < 0.005 else f"{100 * part:.0f}")
+
+
+def commands(text: str) -> Markup:
+    """Return a sentence with the commands in it, which stand between backticks, as code."""
+    code = Markup("<code>{}</code>")
+    parts = text.split("`")
+    return Markup("").join(code.format(part) if index % 2 else part for index, part in enumerate(parts))
 
 
 def probability(chance: float) -> str:

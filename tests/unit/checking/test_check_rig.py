@@ -136,13 +136,26 @@ def test_knobs_in_degrees_are_refused_unless_the_range_of_the_gears_says_otherwi
     assert warning.severity == "warning"
 
 
-def test_without_stamps_knobs_beyond_a_turn_are_refused_and_others_warned_of(make_rig):
-    severities = []
-    for amplitude in (0.05, 0.16):
-        rig = make_rig(stamped=False, amplitude=amplitude)
-        (found,) = warned(check(changed(rig, knobs=lambda one: np.degrees(one.knobs))))
-        severities.append(found.severity)
-    assert severities == ["warning", "error"]
+@pytest.mark.parametrize(
+    ("amplitude", "ranges", "severity"),
+    [(0.02, {}, "warning"), (0.1, {}, "error"), (0.1, {"gear_x": (0.0, 0.01)}, "warning")],
+)
+def test_without_stamps_knobs_beyond_half_a_turn_are_refused(make_rig, amplitude, ranges, severity):
+    rig = changed(make_rig(stamped=False, amplitude=amplitude), knobs=lambda one: np.degrees(one.knobs))
+    (found,) = warned(check(replace(rig, ranges={**rig.ranges, **ranges})))
+    assert "degrees" in found.what
+    assert found.severity == severity
+
+
+def test_a_measured_tilt_proves_degrees_without_stamps(make_rig):
+    rig = changed(
+        make_rig(stamped=False, amplitude=0.02),
+        tilt=lambda one: 0.07 * one.knobs,
+        knobs=lambda one: np.degrees(one.knobs),
+    )
+    (found,) = warned(check(rig))
+    assert found.severity == "error"
+    assert "0.0012 if they are radians, 0.07 if they are degrees" in found.what
 
 
 def test_small_knobs_in_degrees_show_by_their_gears(make_rig):

@@ -17,14 +17,14 @@ def effect(name="backlash", ties=()):
 
 def test_the_answer_names_effect_value_and_gain():
     told = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
-    for words in ("backlash", "width_x_rad 0.031 rad", "0.2 %", "4 %", "0.08 %"):
+    for words in ("backlash", "width_x 0.031 rad", "0.2 %", "4 %", "0.08 %"):
         assert words.lower() in told.lower()
 
 
 def test_without_stamps_values_are_in_rows():
     late = NamedEffect("delay", "timing", {"delay_s": Parameter(0.2)}, {"delay_s": "s"}, 0.04, 0.002)
     settings = {"noise": 0.001, "before": 0.04, "after": 0.002, "heldout": True}
-    assert "Delay (delay_s 0.2 s)" in summary([late], **settings)
+    assert "Delay (delay 0.2 s)" in summary([late], **settings)
     assert "Delay (delay 2.5 rows)" in summary([late], **settings, row_s=0.08)
 
 

@@ -32,7 +32,7 @@ def parameters(case):
 @pytest.mark.parametrize("pushed", [0.0, 0.05])
 def test_intervals_hold_what_was_planted(plant, pushed):
     held, widths = [], []
-    for seed in range(12):
+    for seed in range(8):
         found = parameters(plant([DRAG], seed=seed, stamped=True, pushed=pushed))
         drag = found["viscous_drag.rate_per_s"]
         widths.append(drag.high - drag.low)
@@ -41,19 +41,19 @@ def test_intervals_hold_what_was_planted(plant, pushed):
             for name, one in found.items()
             if name in TRUTH and one.low is not None
         ]
-    assert len(held) == 12 * 5
-    # Of 60 intervals of 95 % fewer than 50 hold the truth in one of 10,000 tries; those of a rig are alike.
-    assert sum(held) >= 50
+    assert len(held) == 8 * 5
+    # Of 40 intervals of 95 % fewer than 32 hold the truth in one of 10,000 tries; those of a rig are alike.
+    assert sum(held) >= 32
     assert np.median(widths) < (0.5 if pushed else 0.15)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
-def test_without_stamps_no_clock_is_read_off_impacts(plant, seed):
+def test_without_stamps_no_time_scale_is_read_off_impacts(plant, seed):
     found = parameters(plant([DRAG], rows=120, runs=6, seed=seed))
     assert all(found[name].low <= true <= found[name].high for name, true in TRUTH.items())
-    clock = found["time_scale"]
-    assert clock.high - clock.low > 0.5 * clock.value
+    time_scale = found["time_scale"]
+    assert time_scale.high - time_scale.low > 0.5 * time_scale.value
 
 
 @pytest.mark.slow
@@ -122,7 +122,7 @@ def test_delays_differ_where_their_spread_is_no_zero(low, named):
     ],
     ids=lambda learned: "-".join(name for name in learned if name != "shape_1"),
 )
-def test_the_symmetry_of_the_clock_leaves_the_path_of_what_was_learned_as_it_is(learned):
+def test_the_symmetry_of_time_leaves_the_path_of_what_was_learned_as_it_is(learned):
     values = {one.name: one.neutral for one in effect(UNLISTED).parameters} | learned
     names = tuple(f"{UNLISTED}.{name}" for name in values)
     at = np.array([*SLOWED, *values.values()])

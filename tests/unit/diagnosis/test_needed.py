@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from irt.diagnosis.needed import Needed, smoothed
+from irt.diagnosis.needed import VARIABLES, Needed, smoothed
 from irt.diagnosis.result import UNLISTED
 from irt.diagnosis.score import Scores
 from irt.engine import GRAVITY
@@ -33,11 +33,16 @@ WAVE = {"name": UNLISTED, "push_1_x_m_per_s2": 0.02, "wave_1_x_per_m": 100.0, "p
 )
 def test_the_push_depends_on_what_was_left_out(plant, planted, variable):
     case = plant([planted], runs=6, rows=120, stamped=True)
-    first = Needed(Scores(case).base()).dependences[0]
+    needed = Needed(Scores(case).base())
+    first = needed.dependences[0]
     assert first.variable == variable
     assert first.p_value < 0.01
     assert 0.0 < first.share <= 1.0
-    assert Needed(Scores(case).base()).repeating(0.01) >= first.share
+    assert needed.repeating(0.01) >= first.share
+    finding = needed.findings(0.01)[0]
+    assert finding.what.endswith(f"depends on {VARIABLES[variable][0]}")
+    assert finding.kind == VARIABLES[variable][1]
+    assert finding.p_value == first.p_value
 
 
 @pytest.mark.slow
@@ -64,11 +69,3 @@ def test_the_push_of_a_table_that_is_not_level_is_found_in_every_row(plant):
     assert (push[seen] > 0.0).mean() > 0.9
     assert (deviation[seen] > 0.0).all()
     assert all(np.isnan(each[0]).all() for each in found.push)
-
-
-def test_findings_say_what_the_push_depends_on(plant):
-    case = plant([{"name": "viscous_drag", "rate_per_s": 0.8}], runs=6, rows=120, stamped=True)
-    finding = Needed(Scores(case).base()).findings(0.01)[0]
-    assert "depends on the velocity of the marble" in finding.what
-    assert finding.kind == "regime"
-    assert finding.p_value <= 0.01

@@ -57,6 +57,11 @@ def test_the_verdict_is_what_was_planted(diagnosed, plant, name, verdict, effect
     found = diagnosed(name, plant)
     assert found.verdict == verdict
     assert {one.name for one in found.effects} == effects
+    kinds = {one.kind for one in found.where}
+    if effects:
+        assert "stage" in kinds
+    elif name == "nothing":
+        assert not kinds
 
 
 @pytest.mark.slow

@@ -65,7 +65,7 @@ def test_what_is_there_is_not_done_again(first, monkeypatch):
     np.testing.assert_array_equal(again.held["es"].mae, first.held["es"].mae)
 
 
-def test_a_broken_file_is_reported(setting, tmp_path):
+def test_what_is_broken_is_said(setting, tmp_path):
     path = tmp_path / "x.npz"
     path.write_bytes(b"PK no archive")
     with pytest.raises(IrtError, match="delete it and run the same command again"):
@@ -80,13 +80,13 @@ def test_what_is_of_something_else_is_made_anew(setting, tmp_path):
 
 
 def test_numbers_are_json_and_agree_with_the_table(first):
-    content = json.loads(json.dumps(first.as_dict(), allow_nan=False))
-    after = content["methods"]["irt+"]["after"]["5"]["state_mae"]
+    numbers = json.loads(json.dumps(first.as_dict(), allow_nan=False))
+    after = numbers["methods"]["irt+"]["after"]["5"]["state_mae"]
     assert after["mean"] == pytest.approx(first.held["irt+"].mae[:, 5].mean())
     lines = list(tables.of_methods(first))
     (row,) = [line for line in lines if line.startswith("| IRT+ |")][:1]
     assert f"({100 * after['median']:.3f}; " in row
-    assert content["methods"]["irt+"]["pretraining_rollouts"] > 1_000_000
+    assert numbers["methods"]["irt+"]["pretraining_rollouts"] > 1_000_000
 
 
 def test_variants_keep_their_results_apart(setting):

@@ -43,9 +43,9 @@ def test_from_the_middle_everyone_begins_there(second):
     np.testing.assert_allclose(start, 0.5)
 
 
-def test_who_is_told_the_effects_fits_all_but_what_is_drawn_by_chance(second):
+def test_an_oracle_that_is_given_the_effects_fits_all_but_what_is_drawn_by_chance(second):
     folder = standin._folder(second.setting, 1)
-    model = standin._told(second.setting, folder)
+    model = standin._oracle(second.setting, folder)
     assert [one.name for one in model.effects] == ["lag"]
     # The noise of the recordings has a mean absolute error of 0.0008.
     assert standin._mae(model, standin._target(folder)) < 0.0012

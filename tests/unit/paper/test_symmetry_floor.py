@@ -33,17 +33,17 @@ def test_parameters_change_all_the_same(found):
     assert found.parameter_error[-1] == 0.0
 
 
-def test_combinations_have_no_floor_at_the_rim():
-    at_rim, off_rim = (
+def test_where_the_rim_shows_the_scale_combinations_have_no_floor():
+    at_rim, within = (
         floor(DRIVE, np.array([[*gears, 3e-4, steps, 0.95]]), 0)
         for gears, steps in (((0.08, 0.06), 40.0), ((0.01, 0.008), 12.0))
     )
     assert at_rim.combinations == pytest.approx(0.0, abs=1e-9)
-    assert off_rim.combinations > 0.005
-    assert min(at_rim.parameters, off_rim.parameters) > 0.02
+    assert within.combinations > 0.005
+    assert min(at_rim.parameters, within.parameters) > 0.02
 
 
-def test_a_path_near_the_rim_bounds_the_scale_from_below():
+def test_a_path_that_nearly_meets_the_rim_shows_the_least_scale():
     """The same path with a smaller scale would have met it: so fewer parameters are alike."""
     truth = np.array([[0.012, 0.008, 1e-4, 21.0, 1.18]])
     way = float(share_of_the_way(DRIVE, DRIVE.simulate(truth)[0])[0])
@@ -55,5 +55,5 @@ def test_a_path_near_the_rim_bounds_the_scale_from_below():
 def test_a_range_that_is_closed_leaves_no_choice():
     ranges = {**DRIVE.ranges, "time_scale": (25.0, 25.0), "observation_scale": (0.94, 0.96)}
     drive = replace(DRIVE, ranges=ranges)
-    errors = floor(drive, np.array([[0.05, 0.03, 3e-4, 25.0, 0.95]]), 0)
-    assert errors.parameters == pytest.approx(0.0, abs=1e-9)
+    found = floor(drive, np.array([[0.05, 0.03, 3e-4, 25.0, 0.95]]), 0)
+    assert found.parameters == pytest.approx(0.0, abs=1e-9)

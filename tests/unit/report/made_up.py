@@ -179,7 +179,7 @@ def make_diagnosis(rig, verdict):
         nested_heldout_mae=1.1 * after,
         base=models[1] if verdict == "sufficient" else models[0],
         model=replace(models[1], parameters=parameters),
-        rivals=(replace(models[1], effects=(Effect("delay", {"delay_s": 0.113}),)),)
+        indistinguishable=(replace(models[1], effects=(Effect("delay", {"delay_s": 0.113}),)),)
         if verdict == "missing"
         else (),
         plausible=(Plausible(models[1], 0.7), Plausible(models[0], 0.3)),

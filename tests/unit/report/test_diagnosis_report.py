@@ -393,7 +393,9 @@ def test_little_to_tell_makes_a_short_page(tmp_path, labyrinth, diagnosis_of):
 def test_answers_hold_each_tie_with_one_effect_replaced(diagnosis_of):
     diagnosis = diagnosis_of("missing")
     (one,) = diagnosis.effects
-    two = replace(diagnosis, rivals=(), effects=(one, replace(one, name="lag", confusable_with=())))
+    two = replace(
+        diagnosis, indistinguishable=(), effects=(one, replace(one, name="lag", confusable_with=()))
+    )
     named, ties = answers(two)
     assert named == {"backlash", "lag"}
     assert ties == {frozenset({"delay", "lag"})}

@@ -5,6 +5,7 @@ import pytest
 from irt.model import Parameter
 from irt.report.words import (
     change,
+    commands,
     counted,
     duration,
     explained,
@@ -37,6 +38,11 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
 )
 def test_errors_are_told_in_two_digits(error, text):
     assert percent(error) == text.replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def test_commands_in_a_sentence_are_code_and_the_rest_is_escaped():
+    said = commands("a < b: run `irt suggest <rig>` next")
+    assert said == "a &lt; b: run <code>irt suggest &lt;rig&gt;</code> next"
 
 
 def test_an_error_of_nothing_is_a_dash():
