@@ -2,24 +2,78 @@
 
     python benches/render_traced.py --out DIR 0 1 2
 
-Wants the PyPI package mitsuba, in an environment of its own, and an LLVM that it can load (19 or later;
-``DRJIT_LIBLLVM_PATH`` says where). A run of 100 pictures takes about a minute on one core.
+Wants the PyPI package mitsuba, in an environment of its own, an LLVM that it can load (19 or later;
+``DRJIT_LIBLLVM_PATH`` says where), and imageio-ffmpeg for runs in H.264. A run of 100
+pictures takes about two minutes on one core.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
-from tracking.cases import KINDS, PICTURES, case
+from tracking.cases import KINDS, PICTURES, Case, case
 from tracking.traced import Traced
 
 RATE = 30.0
+#: From one picture of H.264 that stands alone to the next.
+KEY = 30
+
+
+class H264:
+    """A video in H.264, at the bit rate of a webcam."""
+
+    def __init__(self, path: Path, size: tuple[int, int], kbps: int) -> None:
+        writers = importlib.import_module("imageio_ffmpeg")
+        self._writer = writers.write_frames(
+            str(path),
+            size,
+            fps=RATE,
+            codec="libx264",
+            bitrate=f"{kbps}k",
+            macro_block_size=1,
+            pix_fmt_in="bgr24",
+            output_params=["-g", str(KEY)],
+        )
+        self._writer.send(None)
+
+    def write(self, picture: NDArray[np.uint8]) -> None:
+        """Add a picture."""
+        self._writer.send(np.ascontiguousarray(picture))
+
+    def release(self) -> None:
+        """End the video."""
+        self._writer.close()
+
+
+def _video(run: Case, folder: Path) -> Any:
+    """Return what a run's pictures are written to."""
+    size = run.view.width, run.view.height
+    if run.codec == "h264":
+        return H264(folder / "run.mp4", size, run.kbps)
+    suffix = "avi" if run.codec == "MJPG" else "mp4"
+    video = cv2.VideoWriter(str(folder / f"run.{suffix}"), cv2.VideoWriter.fourcc(*run.codec), RATE, size)
+    if run.codec == "MJPG":
+        video.set(cv2.VIDEOWRITER_PROP_QUALITY, run.quality)
+    return video
+
+
+def _break(path: Path, count: int) -> None:
+    """Flip bytes of a video's pictures, as a bad line does; the index at its end stays."""
+    content = bytearray(path.read_bytes())
+    random = np.random.default_rng(len(content))
+    for place in random.integers(len(content) // 10, 8 * len(content) // 10, count):
+        content[place] ^= 0xFF
+    path.write_bytes(content)
 
 
 def write(number: int, pictures: int, folder: Path) -> None:
@@ -31,8 +85,7 @@ def write(number: int, pictures: int, folder: Path) -> None:
     size = run.view.width, run.view.height
     video = None
     if run.codec != "png":
-        suffix = "avi" if run.codec == "MJPG" else "mp4"
-        video = cv2.VideoWriter(str(folder / f"run.{suffix}"), cv2.VideoWriter.fourcc(*run.codec), RATE, size)
+        video = _video(run, folder)
     else:
         (folder / "run").mkdir(exist_ok=True)
     truths = []
@@ -44,6 +97,8 @@ def write(number: int, pictures: int, folder: Path) -> None:
         truths.append(truth)
     if video is not None:
         video.release()
+        if run.broken:
+            _break(folder / "run.mp4", run.broken)
     known = {
         "kind": run.kind,
         "rim": run.rim,

@@ -2,8 +2,8 @@
 
     python benches/render_traced.py --out DIR 0 1 2 3 4 5 6 7 && python benches/track_traced.py DIR
 
-Prints one line for each run and method. Corners are detected, except on boards with a rim: there they are
-given to the pixel, because a picture does not show which outline is the board's. The peers
+Prints one line for each run and method. Corners are detected, except on boards with a rim: there those of the
+first picture are given to the pixel, because a picture does not show which outline is the board's. The peers
 (`tracking.rivals`) are given the marble's colour, its size and the true corners.
 """
 
@@ -28,6 +28,7 @@ from irt.tracking.separation import Clue
 from irt.tracking.source import open_source
 from tracking.cases import EDGES_M
 from tracking.rivals import rivals
+from tracking.view import turned
 
 Array = NDArray[np.float64]
 MM = 1000.0 * EDGES_M[0]
@@ -48,13 +49,19 @@ class Run:
         self.corners, self.pixels, self.places = (
             np.array(truth[name]) for name in ("corners", "pixels", "places")
         )
+        tilts = np.array(truth["tilts"])
         self.size = Size(1.0, EDGES_M[1] / EDGES_M[0], truth["radius_m"] / EDGES_M[0])
         self.lens = Lens(np.array(truth["matrix"]), np.zeros(5), tuple(truth["size"]), 0.1)
+        level = Pose.of(self.lens, self.corners, self.size.corners, self.size.radius)
+        self.poses = [
+            Pose(self.lens, level.rotation @ turned(tilt), level.origin, level.radius) for tilt in tilts
+        ]
         self.source = open_source(str(next(folder.glob("run*"))), 30.0)
 
     def question(self, clue: Clue) -> Question:
         """Return the command-line arguments."""
-        given = tuple((round(x), round(y)) for x, y in self.corners) if self.rim else None
+        first = self.poses[0].project(np.column_stack([self.size.corners, np.zeros(4)]))
+        given = tuple((round(x), round(y)) for x, y in first) if self.rim else None
         return Question(self.size, self.lens, given, clue)
 
 

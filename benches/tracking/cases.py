@@ -21,6 +21,9 @@ FINE = 5000.0
 #: Runs from this number on are for scoring, and not looked at while the tracker is worked on.
 FROZEN = 100
 PICTURES = 100
+#: From this number on a run has, by turns, something of `CAMERAS` as well.
+CAMERAS_FROM = 400
+CAMERAS = ("arm", "h264", "rolling", "webcam", "broken")
 KINDS = ("steel", "beige", "glass", "bands", "glare", "printed", "large", "small")
 
 
@@ -76,8 +79,18 @@ class Case:
         Share of the time between pictures that the shutter is open.
     shot, read : float
         Noise that grows with the light, and that does not, as shares of full light.
+    arm : float
+        Depth of the shadow of an arm that reaches over the board and turns, as a share.
+    readout : float
+        From the first row of a picture to the last, as a share of the time between pictures.
     codec : str
-        `png`, `MJPG` or `mp4v`.
+        `png`, `MJPG`, `mp4v` or `h264`.
+    quality : int
+        Of MJPEG, to 100.
+    kbps : int
+        Of H.264 [kbit/s].
+    broken : int
+        Bytes of the video that are flipped.
     """
 
     seed: int
@@ -104,13 +117,18 @@ class Case:
     blur: float = 0.7
     shot: float = 0.012
     read: float = 0.003
+    arm: float = 0.0
+    readout: float = 0.0
     codec: str = "png"
+    quality: int = 95
+    kbps: int = 1500
+    broken: int = 0
     turns: Array = field(default_factory=lambda: np.eye(3)[None])
 
     @property
     def changes(self) -> bool:
         """Whether lamps change beside each other."""
-        return self.bands > 0 or self.drift > 0
+        return self.bands > 0 or self.drift > 0 or self.arm > 0
 
     def moments(self, count: int) -> tuple[float, ...]:
         """Return the moments of an exposure, from its middle [pictures]."""
@@ -126,6 +144,11 @@ class Case:
     def turn_at(self, moment: float) -> Array:
         """Return how the marble has rolled (3, 3)."""
         return np.asarray(self.turns[int(np.clip(round(moment), 0, len(self.turns) - 1))])
+
+    def tilt_at(self, moment: float) -> Array:
+        """Return the board's tilt (2,) between pictures [rad]."""
+        times = np.arange(len(self.tilts))
+        return np.array([np.interp(moment, times, self.tilts[:, axis]) for axis in range(2)])
 
     def strengths(self, index: int) -> dict[str, float]:
         """Return the strength of each group of lamps in a picture, over the usual one."""
@@ -153,6 +176,16 @@ class Case:
                 along = np.cos(way) * right + np.sin(way) * down
                 away = np.abs((along - start - speed * index) % 900.0 - 450.0) - broad
                 shade *= 1.0 - self.bands / (1.0 + np.exp(np.clip(away / soft, -30, 30)))
+        if self.arm:
+            random = np.random.default_rng([self.seed, 9])
+            shoulder = np.array([random.uniform(0.2, 0.8) * width, -0.1 * height])
+            turn = 0.5 * np.sin(2 * np.pi * index / random.uniform(40, 90) + random.uniform(0, 6))
+            reach = height * (0.65 + 0.25 * np.sin(2 * np.pi * index / random.uniform(50, 110)))
+            toward = np.array([np.sin(turn), np.cos(turn)])
+            along = np.clip((right - shoulder[0]) * toward[0] + (down - shoulder[1]) * toward[1], 0.0, reach)
+            away = np.hypot(right - shoulder[0] - along * toward[0], down - shoulder[1] - along * toward[1])
+            soft = random.uniform(3.0, 10.0)
+            shade *= 1.0 - self.arm / (1.0 + np.exp(np.clip((away - 0.07 * height) / soft, -30, 30)))
         return np.asarray(shade[..., None], dtype=np.float32)
 
     def texture(self) -> Texture:
@@ -241,7 +274,10 @@ def case(number: int, pictures: int = PICTURES) -> Case:
         wood=tuple(random.uniform(0.85, 1.15) * np.array([0.50, 0.33, 0.18])),
         grain=random.uniform(0.15, 0.35),
     )
-    return _as(kind, usual, random)
+    run = _as(kind, usual, random)
+    if number >= CAMERAS_FROM:
+        return _before(CAMERAS[(number + number // len(KINDS)) % len(CAMERAS)], run, random)
+    return run
 
 
 def _as(kind: str, usual: Case, random: np.random.Generator) -> Case:
@@ -301,6 +337,17 @@ def _as(kind: str, usual: Case, random: np.random.Generator) -> Case:
         },
     }
     return replace(usual, **changes[kind])
+
+
+def _before(camera: str, run: Case, random: np.random.Generator) -> Case:
+    """Return a case before another camera, or with an arm over it."""
+    if camera == "arm":
+        return replace(run, arm=random.uniform(0.4, 0.75))
+    if camera == "rolling":
+        return replace(run, readout=random.uniform(0.5, 0.9), open=0.3)
+    if camera == "webcam":
+        return replace(run, codec="MJPG", quality=60, shot=0.025, read=0.008, hunting=0.08)
+    return replace(run, codec="h264", kbps=900, broken=6 if camera == "broken" else 0)
 
 
 def _turns(places: Array) -> Array:

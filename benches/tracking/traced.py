@@ -3,7 +3,8 @@
 Light is added up linearly. The board is rendered without the marble, once for each group of lamps; a window
 about the marble and its shadow is rendered anew for each picture. Lamps that dim and shadows that pass
 scale the light of their group. The tilt moves the picture of the board by its homography, which is exact for
-the board's surface and within a hundredth of a pixel for the marble.
+the board's surface. A marble's middle, above that, is moved as well; so it is rendered where this homography
+shows it in its place.
 """
 
 from __future__ import annotations
@@ -68,26 +69,45 @@ class Traced:
 
     def truth(self, index: int) -> Truth:
         """Return the truth of a picture: the marble's at the middle of the exposure."""
-        pixel = self._projected(self.case.places[index])
-        moved = cv2.perspectiveTransform(pixel.reshape(1, 1, 2), self._tilted(index)).ravel()
-        return Truth(np.asarray(moved, dtype=np.float64), self.case.places[index])
+        moment = self._moment(index)
+        return Truth(self._seen_at(moment), self.case.place_at(moment))
 
     def corners(self) -> Array:
         """Return the level board's corners (4, 2) [pixels], clockwise from least x and greatest y."""
         x, y = EDGES_M[0] / 2, EDGES_M[1] / 2
         return self.case.view.project(np.array([[-x, y, 0], [x, y, 0], [x, -y, 0], [-x, -y, 0.0]]))
 
-    def _projected(self, place: Array) -> Array:
-        """Return where the middle of a marble on the level board is seen (2,) [pixels]."""
-        seen = self.case.view.project(np.array([[*(place * EDGES_M[0]), self.case.radius_m]]))
-        return np.asarray(seen[0])
+    def _moment(self, index: int) -> float:
+        """Return when the marble's row of a picture is exposed [pictures]."""
+        moment, case = float(index), self.case
+        for _ in range(3):
+            moment = index + case.readout * (float(self._seen_at(moment)[1]) / case.view.height - 0.5)
+        return moment
 
-    def _tilted(self, index: int) -> Array:
+    def _middle(self, moment: float) -> Array:
+        """Return the place of the marble's middle in the board's frame (3,) [m]."""
+        return np.array([*(self.case.place_at(moment) * EDGES_M[0]), self.case.radius_m])
+
+    def _seen_at(self, moment: float) -> Array:
+        """Return where the middle of the marble is seen (2,) [pixels]."""
+        turn = turned(self.case.tilt_at(moment))
+        return np.asarray(self.case.view.project((turn @ self._middle(moment))[None])[0])
+
+    def _rendered_at(self, moment: float) -> Array:
+        """Return where the marble is rendered on the level board (3,) [m]."""
+        view = self.case.view
+        back = np.linalg.inv(self._tilted(moment))
+        x, y = cv2.perspectiveTransform(self._seen_at(moment).reshape(1, 1, 2), back).ravel()
+        ray = np.array([(x - view.matrix[0, 2]) / view.focal, (y - view.matrix[1, 2]) / view.focal, 1.0])
+        way = view.rotation.T @ ray
+        return np.asarray(view.eye + way * (self.case.radius_m - view.eye[2]) / way[2])
+
+    def _tilted(self, moment: float) -> Array:
         """Return the homography that the tilt moves the picture of the board by (3, 3)."""
         x, y = EDGES_M[0] / 2, EDGES_M[1] / 2
         flat = np.array([[-x, y, 0], [x, y, 0], [x, -y, 0], [-x, -y, 0.0]])
         level, tilted = (
-            self.case.view.project(one) for one in (flat, flat @ turned(self.case.tilts[index]).T)
+            self.case.view.project(one) for one in (flat, flat @ turned(self.case.tilt_at(moment)).T)
         )
         there = cv2.getPerspectiveTransform(level.astype(np.float32), tilted.astype(np.float32))
         return np.asarray(there, dtype=np.float64)
@@ -105,8 +125,9 @@ class Traced:
         for group, board, scene in zip(self.groups, self._boards, self._scenes, strict=True):
             light = board.copy()
             rows, columns = self._window(index)
+            middle = self._moment(index)
             parts = [
-                self._rendered(scene, index + moment, (rows, columns), MOMENTS * index + number)
+                self._rendered(scene, middle + moment, (rows, columns), MOMENTS * index + number)
                 for number, moment in enumerate(self.case.moments(MOMENTS))
             ]
             light[rows, columns] = np.mean(parts, axis=0)
@@ -116,10 +137,9 @@ class Traced:
     def _window(self, index: int) -> tuple[slice, slice]:
         """Return rows and columns that the marble and its shadows change."""
         case = self.case
-        ends = [case.place_at(index + moment) for moment in (-0.5, 0.0, 0.5)]
         points = []
-        for place in ends:
-            middle = np.array([*(place * EDGES_M[0]), case.radius_m])
+        for moment in (-0.5, 0.0, 0.5):
+            middle = self._rendered_at(self._moment(index) + moment)
             points.append(middle)
             for lamp in case.lamps:
                 away = (middle - lamp.place) * (lamp.strength > 0)
@@ -139,7 +159,7 @@ class Traced:
         rows, columns = window
         settings["sensor.film.crop_size"] = [columns.stop - columns.start, rows.stop - rows.start]
         settings["sensor.film.crop_offset"] = [columns.start, rows.start]
-        place = self.case.place_at(moment) * EDGES_M[0]
+        place = self._rendered_at(moment)
         turn = self.case.turn_at(moment)
         settings["marble.to_world"] = (
             mi.Transform4f().translate([float(place[0]), float(place[1]), self.case.radius_m])
@@ -154,15 +174,8 @@ class Traced:
         """Return what the camera makes of light: levels, blue first."""
         case = self.case
         random = np.random.default_rng([case.seed, 11, index])
-        height, width = case.view.height, case.view.width
         scene = self._lit(index) * np.float32(case.exposure(index))
-        moved = cv2.warpPerspective(
-            scene,
-            self._tilted(index),
-            (width, height),
-            flags=cv2.INTER_CUBIC,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
+        moved = cv2.remap(scene, *self._from(index), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         light = cv2.GaussianBlur(np.maximum(moved, 0.0), (0, 0), case.blur)
         # Shot noise grows with the light, reading noise does not; then the curve of sRGB, close to a power.
         variance = case.shot**2 * light + case.read**2
@@ -171,6 +184,20 @@ class Traced:
             light < 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055
         )
         return np.asarray(np.rint(255.0 * curve[:, :, ::-1]), dtype=np.uint8)
+
+    def _from(self, index: int) -> tuple[Linear, Linear]:
+        """Return the pixels of the level view that a picture's pixels show (h, w), row by row as exposed."""
+        case = self.case
+        height, width = case.view.height, case.view.width
+        columns = np.arange(width, dtype=np.float64)
+        across, down = np.empty((2, height, width), np.float32)
+        back = np.linalg.inv(self._tilted(index))
+        for row in range(height):
+            if case.readout:
+                back = np.linalg.inv(self._tilted(index + case.readout * (row / height - 0.5)))
+            there = back @ np.array([columns, np.full(width, row), np.ones(width)])
+            across[row], down[row] = there[:2] / there[2]
+        return across, down
 
     def _scene(self, group: tuple[str, ...], *, marble: bool) -> Any:
         """Return Mitsuba's scene of a group of lamps."""

@@ -1,6 +1,6 @@
 """Tune a marble-labyrinth simulator to recordings, and find the physics it leaves out.
 
-Names are resolved on first use, so that importing the package costs next to nothing.
+Names are resolved on first use, so importing the package is fast.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Checks of what callers pass: one line that says what was expected and what came."""
+"""Checks of arguments: errors are one line with the expected and the actual value."""
 
 from __future__ import annotations
 
@@ -17,19 +17,16 @@ from irt.errors import IrtError, unknown_name
 P = ParamSpec("P")
 T = TypeVar("T")
 
-#: As many as the engine takes.
+#: Most threads that the engine accepts.
 _MOST_THREADS = 1024
-#: Of a whole number that the engine takes.
+#: Most bits of a whole number that the engine accepts.
 _BITS = 63
-#: Characters of a value that a message shows.
+#: Most characters of a value in a message.
 _SHOWN = 60
 
 
 def entry(function: Callable[P, T]) -> Callable[P, T]:
-    """Make a function of the package's interface raise `IrtError` for arguments that it does not have.
-
-    A misspelt option is then one line that names the nearest, as everywhere.
-    """
+    """Make a public function raise `IrtError` for unknown arguments, and suggest the nearest name."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
@@ -52,7 +49,7 @@ def whole(name: str, value: object, least: int = 0) -> int:
     Raises
     ------
     IrtError
-        If the value is another; so do all functions here.
+        If the value is not. All functions of this module raise it.
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise IrtError(f"{name}: expected a whole number of at least {least}, got {shown(value)}")
@@ -69,14 +66,14 @@ def number(name: str, value: object) -> float:
 
 
 def pair(name: str, value: object) -> tuple[float, float]:
-    """Return two numbers, in a tuple, a list or an array."""
+    """Return two numbers from a tuple, a list or an array."""
     if not isinstance(value, tuple | list | np.ndarray) or len(value) != 2:
         raise IrtError(f"{name}: expected two numbers (low, high), got {shown(value)}")
     return number(name, value[0]), number(name, value[1])
 
 
 def array(name: str, values: Any) -> NDArray[np.float64]:
-    """Return a copy of numbers."""
+    """Return a copy of an array of numbers."""
     try:
         if np.iscomplexobj(values):
             raise TypeError("complex numbers")
@@ -93,7 +90,7 @@ def flag(name: str, value: object) -> bool:
 
 
 def word(name: str, value: object, possible: Sequence[str]) -> str:
-    """Return one of some words."""
+    """Return one of the possible words."""
     if not isinstance(value, str):
         raise IrtError(f"{name}: expected one of {', '.join(possible)}, got {shown(value)}")
     if value not in possible:
@@ -116,7 +113,7 @@ def path(name: str, value: object) -> Path:
 
 
 def instance(name: str, value: object, kind: type[T], *, expected: str = "") -> T:
-    """Return an object of a class; ``expected`` says in words what is asked for."""
+    """Return an instance of a class; ``expected`` describes it in the message."""
     if not isinstance(value, kind):
         raise IrtError(f"{name}: expected {expected or f'irt.{kind.__name__}'}, got {shown(value)}")
     return value
@@ -130,7 +127,7 @@ def mapping(name: str, value: object) -> Mapping[Any, Any]:
 
 
 def listed(name: str, value: object, kind: type[T], *, expected: str = "") -> tuple[T, ...]:
-    """Return a sequence of objects of a class."""
+    """Return a tuple of instances of a class."""
     expected = expected or f"a sequence of irt.{kind.__name__}"
     if isinstance(value, str | bytes) or not isinstance(value, Sequence):
         raise IrtError(f"{name}: expected {expected}, got {shown(value)}")
@@ -141,7 +138,7 @@ def listed(name: str, value: object, kind: type[T], *, expected: str = "") -> tu
 
 
 def threads(value: object) -> int | None:
-    """Return a number of threads; None stands for one for each core."""
+    """Return a number of threads; None means one per core."""
     if value is None:
         return None
     count = whole("threads", value)
@@ -151,13 +148,13 @@ def threads(value: object) -> int | None:
 
 
 def progress(value: Callable[..., Any] | None) -> None:
-    """Check a callback of progress."""
+    """Check a progress callback."""
     if value is not None and not callable(value):
         raise IrtError(f"progress: expected a function of (done, total, text), got {shown(value)}")
 
 
 def shown(value: object) -> str:
-    """Return a value as a message names it: its type, and itself if that is short."""
+    """Return a value as text for a message: its type, and the value itself if it is short."""
     if value is None:
         return "None"
     kind = type(value).__name__

@@ -1,4 +1,4 @@
-"""A bag that `rig` recorded: commands, joint states and marble points of ROS 2 messages in an MCAP file."""
+"""Read bags recorded by `rig`: commands, joint states and marble positions from an MCAP file of ROS 2."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from irt.files import PathLike
 
 Array = NDArray[np.float64]
 
-#: Topics that `rig` adds to a bag: what happened, the rows of the files that it played, and its set points.
+#: Topics that `rig` adds to a bag: events, the rows of played files, and set points.
 EVENTS, ROWS, SET_POINTS = "/rig/events", "/rig/command", "/rig/setpoint"
 _ERROR = 40
 
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """What a topic said, by the stamps of its messages.
+    """The messages of a topic as a time series.
 
     Attributes
     ----------
     stamps : (n,) array
-        When it was so [s since 1970], rising.
+        Stamps of the messages [s since 1970], strictly increasing.
     values : (n, 2) array
-        Two numbers each time, never NaN.
+        Values of the messages, never NaN.
     ages : (n,) array
-        How old the stamps were when the messages came [s]: transport, and the difference of the clocks.
+        Age of the stamps on arrival [s]: transport, and the difference of the clocks.
     """
 
     stamps: Array
@@ -44,18 +44,18 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class Play:
-    """One file that was played.
+    """A played file.
 
     Attributes
     ----------
     name : str
-        Of the file, without its ending.
+        Name of the file, without suffix.
     stamps : (n,) array
-        When each row was issued [s since 1970].
+        Time at which each row was issued [s since 1970].
     end : float
-        When the last row ended, or the motion was stopped [s since 1970].
+        End of the last row, or time of the stop [s since 1970].
     stop : str
-        Why it was stopped, empty where it was not.
+        Reason of the stop, empty if there was none.
     """
 
     name: str
@@ -66,20 +66,20 @@ class Play:
 
 @dataclass(frozen=True, eq=False)
 class Bag:
-    """What a bag holds.
+    """The contents of a bag.
 
     Attributes
     ----------
     path : Path
         The file.
     config : dict
-        The rig's configuration, as it was recorded.
+        The rig's configuration at the time of the recording.
     plays : tuple of Play
-        In the order in which they were played.
+        Played files, in order.
     set_points : Series
-        Knob angles that were commanded [rad].
+        Commanded knob angles [rad].
     measured : Series or None
-        Knob angles that the joints were at [rad], where both joints were heard.
+        Measured knob angles [rad]; None unless both joints were recorded.
     marble : Series
         Positions [board edges].
     """
@@ -98,8 +98,8 @@ def load_bag(path: PathLike) -> Bag:
     Raises
     ------
     IrtError
-        If it cannot be read, was cut short, or was recorded by another program; or if the packages for bags
-        are not installed.
+        If the bag cannot be read, is truncated, or was recorded by another program, or if the packages for
+        bags are not installed.
     """
     require("mcap_ros2", "reading a bag")
     from mcap.exceptions import McapError  # noqa: PLC0415
@@ -112,13 +112,13 @@ def load_bag(path: PathLike) -> Bag:
     with stream:
         try:
             config, messages = _read(path, stream)
-        # A file that is too short cannot even be looked at from its end.
+        # A file that is too short has no footer to read.
         except (McapError, OSError, struct.error) as error:
             raise IrtError(
-                f"{path}: no bag, or one that was cut short ({error}); try 'rig recover {path}'"
+                f"{path}: not a bag, or one that was cut short ({error}); try 'rig recover {path}'"
             ) from error
     if ROWS not in messages or SET_POINTS not in messages:
-        raise IrtError(f"{path}: nothing was played in it (no {ROWS}); record it with 'rig play'")
+        raise IrtError(f"{path}: contains no played file (no {ROWS}); record it with 'rig play'")
     arms = [config["arms"][axis] for axis in ("x", "y")]
     joints = [_joint(messages.get(arm["joint_states"], []), arm) for arm in arms]
     tracker = config.get("tracker", {})
@@ -138,7 +138,7 @@ def load_bag(path: PathLike) -> Bag:
 
 
 def is_own(path: PathLike) -> bool:
-    """Return whether `rig` recorded a bag: it holds the rig's configuration, or cannot be read to its end."""
+    """Return whether `rig` recorded a bag: it contains the rig's configuration, or is truncated."""
     require("mcap_ros2", "reading a bag")
     from mcap.exceptions import McapError  # noqa: PLC0415
     from mcap.reader import make_reader  # noqa: PLC0415
@@ -151,13 +151,13 @@ def is_own(path: PathLike) -> bool:
 
 
 def _read(path: Path, stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """Return the configuration, and by topic each message with the age of its stamp [s]."""
+    """Return the configuration, and the messages of each topic with the ages of their stamps [s]."""
     from mcap.reader import make_reader  # noqa: PLC0415
     from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
 
     reader = make_reader(stream, decoder_factories=[DecoderFactory()])
     if reader.get_summary() is None:
-        raise IrtError(f"{path}: was cut short; make it whole with 'rig recover {path}'")
+        raise IrtError(f"{path}: was cut short; repair it with 'rig recover {path}'")
     attached = {one.name: one.data for one in reader.iter_attachments()}
     if "rig.toml" not in attached:
         raise IrtError(f"{path}: another program recorded it (no rig.toml in it); record with 'rig play'")
@@ -173,7 +173,7 @@ def _stamp(time: Any) -> float:
 
 
 def _series(messages: list[tuple[float, Any, Any]]) -> Series:
-    """Return what came, by its stamps; what is no number, or no later than what was before, is left out."""
+    """Return messages as a series, without values that are not finite and stamps that do not increase."""
     kept: list[tuple[float, float, float, float]] = []
     for age, header, (x, y) in messages:
         stamp = _stamp(header.stamp)
@@ -184,7 +184,7 @@ def _series(messages: list[tuple[float, Any, Any]]) -> Series:
 
 
 def _joint(messages: list[Any], arm: dict[str, Any]) -> Series:
-    """Return the knob angle that a joint was at; the second number is not used."""
+    """Return the knob angle of a joint in the first column; the second is not used."""
     found = []
     for age, message in messages:
         if arm["joint"] in message.name:
@@ -194,13 +194,13 @@ def _joint(messages: list[Any], arm: dict[str, Any]) -> Series:
     joint = np.unwrap(series.values[:, 0])
     turned = joint - arm["level_rad"]
     if turned.size:
-        # A wrist that turns for ever may be some turns away from where its angles were written down.
+        # A continuous joint may be some full turns away from its configured level.
         turned = turned - 2.0 * np.pi * np.round(turned[0] / (2.0 * np.pi))
     return Series(series.stamps, np.column_stack([turned / arm["gear"], np.zeros(turned.size)]), series.ages)
 
 
 def _together(x: Series, y: Series) -> Series | None:
-    """Return both knobs at the stamps of the first."""
+    """Return both knob angles at the stamps of the first."""
     if x.stamps.size < 2 or y.stamps.size < 2:
         return None
     other = np.interp(x.stamps, y.stamps, y.values[:, 0])

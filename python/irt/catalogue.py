@@ -1,4 +1,4 @@
-"""The catalogue of physical effects, as the engine has it: names, parameters, words."""
+"""The engine's catalogue of physical effects: names, parameters, descriptions."""
 
 from __future__ import annotations
 
@@ -23,24 +23,25 @@ class EffectParameter:
     Attributes
     ----------
     name : str
-        Carries the unit where that could be doubted.
+        Name, with the unit as suffix if it has one.
     unit : str
-        SI; empty for a plain number.
+        SI unit; empty for a dimensionless number.
     low, high : float
-        The plausible values: where a search looks; both are its usual answer for a choice.
+        Search range; both are the default value for a choice.
     neutral : float
         The value without effect.
     least, most : float
-        The values that physics allows.
+        The range that physics allows.
     time_power : int
-        With which power of the time scale it changes where all of the motion runs slower under weaker pushes,
-        along the same path: 1 of a time, -1 of a speed, -2 of a push, or of a tilt of the board.
+        Power of the time scale with which the parameter changes under the time symmetry (slower motion under
+        weaker pushes along the same path): 1 for a time, -1 for a speed, -2 for a push or a tilt of the
+        board.
     doc : str
-        What it is, in a few words.
+        A short description.
     optional : bool
-        Whether it refines the effect: fits hold it at its neutral value unless the caller names it.
+        Whether it refines the effect: fits hold it at its neutral value unless it is named.
     reach : (float, float)
-        The values that a fit takes without a price; at least from `low` to `high`.
+        Values that a fit may take without penalty; contains the range from `low` to `high`.
     """
 
     name: str
@@ -57,21 +58,21 @@ class EffectParameter:
 
     @property
     def is_choice(self) -> bool:
-        """Whether it is a question of yes (1) or no (0): both are tried, and nothing between them."""
+        """Whether it is binary: 1 or 0, without values in between."""
         return self.low == self.high
 
     @property
     def choices(self) -> tuple[float, float]:
-        """What a choice may be."""
+        """The two values of a choice."""
         return self.least, self.most
 
     def drawn(self, random: np.random.Generator) -> float:
-        """Draw one of the plausible values, each as likely, or an answer to a choice."""
+        """Draw uniformly from the search range, or one of the values of a choice."""
         return float(random.choice(self.choices) if self.is_choice else random.uniform(self.low, self.high))
 
     @property
     def searched(self) -> str:
-        """Where a search looks, in words."""
+        """The search range as text."""
         if self.is_choice:
             return " or ".join(f"{one:g}" for one in self.choices)
         return f"{self.low:g} to {self.high:g}"
@@ -79,34 +80,34 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class EffectInfo:
-    """What the catalogue says of an effect.
+    """An effect of the catalogue.
 
     Attributes
     ----------
     name : str
-        Its name in every file and report.
+        Its name in all files and reports.
     stage : str
-        Where it sits: actuation, timing, board, contact, air, field or sensing.
+        Stage of the simulator: actuation, timing, board, contact, air, field or sensing.
     equation : str
-        The physics, in one line.
+        The physics in one line.
     parameters : tuple of EffectParameter
-        In the order in which arrays hold them.
+        The parameters, in the order of arrays.
     does, matters, looks : str
-        What it does, when it matters, what it looks like in data.
+        What it does, when it matters, and how it appears in data.
     references : tuple of str
-        Where to read more.
+        Literature.
     listed : bool
-        Whether the catalogue lists it. What it does not list simulates like any effect and is no hypothesis.
+        Whether the catalogue lists it. Unlisted effects can be simulated but are not hypotheses.
     turns : bool
-        Whether it matters how the marble has been turned by its path.
+        Whether it depends on the marble's orientation.
     hypothesis : bool
-        Whether the diagnosis tries it.
+        Whether the diagnosis searches it.
     shrunk : bool
-        Whether its parameters are drawn from one normal distribution about zero, whose size is estimated.
+        Whether its parameters have a normal prior about zero whose size is estimated.
     moves_board : bool
         Whether it acts between the command and the board's tilt.
     of_rims : bool
-        Whether it is a law of the rim: how a marble leaves it.
+        Whether it is a law of rebounds from the rim.
     """
 
     name: str
@@ -126,16 +127,16 @@ class EffectInfo:
 
     @property
     def required(self) -> tuple[EffectParameter, ...]:
-        """The parameters that every fit of the effect has: all but the optional ones, which come last."""
+        """The parameters of every fit: all but the optional ones, which come last."""
         return self.used(())
 
     def used(self, named: Container[str]) -> tuple[EffectParameter, ...]:
-        """Return the parameters that a fit has, if some are named: those, and all that are not optional."""
+        """Return the parameters of a fit: all that are not optional, and those that are named."""
         return tuple(one for one in self.parameters if not one.optional or one.name in named)
 
     @property
     def doc(self) -> str:
-        """What it does, when it matters, what it looks like: one text."""
+        """The complete description: what it does, when it matters, and how it appears in data."""
         return f"{self.does} {self.matters} {self.looks}"
 
 
@@ -145,17 +146,17 @@ def effects() -> list[EffectInfo]:
 
 
 def hypothetical() -> list[EffectInfo]:
-    """List the effects of the catalogue that the diagnosis tries, in the order in which they act."""
+    """List the effects that the diagnosis searches, in the order in which they act."""
     return [one for one in effects() if one.hypothesis]
 
 
 def effect(name: str) -> EffectInfo:
-    """Return what the catalogue says of an effect, or the engine of one that it does not list.
+    """Return an effect by name, listed or not.
 
     Raises
     ------
     IrtError
-        If there is none of this name; the message lists those that are near.
+        If the name is unknown; the message suggests the nearest.
     """
     try:
         return _known()[name]
@@ -164,15 +165,15 @@ def effect(name: str) -> EffectInfo:
 
 
 def parameter_values(chosen: Sequence[Mapping[str, Any]], count: int) -> list[tuple[str, Array]]:
-    """Return the values that rollouts take of effects.
+    """Return the parameter values of effects as arrays for rollouts.
 
     Parameters
     ----------
     chosen : sequence of mappings
         Each with the ``name`` of an effect, and its parameters by name: numbers, or (n,) arrays with one
-        number for each rollout. Those left out are neutral.
+        number for each rollout. Missing parameters are neutral.
     count : int
-        How many rollouts, n.
+        Number of rollouts, n.
 
     Returns
     -------
@@ -182,7 +183,7 @@ def parameter_values(chosen: Sequence[Mapping[str, Any]], count: int) -> list[tu
     Raises
     ------
     IrtError
-        For an unknown effect or parameter, or a value that is no number.
+        For an unknown effect or parameter, or a value that is not a number.
     """
     if isinstance(chosen, str | Mapping) or not isinstance(chosen, Sequence):
         raise IrtError(f"effects: expected a sequence of mappings, got {arguments.shown(chosen)}")

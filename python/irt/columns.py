@@ -1,4 +1,4 @@
-"""Columns of numbers by name: from a CSV file, or from a data frame, a mapping or a structured array."""
+"""Read columns of numbers by name from a CSV file, a data frame, a mapping or a structured array."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from irt.errors import IrtError
 from irt.files import PathLike, read_text
 
 Array = NDArray[np.float64]
-#: Raises an error unless a header, which stands at the place named, is as it must be.
+#: Function of the header's location and the header; raises an error if the header is invalid.
 CheckHeader = Callable[[str, list[str]], None]
 
-#: What data frames write where they know no value, beside NaN, which reads as a number.
+#: Text of missing values in data frames; NaN reads as a number.
 _UNKNOWN = ("", "None", "<NA>", "NaT")
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Values by column, and where each row stands.
+    """Values by column, with the location of each row.
 
     Attributes
     ----------
     source : str
-        The file, or what the caller calls the table.
+        The file, or the name of the table.
     cells : mapping
         The values of each column, text or numbers.
     lines : tuple of int or None
-        The line of the file on which each row ends; None of a table in memory.
+        The line of the file on which each row ends; None for a table in memory.
     """
 
     source: str
@@ -42,12 +42,12 @@ class Columns:
 
     @classmethod
     def read(cls, path: PathLike, check_header: CheckHeader) -> Columns:
-        """Read a CSV file: a header, then one row a line; blank lines are skipped.
+        """Read a CSV file with a header; blank lines are skipped.
 
         Raises
         ------
         IrtError
-            If the file cannot be read, is broken CSV, or has no rows.
+            If the file cannot be read, is invalid CSV, or has no rows.
         """
         reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
         rows: list[list[str]] = []
@@ -78,14 +78,14 @@ class Columns:
         Raises
         ------
         IrtError
-            If the header is not as it must be, or columns differ in length.
+            If the header is invalid, or columns differ in length.
         """
         names = [str(name) for name in _names(table)]
         check_header(source, names)
         cells = {}
         for name in names:
             column = table[name]
-            # Data frames of nullable types turn themselves into objects only when asked to.
+            # Columns without an array interface, such as those of some data frames.
             cells[name] = column if hasattr(column, "__array__") else list(column)
         lengths = {name: len(column) for name, column in cells.items()}
         if len(set(lengths.values())) > 1:
@@ -103,21 +103,21 @@ class Columns:
 
     @property
     def names(self) -> list[str]:
-        """The columns, in their order."""
+        """Names of the columns, in order."""
         return list(self.cells)
 
     def where(self, row: int, column: str) -> str:
-        """Name the place of a value."""
+        """Return the location of a value, for messages."""
         place = f"row {row}" if self.lines is None else f"line {self.lines[row]}"
         return f"{self.source}, {place}, column {column}"
 
     def numbers(self, column: str, *, empty: str = "") -> Array:
-        """Return a column as numbers; ``empty`` is read where a cell is.
+        """Return a column as numbers; ``empty`` is the text read for empty cells.
 
         Raises
         ------
         IrtError
-            Where a cell is no number; the message names its place.
+            If a cell is not a number; the message contains its location.
         """
         cells = self.cells[column]
         dtype = getattr(cells, "dtype", None)
@@ -136,9 +136,9 @@ class Columns:
 
 
 def is_table(value: object) -> bool:
-    """Whether something has columns by name.
+    """Whether an object is a table.
 
-    That is a mapping of columns, a data frame (an object with ``columns``, indexed by their names), or a
+    A table is a mapping of columns, a data frame (an object with ``columns``, indexed by their names), or a
     structured array.
     """
     if isinstance(value, Mapping):
@@ -156,7 +156,7 @@ def _names(table: Any) -> Iterable[Any]:
 
 
 def _number(text: str) -> float:
-    # Python groups digits as in 1_000, other programs do not: there it is a slip.
+    # Python accepts digit groups such as 1_000; in a file they are a mistake.
     if "_" in text:
         raise ValueError(text)
     return float(text)

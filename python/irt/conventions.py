@@ -1,12 +1,12 @@
-"""Which input moves which output, with which sign and gain, found from recordings alone.
+"""Identify which input moves which output, with which sign and gain, from recordings.
 
-Three responses are fitted by robust regression: commands to marble, tilt to marble, commands to tilt. A
-marble answers with its acceleration. Second differences of noisy positions are noise, so the equation of
-motion is taken in weak form: both sides are averaged with a smooth window (a test function), and the second
-differences move over to the window (summation by parts; Messenger and Bortz, "Weak SINDy", 2021). Each
-output has its own delay, found by a scan.
+Three responses are fitted by robust regression: commands to marble, tilt to marble, commands to tilt. The
+response of a marble is its acceleration. Second differences of noisy positions are dominated by noise, so the
+equation of motion is used in weak form: both sides are averaged with a smooth window (a test function), and
+the second differences are moved to the window (summation by parts; Messenger and Bortz, "Weak SINDy", 2021).
+Each output has its own delay, found by a scan.
 
-Everything here takes arrays, so that recordings need not be complete, or in the project's own columns.
+All functions take arrays, so they also work on incomplete recordings and other formats.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from irt.cleaning import deviation
 
 Array = NDArray[np.float64]
 
-#: Half widths of the test functions tried [rows]. Short ones keep fast commands, long ones suppress noise.
+#: Half-widths of the test functions [rows]. Short ones keep fast commands, long ones suppress noise.
 HALF_WIDTHS = (3, 6, 12, 24)
-#: Longest gap of outputs that is bridged by a straight line [rows]; a longer one ends a stretch.
+#: Longest gap of outputs that is interpolated linearly [rows].
 _BRIDGED = 2
-#: Residuals count less beyond this many robust standard deviations (Huber's constant for 95 % efficiency).
+#: Huber's threshold in robust standard deviations, for 95 % efficiency.
 _HUBER = 1.345
-#: Rounds of reweighted least squares. Weights change little after that.
+#: Rounds of reweighted least squares, after which weights hardly change.
 _ROUNDS = 3
-#: Regression rows of one output, about: more cost time and say little more.
+#: Approximate number of regression rows of an output; more rows hardly improve the result.
 _MOST_ROWS = 1500
-#: Blocks of a run are this many window widths long: residuals of different blocks are nearly independent.
+#: Length of a block in window widths, at which residuals of different blocks are nearly independent.
 _BLOCK_WIDTHS = 2
-#: Two gains and three further columns are fitted to each output.
+#: Number of fitted coefficients per output: two gains and three further columns.
 FITTED = 5
-#: Fewer blocks than this say nothing about the scatter of a result.
+#: Fewest blocks for a standard error.
 LEAST_BLOCKS = 6
 
 
@@ -59,7 +59,7 @@ class Convention:
 
     @property
     def is_declared(self) -> bool:
-        """Whether it is the one that the formats declare."""
+        """Whether it is the convention of the project's formats."""
         return not self.swapped and self.signs == (1, 1)
 
 
@@ -69,16 +69,16 @@ CONVENTIONS = tuple(Convention(swapped, (x, y)) for swapped, x, y in product((Fa
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """One run, sampled at equal steps.
+    """The signals of a run at equal time steps.
 
     Attributes
     ----------
     inputs : (n, 2) array
-        What drives: commands or tilt about x and y; NaN where not known.
+        Commands or tilt about x and y; NaN where unknown.
     outputs : (n, 2) array
-        What answers: marble or tilt along or about x and y; NaN where not known.
+        Marble along x and y, or tilt about x and y; NaN where unknown.
     used : (n, 2) bool array or None
-        Outputs that the inputs alone move: False at a wall.
+        Whether outputs respond to the inputs only: False at a wall.
     """
 
     inputs: Array
@@ -88,26 +88,26 @@ class Signals:
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """How two inputs move two outputs.
+    """The response of two outputs to two inputs.
 
-    Rows are outputs x and y, columns inputs x and y. Gains are outputs (an acceleration: outputs a step
+    Rows are outputs x and y, columns inputs x and y. Gains are outputs (for accelerations: outputs per step
     squared) per unit of the input.
 
     Attributes
     ----------
     gain, error : (2, 2) arrays
-        Gains, and their standard errors by blocks of rows; NaN where nothing is known.
+        Gains, and their standard errors by blocks of rows; NaN where unknown.
     delay : (2,) array
-        Of each output [steps].
+        Delay of each output [steps].
     explained : (2,) array
-        Share of the variance of each output that both inputs explain, 0 to 1.
+        Share of the variance of each output explained by both inputs, 0 to 1.
     shares : (8,) array
-        Share of the variance of both outputs that each of `CONVENTIONS` explains with gains of its signs.
+        Share of the variance of both outputs explained by each of `CONVENTIONS`.
     z : (8,) array
-        By how many standard errors each of `CONVENTIONS` predicts better than the declared one (Vuong's
-        test over blocks).
+        Vuong's z statistic over blocks of each of `CONVENTIONS` against the declared one; positive if it
+        predicts better.
     blocks : int
-        Nearly independent stretches of data.
+        Number of nearly independent blocks of data.
     """
 
     gain: Array
@@ -124,14 +124,14 @@ class Response:
         return CONVENTIONS[int(np.argmax(self.shares))]
 
     def contradicts(self, *, z: float, share: float) -> bool:
-        """Whether another convention than the declared one is better.
+        """Whether another convention is significantly better than the declared one.
 
         Parameters
         ----------
         z : float
-            By at least so many standard errors.
+            Smallest z statistic.
         share : float
-            And by at least this share of the variance.
+            Smallest increase of the explained share of the variance.
         """
         best = int(np.argmax(self.shares))
         return bool(
@@ -143,21 +143,21 @@ class Response:
 
 
 def resampled(times: Array | None, *signals: Array | None, held: Sequence[bool]) -> tuple[Array, ...]:
-    """Return signals at equal steps, the median one of the stamps.
+    """Resample signals at equal steps, the median step of the stamps.
 
     Parameters
     ----------
     times : (n,) array or None
-        Stamps, rising; None where the rows are equal steps already.
+        Increasing stamps; None if the steps are equal already.
     *signals : (n, 2) arrays
-        NaN where not known.
+        Signals, NaN where unknown.
     held : sequence of bool
-        Whether each signal keeps its value until the next row (a command), or changes smoothly.
+        Whether each signal is held until the next row (a command), or is interpolated.
 
     Returns
     -------
     tuple of (m, 2) arrays
-        NaN wherever a neighbouring row is.
+        Resampled signals, NaN next to unknown rows.
     """
     whole = [signal for signal in signals if signal is not None]
     if times is None or len(times) < 3:
@@ -167,7 +167,7 @@ def resampled(times: Array | None, *signals: Array | None, held: Sequence[bool])
     found = []
     for signal, keeps in zip(whole, held, strict=True):
         if keeps:
-            # Stamps jitter about the grid: a command issued a tenth of a step late belongs to this row.
+            # Stamps jitter about the grid: a command issued slightly late belongs to this row.
             rows = np.clip(np.searchsorted(times, grid + 0.25 * step, side="right") - 1, 0, len(times) - 1)
             found.append(signal[rows])
         else:
@@ -180,28 +180,27 @@ def fit_acceleration(
 ) -> Response | None:
     """Fit accelerations of the outputs to the inputs; declared: x by +input y, y by -input x.
 
-    Columns for a constant push, for Coulomb friction and for viscous friction are fitted along with the
-    gains.
+    A constant push, Coulomb friction and viscous friction are fitted along with the gains.
 
     Parameters
     ----------
     runs : sequence of Signals
-        At one common step.
+        Runs with a common time step.
     delays : sequence of float
         Delays to try [steps]; negative ones let the output lead.
     inputs : {"held", "sampled"}
-        Whether an input holds until the next row or is a sample of something smooth.
+        Whether an input is held until the next row, or is a sample of a smooth signal.
 
     Returns
     -------
     Response or None
-        None where no window of any width is free of gaps and walls.
+        None if no window of any width is free of gaps and walls.
     """
     found = [_of_width(runs, delays, half, inputs == "held") for half in HALF_WIDTHS]
     possible = [one for one in found if one is not None]
     if not possible:
         return None
-    # A width that few windows fit is a matter of luck.
+    # Results of widths with few blocks are unreliable.
     enough = [one for one in possible if one.blocks >= LEAST_BLOCKS] or possible
     return max(enough, key=_adjusted)
 
@@ -209,7 +208,7 @@ def fit_acceleration(
 def fit_level(runs: Sequence[Signals], delays: Sequence[float] | Array) -> Response | None:
     """Fit the outputs themselves to the inputs, with a zero for each run; declared: x by +input x.
 
-    Parameters and result as of `fit_acceleration`; inputs hold.
+    Parameters and result as in `fit_acceleration`; inputs are held.
     """
     designs = []
     for axis in (0, 1):
@@ -218,20 +217,20 @@ def fit_level(runs: Sequence[Signals], delays: Sequence[float] | Array) -> Respo
             zero = np.zeros((len(run.outputs), len(runs)))
             zero[:, number] = 1.0
             rows.append(_Rows(run.inputs, run.outputs[:, axis], zero, number))
-        # A tilt follows within a second or so: blocks of that order are nearly independent.
+        # A tilt follows within about a second: blocks of that length are nearly independent.
         designs.append(_Design.of(rows, delays, block=8 * max(HALF_WIDTHS[:2])))
     return _response(designs, natural=((0, 1), (1, 1)))
 
 
 def _adjusted(found: Response) -> float:
-    """Return the share explained, less what gains and friction explain of as many blocks of pure noise."""
+    """Return the explained share, adjusted for the number of fitted coefficients."""
     spare = max(found.blocks - FITTED, 1)
     return 1.0 - (1.0 - float(np.mean(found.explained))) * found.blocks / spare
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Regression rows of one run and one output: inputs before any delay, target, further columns."""
+    """Regression rows of a run and an output: inputs without delay, target, further columns."""
 
     inputs: Array
     target: Array
@@ -263,7 +262,7 @@ def _window(half: int) -> Array:
 
 
 def _weak(run: Signals, axis: int, window: Array, number: int, held: bool) -> _Rows | None:
-    """Return averaged second differences and what explains them; NaN where a gap or a wall is near."""
+    """Return averaged second differences and their regressors; NaN near a gap or a wall."""
     marble = np.stack([_bridged(run.outputs[:, one]) for one in (0, 1)], axis=1)
     if len(marble) < len(window) + 2:
         return None
@@ -290,7 +289,7 @@ def _weak(run: Signals, axis: int, window: Array, number: int, held: bool) -> _R
 
 
 def _averaged(values: Array, window: Array) -> Array:
-    """Return the weighted average around each row, NaN where the window does not fit or holds a NaN."""
+    """Return the weighted average around each row; NaN if the window does not fit or contains a NaN."""
     found = np.full(len(values), np.nan)
     half = len(window) // 2
     if len(values) >= len(window):
@@ -299,7 +298,7 @@ def _averaged(values: Array, window: Array) -> Array:
 
 
 def _bridged(values: Array) -> Array:
-    """Return values with short gaps closed by straight lines."""
+    """Return values with short gaps interpolated linearly."""
     known = np.flatnonzero(np.isfinite(values))
     if len(known) in (0, len(values)):
         return values.copy()
@@ -317,22 +316,22 @@ class _Design:
     Attributes
     ----------
     delays : (d,) array
-        Tried.
+        Delays [steps].
     block : (m,) int array
-        Number of the block of each row.
-    fit : _Freed
+        Index of the block of each row.
+    fit : _Projected
         The fit of both inputs together.
     """
 
     delays: Array
     block: NDArray[np.int64]
-    fit: _Freed
+    fit: _Projected
 
     @classmethod
     def of(
         cls, rows: Sequence[_Rows], delays: Sequence[float] | Array, *, block: int, stride: int = 1
     ) -> _Design | None:
-        """Return the regression of rows, every `stride`-th of them; None where too few are known."""
+        """Return the regression of every `stride`-th row; None if too few are known."""
         stride = max(stride, sum(len(one.target) for one in rows) // _MOST_ROWS)
         inputs, target, further, blocks = [], [], [], []
         for one in rows:
@@ -340,7 +339,7 @@ class _Design:
             inputs.append(np.stack([_delayed(one.inputs, taken, delay) for delay in delays]))
             target.append(one.target[taken])
             further.append(one.further[taken])
-            # Runs are no longer than a million rows.
+            # Runs have fewer than a million rows.
             blocks.append(1_000_000 * one.run + taken // block)
         u, y = np.concatenate(inputs, axis=1), np.concatenate(target)
         z, b = np.concatenate(further), np.concatenate(blocks)
@@ -348,14 +347,14 @@ class _Design:
         u, y, z, b = u[:, known], y[known], z[known], b[known]
         if len(y) < 2 * (2 + z.shape[1]) or not np.ptp(y) > 0.0:
             return None
-        found = _freed(u, y, z, np.ones(len(y)))
+        found = _projected(u, y, z, np.ones(len(y)))
         for _ in range(_ROUNDS):
             scale = deviation(found.left)
             if scale == 0.0:
                 break
-            # Residuals of weighted rows are weighted, too: those of the rows themselves count.
+            # The residuals of weighted rows are weighted, so the weights are divided out.
             left = found.left / np.sqrt(found.weights)
-            found = _freed(u, y, z, 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale)))
+            found = _projected(u, y, z, 1.0 / np.maximum(1.0, np.abs(left) / (_HUBER * scale)))
         return cls(np.asarray(delays, dtype=float), np.unique(b, return_inverse=True)[1], found)
 
     @property
@@ -363,7 +362,7 @@ class _Design:
         return int(self.block.max()) + 1
 
     def single(self, column: int, sign: int) -> Array:
-        """Return the residuals, (m,), of the best delay of one input with a gain of one sign."""
+        """Return the residuals (m,) with one input, at its best delay and with a gain of the given sign."""
         one = self.fit.inputs[:, :, column]
         length = (one**2).sum(axis=1)
         gain = np.divide(one @ self.fit.target, length, out=np.zeros(len(length)), where=length > 0.0)
@@ -372,7 +371,7 @@ class _Design:
         return np.asarray(self.fit.target - gain[best] * one[best])
 
     def both(self) -> tuple[Array, Array, float, float]:
-        """Return gains and errors (2,), the delay, and the share explained, of both inputs together."""
+        """Return gains and errors (2,), the delay and the explained share of both inputs together."""
         u = self.fit.inputs[self.fit.best]
         scores = np.zeros((self.blocks, 2))
         np.add.at(scores, self.block, u * self.fit.left[:, None])
@@ -389,23 +388,23 @@ class _Design:
         )
 
     def by_block(self, left: Array) -> Array:
-        """Return the sum of squares of each block as a share of all squares, (blocks,)."""
+        """Return the sum of squares of each block relative to that of the target, (blocks,)."""
         sums = np.bincount(self.block, weights=left**2, minlength=self.blocks)
         return np.asarray(sums / float(self.fit.target @ self.fit.target))
 
 
 @dataclass(frozen=True, eq=False)
-class _Freed:
-    """A fit of inputs and target that are freed of what further columns explain.
+class _Projected:
+    """A fit of inputs to a target, with the further columns projected out of both.
 
     Attributes
     ----------
     inputs, target, weights : (d, m, 2), (m,) and (m,) arrays
         Inputs at every delay and target, times the square roots of the weights.
     best : int
-        The delay with which both inputs together explain most.
+        Index of the delay at which both inputs together explain most.
     gain, left : (2,) and (m,) arrays
-        Of both inputs together at that delay, and the residuals.
+        Gains of both inputs at that delay, and the residuals.
     """
 
     inputs: Array
@@ -416,15 +415,15 @@ class _Freed:
     left: Array
 
 
-def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
-    """Return the regression with the further columns z taken out, and the best delay of both inputs."""
+def _projected(u: Array, y: Array, z: Array, weights: Array) -> _Projected:
+    """Return the regression with the further columns z projected out, at the best delay of both inputs."""
     root = np.sqrt(weights)
     left_vectors, lengths, _ = np.linalg.svd(root[:, None] * z, full_matrices=False)
     basis = left_vectors[:, lengths > 1e-9 * max(float(lengths.max(initial=0.0)), 1e-300)]
     inputs = u * root[:, None]
     whole = np.linalg.norm(inputs, axis=1)
     inputs = inputs - basis @ (basis.T @ inputs)
-    # What the further columns explain wholly is no input: an axis that never moves.
+    # An axis that never moves is explained completely by the further columns.
     moves = np.linalg.norm(inputs, axis=1) > 1e-6 * whole
     inputs = np.where(moves[:, None, :], inputs, 0.0)
     target = root * y
@@ -434,11 +433,11 @@ def _freed(u: Array, y: Array, z: Array, weights: Array) -> _Freed:
     gains = np.einsum("dij,dj->di", np.linalg.pinv(products, rcond=1e-9, hermitian=True), along)
     best = int(np.argmax(np.einsum("di,di->d", gains, along)))
     left = np.asarray(target - inputs[best] @ gains[best])
-    return _Freed(inputs, target, weights, best, np.asarray(gains[best]), left)
+    return _Projected(inputs, target, weights, best, np.asarray(gains[best]), left)
 
 
 def _delayed(values: Array, wanted: NDArray[np.int64], delay: float) -> Array:
-    """Return rows of (n, 2) values so many steps later, in between by straight lines; NaN where none is."""
+    """Return rows of (n, 2) values with a delay [steps], interpolated linearly; NaN outside."""
     rows = wanted - delay
     low = np.floor(rows).astype(int)
     part = (rows - low)[:, None]
@@ -453,7 +452,7 @@ def _delayed(values: Array, wanted: NDArray[np.int64], delay: float) -> Array:
 def _response(
     designs: Sequence[_Design | None], natural: tuple[tuple[int, int], tuple[int, int]]
 ) -> Response | None:
-    """Return the response of both outputs; `natural` has the declared input and sign of each."""
+    """Return the response of both outputs; `natural` gives the declared input and sign of each."""
     known = [one for one in designs if one is not None]
     if not known:
         return None
@@ -484,7 +483,7 @@ def _response(
 
 
 def _vuong(declared: Sequence[Array], other: Sequence[Array]) -> float:
-    """Return by how many standard errors `other` leaves smaller squares, over blocks of both outputs."""
+    """Return Vuong's z statistic of `other` against `declared`, from squares by block of both outputs."""
     total, variance = 0.0, 0.0
     for first, second in zip(declared, other, strict=True):
         gained = first - second

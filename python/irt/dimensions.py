@@ -1,4 +1,4 @@
-"""What is measured of a rig with a ruler and a scale, and known of its signals."""
+"""Dimensions of a rig's board and marble, and properties of its commands and tilt sensor."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from irt import arguments
 from irt.errors import IrtError
 
-#: Where the zero of a measured tilt is looked for [rad]: real rigs were 20 to 50 mrad off.
+#: Default range of the zero of a measured tilt [rad]; real rigs had offsets of 20 to 50 mrad.
 TILT_OFFSET_RAD = (-0.06, 0.06)
 
-#: Least that a length [m] or a mass [kg] can be: below, divisions by it overflow.
+#: Smallest length [m] or mass [kg]; divisions by smaller values overflow.
 _TINY = 1e-9
 
 
@@ -23,19 +23,19 @@ class Board:
     edge_x_m, edge_y_m : float
         Edges [m]; positions are in units of `edge_x_m`, the long one.
     wall_restitution : float
-        Normal speed after an impact on the rim over the speed before it, 0 to 1.
+        Coefficient of restitution of the rim: normal speed after an impact over that before it, 0 to 1.
     wall_friction : float
         Coulomb coefficient between marble and rim.
     sliding_friction : float
-        Coulomb coefficient between marble and board; it matters only while the marble slips, for some
-        milliseconds after it has met the rim.
+        Coulomb coefficient between marble and board; it matters only while the marble slips, some
+        milliseconds after contact with the rim.
     spinning_friction : float
-        Torque with which the board resists a spin about the vertical, over the marble's weight and radius.
+        Torque of the board against a spin about the vertical, over the marble's weight and radius.
 
     Raises
     ------
     IrtError
-        If a value is none that a board can have.
+        If a value is impossible.
     """
 
     edge_x_m: float = 0.276
@@ -46,7 +46,7 @@ class Board:
     spinning_friction: float = 0.0
 
     def __post_init__(self) -> None:
-        # No table is ten metres long, but a board given in millimetres is 276.
+        # An upper bound of 10 m detects boards given in millimetres.
         check_number("edge_x_m", self.edge_x_m, _TINY, 10.0, " m")
         check_number("edge_y_m", self.edge_y_m, _TINY, 10.0, " m")
         check_number("wall_restitution", self.wall_restitution, 0.0, 1.0)
@@ -57,7 +57,7 @@ class Board:
 
 @dataclass(frozen=True)
 class Marble:
-    """The marble; the defaults are the paper's, 13.7 mm across.
+    """The marble; the defaults are the paper's, 13.7 mm in diameter.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class Marble:
     Raises
     ------
     IrtError
-        If a value is none that a marble can have.
+        If a value is impossible.
     """
 
     radius_m: float = 0.00685
@@ -86,12 +86,12 @@ class Marble:
 
 @dataclass(frozen=True)
 class Commands:
-    """What the commands of a rig are.
+    """Properties of a rig's commands.
 
     Attributes
     ----------
     unit : str
-        "rad" for knob angles; else a name for the reader, such as "mA": gears are in rad per unit.
+        "rad" for knob angles, or another unit such as "mA"; gears are in rad per unit.
     matrix : bool
         Whether each command may tilt the board about both axes.
     """
@@ -106,19 +106,19 @@ class Commands:
 
 @dataclass(frozen=True)
 class TiltSensor:
-    """What is known of the measured tilt.
+    """Properties of the measured tilt.
 
     Attributes
     ----------
     noise_rad : float or None
-        Standard deviation of a measured tilt [rad]; None where it is estimated from the recordings.
+        Standard deviation of a measured tilt [rad]; None to estimate it from the recordings.
     offset : (float, float)
-        Range of its reading when the board is level [rad].
+        Range of the reading when the board is level [rad].
 
     Raises
     ------
     IrtError
-        If the noise is not positive, or the range is upside down.
+        If the noise is not positive, or the range is reversed.
     """
 
     noise_rad: float | None = None
@@ -135,6 +135,6 @@ class TiltSensor:
 
 
 def check_number(name: str, value: float, low: float, high: float, unit: str = "") -> None:
-    """Raise `IrtError` unless a value is a number within bounds."""
+    """Raise `IrtError` if a value is not a number within bounds."""
     if not low <= arguments.number(name, value) <= high:
         raise IrtError(f"{name}: expected a number from {low:g} to {high:g}{unit}, found {value:g}")

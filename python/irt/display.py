@@ -1,4 +1,4 @@
-"""How results show themselves in a notebook: small HTML tables, and numbers as text."""
+"""Notebook display of results: small HTML tables, and numbers as text."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from typing import Any
 
 #: Seconds in a unit, with their power.
 _SECOND = re.compile(r"\bs(?=([²³])?(?:\W|$))")
-#: The same in a name.
+#: Seconds in the suffix of a name.
 _PER_SECOND = re.compile(r"_per_s(?=\d|_|$)")
 _SUPERSCRIPTS = str.maketrans("²³", "23")
-#: Rows of a table that are shown; a notebook cell is no report.
+#: Most rows of a displayed table.
 _MOST_ROWS = 30
 
 
 def interval(value: float, low: float | None, high: float | None) -> str:
-    """Return a value and its 95 % interval as text, to the digits that the interval leaves meaning."""
+    """Return a value and its 95 % interval as text, to significant digits."""
     if low is None or high is None:
         return f"{value:.4g}"
     if math.isinf(low) or math.isinf(high):
@@ -31,18 +31,18 @@ def interval(value: float, low: float | None, high: float | None) -> str:
 
 
 def in_rows(name: str, value: float, unit: str, row_s: float) -> tuple[str, float, str]:
-    """Return a parameter's name, value and unit, seconds replaced by rows.
+    """Return a parameter's name, value and unit, with seconds converted to rows.
 
     Parameters
     ----------
     name : str
-        Such as "delay_s" or "rate_per_s": the unit in it is replaced, too.
+        Such as "delay_s" or "rate_per_s"; its unit suffix is replaced too.
     value : float
         In SI units.
     unit : str
         Such as "s", "m/s²" or "rad/s".
     row_s : float
-        What a row lasts in the simulation [s].
+        Duration of a row in the simulation [s].
     """
     above, _, below = unit.partition("/")
     power = _seconds(above) - _seconds(below)
@@ -54,49 +54,49 @@ def in_rows(name: str, value: float, unit: str, row_s: float) -> tuple[str, floa
 
 
 def _seconds(unit: str) -> int:
-    """Return with which power a unit without a fraction holds seconds."""
+    """Return the power of seconds in a unit without a fraction."""
     found = _SECOND.search(unit)
     return 0 if found is None else int((found.group(1) or "1").translate(_SUPERSCRIPTS))
 
 
 def magnitude(value: float) -> int:
-    """Return the power of ten of the first digit of a number."""
+    """Return the order of magnitude of a number: the power of ten of its first digit."""
     return math.floor(math.log10(abs(value))) if value else 0
 
 
 def percent(error: float | None) -> str:
-    """Return an error in board edges as percent of the edge; a dash where there is none."""
+    """Return an error in board edges as percent of the edge; a dash if there is none."""
     return "-" if error is None or math.isnan(error) else f"{100.0 * error:.3g} %"
 
 
 def page(title: str, *parts: str) -> str:
-    """Return a heading with parts below it, which other functions of this module returned."""
+    """Return a heading followed by parts made by other functions of this module."""
     written: str = _parts().page(title, parts)
     return written
 
 
 def paragraph(text: str) -> str:
-    """Return a paragraph; nothing of no text."""
+    """Return a paragraph, or nothing if the text is empty."""
     written: str = _parts().paragraph(text)
     return written
 
 
 def items(sentences: Iterable[str]) -> str:
-    """Return a list of sentences; nothing of none."""
+    """Return a list of sentences, or nothing if there are none."""
     written: str = _parts().items(list(sentences))
     return written
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table with a heading row; the first rows of a long one."""
+    """Return a table with a heading row; long tables are cut."""
     written: str = _parts().table(head, rows, _MOST_ROWS)
     return written
 
 
 @functools.cache
 def _parts() -> Any:
-    """Return the macros of the template: they escape text, but not what one of them returned."""
-    # jinja2 takes longer to load than all else that a model needs.
+    """Return the macros of the template; they escape text, but not each other's results."""
+    # jinja2 takes longer to load than everything else that a model needs.
     from jinja2 import Environment, PackageLoader  # noqa: PLC0415
 
     return Environment(loader=PackageLoader("irt"), autoescape=True).get_template("notebook.html").module

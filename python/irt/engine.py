@@ -1,4 +1,4 @@
-"""The array interface to the engine: parameters and knob angles in, observations out."""
+"""The array interface of the engine: simulate batches of rollouts."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GRAVITY: float = _labsim.GRAVITY
 
 @runtime_checkable
 class HasBoardAndMarble(Protocol):
-    """What a rollout needs to know of a rig or a model."""
+    """A rig or a model: anything with a board and a marble."""
 
     @property
     def board(self) -> Board:
@@ -55,7 +55,7 @@ class HasParameters(Protocol):
 
 @runtime_checkable
 class Simulator(HasBoardAndMarble, Protocol):
-    """A whole simulator: `irt.Model`."""
+    """A complete simulator, such as `irt.Model`."""
 
     @property
     def values(self) -> Array:
@@ -63,15 +63,15 @@ class Simulator(HasBoardAndMarble, Protocol):
 
     @property
     def effects(self) -> Sequence[HasParameters]:
-        """What is added to the base physics."""
+        """Effects in addition to the base physics."""
 
     @property
     def time_step(self) -> TimeStep:
-        """How a row is cut into updates."""
+        """Division of a row into updates; see `rollouts`."""
 
     @property
     def start(self) -> str:
-        """Whether the marble rests before row 0, or moves."""
+        """State of the marble before row 0: "rest" or "moving"."""
 
 
 @overload
@@ -151,60 +151,60 @@ def rollouts(
 ) -> Array | tuple[Array, Array]:
     """Simulate a batch of rollouts.
 
-    Arrays without the axis ``n`` are shared by all rollouts. The result has the same bits for any
-    number of threads and whatever else is in the batch. Ctrl-C stops a long batch.
+    Arrays without the axis ``n`` are shared by all rollouts. The result of a rollout has the same bits for
+    any number of threads and any other rollouts in the batch. Ctrl-C stops a long batch.
 
     Parameters
     ----------
     parameters : (n, 5) or Model
         ``gear_x``, ``gear_y``, ``rolling_friction``, ``time_scale``, ``observation_scale``, in their
-        own units (paper, section 5.2). A model brings its board, marble, effects and time step with it: one
-        rollout for each of the commands, with all its physics.
+        own units (paper, section 5.2). A model includes its board, marble, effects and time step; it is
+        simulated once for each of the commands.
     commands : (steps, 2) or (n, steps, 2)
-        Knob angles [rad]; command i counts from row i to row i + 1. Commands in any other unit are fine with
-        gears of its inverse [rad a unit].
+        Knob angles [rad]; command i acts from row i to row i + 1. Commands may have any other unit if gears
+        are in rad per unit.
     rig : optional
         Anything with a ``board`` and a ``marble`` (a rig, a model), and a ``maze`` if it has inner walls;
-        default the paper's labyrinth. A model with effects is refused here unless `effects` says which
-        count: ``()`` for none.
+        default the paper's labyrinth. A model with effects is an error here unless `effects` is given: ``()``
+        for none.
     effects : sequence of mappings, optional
         Physical effects beyond the five parameters, in any order: each with its ``name`` in the catalogue
-        (`effects`) and its parameters by name, numbers or (n,) arrays; those left out are neutral.
+        (`effects`) and its parameters by name, numbers or (n,) arrays; missing parameters are neutral.
     engine : {"rolling", "rapier"}
         "rolling" (planar, fast) or "rapier" (3-D rigid bodies, the reference).
     start : (2,) or (n, 2), optional
         Observed position at the first row [board edges]; default the start of the maze, or the centre.
     seed : int or (n,)
-        For effects that draw random numbers. One number gives each rollout draws of its own; rollouts of
-        equal numbers in an array draw the same.
+        Random seed of stochastic effects. With a single number each rollout has its own draws; with an array,
+        rollouts with equal numbers have equal draws.
     threads : int, optional
-        Default: one for each core.
+        Number of threads; default one per core.
     rows : int, optional
-        How many rows are observed; default all from the latest `first` on.
+        Number of observed rows; default all from the latest `first` on.
     first : int or (n,), optional
-        The row of the commands in which the marble is let go and first observed. Until then the knobs alone
-        move, so that what depends on earlier commands is right.
+        The row of the commands in which the marble is released and first observed. Before it only the knobs
+        move, to establish states that depend on earlier commands.
     issued : (n,), optional
-        How many of the commands are each rollout's own, where the rest fills shorter ones up; default all.
+        Number of commands of each rollout, if shorter ones are padded; default all.
     knobs_before : (2,) or (n, 2), optional
-        Knob angles before row 0 [rad]; default level, of a model of runs that start in motion the first ones.
+        Knob angles before row 0 [rad]; default level, or the first command for a model of runs in motion.
     start_velocity : (2,) or (n, 2), optional
         Observed velocity at the first row [board edges per second]; default at rest.
     rolled : float or (n,), optional
-        How far the marble has rolled before [m], for what depends on how it is turned; default not at all.
+        Path length of the marble before the first row [m], for effects that depend on it; default 0.
     turned : (3,) or (n, 3), optional
-        The rotation by which that has turned it: its axis times its angle [rad]; default none.
+        Rotation of the marble before the first row, as a rotation vector [rad]; default none.
     durations : (steps,) or (n, steps), optional
-        Seconds that each command holds, from a recording's stamps; ``time_scale`` is not used then.
+        Duration of each command [s], from a recording's stamps; ``time_scale`` is then not used.
     time_step : {"rounded", "continuous"}
-        "rounded" (the default): round(time_scale) updates of 1/240 s a row, as in the paper; "continuous":
-        exactly time_scale/240 s, in that many slightly longer or shorter updates, so that a fit sees a smooth
-        parameter.
+        "rounded" (the default): round(time_scale) updates of 1/240 s per row, as in the paper. "continuous":
+        a row lasts exactly time_scale/240 s, in as many slightly longer or shorter updates; the result is
+        smooth in the parameter.
     substeps : (n,), optional
-        Fixes the updates a row of "continuous" rollouts: finite differences need the same on both sides.
+        Number of updates per row of "continuous" rollouts; finite differences need equal numbers.
     hold : {"zero", "first"}
-        What a command does from its row to the next: "zero" holds it; "first" goes evenly to the next
-        command, and holds the last one. Play a measured tilt with "first" and gears of 1.
+        Interpolation of commands between rows: "zero" holds a command; "first" interpolates linearly, and
+        holds the last command. Play a measured tilt with "first" and gears of 1.
     tilt : bool
         Return the board's tilt as well. The positions have the same bits either way.
     falls : (n, 2) int64 array, optional
@@ -215,19 +215,19 @@ def rollouts(
     -------
     (n, rows, 2), or two of them with ``tilt``
         Observed positions [board edges]; row 0 is the start, and rows after a fall are NaN. Then the board's
-        angles about x and y [rad] as a tilt sensor reports them at each row, just before the command of that
-        row counts. A late picture does not delay the tilt.
+        angles about x and y [rad], as reported by a tilt sensor at each row, just before the command of that
+        row acts. Camera latency does not affect the tilt.
 
     Raises
     ------
     IrtError
-        A wrong shape, a NaN, a value no physics allows or an unknown name.
+        For a wrong shape, a NaN, a value that physics does not allow, or an unknown name.
     """
     if isinstance(parameters, Simulator):
         for name, own in (("rig", rig), ("effects", effects), ("time_step", time_step)):
             if own is not None:
                 raise IrtError(
-                    f"{name}: a model brings its own; leave it out, or change it with dataclasses.replace"
+                    f"{name}: a model has its own; leave it out, or change the model with dataclasses.replace"
                 )
         model, rig, time_step = parameters, parameters, parameters.time_step
         commands = _numbers_of("commands", commands, _COMMANDS)
@@ -237,12 +237,12 @@ def rollouts(
             [{"name": one.name, **one.parameters} for one in model.effects],
         )
         if knobs_before is None and model.start == "moving":
-            # Who starts in motion has held the knobs somewhere: the first command is the best guess.
+            # For runs in motion, the first command is the best estimate of the knobs before.
             knobs_before = commands[:, :1].reshape(-1, commands.shape[-1])
     elif effects is None and getattr(rig, "effects", None):
         raise IrtError(
-            "rig: this model has effects, which its parameters alone leave out; pass the model in the place "
-            "of the parameters, or say which effects count (effects=() for none)"
+            "rig: this model has effects that its parameters do not include; pass the model instead of the "
+            "parameters, or set the effects (effects=() for none)"
         )
     time_step = "rounded" if time_step is None else time_step
     arguments.word("time_step", time_step, get_args(TimeStep))
@@ -302,19 +302,19 @@ def rollouts(
 
 
 def turned(path: Array, radius: float) -> Array:
-    """Return how a path turns the marble that rolls along it, without spinning about the vertical.
+    """Return the rotation of a marble that rolls along a path without spinning about the vertical.
 
     Parameters
     ----------
     path : (n, 2)
-        Where it was, a place a row; between them it went smoothly.
+        Position in each row; interpolated smoothly.
     radius : float
-        Of the marble, in the unit of the path.
+        Radius of the marble, in the unit of the path.
 
     Returns
     -------
     (n, 3)
-        The rotation from the first row to each, its axis times its angle [rad].
+        Rotation from the first row to each row, as a rotation vector [rad].
     """
     return _labsim.turned(path, radius)
 
@@ -330,8 +330,8 @@ def paper_drive(steps: int = 100, amplitude: float = 0.1, literal: bool = False)
     amplitude : float
         Largest knob angle [rad].
     literal : bool
-        The equation to the letter, sin(t / (200π)), which covers 0.16 rad in 100 steps; by default a
-        full period in 100 steps, as the text says: sin(2πt / 100).
+        Use the equation literally, sin(t / (200π)), which covers 0.16 rad in 100 steps. The default is a full
+        period in 100 steps, sin(2πt / 100), as in the paper's text.
 
     Returns
     -------
@@ -355,7 +355,7 @@ def _numbers_of(what: str, values: Any, shape: str) -> Array:
 
 
 def _array(what: str, values: object, shape: str, axes: int) -> Array:
-    # A scalar becomes an array of one axis, which no caller takes for more.
+    # A scalar becomes an array with one axis; no caller accepts that in place of more axes.
     array = _numbers_of(what, values, shape)
     if array.ndim != axes:
         raise IrtError(f"{what}: expected shape {shape}, got {array.shape}")
@@ -365,7 +365,7 @@ def _array(what: str, values: object, shape: str, axes: int) -> Array:
 def _per_rollout(
     what: str, values: object, shape: str, axes: int, count: int, *, steps: int | None = None
 ) -> Array:
-    """Give the first axis length 1 (shared) or ``count`` (one each)."""
+    """Return an array whose first axis has length 1 (shared) or ``count`` (one each)."""
     array = _numbers_of(what, values, shape)
     array = _array(what, array[None] if array.ndim == axes - 1 else array, shape, axes)
     if len(array) not in (1, count):
@@ -423,7 +423,7 @@ def _first_rows(first: npt.ArrayLike, count: int, steps: int) -> npt.NDArray[np.
 
 
 def _lengths(issued: npt.ArrayLike | None, count: int, steps: int) -> npt.NDArray[np.uintp]:
-    """Return how many commands each rollout has (n,)."""
+    """Return the number of commands of each rollout (n,)."""
     array = np.full(count, steps) if issued is None else _whole_numbers("issued", issued)
     if array.shape != (count,) or not np.issubdtype(array.dtype, np.integer):
         raise IrtError(f"issued: expected {count} whole numbers, got {issued!r}")
@@ -434,7 +434,7 @@ def _lengths(issued: npt.ArrayLike | None, count: int, steps: int) -> npt.NDArra
 
 
 def _seeds(seed: npt.ArrayLike, count: int) -> npt.NDArray[np.uint64]:
-    """Return a seed for each rollout (n,): mixed from one number, or those given."""
+    """Return a seed for each rollout (n,): derived from one number, or as given."""
     array = _whole_numbers("seed", seed)
     if array.ndim == 0:
         mixed = np.random.SeedSequence(arguments.whole("seed", seed)).generate_state(count, np.uint64)

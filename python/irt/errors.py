@@ -1,4 +1,4 @@
-"""The one exception root, and how its messages are made."""
+"""The exception class of the package, and helpers for its messages."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import difflib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
-#: Of more names that are possible only the first so many are listed: the catalogue's effects all are.
+#: Most names listed in a message; enough for all effects of the catalogue.
 MOST_LISTED = 40
 
 
 class IrtError(ValueError):
-    """A file, a value or a name is not as it must be.
+    """An invalid file, value or name.
 
-    ``str(error)`` is one line for a user: where (file, line, column), what was expected, what came, and what
-    to do.
+    ``str(error)`` is one line for the user: location (file, line, column), expected and actual value, and
+    remedy.
     """
 
     def __init__(self, message: str) -> None:
@@ -23,9 +23,9 @@ class IrtError(ValueError):
 
 @contextmanager
 def located(where: str) -> Iterator[None]:
-    """Put ``where`` (a file, a section of one) before the message of any `IrtError` raised inside.
+    """Prefix the message of any `IrtError` raised in the block with ``where``, a file or a section of one.
 
-    A message that begins with it, or with a place inside it, stays as it is.
+    Messages that start with it already are unchanged.
     """
     try:
         yield
@@ -36,16 +36,16 @@ def located(where: str) -> Iterator[None]:
 
 
 def unknown_name(kind: str, name: str, possible: Iterable[str]) -> IrtError:
-    """Return the error for a name that is none of ``possible``, with the nearest one as a suggestion.
+    """Return the error for an unknown name, with the nearest possible name as a suggestion.
 
     Parameters
     ----------
     kind : str
-        What the name stands for, such as ``"effect"``.
+        Kind of the name, such as ``"effect"``.
     name : str
-        What was found.
+        The unknown name.
     possible : iterable of str
-        What could have stood there, in the order to be listed.
+        The possible names, in the order to be listed.
     """
     names = list(possible)
     near = difflib.get_close_matches(name, names, n=1)

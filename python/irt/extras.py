@@ -1,4 +1,4 @@
-"""Optional packages: the extra of `labsim-irt` that installs each, and the error where one is missing."""
+"""Optional packages: the extra of `labsim-irt` that installs each, and the error if one is missing."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from importlib.util import find_spec
 
 from irt.errors import IrtError
 
-#: By the name under which a package is imported: its own name, and the extra that installs it.
+#: Title of each optional package and the extra that installs it, by import name.
 OPTIONAL = {
     "cryptography": ("cryptography", "prove"),
     "cv2": ("OpenCV", "track"),
@@ -28,7 +28,7 @@ def is_installed(package: str) -> bool:
 
 
 def install_command(package: str) -> str:
-    """Return the command that adds an optional package, such as ``pip install 'labsim-irt[train]'``."""
+    """Return the command that installs an optional package, such as ``pip install 'labsim-irt[train]'``."""
     return f"pip install 'labsim-irt[{OPTIONAL[package][1]}]'"
 
 
@@ -38,14 +38,14 @@ def require(package: str, user: str) -> None:
     Parameters
     ----------
     package : str
-        The name under which the package is imported, one of `OPTIONAL`.
+        Import name of the package, a key of `OPTIONAL`.
     user : str
-        What needs it, such as ``"irt track"``.
+        Name of the feature that needs it, such as ``"irt track"``.
 
     Raises
     ------
     IrtError
-        If it is not installed; the message names the command that adds it.
+        If it is not installed; the message contains the command that installs it.
     """
     if not is_installed(package):
         raise IrtError(f"{user} needs {OPTIONAL[package][0]}: {install_command(package)}")

@@ -1,4 +1,4 @@
-"""Text and TOML in, whole files out: every failure is one line that names the file."""
+"""Read text and TOML files, and write files atomically; errors are one line with the file's name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PathLike = str | os.PathLike[str]
 
 
 def read_text(path: PathLike) -> str:
-    """Return the text of a UTF-8 file, with or without a byte order mark; line ends are left as they are.
+    """Return the text of a UTF-8 file, with or without a byte order mark; line ends are unchanged.
 
     Raises
     ------
@@ -42,18 +42,18 @@ def read_text(path: PathLike) -> str:
 
 
 def as_typed(path: Path) -> str:
-    """Return a path as a user would type it here: within the working directory relative to that, quoted."""
+    """Return a path as typed in a shell: quoted, and relative to the working directory if inside it."""
     here = Path.cwd()
     return shlex.quote(f"{path.relative_to(here) if path.is_relative_to(here) else path}")
 
 
 @contextmanager
 def atomic_path(path: PathLike) -> Iterator[Path]:
-    """Yield a path beside ``path``; what the block writes there takes the place of ``path`` once it is whole.
+    """Yield a temporary path that replaces ``path`` when the block completes.
 
-    If the block raises, ``path`` is left as it was and nothing stays beside it. The yielded name keeps the
-    suffix of ``path``, by which some writers choose their format. Devices and pipes are written directly:
-    replacing ``/dev/null`` by a file would harm the machine.
+    If the block raises, ``path`` is unchanged and the temporary file is removed. The temporary name keeps the
+    suffix of ``path``, because some writers choose their format by it. Devices and pipes are written
+    directly: replacing ``/dev/null`` by a file would harm the machine.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def atomic_path(path: PathLike) -> Iterator[Path]:
 
 
 def write_atomic(path: PathLike, data: bytes | str) -> None:
-    """Write ``data`` to ``path`` so that a reader sees the old file or the whole new one (text as UTF-8).
+    """Write ``data`` to ``path`` atomically (text as UTF-8): readers see the old or the complete new file.
 
     Raises
     ------
@@ -95,14 +95,14 @@ def write_atomic(path: PathLike, data: bytes | str) -> None:
 
 
 def make_folder(path: PathLike) -> Path:
-    """Make the folder for results, with its parents, unless it exists, and return it.
+    """Create a folder for results, with its parents, unless it exists, and return it.
 
-    Called before long work, so that an output that cannot be written is known at once.
+    Call it before long computations, so that an unwritable output fails at once.
 
     Raises
     ------
     IrtError
-        If the folder cannot be made, or nothing can be written into it.
+        If the folder cannot be created, or is not writable.
     """
     path = Path(path)
     try:
@@ -115,31 +115,31 @@ def make_folder(path: PathLike) -> Path:
 
 
 def read_toml(path: PathLike) -> TomlTable:
-    """Return the whole of a TOML file as a table.
+    """Read a TOML file as a table.
 
     Raises
     ------
     IrtError
-        If the file cannot be read, or is broken TOML (the line and column are named).
+        If the file cannot be read, or is invalid TOML (the message contains line and column).
     """
     text = read_text(path)
     try:
         content = tomllib.loads(text)
-    # Not only its own errors: thousands of digits or brackets leave the parser as these two.
+    # Besides its own errors, the parser raises these two for thousands of digits or brackets.
     except (ValueError, RecursionError) as error:
         raise IrtError(f"{path}: broken TOML: {error}") from error
     return TomlTable(f"{path}", content)
 
 
 class TomlTable:
-    """One table of a TOML file, read key by key; whatever is wrong is told with file, section and key.
+    """A table of a TOML file, read key by key; errors contain file, section and key.
 
     Parameters
     ----------
     where : str
         The file, and the section if the table is one.
     content : dict
-        What stands in it.
+        The values by key.
     """
 
     def __init__(self, where: str, content: dict[str, Any]) -> None:
@@ -150,11 +150,11 @@ class TomlTable:
         return key in self.content
 
     def error(self, key: str, message: str) -> IrtError:
-        """Return an error that says where the key stands."""
+        """Return an error with the location of the key."""
         return IrtError(f"{self.where}, {key}: {message}")
 
     def only(self, kind: str, possible: Sequence[str]) -> None:
-        """Raise unless every key is one of ``possible``; ``kind`` says what the keys are called."""
+        """Raise unless every key is one of ``possible``; ``kind`` is the noun for keys in the message."""
         for key in self.content:
             if key not in possible:
                 raise IrtError(f"{self.where}: {unknown_name(kind, key, possible)}")
@@ -167,31 +167,31 @@ class TomlTable:
         return TomlTable(f"{self.where}, [{key}]", content)
 
     def inline(self, key: str, form: str) -> TomlTable:
-        """Return the table that stands under ``key`` in one line, of the ``form`` named."""
+        """Return the inline table under ``key``; ``form`` describes it in the message."""
         content = self.content.get(key)
         if not isinstance(content, dict):
             raise self.error(key, f"expected {form}, found {_shown(content)}")
         return TomlTable(f"{self.where}, {key}", content)
 
     def sections(self, key: str) -> list[TomlTable]:
-        """Return the tables of the array of tables under ``key``, none if there is none."""
+        """Return the array of tables under ``key``, empty if there is none."""
         content = self.content.get(key, [])
         if not isinstance(content, list) or not all(isinstance(item, dict) for item in content):
             raise self.error(key, f"expected sections [[{key}]], found {_shown(content)}")
         return [TomlTable(f"{self.where}, [[{key}]] {i}", item) for i, item in enumerate(content, start=1)]
 
     def number(self, key: str, *, infinite: bool = False) -> float:
-        """Return the number under ``key``, which must be there; ``infinite`` allows ``inf``."""
+        """Return the number under the required ``key``; ``infinite`` allows ``inf``."""
         if key not in self.content:
             raise IrtError(f"{self.where}: {key} is missing")
         return self._number(key, self.content[key], infinite=infinite)
 
     def numbers(self, *keys: str, infinite: bool = False) -> dict[str, float]:
-        """Return the numbers under those of ``keys`` that are there."""
+        """Return the numbers under those of ``keys`` that are present."""
         return {key: self.number(key, infinite=infinite) for key in keys if key in self.content}
 
     def pair(self, key: str) -> tuple[float, float]:
-        """Return the two numbers ``[a, b]`` under ``key``, which must be there."""
+        """Return the two numbers ``[a, b]`` under the required ``key``."""
         content = self.content.get(key)
         if not isinstance(content, list) or len(content) != 2:
             raise self.error(key, f"expected [low, high], found {_shown(content)}")
@@ -205,7 +205,7 @@ class TomlTable:
         return tuple(self._number(key, one) for one in content)
 
     def word(self, key: str) -> str:
-        """Return the text under ``key``, which must be there."""
+        """Return the text under the required ``key``."""
         if key not in self.content:
             raise IrtError(f"{self.where}: {key} is missing")
         content = self.content[key]
@@ -214,7 +214,7 @@ class TomlTable:
         return content
 
     def flag(self, key: str) -> bool:
-        """Return what stands under ``key``, which must be there: true or false."""
+        """Return true or false under the required ``key``."""
         if key not in self.content:
             raise IrtError(f"{self.where}: {key} is missing")
         content = self.content[key]
@@ -235,7 +235,7 @@ class TomlTable:
 
 
 def _shown(value: object) -> str:
-    """Return a value as it may stand in a message: short, on one line."""
+    """Return a value as short text on one line, for a message."""
     if value is None:
         return "nothing"
     text = f'"{value}"' if isinstance(value, str) else str(value)

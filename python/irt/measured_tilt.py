@@ -1,4 +1,4 @@
-"""A measured tilt in a prediction: where the board starts, and in the place of the commands."""
+"""Use a measured tilt in predictions: as initial tilt, and in place of the commands."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Array = NDArray[np.float64]
 
 
 def as_played(model: Model, recording: Recording) -> tuple[Model, Recording] | None:
-    """Return model and recording in which the measured tilt moves the board, in the place of the commands.
+    """Return a model and a recording in which the measured tilt replaces the commands.
 
-    What acts between command and tilt is left out of the model. Between rows the tilt runs straight, and so
-    it does across rows where it was not measured. None where it was not measured about both axes.
+    Effects between command and tilt are removed from the model. The tilt is interpolated linearly between
+    rows, and across rows without a measurement. Returns None unless the tilt was measured about both axes.
     """
     if not has_both_tilts(recording):
         return None
@@ -32,14 +32,14 @@ def as_played(model: Model, recording: Recording) -> tuple[Model, Recording] | N
 
 
 def has_both_tilts(recording: Recording) -> bool:
-    """Whether the tilt was measured about both axes, if only in some rows."""
+    """Whether the tilt was measured about both axes, at least in some rows."""
     return recording.tilt is not None and bool(np.isfinite(recording.tilt).any(axis=0).all())
 
 
 def play_tilt(recording: Recording, zero: Array, gain: Array) -> Recording:
-    """Return a recording whose commands are its measured tilt, less (2,) zeros, over (2,) gains [rad].
+    """Return a recording whose commands are its measured tilt minus (2,) zeros, divided by (2,) gains [rad].
 
-    They run straight from row to row, and across rows where the tilt was not measured.
+    The commands are interpolated linearly between rows, and across rows without a measured tilt.
     """
     assert recording.tilt is not None, recording.name
     rows = np.arange(len(recording.tilt))
@@ -55,10 +55,10 @@ def play_tilt(recording: Recording, zero: Array, gain: Array) -> Recording:
 
 
 def begun_at_tilt(model: Model, recording: Recording) -> Recording:
-    """Return a recording in motion with the commands before row 0 that led to the tilt measured there.
+    """Return a recording in motion with commands before row 0 that give the tilt measured in row 0.
 
-    As the marble's place in row 0, this is the state that a prediction starts from: what was commanded before
-    the recording begins is not known, and an actuator's delay and lag remember it.
+    Like the marble's position in row 0, this sets the initial state of a prediction: the actuator's delay and
+    lag depend on commands before the recording, which are unknown.
     """
     if model.start != "moving" or recording.tilt is None or not np.isfinite(recording.tilt[0]).all():
         return recording

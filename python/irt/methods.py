@@ -1,8 +1,8 @@
-"""The methods of tuning. A module of its own: the command line lists them without loading any."""
+"""Names of the tuning methods, in a separate module so that the command line need not load the methods."""
 
 from __future__ import annotations
 
-#: Title of each in text, in the order in which help lists them; the first is the default.
+#: Title of each method, in the order of the help; the first is the default.
 TITLES = {
     "least-squares": "least squares",
     "irt+": "IRT+",
@@ -12,7 +12,7 @@ TITLES = {
     "direct": "direct prediction",
 }
 METHODS = tuple(TITLES)
-#: Which methods an option belongs to that not all have.
+#: Methods of each option that not all methods have.
 BELONGS = {
     "starts": METHODS[:-1],
     "iterations": ("irt",),

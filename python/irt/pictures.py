@@ -1,6 +1,6 @@
-"""Pictures of results for a notebook: each function returns a matplotlib figure.
+"""Plots of results for notebooks; each function returns a matplotlib figure.
 
-Figures are made without pyplot: nothing is shown twice, and no state of matplotlib is changed.
+Figures are made without pyplot, so that no figure is shown twice and matplotlib's global state is unchanged.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's colours, which colour-blind readers tell apart, and a grey.
+# From Okabe and Ito's colour-blind-safe palette, and a grey.
 MEASURED = "#57606a"
 BEFORE = "#d55e00"
 AFTER = "#0072b2"
-#: In the order in which lines and bars take them.
+#: Colour cycle of lines and bars.
 COLOURS = (AFTER, BEFORE, "#009e73", "#cc79a7")
 
 _SETTINGS: Any = {
@@ -34,7 +34,7 @@ _SETTINGS: Any = {
     "axes.axisbelow": True,
     "grid.color": "#e3e6ea",
     "legend.frameon": False,
-    # Names of files are written as they are, dollar signs and all.
+    # File names may contain dollar signs.
     "text.parse_math": False,
     "savefig.dpi": 120,
 }
@@ -42,7 +42,7 @@ _WIDTH = 6.4
 
 
 class Picture(Figure):
-    """A figure that a notebook shows as the value of a cell."""
+    """A figure with a PNG representation for notebooks."""
 
     def _repr_png_(self) -> bytes:
         buffer = io.BytesIO()
@@ -53,7 +53,7 @@ class Picture(Figure):
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line of a panel: a label, values, a colour, and whether values are dots."""
+    """A line of a panel; `dots` draws dots instead."""
 
     label: str
     values: Array
@@ -62,7 +62,7 @@ class Line:
 
 
 def over_time(times: Array, unit: str, panels: Mapping[str, Sequence[Line]]) -> Figure:
-    """Return lines over time, a panel below another, each under its label."""
+    """Return a figure with lines over time in stacked panels, by label."""
     with mpl.rc_context(_SETTINGS):
         figure = Picture(figsize=(_WIDTH, 0.5 + 1.6 * len(panels)), layout="constrained")
         axes = figure.subplots(len(panels), sharex=True, squeeze=False)[:, 0]
@@ -79,7 +79,7 @@ def over_time(times: Array, unit: str, panels: Mapping[str, Sequence[Line]]) -> 
 
 
 def curves(lines: Sequence[Line], across: str, up: str) -> Figure:
-    """Return curves over their index, on a logarithmic axis."""
+    """Return a figure with curves over their index, on a logarithmic axis."""
     with mpl.rc_context(_SETTINGS):
         figure = Picture(figsize=(_WIDTH, 3.0), layout="constrained")
         axes = figure.subplots()
@@ -95,7 +95,7 @@ def curves(lines: Sequence[Line], across: str, up: str) -> Figure:
 
 
 def bars(names: Sequence[str], groups: Mapping[str, Sequence[float]], across: str) -> Figure:
-    """Return horizontal bars, a group for each name, a colour for each of the groups' keys."""
+    """Return a figure with horizontal bars, grouped by name and coloured by the keys of `groups`."""
     count = len(groups)
     with mpl.rc_context(_SETTINGS):
         figure = Picture(figsize=(_WIDTH, 0.9 + 0.18 * len(names) * (count + 0.6)), layout="constrained")
@@ -113,7 +113,7 @@ def bars(names: Sequence[str], groups: Mapping[str, Sequence[float]], across: st
 
 @dataclass(frozen=True)
 class Span:
-    """A value with its interval, and the range that was searched."""
+    """A value with its interval and its search range."""
 
     name: str
     text: str
@@ -123,7 +123,7 @@ class Span:
 
 
 def spans(rows: Sequence[Span]) -> Figure:
-    """Return where values lie in the ranges searched, each row over its own range."""
+    """Return a figure with values and intervals within their search ranges."""
     with mpl.rc_context(_SETTINGS):
         figure = Picture(figsize=(_WIDTH, 0.7 + 0.45 * len(rows)), layout="constrained")
         axes = figure.subplots()
@@ -136,7 +136,7 @@ def spans(rows: Sequence[Span]) -> Figure:
             axes.plot(np.clip(value, -0.05, 1.05), place, "o", color=AFTER, ms=5.0)
             axes.text(1.08, place, row.text, va="center")
         axes.set_yticks(range(len(rows)), [row.name for row in rows])
-        axes.set_xticks([0.0, 1.0], ["least searched", "most searched"])
+        axes.set_xticks([0.0, 1.0], ["lower bound", "upper bound"])
         axes.set_xlim(-0.08, 1.9)
         axes.set_ylim(len(rows) - 0.5, -0.5)
         axes.grid(visible=False)

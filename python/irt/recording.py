@@ -1,4 +1,4 @@
-"""One recording: commands, where the marble was seen and how the board tilted, one CSV row a timestep."""
+"""Recordings: commands, observed positions and measured tilt of a run, one CSV row per timestep."""
 
 from __future__ import annotations
 
@@ -50,44 +50,44 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-#: What a command does from its row to the next: it holds, or runs evenly to the next command.
+#: Hold of a command until the next row: zero-order, or first-order (linear interpolation).
 Hold = Literal["zero", "first"]
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One run of the rig.
+    """A run of the rig.
 
-    Row i is the position seen at the moment command i is issued; command i holds until row i + 1. The arrays
-    are copies, and read-only.
+    Row i is the position observed at the moment command i is issued; command i holds until row i + 1. The
+    arrays are read-only copies.
 
     Attributes
     ----------
     name : str
-        The file's name without its ending.
+        The file's name without suffix.
     path : Path
         The file.
     knobs : (n, 2) array
         Commands: knob angles [rad], or numbers in the rig's own unit (`columns`).
     marble : (n, 2) array
-        Observed positions [board edges], NaN rows where the tracker lost the marble; never in row 0, where
-        every prediction starts. All rows are NaN in a run without a marble, which then has a tilt.
+        Observed positions [board edges], NaN in rows where the tracker lost the marble. Row 0, where every
+        prediction starts, is never NaN. All rows are NaN in a run without a marble, which must have a tilt.
     stamps : (n,) array or None
-        Time of each row [s], rising.
+        Time of each row [s], strictly increasing.
     tilt : (n, 2) array or None
         Measured angles of the board about x and y [rad], by the right-hand rule; NaN where not measured.
     columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
-        The columns that the commands stand in.
+        Names of the columns of the commands.
     hold : {"zero", "first"}
-        What a command does from its row to the next: a zero-order hold, as files have it; or a first-order
-        hold, as where a measured tilt is played in the place of the commands.
+        Hold of a command until the next row: zero-order, as in files, or first-order, as for a measured tilt
+        that replaces the commands.
     before : (2,) array or None
-        The commands before row 0, where they are known; files do not hold them.
+        The commands before row 0, if known; files do not contain them.
 
     Raises
     ------
     IrtError
-        If the arrays are no recording: other shapes, fewer than two rows, values that cannot be.
+        If the arrays are not a recording: wrong shapes, fewer than two rows, or impossible values.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Recording:
         check_marble(self.name, self.marble, self.where, alone=self.has_tilt)
 
     def where(self, row: int, column: str) -> str:
-        """Name the place of a value, for messages."""
+        """Return the location of a value, for messages."""
         return f"{self.name}, row {row}, column {column}"
 
     @classmethod
@@ -135,34 +135,34 @@ class Recording:
         name: str = "run",
         columns: tuple[str, str] = KNOBS,
     ) -> Recording:
-        """Return a recording of arrays, without a file.
+        """Return a recording from arrays, without a file.
 
         Parameters
         ----------
         commands : (n, 2) array
             Knob angles [rad], or numbers in the rig's own unit (then `columns` are ``cmd_x``, ``cmd_y``).
         marble : (n, 2) array, optional
-            Observed positions [board edges], NaN rows where the tracker lost the marble. It may be left out
-            where the tilt was measured.
+            Observed positions [board edges], NaN in rows where the tracker lost the marble. Optional if the
+            tilt was measured.
         tilt : (n, 2) array, optional
             Measured angles of the board [rad]; NaN where not measured.
         t : (n,) array, optional
-            Time of each row [s], rising.
+            Time of each row [s], strictly increasing.
         name : str
-            What the recording is called.
+            Name of the recording.
         columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
-            What kind the commands are.
+            Kind of the commands.
 
         Raises
         ------
         IrtError
-            If the arrays are no recording.
+            If the arrays are not a recording.
         """
         name = arguments.text("name", name)
         owned = _owned(name, "commands", commands)
         if marble is None:
             marble = np.full(owned.shape, np.nan)
-        # The class makes its own copies of all of them, and checks these.
+        # The class copies and checks the arrays.
         found = cls(name, Path(name), owned, marble, t, tilt, columns)  # type: ignore[arg-type]
         if found.tilt is not None:
             check_steepness(found.tilt, found.where)
@@ -170,17 +170,17 @@ class Recording:
 
     @property
     def durations(self) -> Array | None:
-        """How long each command holds, (n,) [s], where there are stamps (see `durations`)."""
+        """Duration of each command, (n,) [s]; None without stamps (see `durations`)."""
         return durations(self.stamps)
 
     @property
     def seen(self) -> NDArray[np.bool_]:
-        """Rows in which the tracker saw the marble, (n,)."""
+        """Whether the marble was observed in each row, (n,)."""
         return ~np.isnan(self.marble[:, 0])
 
     @property
     def has_marble(self) -> bool:
-        """Whether the tracker saw the marble in any row."""
+        """Whether the marble was observed in any row."""
         return bool(self.seen.any())
 
     @property
@@ -190,12 +190,12 @@ class Recording:
 
     @property
     def rolled_path(self) -> Array:
-        """Where the marble has rolled, without noise, (n, 2) [board edges]."""
+        """Smoothed path of the marble, (n, 2) [board edges]."""
         return self._rolled[0]
 
     @property
     def way(self) -> Array:
-        """How far the marble has rolled up to each row, (n,) [board edges]."""
+        """Path length of the marble up to each row, (n,) [board edges]."""
         return self._rolled[1]
 
     @cached_property
@@ -203,12 +203,12 @@ class Recording:
         return rolled(self.marble)
 
     def cut(self, rows: int) -> Recording:
-        """Return the recording of its first rows."""
+        """Return the recording cut to its first rows."""
         arrays = {name: getattr(self, name) for name in ("knobs", "marble", "stamps", "tilt")}
         return replace(self, **{name: one[:rows] for name, one in arrays.items() if one is not None})
 
     def to_csv(self) -> str:
-        """Return the recording as CSV text that reads back bit for bit."""
+        """Return the recording as CSV text from which it can be read back exactly."""
         table = dict(zip((*self.columns, *MARBLE), (*self.knobs.T, *self.marble.T), strict=True))
         if self.stamps is not None:
             table = {STAMP: self.stamps, **table}
@@ -216,7 +216,7 @@ class Recording:
             table.update(zip(TILT, self.tilt.T, strict=True))
         lines = [",".join((STEP, *table))]
         for row, values in enumerate(np.stack(list(table.values()), axis=1).tolist()):
-            # repr gives the shortest text that reads back as the same number.
+            # repr is the shortest text that parses to the same number.
             lines.append(
                 ",".join([str(row), *("" if math.isnan(value) else repr(value) for value in values)])
             )
@@ -225,18 +225,18 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """What to simulate: commands, and where the marble starts if the file says so.
+    """Commands to simulate, and the start of the marble if known.
 
     Attributes
     ----------
     knobs : (n, 2) array
-        Commands, as those of a `Recording`.
+        Commands, as in `Recording`.
     start : (2,) array or None
         Marble position at row 0 [board edges].
     stamps : (n,) array or None
-        Time of each row [s], rising.
+        Time of each row [s], strictly increasing.
     columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
-        The columns that the commands stand in.
+        Names of the columns of the commands.
     """
 
     knobs: Array
@@ -246,12 +246,12 @@ class Commands:
 
     @property
     def durations(self) -> Array | None:
-        """How long each command holds, (n,) [s], where there are stamps (see `durations`)."""
+        """Duration of each command, (n,) [s]; None without stamps (see `durations`)."""
         return durations(self.stamps)
 
 
 def durations(stamps: Array | None) -> Array | None:
-    """Return how long each command holds, (n,) [s]; the last, of unknown end, as long as the one before."""
+    """Return the duration of each command, (n,) [s]; the last command lasts as long as the one before."""
     if stamps is None:
         return None
     steps = np.diff(stamps)
@@ -261,23 +261,23 @@ def durations(stamps: Array | None) -> Array | None:
 def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
     """Read a recording from a CSV file.
 
-    Columns are found by name, in any order; others are ignored. A byte order mark, Windows line ends and
-    blank lines are accepted.
+    Columns are found by name, in any order; other columns are ignored. A byte order mark, Windows line ends
+    and blank lines are accepted.
 
     Parameters
     ----------
     path : path
         A CSV with the columns ``step``, ``knob_x_rad``, ``knob_y_rad`` (or ``cmd_x``, ``cmd_y``),
-        ``marble_x``, ``marble_y``; with ``t_s`` if the rows carry stamps, ``tilt_x_rad`` and ``tilt_y_rad``
-        if the board's tilt was measured (then the marble's columns may be absent).
+        ``marble_x``, ``marble_y``; with ``t_s`` if the rows have stamps, and with ``tilt_x_rad`` and
+        ``tilt_y_rad`` if the tilt was measured (then the marble's columns are optional).
     begun : (k, 2) array, optional
-        Positions of the first rows [board edges] in the place of the file's, where a tracker may have lost
-        the marble.
+        Positions [board edges] that replace those of the first rows, where the tracker may have lost the
+        marble.
 
     Raises
     ------
     IrtError
-        If the file is no recording; the message names line and column.
+        If the file is not a recording; the message contains line and column.
     """
     path = arguments.path("path", path)
     table = Columns.read(path, _check_recording)
@@ -285,22 +285,22 @@ def load_recording(path: PathLike, *, begun: Array | None = None) -> Recording:
 
 
 def as_recording(value: Recording | PathLike | Any, name: str = "run") -> Recording:
-    """Return a recording of what stands for one: itself, the path of a CSV file, or a table.
+    """Return a recording from a recording, the path of a CSV file, or a table.
 
-    A table is a data frame, a mapping or a structured array whose columns have the names of a recording's;
-    ``step`` may be absent there.
+    A table is a data frame, a mapping or a structured array with the column names of a recording; ``step`` is
+    optional.
 
     Parameters
     ----------
     value : Recording, path or table
-        What stands for a recording.
+        The recording.
     name : str
-        What a table is called.
+        Name of a table.
 
     Raises
     ------
     IrtError
-        If it is nothing of these, or no recording.
+        If the value is none of these, or not a recording.
     """
     if isinstance(value, Recording):
         return value
@@ -329,12 +329,12 @@ def _recording(table: Columns, name: str, path: Path, begun: Array | None) -> Re
 
 
 def load_commands(path: PathLike) -> Commands:
-    """Read the commands of a CSV file; the marble's columns may be absent, or empty throughout.
+    """Read the commands of a CSV file; the marble's columns may be absent or empty.
 
     Raises
     ------
     IrtError
-        If the file holds no commands; the message names line and column.
+        If the file contains no commands; the message contains line and column.
     """
 
     def check(where: str, header: list[str]) -> None:
@@ -344,17 +344,17 @@ def load_commands(path: PathLike) -> Commands:
 
 
 def as_commands(value: Any) -> Commands:
-    """Return commands of what stands for them: an array, a recording, or a table as of `as_recording`.
+    """Return commands from an array, a recording, or a table as in `as_recording`.
 
     Parameters
     ----------
     value : (n, 2) or (r, n, 2) array, Recording or table
-        The marble's first place in a recording, or in a table that has one, is the start.
+        The commands. The start is the marble's first position in a recording or table, if any.
 
     Raises
     ------
     IrtError
-        If it is nothing of these.
+        If the value is none of these.
     """
     if isinstance(value, Commands):
         return value
@@ -396,12 +396,12 @@ def save_recording(
     tilt: ArrayLike | None = None,
     columns: tuple[str, str] = KNOBS,
 ) -> None:
-    """Write a recording as CSV, so that `load_recording` returns the same numbers bit for bit.
+    """Write a recording as CSV, from which `load_recording` returns exactly the same numbers.
 
     Parameters
     ----------
     path : path
-        The file to write; an old one is replaced only by the whole new one.
+        The file to write; an existing file is replaced atomically.
     knobs : (n, 2) array
         Commands: knob angles [rad], or numbers in the rig's own unit.
     marble : (n, 2) array
@@ -411,12 +411,12 @@ def save_recording(
     tilt : (n, 2) array, optional
         Measured angles of the board [rad]; NaN is written as an empty cell.
     columns : {("knob_x_rad", "knob_y_rad"), ("cmd_x", "cmd_y")}
-        The columns for the commands.
+        Names of the columns of the commands.
 
     Raises
     ------
     IrtError
-        If the arrays are no recording, or the file cannot be written.
+        If the arrays are not a recording, or the file cannot be written.
     """
     path = arguments.path("path", path)
     name = path.stem
@@ -428,19 +428,19 @@ def save_recording(
 
 
 def _check_header(where: str, header: list[str], required: Sequence[str]) -> None:
-    """Raise unless a header has the columns required, and each of those that are read once."""
+    """Raise unless a header has the required columns, and no column twice."""
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
         raise IrtError(f"{where}: cells must be separated by commas")
     if set(CMD) & set(header) and set(KNOBS) & set(header):
         raise IrtError(
-            f"{where}: commands stand in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
+            f"{where}: there are commands in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
         )
     for name in required:
         if name not in header:
             raise IrtError(f"{where}: column {name} is missing; the header has {', '.join(header)}")
     for name in (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT):
         if header.count(name) > 1:
-            raise IrtError(f"{where}: column {name} stands there {header.count(name)} times; keep one")
+            raise IrtError(f"{where}: column {name} appears {header.count(name)} times; keep one")
 
 
 def _columns_of_commands(header: Sequence[str]) -> tuple[str, str]:
@@ -448,7 +448,7 @@ def _columns_of_commands(header: Sequence[str]) -> tuple[str, str]:
 
 
 def _columns_of_recording(header: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns that a recording needs: the marble's may be absent where the tilt was measured."""
+    """Return the required columns of a recording; the marble's are optional if the tilt was measured."""
     tilt = TILT if set(TILT) & set(header) else ()
     marble = MARBLE if set(MARBLE) & set(header) or not tilt else ()
     return (*_columns_of_commands(header), *marble, *tilt)
@@ -459,12 +459,12 @@ def _check_recording(where: str, header: list[str]) -> None:
 
 
 def _check_frame(where: str, header: list[str]) -> None:
-    """Check the header of a table in memory, whose rows are in their order without a step."""
+    """Check the header of a table in memory, where ``step`` is optional."""
     _check_header(where, header, _columns_of_recording(header))
 
 
 def _read_commands(table: Columns) -> tuple[Array, Array | None, tuple[str, str]]:
-    """Return commands, stamps, and the columns that the commands stand in."""
+    """Return commands, stamps, and the names of the columns of the commands."""
     columns = _columns_of_commands(table.names)
     if STEP in table:
         _check_steps(table)
@@ -493,7 +493,7 @@ def _check_steps(table: Columns) -> None:
 
 
 def _owned(name: str, field: str, values: ArrayLike) -> Array:
-    """Return a read-only copy, so that a recording stays what it was checked to be."""
+    """Return a read-only copy, so that a recording stays valid after its check."""
     array = arguments.array(f"{name}: {field}", values)
     array.flags.writeable = False
     return array

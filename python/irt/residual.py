@@ -1,4 +1,4 @@
-"""Prediction against recording: free runs, windows, the measured tilt, and their errors."""
+"""Evaluate models on recordings: free runs, windows, the measured tilt, and their errors."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Step of the finite difference by which the lean of a run is found [rad].
+#: Finite-difference step of the lean of a run [rad].
 _LEAN_STEP_RAD = 1e-4
 
 
 @dataclass(frozen=True)
 class Errors:
-    """How far predicted positions lie from observed ones, over the rows that the tracker saw and both axes.
+    """Errors of predicted positions over the observed rows and both axes.
 
-    An idle axis, along which the marble was never seen to move, does not count.
+    An idle axis, along which the marble never moves, is not counted.
 
     Attributes
     ----------
     mae, rmse, max : float
         Mean absolute, root mean square and largest absolute error of a coordinate [board edges].
     rows : int
-        Rows compared.
+        Number of rows compared.
     lost : int
-        Rows left out, because the tracker lost the marble.
+        Number of rows skipped because the tracker lost the marble.
     """
 
     mae: float
@@ -55,14 +55,14 @@ class Errors:
 
 @dataclass(frozen=True)
 class TiltErrors:
-    """How far the predicted tilt lies from the measured one, by axis.
+    """Errors of the predicted tilt, by axis.
 
     Attributes
     ----------
     mae_x_rad, mae_y_rad : float or None
-        Mean absolute error of the tilt about x and about y [rad]; None where it was not measured.
+        Mean absolute error of the tilt about x and about y [rad]; None if it was not measured.
     rows : int
-        Rows with a measured tilt about either axis.
+        Number of rows with a measured tilt about either axis.
     """
 
     mae_x_rad: float | None
@@ -79,22 +79,23 @@ class RunEvaluation:
     recording : str
         Name of the recording.
     free_run : Errors or None
-        Of one simulation from row 0 to the end; None in a run without a marble.
+        Errors of a simulation from row 0 to the end; None for a run without a marble.
     free_prediction : (n, 2) array
-        That simulation [board edges]; NaN in a run without a marble.
+        The simulation from row 0 to the end [board edges]; NaN for a run without a marble.
     windowed : Errors or None
-        Of windows, each started from the state estimated on the rows before it; None where no window fits.
+        Errors of windows, each started from the state estimated on the rows before it; None if no window
+        fits.
     windowed_prediction : (n, 2) array
-        All windows one after another [board edges], NaN in rows outside of any.
+        Predictions of all windows [board edges], NaN in rows outside the windows.
     window_rows : (w,) int array
         First row of each window.
     tilt : TiltErrors or None
-        Of the tilt, predicted from the commands alone from row 0 to the end; None where it was not measured.
+        Errors of the tilt, predicted from the commands from row 0 to the end; None if it was not measured.
     tilt_prediction : (n, 2) array or None
-        That prediction [rad].
+        The predicted tilt [rad].
     played : Errors or None
-        Of the same windows with the measured tilt in the place of the commands and the actuation: what
-        remains is the error of the marble's model. None where the tilt about an axis was not measured.
+        Errors of the same windows with the measured tilt in place of the commands and the actuation, which
+        are those of the marble's model alone. None if the tilt was not measured about both axes.
     """
 
     recording: str
@@ -115,19 +116,19 @@ class Evaluation:
     Attributes
     ----------
     window_s : float
-        Length of the windows [s]; of simulated time where the recordings have no stamps.
+        Length of the windows [s]; simulated time if the recordings have no stamps.
     runs : tuple of RunEvaluation
         One for each recording.
     free_run : Errors or None
-        Of all recordings together; None where none has a marble.
+        Errors over all free runs; None if no recording has a marble.
     windowed : Errors or None
-        Of all windows together; None where none fits.
+        Errors over all windows; None if no window fits.
     tilt : TiltErrors or None
-        Of the tilt in all recordings; None where it was never measured.
+        Errors of the tilt over all recordings; None if it was never measured.
     played : Errors or None
-        Of all windows with the measured tilt played.
+        Errors over all windows under the measured tilt.
     window_length_rows : int or None
-        Rows of a window of recordings without stamps: how many seconds these last is not known.
+        Length of a window in rows if the recordings have no stamps, so that its duration is unknown.
     """
 
     window_s: float
@@ -140,14 +141,14 @@ class Evaluation:
 
     @property
     def mae(self) -> float:
-        """Mean absolute error of the free runs [board edges]; NaN where no recording has a marble."""
+        """Mean absolute error of the free runs [board edges]; NaN if no recording has a marble."""
         return math.nan if self.free_run is None else self.free_run.mae
 
     def plot(self) -> Figure:
         """Draw the mean errors of each run; return a matplotlib figure."""
         from irt import pictures  # noqa: PLC0415
 
-        kinds = {"free run": "free_run", self.windows: "windowed", "measured tilt played": "played"}
+        kinds = {"free run": "free_run", self.windows: "windowed", "under the measured tilt": "played"}
         groups = {
             label: [
                 math.nan if (errors := getattr(run, name)) is None else 100.0 * errors.mae
@@ -164,17 +165,17 @@ class Evaluation:
         for name, run in (*runs, ("all runs", self)):
             errors = (run.free_run, run.windowed, run.played)
             rows.append((name, *(display.percent(None if one is None else one.mae) for one in errors)))
-        head = ("run", "free run", self.windows, "the same, measured tilt played")
+        head = ("run", "free run", self.windows, "the same, under the measured tilt")
         return display.page("Mean errors, of the board's long edge", display.table(head, rows))
 
     @property
     def windows(self) -> str:
-        """What was predicted in windows, in words: seconds where recordings have stamps, else rows."""
+        """Description of the windows, with their length in seconds, or in rows without stamps."""
         rows = self.window_length_rows
         return f"windows of {self.window_s:g} s" if rows is None else f"windows of {rows} rows"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the errors, without the predictions, as JSON takes them."""
+        """Return the errors without the predictions, for JSON."""
 
         def shown(errors: RunEvaluation | Evaluation) -> dict[str, Any]:
             parts: dict[str, Errors | TiltErrors | None] = {
@@ -205,7 +206,7 @@ def predict(model: Model, stretches: Sequence[Segment]) -> list[Array]:
     Raises
     ------
     IrtError
-        If the model cannot be simulated, say because the engine does not know one of its effects.
+        If the model cannot be simulated, for example because of an unknown effect.
     """
     predicted: dict[int, Array] = {}
     for indices in _batches(stretches):
@@ -216,7 +217,7 @@ def predict(model: Model, stretches: Sequence[Segment]) -> list[Array]:
 
 
 def free_run_error(model: Model, recording: Recording) -> float:
-    """Return the mean absolute error [board edges] of one simulation from row 0 to the end (paper, Eq. 1).
+    """Return the mean absolute error [board edges] of a simulation from row 0 to the end (paper, Eq. 1).
 
     Raises
     ------
@@ -225,7 +226,7 @@ def free_run_error(model: Model, recording: Recording) -> float:
     """
     errors = _errors([_free_run(model, recording)], [recording.marble], _idle_axes([recording]))
     if errors is None:
-        raise IrtError(f"{recording.name}: no marble was seen in it; there is no free run to compare")
+        raise IrtError(f"{recording.name}: the recording has no marble; there is no free run to compare")
     return errors.mae
 
 
@@ -247,21 +248,21 @@ def windowed_error(model: Model, recording: Recording, seconds: float) -> float:
 def evaluate(
     model: Model | PathLike, recordings: Rig | PathLike | Sequence[Recording], window_s: float = 2.0
 ) -> Evaluation:
-    """Measure a model against recordings: in free runs and in windows.
+    """Evaluate a model on recordings, in free runs and in windows.
 
-    A free run starts in row 0: at rest, or for a model of recordings that start in motion, from the state
-    that the first four rows tell. A window starts from the state estimated on the four rows before it and
-    never sees the rows that it predicts. Windows follow one another without a gap, except where the marble
-    was lost in more than one of the four rows, or at the end, where no whole one fits.
+    A free run starts in row 0, at rest, or for recordings that start in motion from the state estimated on
+    the first four rows. A window starts from the state estimated on the four rows before it, and does not use
+    the rows that it predicts. Windows follow one another without gaps, except where the marble was lost in
+    more than one of the four rows, and at the end, where no complete window fits.
 
     Parameters
     ----------
     model : Model or path
-        The simulator, or its file.
+        The model, or its file.
     recordings : Rig, path or sequence of Recording
-        A rig, its folder, or recordings: at least one; tables with the columns of one will do.
+        A rig, its folder, or at least one recording, which may be a table.
     window_s : float
-        Length of a window [s], of simulated time where the recordings have no stamps.
+        Length of a window [s]; simulated time if the recordings have no stamps.
 
     Raises
     ------
@@ -319,7 +320,7 @@ def _free_run(model: Model, recording: Recording) -> Array:
 
 
 def _windows(model: Model, recording: Recording, window_s: float) -> list[Segment]:
-    """Return the windows of a recording, each with the four rows before it as its head."""
+    """Return the windows of a recording, each preceded by the four rows of its start state."""
     step = row_seconds(recording, _substeps(model))
     if step == 0.0:
         return []
@@ -339,11 +340,11 @@ def _windows(model: Model, recording: Recording, window_s: float) -> list[Segmen
 def _windowed(
     model: Model, recordings: Sequence[Recording], window_s: float
 ) -> tuple[list[Array], list[NDArray[np.int64]]]:
-    """Return the windows of each recording one after another, (n, 2), NaN outside, and their first rows."""
+    """Return predictions in windows by recording, (n, 2), NaN outside, and the windows' first rows."""
     windows = [_windows(model, recording, window_s) for recording in recordings]
     flat = [window for of_one in windows for window in of_one]
     predicted = iter(
-        _leaned(model, flat) if flat and _lean_size(model) > 0.0 else _predict_windows(model, flat)
+        _predict_with_lean(model, flat) if flat and _lean_size(model) > 0.0 else _predict_windows(model, flat)
     )
     joined, firsts = [], []
     for recording, of_one in zip(recordings, windows, strict=True):
@@ -358,16 +359,16 @@ def _windowed(
 
 
 def _lean_size(model: Model) -> float:
-    """Return the standard deviation of the lean over runs [rad], 0 of a model without."""
+    """Return the standard deviation of the lean over runs [rad], 0 for a model without lean."""
     return next((one.parameters.get("size_rad", 0.0) for one in model.effects if one.name == LEAN), 0.0)
 
 
-def _leaned(model: Model, windows: Sequence[Segment]) -> list[Array]:
-    """Return the predictions of windows, each with the lean that the windows of its run before it show.
+def _predict_with_lean(model: Model, windows: Sequence[Segment]) -> list[Array]:
+    """Return the predictions of windows, each with the lean estimated from earlier windows of its run.
 
-    The lean of a run is drawn from a normal distribution whose size the model knows. Its mean, given what
-    earlier windows left over, is found to first order; the rows of a window, whose errors go together, count
-    as one observation along each axis.
+    The lean of a run has a normal prior whose size is a parameter of the model. Its posterior mean, given the
+    residuals of earlier windows, is computed to first order. The errors within a window are correlated, so a
+    window counts as one observation along each axis.
     """
     plain = _predict_windows(model, windows)
     slopes = []
@@ -401,7 +402,7 @@ def _leaned(model: Model, windows: Sequence[Segment]) -> list[Array]:
 
 
 def _played(model: Model, recording: Recording, window_s: float) -> Array:
-    """Return the windows of a recording with its measured tilt played, (n, 2); NaN where it cannot be."""
+    """Return the predictions in windows under the measured tilt, (n, 2); NaN where it is not available."""
     pair = as_played(model, recording) if recording.has_marble else None
     if pair is None:
         return np.full_like(recording.marble, np.nan)
@@ -410,7 +411,7 @@ def _played(model: Model, recording: Recording, window_s: float) -> Array:
 
 
 def _tilt(model: Model, recording: Recording) -> Array | None:
-    """Return the tilt that a model predicts from the commands, (n, 2) [rad]; None where none was measured."""
+    """Return the tilt predicted from the commands, (n, 2) [rad]; None if none was measured."""
     if not recording.has_tilt:
         return None
     whole = segment_of(recording, slice(0, len(recording.knobs)), np.zeros(4))
@@ -418,7 +419,7 @@ def _tilt(model: Model, recording: Recording) -> Array | None:
 
 
 def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
-    """Return the (n, 2) predictions of windows, their heads left out: these tell the start states."""
+    """Return the (n, 2) predictions of windows, without the rows from which start states are estimated."""
     refined = list(windows)
     for indices in _batches(windows):
         heads = [windows[i] for i in indices]
@@ -428,14 +429,14 @@ def _predict_windows(model: Model, windows: Sequence[Segment]) -> list[Array]:
 
 
 def _head_states(model: Model, batch: Sequence[Segment], rows: int) -> Array:
-    """Return the (w, 4) start states that the first rows of segments of one length tell."""
+    """Return the (w, 4) start states estimated on the first rows of segments of equal length."""
     inputs = replace(inputs_of(batch, whole=bool(model.effects)), rows=rows)
     observed = np.array([segment.observed[:rows] for segment in batch])
     return estimate_start_states(model, inputs, observed, _states(batch))
 
 
 def _batches(stretches: Sequence[Segment]) -> list[list[int]]:
-    """Return the indices of segments that one batch can hold: of one length, all stamped or none."""
+    """Group the indices of segments into batches of equal length and kind of stamps."""
     batches: dict[tuple[int, bool, bool, str], list[int]] = {}
     for i, segment in enumerate(stretches):
         key = (len(segment.knobs), segment.durations is None, segment.run.before is None, segment.run.hold)
@@ -453,7 +454,7 @@ def _substeps(model: Model) -> float:
 
 
 def _idle_axes(recordings: Sequence[Recording]) -> NDArray[np.bool_]:
-    """Return the axes, (2,), along which no recording shows the marble in two places."""
+    """Return whether the marble never moves along each axis, (2,)."""
     seen = np.concatenate([recording.marble[recording.seen] for recording in recordings])
     if len(seen) < 2:
         return np.zeros(2, dtype=np.bool_)
@@ -462,9 +463,9 @@ def _idle_axes(recordings: Sequence[Recording]) -> NDArray[np.bool_]:
 
 
 def _errors(predicted: Sequence[Array], observed: Sequence[Array], idle: NDArray[np.bool_]) -> Errors | None:
-    """Return the errors over all rows that were both predicted and seen; None where there is none."""
-    told = np.concatenate(predicted)
-    error = told - np.concatenate(observed)
+    """Return the errors over all rows that were both predicted and observed; None if there are none."""
+    joined = np.concatenate(predicted)
+    error = joined - np.concatenate(observed)
     known = ~np.isnan(error[:, 0])
     rows = int(known.sum())
     if rows == 0:
@@ -475,12 +476,12 @@ def _errors(predicted: Sequence[Array], observed: Sequence[Array], idle: NDArray
         rmse=float(np.sqrt((error**2).mean())),
         max=float(error.max()),
         rows=rows,
-        lost=int((~np.isnan(told[:, 0])).sum()) - rows,
+        lost=int((~np.isnan(joined[:, 0])).sum()) - rows,
     )
 
 
 def _tilt_errors(predicted: Sequence[Array | None], recordings: Sequence[Recording]) -> TiltErrors | None:
-    """Return the errors of the tilt over all rows in which it was measured; None where it never was."""
+    """Return the errors of the tilt over all rows in which it was measured; None if there are none."""
     errors = [
         np.abs(one - recording.tilt)
         for one, recording in zip(predicted, recordings, strict=True)

@@ -1,4 +1,4 @@
-"""What is predicted in one go: stretches of recordings, and the commands that go with them."""
+"""Segments of recordings that are predicted without restart, and their commands."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from irt.start_state import Inputs
 
 Array = NDArray[np.float64]
 
-#: Length of the windows that a fit predicts of a marble in motion (s).
+#: Length of the windows of a fit to recordings in motion [s].
 SEGMENT_S = 2.5
 #: Rows from which the start state of a window is estimated.
 LEAD_ROWS = 4
-#: Rows through which the first guess of a segment's start state is laid.
+#: Most rows of the polynomial for the initial guess of a start state.
 _GUESS_ROWS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """A stretch of a recording that is predicted in one go.
+    """A part of a recording that is predicted without restart.
 
     Attributes
     ----------
     run : Recording
-        The whole recording, whose commands effects may remember.
+        The complete recording, because effects may depend on earlier commands.
     rows : slice
-        Which of its rows.
+        Rows of the recording.
     start : (2,) array
         Position at the first row [board edges].
     start_velocity : (2,) array
@@ -52,7 +52,7 @@ class Segment:
 
     @property
     def first_row(self) -> int:
-        """The recording's row where the segment begins."""
+        """First row of the segment in the recording."""
         return int(self.rows.start)
 
     @property
@@ -62,45 +62,46 @@ class Segment:
 
     @property
     def durations(self) -> Array | None:
-        """How long each command holds, (n,) [s], where the recording is stamped."""
+        """Duration of each command, (n,) [s]; None without stamps."""
         return None if self.run.durations is None else self.run.durations[self.rows]
 
     @property
     def observed(self) -> Array:
-        """Positions, (n, 2) [board edges], NaN rows where the tracker lost the marble."""
+        """Observed positions, (n, 2) [board edges], NaN in rows where the tracker lost the marble."""
         return self.run.marble[self.rows]
 
     def cut(self, first: int, stop: int) -> Segment:
-        """Return some of its rows; how the marble begins is not known."""
+        """Return a part of the segment; its start state is unknown."""
         unknown = np.full(2, np.nan)
         return Segment(self.run, slice(self.first_row + first, self.first_row + stop), unknown, unknown)
 
 
 def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> list[Segment]:
-    """Return what a fit predicts: whole recordings that start at rest, or windows of them.
+    """Return the segments of a fit: complete recordings that start at rest, or windows.
 
     Parameters
     ----------
     rig : Rig
-        Where the recordings come from.
+        The rig with its recordings.
     seconds : float, optional
-        Length of a window [s]; without stamps the middle of the range of ``time_scale`` gives the time. By
-        default there are windows, of 2.5 s, only where the rig's marble starts in motion.
+        Length of a window [s]; without stamps, time is computed with the middle of the range of
+        ``time_scale``. By default recordings in motion are cut into windows of 2.5 s, and recordings from
+        rest are not cut.
     whole : bool
-        No windows, even where the marble starts in motion.
+        Do not cut recordings in motion.
 
     Returns
     -------
     list of Segment
-        In the order of recordings and rows. Start states are first guesses, which a fit refines: at rest in
-        the place of row 0, or from a parabola through the first rows of a window. Stretches with less than
-        four rows that the tracker saw say no more than their own start state takes, and are left out unless
-        the tilt was measured in them.
+        In the order of recordings and rows. Start states are initial guesses that a fit refines: at rest at
+        the position of row 0, or from a parabola through the first rows of a window. Segments with fewer than
+        four observed rows do not determine more than their start state; they are dropped unless they have a
+        measured tilt.
 
     Raises
     ------
     IrtError
-        If the length is none.
+        If the length is not positive.
     """
     if seconds is not None:
         check_length(seconds)
@@ -123,7 +124,7 @@ def segments(rig: Rig, seconds: float | None = None, *, whole: bool = False) -> 
 
 
 def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
-    """Return the commands of segments of one length, with those of their whole recordings or alone."""
+    """Return the inputs of segments of equal length; `whole` includes the complete recordings' commands."""
     runs = [
         (one.run.knobs, one.run.durations, one.first_row) if whole else (one.knobs, one.durations, 0)
         for one in batch
@@ -147,12 +148,12 @@ def inputs_of(batch: Sequence[Segment], *, whole: bool) -> Inputs:
 
 
 def segment_of(recording: Recording, stretch: slice, state: Array) -> Segment:
-    """Return rows of a recording that begin in a state (4,): place, and rate a second."""
+    """Return a segment with a start state (4,): position, and velocity per second."""
     return Segment(recording, stretch, state[:2], state[2:])
 
 
 def guess(recording: Recording, head: slice, step_s: float, degree: int) -> Array:
-    """Return position and velocity, (4,), at the first row of a polynomial through the first rows seen."""
+    """Return position and velocity (4,) at the first row, from a polynomial through observed rows."""
     rows = np.flatnonzero(recording.seen[head])[:_GUESS_ROWS]
     if recording.stamps is None:
         times = rows * step_s
@@ -166,18 +167,18 @@ def guess(recording: Recording, head: slice, step_s: float, degree: int) -> Arra
 
 
 def row_seconds(recording: Recording, substeps: float) -> float:
-    """Return the time between two rows [s]: the median of the stamps', else so many physics updates."""
+    """Return the duration of a row [s]: the median of the stamps, or else `substeps` physics updates."""
     if recording.durations is None:
         return substeps * SUBSTEP_S
     return float(np.median(recording.durations))
 
 
 def rows_of(seconds: float, step_s: float) -> int:
-    """Return how many rows make up a window of this length."""
+    """Return the number of rows of a window of this length [s]."""
     return max(1, round(seconds / step_s))
 
 
 def check_length(seconds: float) -> None:
-    """Raise an error where a window has no length [s]."""
+    """Raise an error unless the length of a window [s] is positive and finite."""
     if not 0.0 < seconds < np.inf:
         raise IrtError(f"a window must be longer than 0 s, not {seconds}")

@@ -1,4 +1,4 @@
-"""Where the marble was and how fast it rolled at the first row of a window, as the simulator sees it."""
+"""Estimate start states of windows: position and velocity of the marble in the first row."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Steps of the finite differences, in x, y [board edges] and their rates [board edges per second].
+#: Finite-difference steps of x, y [board edges] and their rates [board edges per second].
 _STEPS = np.array([1e-4, 1e-4, 1e-3, 1e-3])
-#: Gauss-Newton steps; with the base physics the third hardly moves the state any more.
+#: Gauss-Newton steps; with the base physics three suffice.
 _ITERATIONS = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Inputs:
-    """What is commanded in w windows of n rows.
+    """Inputs of w windows of n rows.
 
     Attributes
     ----------
     knobs : (w, m, 2) array
-        Commanded knob angles [rad]: those of the window, or of the whole recording that it is of.
+        Commanded knob angles [rad], of the window or of its complete recording.
     durations : (w, m) array or None
-        How long each command holds [s]; without it the model's time scale tells.
+        Duration of each command [s]; None to use the model's time scale.
     first : (w,) array
-        The row of its commands in which a window begins; those before it are its history.
+        Row of the commands in which a window starts; earlier commands are its history.
     issued : (w,) array
-        How many commands there are; the rest fills shorter ones up.
+        Number of commands; the rest is padding.
     rows : int
         n, the rows of each window.
     rolled : (w,) array
-        How far the marble has rolled before each window [board edges].
+        Path length of the marble before each window [board edges].
     paths : tuple of (m, 2) arrays
-        Where marbles have rolled in whole recordings, a place a row [board edges].
+        Paths of the marble in complete recordings [board edges].
     path : (w,) int array or None
-        Which of them each window is of; by default no marble has been turned.
+        Index of the path of each window; by default the marble has not been rotated.
     hold : {"zero", "first"}
-        What a command does from its row to the next, as of a `Recording`.
+        Hold of a command until the next row, as in `Recording`.
     before : (w, 2) array or None
-        The commands before row 0, where they are known.
+        The commands before row 0, if known.
     """
 
     knobs: Array
@@ -64,21 +64,21 @@ class Inputs:
 
     @classmethod
     def of_whole(cls, knobs: Array, durations: Array | None = None) -> Inputs:
-        """Return the inputs of windows without history, (w, n, 2) knob angles [rad] and (w, n) seconds."""
+        """Return the inputs of windows without history: knob angles (w, n, 2) [rad], durations (w, n) [s]."""
         windows, rows = knobs.shape[:2]
         none = np.zeros(windows, dtype=np.int64)
         return cls(knobs, durations, none, np.full(windows, rows), rows, np.zeros(windows))
 
     def repeated(self, times: int) -> Inputs:
-        """Return each window so many times."""
+        """Return each window repeated `times` times."""
         return self._taken(np.repeat(np.arange(len(self.first)), times))
 
     def tiled(self, times: int) -> Inputs:
-        """Return all windows so many times, one set after another."""
+        """Return the sequence of windows repeated `times` times."""
         return self._taken(np.tile(np.arange(len(self.first)), times))
 
     def turned(self, radius: float) -> Array:
-        """Return how that has turned marbles of a radius [board edges]: axis times angle, (w, 3) [rad]."""
+        """Return the rotation vectors (w, 3) [rad] of marbles of a radius [board edges] by the paths."""
         found = np.zeros((len(self.first), 3))
         for index, path in enumerate(self.paths):
             own = np.asarray(self.path == index)
@@ -102,9 +102,9 @@ class Inputs:
         )
 
     def knobs_before(self, model: Model) -> Array | None:
-        """Return the commands before row 0 that a simulation begins with, (w, 2); None where they were level.
+        """Return the commands before row 0, (w, 2); None for level knobs.
 
-        Who starts in motion has held the knobs somewhere: the first command is the best guess.
+        For recordings in motion, the first command is the best estimate if they are unknown.
         """
         if self.before is not None:
             return self.before
@@ -122,26 +122,26 @@ def simulate(
     seed: NDArray[np.int64] | int = 0,
     threads: int | None = None,
 ) -> Array:
-    """Simulate windows of one length, each from its own start state.
+    """Simulate windows of equal length, each from its own start state.
 
     Parameters
     ----------
     model : Model
-        The simulator.
+        The model.
     inputs : Inputs
-        What is commanded in w windows of n rows.
+        Inputs of w windows of n rows.
     states : (w, 4) array
         Start states: x, y [board edges] and their rates [board edges per second of simulated time].
     values : (5,) array, optional
-        Parameters in the place of the model's.
+        Parameters that replace the model's.
     added : mapping, optional
-        An effect beside the model's, or in the place of the one with its name; its values may be (w,) arrays.
+        An additional effect, which replaces one with the same name; its values may be (w,) arrays.
     substeps : int, optional
-        Physics updates a row; by default as many as the time scale says.
+        Physics updates per row; by default given by the time scale.
     seed : int or (w,) array
-        Of what effects draw.
+        Random seed of stochastic effects.
     threads : int, optional
-        As for `irt.rollouts`.
+        As in `irt.rollouts`.
 
     Returns
     -------
@@ -181,14 +181,14 @@ def simulate(
 
 
 def simulate_tilt(model: Model, inputs: Inputs) -> Array:
-    """Predict what the tilt sensor reads, (w, n, 2) [rad]: from the commands alone, wherever the marble is.
+    """Predict the readings of the tilt sensor from the commands, (w, n, 2) [rad].
 
     Parameters
     ----------
     model : Model
-        The simulator.
+        The model.
     inputs : Inputs
-        What is commanded in w windows of n rows.
+        Inputs of w windows of n rows.
     """
     _, tilt = rollouts(
         np.tile(model.values, (len(inputs.first), 1)),
@@ -208,26 +208,26 @@ def simulate_tilt(model: Model, inputs: Inputs) -> Array:
 
 
 def estimate_start_states(model: Model, inputs: Inputs, observed: Array, guess: Array) -> Array:
-    """Return the start states from which the simulator meets the observations best, in least squares.
+    """Return the start states that fit the observations best, by least squares.
 
-    Gauss-Newton with Levenberg's damping over position and velocity; one batch of rollouts an iteration holds
-    all windows and their finite differences. The marble stays between the walls.
+    Levenberg-Marquardt over position and velocity. Each iteration is one batch of rollouts of all windows and
+    their finite differences. The marble stays between the walls.
 
     Parameters
     ----------
     model : Model
-        The simulator.
+        The model.
     inputs : Inputs
-        What is commanded in w windows of n rows.
+        Inputs of w windows of n rows.
     observed : (w, n, 2) array
-        Positions [board edges], NaN rows where the tracker lost the marble.
+        Observed positions [board edges], NaN in rows where the tracker lost the marble.
     guess : (w, 4) array
-        Where to begin, as the states of `simulate`.
+        Initial start states, as in `simulate`.
 
     Returns
     -------
     (w, 4) array
-        As the states of `simulate`.
+        Start states, as in `simulate`.
     """
     reach = np.append(model.reach, [np.inf, np.inf])
 
@@ -240,7 +240,7 @@ def estimate_start_states(model: Model, inputs: Inputs, observed: Array, guess: 
     for _ in range(_ITERATIONS):
         gradient = np.einsum("wij,wi->wj", jacobian, residual)
         normal = np.einsum("wij,wik->wjk", jacobian, jacobian)
-        # Where friction holds the marble, nothing depends on its velocity: there the step stays zero.
+        # If friction holds the marble, nothing depends on its velocity, and the step stays zero.
         diagonal = damping * np.einsum("wjj->wj", normal) + 1e-12
         step = np.linalg.solve(normal + np.eye(4) * diagonal[:, None, :], gradient[..., None])[..., 0]
         trial = np.clip(states - step, -reach, reach)
@@ -263,7 +263,7 @@ def _linearise(model: Model, inputs: Inputs, observed: Array, states: Array) -> 
     predicted = simulate(model, inputs.repeated(5), tried).reshape(windows, 5, -1)
     target = observed.reshape(windows, -1)
     known = ~np.isnan(target)
-    # A marble that falls tells nothing more.
+    # A fallen marble carries no further information.
     predicted = np.where(np.isnan(predicted).any(axis=1, keepdims=True), target[:, None], predicted)
     residual = np.where(known, predicted[:, 0] - target, 0.0)
     change = (predicted[:, 1:] - predicted[:, :1]) / steps[:, :, None]

@@ -1,4 +1,4 @@
-"""The columns of a recording, and which values they can hold."""
+"""The columns of a recording, and checks of their values."""
 
 from __future__ import annotations
 
@@ -10,33 +10,33 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 
 Array = NDArray[np.float64]
-#: Names the place of a value in a message, from its row (from 0) and its column.
+#: Function from row (from 0) and column to the location of a value, for messages.
 Where = Callable[[int, str], str]
 
 STEP = "step"
 STAMP = "t_s"
 KNOBS = ("knob_x_rad", "knob_y_rad")
-#: Commands that are no angles (motor currents, servo units): the rig's ``[commands] unit`` names the unit.
+#: Commands other than angles (motor currents, servo units), in the unit of the rig's ``[commands] unit``.
 CMD = ("cmd_x", "cmd_y")
 MARBLE = ("marble_x", "marble_y")
 TILT = ("tilt_x_rad", "tilt_y_rad")
 
-#: Half of all positions beyond this many board edges: no marble on a board, but another unit.
+#: Largest median of positions [board edges]; larger values are in another unit.
 _MOST_EDGES = 2.0
-#: No slip of a tracker and no knob goes this far (board edges, rad); squares of larger numbers may overflow.
+#: Largest position [board edges] or command; squares of larger numbers may overflow.
 _LARGEST = 1e6
-#: No board of a labyrinth tilts this far (rad): half a radian is 29 degrees.
+#: Largest median tilt [rad], 29 degrees; labyrinths tilt less.
 _STEEPEST_RAD = 0.5
-#: Longest time that one command may hold (s): 5000 physics updates, as many as the engine allows.
+#: Longest duration of a command [s]: 5000 physics updates, the engine's limit.
 _LONGEST_STEP_S = 5000 / 240
 
 
 def check_commands(
     name: str, knobs: Array, stamps: Array | None, where: Where, columns: tuple[str, str]
 ) -> None:
-    """Raise unless commands are numbers of at least two rows, and stamps rise by steps that can be."""
+    """Raise unless commands are numbers in at least two rows, and stamps increase by possible steps."""
     if len(knobs) < 2:
-        raise IrtError(f"{name}: one row only; at least two are needed, a start and what came of it")
+        raise IrtError(f"{name}: only one row; at least two are needed, a start and a result")
     expected = "a knob angle in radians" if columns == KNOBS else "a command"
     for axis, column in enumerate(columns):
         if (row := first_row(~(np.abs(knobs[:, axis]) <= _LARGEST))) is not None:
@@ -58,18 +58,18 @@ def check_commands(
 
 
 def check_tilt(tilt: Array, where: Where) -> None:
-    """Raise where a measured tilt is infinite."""
+    """Raise if a measured tilt is infinite."""
     for axis, column in enumerate(TILT):
         values = np.abs(tilt[:, axis])
         if (row := first_row(np.isinf(values))) is not None:
             raise IrtError(
-                f"{where(row, column)}: {tilt[row, axis]} is no angle; leave the cell empty where the tilt "
-                "was not measured"
+                f"{where(row, column)}: {tilt[row, axis]} is not an angle; leave the cell empty where the "
+                "tilt was not measured"
             )
 
 
 def check_steepness(tilt: Array, where: Where) -> None:
-    """Raise where a measured tilt is none of a labyrinth's in most rows."""
+    """Raise if a measured tilt is too large for a labyrinth in most rows."""
     for axis, column in enumerate(TILT):
         values = np.abs(tilt[:, axis])
         measured = values[np.isfinite(values)]
@@ -82,12 +82,12 @@ def check_steepness(tilt: Array, where: Where) -> None:
 
 
 def check_marble(name: str, marble: Array, where: Where, *, alone: bool = False) -> None:
-    """Raise unless positions are possible; a run in which the tilt `alone` was measured needs none."""
+    """Raise unless positions are possible; with `alone`, a run may have a tilt and no marble."""
     for axis, column in enumerate(MARBLE):
         values = np.abs(marble[:, axis])
         if (row := first_row(values > _LARGEST)) is not None:
             raise IrtError(
-                f"{where(row, column)}: {marble[row, axis]} is no position [board edges]; "
+                f"{where(row, column)}: {marble[row, axis]} is not a position [board edges]; "
                 "leave both cells empty where the marble was lost"
             )
     lost = np.isnan(marble)
@@ -109,13 +109,13 @@ def check_marble(name: str, marble: Array, where: Where, *, alone: bool = False)
         low, high = marble[seen].min(axis=0), marble[seen].max(axis=0)
         raise IrtError(
             f"{where(0, MARBLE[0])}: positions go from {low[0]:.4g}, {low[1]:.4g} to {high[0]:.4g}, "
-            f"{high[1]:.4g}, most of them more than {_MOST_EDGES:g} edges off the centre; positions are from "
-            "the board's centre in units of its long edge: of pixels or millimetres subtract the centre's, "
-            "then divide both by the length of the long edge in pixels or millimetres"
+            f"{high[1]:.4g}, most of them more than {_MOST_EDGES:g} edges from the centre; positions are "
+            "relative to the board's centre in units of its long edge: subtract the centre, then divide by "
+            "the length of the long edge in the same unit (pixels or millimetres)"
         )
 
 
 def first_row(wrong: NDArray[np.bool_]) -> int | None:
-    """Return the first row that is wrong."""
+    """Return the first row where a mask is True, None if there is none."""
     rows = np.flatnonzero(wrong)
     return int(rows[0]) if len(rows) else None

@@ -1,4 +1,4 @@
-"""What a user may do wrong with a first rig: one clear line, and an honest exit status."""
+"""Mistakes with a first rig give one clear line and a nonzero exit status."""
 
 import json
 import re
@@ -57,8 +57,8 @@ CERTAIN = {
     ),
     "degrees": (lambda k, m: (np.degrees(k), m), "they are degrees: multiply the knobs by pi/180"),
     "origin in the corner": (lambda k, m: (k, m + np.array([0.5, 0.4185])), "the origin looks like a corner"),
-    "pixels": (lambda k, m: (k, 1000 * m + [640, 360]), "of pixels or millimetres subtract the centre's"),
-    "millimetres": (lambda k, m: (k, 276 * m), "of pixels or millimetres subtract"),
+    "pixels": (lambda k, m: (k, 1000 * m + [640, 360]), "in the same unit .pixels or millimetres"),
+    "millimetres": (lambda k, m: (k, 276 * m), "subtract the centre, then divide"),
     "a still marble": (lambda k, m: (k, np.full_like(m, 0.1)), "the marble never moves"),
     "a still marble, with noise": (
         lambda k, m: (k, 0.002 * np.random.default_rng(1).standard_normal(m.shape)),
@@ -257,7 +257,7 @@ def test_without_stamps_nothing_is_in_seconds(irt, lab, tmp_path):
     checked = irt("check", rig)
     assert "time scale unknown" in checked.out
     for out in (tuned.out, evaluated.out, checked.out):
-        shown = out.replace("updates of 1/240 s a timestep", "")
+        shown = out.replace("updates of 1/240 s per timestep", "")
         assert SECONDS.search(shown) is None, shown
 
 

@@ -105,8 +105,8 @@ def test_it_leaves_model_numbers_and_page(irt, lab, tmp_path):
     assert "parallax" in (out / "report.html").read_text()
     assert answer["summary"] in done.out
     assert re.search(r"parallax: .* probable that parallax", done.out)
-    assert "where the squared error on held-out runs goes, whole runs" in done.out
-    assert "A perfect simulator would still be off by" in done.out
+    assert "error budget: squared error on held-out runs, whole runs" in done.out
+    assert "Even a perfect simulator would have an error of" in done.out
     assert f"wrote {out / 'model.toml'}, {out / 'diagnosis.json'} and {out / 'report.html'}" in done.out
 
 
@@ -166,11 +166,11 @@ def test_the_same_seed_says_the_same_for_any_number_of_threads_and_after_an_inte
     with press(after=8):
         stopped = irt(*words, "2", "--out", tmp_path / "2")
     assert stopped.status == 130
-    assert "the same command goes on" in stopped.err
+    assert "the same command resumes the diagnosis" in stopped.err
     state = tmp_path / "2" / "unfinished.jsonl"
     assert len(state.read_text().splitlines()) > 5
     again = irt(*words, "2", "--out", tmp_path / "2")
-    assert f"note: goes on from {state}, which an interrupted diagnosis left\n" in again.out
+    assert f"note: resumes an interrupted diagnosis from {state}\n" in again.out
     assert not state.exists()
     answers = [json.loads((tmp_path / threads / "diagnosis.json").read_text()) for threads in ("1", "2")]
     for answer in answers:
@@ -182,14 +182,14 @@ def test_the_same_seed_says_the_same_for_any_number_of_threads_and_after_an_inte
 def test_one_recording_is_not_proved(irt, lab, tmp_path):
     done = irt("diagnose", lab(*TWO, runs=1, rows=200), "--out", tmp_path / "out")
     assert (done.status, done.err) == (0, "")
-    assert "the improvement is not proved" in done.out
+    assert "the improvement is not validated" in done.out
     assert "squared error" not in done.out
     answer = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert answer["verdict"] == "missing"
     assert answer["fit"]["final_heldout_mae"] is None
     assert answer["fit"]["final_mae"] < 0.5 * answer["fit"]["base_mae"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert "Not proved: there were no held-out runs." in page
+    assert "Not validated: there were no held-out runs." in page
     for sentence in ("fitted to the other runs", "On held-out runs", "the held-out error is"):
         assert sentence not in page
 
@@ -218,7 +218,7 @@ def test_what_an_interruption_left_of_another_seed_is_not_used(irt, lab, tmp_pat
         (state,) = (tmp_path / "out").iterdir()
         done = irt(*words, "1")
     assert (done.status, list((tmp_path / "out").iterdir())) == (130, [state])
-    assert f"note: {state} is of another seed: the diagnosis begins anew\n" in done.out
+    assert f"note: {state} is of another seed: the diagnosis starts over\n" in done.out
 
 
 def test_no_rig_is_one_clear_line(irt, tmp_path):

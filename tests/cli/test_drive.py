@@ -62,7 +62,7 @@ def test_another_seed_gives_another_drive(irt, tmp_path):
 def test_too_short_a_run_is_refused(irt, tmp_path):
     done = irt("drive", "--out", tmp_path / "drive", "--seconds", "1")
     assert done.status == 1
-    assert "at least 24 rows, and this has 20" in done.err
+    assert "at least 24 rows, found 20" in done.err
     assert not (tmp_path / "drive").exists()
 
 

@@ -99,7 +99,7 @@ def test_formats_are_known_by_their_content(tmp_path: Path, truth: Truth, irt: C
     assert asked.status == 1
     assert "columns of no known lab (a, b); choose with --from rig|cyberrunner|tag|csv" in asked.err
     mixed = irt("import", bag, folder)
-    assert "sources of several labs (cyberrunner, tag)" in mixed.err
+    assert "sources of several kinds (cyberrunner, tag)" in mixed.err
 
 
 def test_a_cyberrunner_without_ros(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None:

@@ -28,7 +28,7 @@ def test_it_writes_a_network_and_its_loss_curve(irt, tmp_path):
     file = load_network(out)
     assert file.metadata["drive"] == Drive.paper().digest
     assert file.metadata["command"] == "irt pretrain --pairs 50 --epochs 6 --seed 3 --engine rolling"
-    assert "50 to learn from, 5 held out" in done.out
+    assert "50 training, 5 held out" in done.out
     assert f"{file.heldout[-1]:.5f} held out" in done.out
     assert (tmp_path / "new" / "net-loss.svg").read_text().startswith("<?xml")
     assert done.out.splitlines()[-1] == f"wrote {out} and {tmp_path / 'new' / 'net-loss.svg'}"
@@ -145,7 +145,7 @@ def test_the_network_of_irt_plus_is_streamed(irt, tmp_path, small):
     file = load_steps(out)
     command = "irt pretrain --method irt+ --pairs 300 --seed 3 --engine rolling"
     assert file.metadata["command"] == command
-    assert "384 learned from, 384 rollouts" in done.out
+    assert "384 training, 384 rollouts" in done.out
     assert (tmp_path / "steps-loss.svg").is_file()
     irt(*command.split()[1:], "--out", tmp_path / "again.safetensors")
     assert (tmp_path / "again.safetensors").read_bytes() == out.read_bytes()

@@ -43,12 +43,12 @@ def test_it_hides_diagnoses_and_scores(proved: tuple[Path, str]) -> None:
     assert said.startswith("1 rig with hidden physics and 1 without, diagnosed blind: ")
     assert "false alarms: 0.000 (0.000 to 0.793), floor at most 2 %, over 1\n" in said
     assert said.endswith(f"wrote {out / 'proof.md'}\n")
-    told = json.loads((out / "proof" / "scores.json").read_text())
-    assert {one["group"]: one["verdict"] for one in told["rigs"]} == {
+    scores = json.loads((out / "proof" / "scores.json").read_text())
+    assert {one["group"]: one["verdict"] for one in scores["rigs"]} == {
         "single": "missing",
         "none": "sufficient",
     }
-    (hidden,) = [one for one in told["rigs"] if one["group"] == "single"]
+    (hidden,) = [one for one in scores["rigs"] if one["group"] == "single"]
     assert (hidden["named"], hidden["exact"]) == (["parallax"], True)
     assert hidden["closed"] > 0.9
     assert (out / "proof.md").read_text().startswith("# Proof by concealment\n")
@@ -79,7 +79,7 @@ def test_other_methods_and_another_place_for_the_page(irt, proved, monkeypatch, 
 
 @pytest.mark.slow
 def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
-    """Stopped in the second round, the page tells of the first; the same command goes on."""
+    """Stopped in the second round, the page covers the first, and the same command resumes."""
     monkeypatch.chdir(tmp_path)
     words = ("--rounds", "2", "--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD, "--out", "out")
     run = import_module("irt.proof.run").Proof.run
@@ -96,7 +96,7 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     verified = irt("prove", "--verify", "--out", "out")
     assert (verified.status, verified.err) == (0, "")
     first, second = verified.out.splitlines()
-    assert first.startswith("out: 1 rigs: labels, recordings and answers are what they were")
+    assert first.startswith("out: 1 rigs: labels, recordings and answers are unchanged since")
     assert second == (
         "out/round-2: not finished, and not checked: its rigs are not all hidden; the same command goes on"
     )
@@ -108,7 +108,7 @@ def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
     for number in (1, 2):
         assert f"| `keys.json`, round {number} |" in page.read_text()
     assert irt("prove", "--verify", "--out", "out").out.startswith("out: 2 rigs: ")
-    # A page that tells of two rounds never tells of one again.
+    # A page of two rounds never covers only one again.
     written, scorecard = [], import_module("irt.proof.scorecard")
     write = scorecard.write_scorecard
     monkeypatch.setattr(
@@ -134,9 +134,9 @@ def test_rounds_of_another_day_are_added_to_a_page(irt, monkeypatch, tmp_path: P
         second = irt("prove", *words, "--out", "two", "--onto", page)
         assert (second.status, second.err) == (0, "")
         assert second.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
-        told = json.loads(Path("docs/proof/scores.json").read_text())
-        assert [one["rig"] for one in told["rigs"]] == ["rig-0001", "rig-0002"]
-        assert [one["rigs"] for one in told["rounds"]] == [1, 1]
+        scores = json.loads(Path("docs/proof/scores.json").read_text())
+        assert [one["rig"] for one in scores["rigs"]] == ["rig-0001", "rig-0002"]
+        assert [one["rigs"] for one in scores["rounds"]] == [1, 1]
     assert irt("prove", *words, "--out", "three", "--onto", page).out.startswith(
         "0 rigs with hidden physics and 3"
     )
@@ -160,7 +160,7 @@ def test_verify_finds_what_was_altered(irt, proved: tuple[Path, str]) -> None:
     out, _ = proved
     done = irt("prove", "--verify", "--out", out)
     assert (done.status, done.err) == (0, "")
-    assert done.out == f"{out}: 2 rigs: labels, recordings and answers are what they were when sealed\n"
+    assert done.out == f"{out}: 2 rigs: labels, recordings and answers are unchanged since they were sealed\n"
     path = out / "answers" / "rig-0002" / "diagnosis.json"
     was = path.read_bytes()
     path.write_bytes(was.replace(b"sufficient", b"missing"))
@@ -186,7 +186,7 @@ def test_ctrl_c_leaves_what_is_done(tmp_path: Path) -> None:
     process.send_signal(signal.SIGINT)
     said, err = process.communicate(timeout=30)
     assert (process.returncode, said) == (130, "")
-    assert err == f"irt: what is done stays in {out}: the same command goes on\nirt: stopped\n"
+    assert err == f"irt: finished work is kept in {out}; the same command resumes it\nirt: stopped\n"
     assert len(list((out / "seals").iterdir())) == 2
     assert not (out / "keys.json").exists()
 

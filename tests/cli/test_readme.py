@@ -1,4 +1,4 @@
-"""What README.md shows works as it is written there, on the example rig."""
+"""The examples of README.md work on the example rig."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""`irt reproduce` as a user runs it; what the experiments find is tested beside them."""
+"""`irt reproduce` as a user runs it; results of the experiments are tested elsewhere."""
 
 import argparse
 import shlex

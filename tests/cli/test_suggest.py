@@ -52,11 +52,10 @@ def test_commands_ready_to_play_and_what_they_are_for(irt, tmp_path: Path, rig: 
     status, said, err = irt("suggest", rig, "--models", *models, "--out", out, "--threads", "1")
     assert (status, err) == (0, "")
     lines = said.splitlines()
-    assert lines[0].startswith(
-        "Lay the marble down at rest in the centre, the knobs level, and play 40 rows: "
-    )
-    assert lines[1].startswith("Of the doubt which model is true (0.69 nats) this run is expected to settle ")
-    assert lines[2].startswith("Told apart: lag from delay. ")
+    assert lines[0].startswith("Place the marble at rest in the centre, with level knobs, and play 40 rows: ")
+    assert lines[1].startswith("This run is expected to resolve ")
+    assert " of the uncertainty about the true model (0.69 nats), " in lines[1]
+    assert lines[2].startswith("Separated: lag and delay. ")
     assert lines[-1] == f"wrote {out}: play it, put the recording into {rig}, and diagnose again"
     rows = out.read_text().splitlines()
     assert rows[0] == "step,knob_x_rad,knob_y_rad,marble_x,marble_y"
@@ -93,15 +92,13 @@ def test_without_models_it_diagnoses(irt, monkeypatch, tmp_path: Path, rig: Path
     status, said, _ = irt("suggest", rig, "--seed", "5", "--threads", "1")
     assert status == 0
     assert (asked["rig"], asked["seed"], asked["threads"]) == (rig, 5, 1)
-    assert said.startswith(
-        "warning: run-1: fewer than 8 rows; remove it\nThe board lags.\nLay the marble down "
-    )
-    assert "lag from delay" in said
+    assert said.startswith("warning: run-1: fewer than 8 rows; remove it\nThe board lags.\nPlace the marble ")
+    assert "lag and delay" in said
     assert (tmp_path / "suggest.csv").exists()
 
 
 def test_the_folder_of_a_diagnosis_is_enough(irt, tmp_path: Path, rig: Path, models) -> None:
-    """As it is, and without another diagnosis: what is probable there is read."""
+    """The plausible models are read from the folder, without another diagnosis."""
     folder = tmp_path / "diagnosed"
     folder.mkdir()
     for path in models:
@@ -112,22 +109,22 @@ def test_the_folder_of_a_diagnosis_is_enough(irt, tmp_path: Path, rig: Path, mod
     out = tmp_path / "next.csv"
     status, said, err = irt("suggest", rig, "--models", folder, "--out", out, "--threads", "1")
     assert (status, err) == (0, "")
-    assert said.startswith("The board lags.\nLay the marble down ")
-    assert "Of the doubt which model is true (0.33 nats) " in said
+    assert said.startswith("The board lags.\nPlace the marble ")
+    assert "uncertainty about the true model (0.33 nats), " in said
     assert out.exists()
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("rig", "--models", "rig"), "irt: rig: no diagnosis with plausible models: run irt diagnose again"),
-        (("rig", "--models", "rig", "lag.toml"), "irt: --models: the folder of a diagnosis stands alone; "),
+        (("rig", "--models", "rig"), "irt: rig: no diagnosis with plausible models; run irt diagnose again"),
+        (("rig", "--models", "rig", "lag.toml"), "irt: --models: expected one folder of a diagnosis, "),
         (("none",), "irt: none: no such folder"),
         (("rig", "--models", "none.toml"), "irt: none.toml: no such file"),
         (("rig", "--models", "rig/run-0.csv"), "irt: rig/run-0.csv: broken TOML: "),
         (
             ("rig", "--models", "lag.toml", "--out", "rig/new.csv"),
-            "irt: rig/new.csv: in the rig's folder it ",
+            "irt: rig/new.csv: a file in the rig's folder ",
         ),
         (("rig", "--models", "lag.toml", "--out", "a/b.csv"), "irt: a/b.csv: cannot be written: "),
     ],

@@ -43,7 +43,7 @@ def test_tune_evaluate_and_simulate(irt, tmp_path, recordings) -> None:
     delay = numbers["effects"]["delay"]["delay_s"]
     assert delay["low"] < 0.08 < delay["high"]
     assert numbers["after"]["overall"]["tilt"]["mae_x_rad"] < 0.002
-    assert "tilt that the commands predict" in done.out
+    assert "tilt predicted from commands" in done.out
     assert (out / "tilt.svg").is_file()
     assert "The tilt" in (out / "report.html").read_text()
     shown = irt("evaluate", out / "model.toml", rig, "--window", "1", "--out", tmp_path / "evaluated")
@@ -92,7 +92,7 @@ def test_runs_without_a_marble(irt, tmp_path, recordings) -> None:
     out = tmp_path / "tuned"
     done = irt("tune", rig, "--effect", "delay", "--starts", "2", "--out", out)
     assert (done.status, done.err) == (0, "")
-    assert "No marble was seen" in done.out
+    assert "No recording has both a moving marble" in done.out
     assert json.loads((out / "fit.json").read_text())["after"]["overall"]["free_run"] is None
     shown = irt("evaluate", out / "model.toml", rig, "--out", tmp_path / "evaluated")
     assert shown.status == 0

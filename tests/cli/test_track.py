@@ -122,7 +122,7 @@ def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path) -> None:
     assert done.status == 1
     kept = tmp_path / "out" / "run-1.partial"
     assert "the commands and the pictures do not overlap" in done.err
-    assert done.err.endswith(f"; the positions seen until then are kept in {kept}\n")
+    assert done.err.endswith(f"; the positions found before are kept in {kept}\n")
     assert done.err.count("\n") == 1
     assert len(kept.read_text().splitlines()) == 111
     assert not list((tmp_path / "out").glob("*.csv"))

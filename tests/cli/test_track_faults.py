@@ -1,4 +1,4 @@
-"""What is wrong with a video is said in one line: a board that leaves, a camera that stands still."""
+"""Faults of a video are reported in one line: a displaced board, a frozen camera."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def warnings(done) -> list[str]:
 def test_a_board_that_leaves_the_picture(tracked, shown) -> None:
     done, out = tracked([moved(one, min(0, -8 * (i - 45))) for i, one in enumerate(shown[0])])
     # A warning of half a run's marble may stand beside it.
-    assert len([line for line in warnings(done) if "the board is not where it was in pictures" in line]) == 1
+    assert len([line for line in warnings(done) if "the board is displaced in pictures" in line]) == 1
     ((first, *_),) = json.loads((out / "run.json").read_text())["away"]
     assert 40 <= first <= 60
     assert not load_recording(out / "run.csv").seen[first:].any()
@@ -65,7 +65,7 @@ def test_a_camera_that_stands_still(tracked, shown) -> None:
     pictures = shown[0]
     done, out = tracked([pictures[i if i < 40 or i > 70 else 40] for i in range(COUNT)])
     (line,) = warnings(done)
-    assert "the camera stood still in pictures 42 to 71" in line
+    assert "the camera froze in pictures 42 to 71" in line
     assert not load_recording(out / "run.csv").seen[41:70].any()
 
 
@@ -81,7 +81,7 @@ def test_a_picture_that_is_turned(tracked, shown, turn, said) -> None:
     done, _ = tracked([turn(one) for one in shown[0]])
     (line,) = warnings(done)
     assert said in line
-    assert "where the picture is upside down, begin --corners at the opposite corner" in line
+    assert "if the picture is upside down, start --corners at the opposite corner" in line
 
 
 def test_two_boards(tracked, shown) -> None:

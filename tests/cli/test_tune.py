@@ -65,8 +65,8 @@ def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
     numbers = json.loads((out / "fit.json").read_text())
     assert numbers["method"] == method
     for name in PARAMETERS:
-        told, kept = numbers["parameters"][name], model.parameters[name]
-        assert (told["value"], told["low"], told["high"]) == (kept.value, kept.low, kept.high)
+        fitted, kept = numbers["parameters"][name], model.parameters[name]
+        assert (fitted["value"], fitted["low"], fitted["high"]) == (kept.value, kept.low, kept.high)
         assert re.search(rf"^{name} +[0-9.]+  \([0-9.]+ to [0-9.]+\)", done.out, re.MULTILINE)
     assert numbers["after"]["overall"]["free_run"]["mae"] == evaluate(model, rig.recordings).free_run.mae
     assert len(numbers["starts"]) == 3
@@ -88,7 +88,7 @@ def test_under_the_papers_drive_it_works_at_once(irt, paper_rig, tmp_path, cache
 
 
 @pytest.mark.slow
-def test_another_drive_gets_a_network_once_and_is_told_so(irt, other_rig, tmp_path, cache_folder, quick):
+def test_another_drive_gets_a_network_once_and_is_announced(irt, other_rig, tmp_path, cache_folder, quick):
     first = irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "a")
     assert first.out.startswith("There is no network for this rig's drive yet: training one on 10000 ")
     kept = list(cache_folder.glob("*"))
@@ -197,7 +197,7 @@ def test_a_stopped_training_goes_on_with_the_same_command(irt, other_rig, tmp_pa
         patch.setattr(training._Training, "run_epoch", interrupted)
         done = irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "out")
     assert done.status == 130
-    assert "irt: the same command again goes on with the training" in done.err
+    assert "irt: the same command resumes the training" in done.err
     assert irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "out").status == 0
 
 

@@ -31,7 +31,7 @@ def test_no_point_is_lost(rig: Path, inside: Inside, tmp_path: Path, hz: int, co
     bag = tmp_path / "bags" / "listen.mcap"
     numbers = [int(one.point.x) for topic, _, one in messages(bag) if topic == "/marble/position"]
     assert numbers == list(range(count))
-    with pytest.raises(IrtError, match="nothing was played"):
+    with pytest.raises(IrtError, match="contains no played file"):
         load_bag(bag)
 
 

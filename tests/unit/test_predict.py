@@ -49,7 +49,7 @@ def test_parameters_beside_a_model_with_effects_are_refused():
 
 @pytest.mark.parametrize("option", [{"rig": irt.Board}, {"effects": ()}, {"time_step": "rounded"}])
 def test_what_a_model_brings_is_not_given_again(option):
-    with pytest.raises(irt.IrtError, match="a model brings its own"):
+    with pytest.raises(irt.IrtError, match="a model has its own"):
         irt.rollouts(model(), KNOBS, **option)
 
 

@@ -87,7 +87,7 @@ BAD = {
     "empty": ("", r"run\.csv: the file is empty"),
     "blank": ("\n \n", r"run\.csv: the file is empty"),
     "header only": (GOOD[0], r"run\.csv: the file has a header, but no rows"),
-    "one row": ("\n".join(GOOD[:2]), r"run\.csv: one row only; at least two are needed"),
+    "one row": ("\n".join(GOOD[:2]), r"run\.csv: only one row; at least two are needed"),
     "column missing": (
         "\n".join(GOOD).replace("marble_y", "y"),
         r"run\.csv, line 1: column marble_y is missing; the header has step, t_s, .*, marble_x, y$",
@@ -98,7 +98,7 @@ BAD = {
     ),
     "column twice": (
         with_line(1, GOOD[0].replace("t_s", "step")),
-        r"line 1: column step stands there 2 times",
+        r"line 1: column step appears 2 times",
     ),
     "semicolons": ("\n".join(GOOD).replace(",", ";"), r"run\.csv, line 1: cells must be separated by commas"),
     "row too short": (with_line(3, "1,0.1,0.02,0.03,0.11"), r"line 3: 5 cells, but the header has 6"),
@@ -130,7 +130,7 @@ BAD = {
     ),
     "position infinite": (
         with_line(3, "1,0.1,0.02,0.03,0.11,inf"),
-        r"line 3, column marble_y: inf is no position .*leave both cells empty where the marble was lost",
+        r"line 3, column marble_y: inf is not a position .*leave both cells empty where the marble was lost",
     ),
     "only y lost": (
         with_line(3, "1,0.1,0.02,0.03,0.11,"),
@@ -188,7 +188,7 @@ BAD = {
     ),
     "millimetres": (
         "\n".join([GOOD[0], "0,0,0,0,27.6,-27.6", "1,1,0,0,30,-33", "2,2,0,0,,", "3,3,0,0,35,-38"]),
-        r"line 2, column marble_x: positions go from .* more than 2 edges off .*of pixels or millimetres",
+        r"line 2, column marble_x: positions go from .* more than 2 edges from .*pixels or millimetres",
     ),
     "not UTF-8": ("\n".join(GOOD).encode("utf-16"), r"run\.csv, line 1: not UTF-8 text"),
 }
@@ -224,7 +224,7 @@ def test_missing_file(tmp_path: Path) -> None:
         ),
         (0.0, 0.0, None, r"run: knobs must have shape \(1, 2\), not \(\)"),
         ("left", np.zeros((3, 2)), None, "run: knobs must be an array of numbers"),
-        (np.zeros((1, 2)), np.zeros((1, 2)), None, "run: one row only"),
+        (np.zeros((1, 2)), np.zeros((1, 2)), None, "run: only one row"),
         (
             np.full((3, 2), np.nan),
             np.zeros((3, 2)),
@@ -308,10 +308,10 @@ class TestTilt:
             (
                 "step",
                 "step,knob_y_rad",
-                "line 1: commands stand in both knob_x_rad, knob_y_rad and cmd_x, cmd_y",
+                "line 1: there are commands in both knob_x_rad, knob_y_rad and cmd_x, cmd_y",
             ),
             ("-0.02", "-2.0", r"line 2, column tilt_y_rad: most tilts exceed 0\.5 rad .* divide degrees"),
-            ("0.01", "inf", "line 2, column tilt_x_rad: inf is no angle; leave the cell empty"),
+            ("0.01", "inf", "line 2, column tilt_x_rad: inf is not an angle; leave the cell empty"),
             ("0.01", "flat", 'line 2, column tilt_x_rad: expected a number, found "flat"'),
             ("50", "", "line 3, column cmd_x: expected a number, found an empty cell"),
             ("50", "nan", "line 3, column cmd_x: expected a command, found nan"),
@@ -373,7 +373,7 @@ class TestCommands:
             ("step,knob_x_rad,knob_y_rad,marble_x\n0,1,2,3\n1,1,2,3\n", "the header has only marble_x"),
             (with_line(2, "0,0.0,0.01,0.02,,"), "the marble is lost in the first row"),
             ("step,knob_x_rad\n0,1\n", "column knob_y_rad is missing"),
-            ("step,knob_x_rad,knob_y_rad\n0,1,2\n", "one row only"),
+            ("step,knob_x_rad,knob_y_rad\n0,1,2\n", "only one row"),
         ],
     )
     def test_bad_commands(self, tmp_path: Path, text: str, message: str) -> None:

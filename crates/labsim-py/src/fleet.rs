@@ -22,6 +22,10 @@ pub(crate) struct Fleet {
 }
 
 #[pymethods]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
 impl Fleet {
     #[new]
     fn new(

@@ -1,6 +1,6 @@
 //! Pictures of a marble from above, cut out of a picture of the board.
 
-/// Pixels of a cut along each edge, as learners of the CyberRunner take them.
+/// Pixels of a cut along each edge, as learners of the `CyberRunner` take them.
 pub const CUT: usize = 64;
 
 /// Colour of the marble: steel.
@@ -27,24 +27,23 @@ impl Scene {
         if !(place[0].is_finite() && place[1].is_finite()) || self.width == 0 {
             return;
         }
-        let (width, height) = (self.width as i64, (self.pixels.len() / self.width) as i64);
+        let (width, height) = (self.width as f64, (self.pixels.len() / self.width) as f64);
         // Where the marble is, in pixels from the upper left corner of the picture.
-        let x = place[0] * self.per_m + 0.5 * width as f64;
-        let y = 0.5 * height as f64 - place[1] * self.per_m;
-        let half = (CUT / 2) as i64;
-        let [left, top] = [x, y].map(|one| one.round() as i64 - half);
-        let size = CUT as i64;
-        let (begin, end) = ((-left).clamp(0, size), (width - left).clamp(0, size));
+        let (x, y) = (
+            place[0] * self.per_m + 0.5 * width,
+            0.5 * height - place[1] * self.per_m,
+        );
+        let (size, half) = (CUT as f64, (CUT / 2) as f64);
+        let (left, top) = (x.round() - half, y.round() - half);
+        let [begin, end] = [-left, width - left].map(|edge| edge.clamp(0.0, size) as usize);
         for (row, line) in out.chunks_exact_mut(CUT).enumerate() {
-            let from = top + row as i64;
-            if begin < end && (0..height).contains(&from) {
-                let first = (from * width + left + begin) as usize;
-                let count = (end - begin) as usize;
-                line[begin as usize..end as usize]
-                    .copy_from_slice(&self.pixels[first..first + count]);
+            let from = top + row as f64;
+            if begin < end && from >= 0.0 && from < height {
+                let first = from as usize * self.width + (left + begin as f64) as usize;
+                line[begin..end].copy_from_slice(&self.pixels[first..first + end - begin]);
             }
         }
-        self.marble([x - left as f64, y - top as f64], out);
+        self.marble([x - left, y - top], out);
     }
 
     /// Paints the marble at a place of a cut (pixels from its upper left corner).

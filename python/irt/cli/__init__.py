@@ -1,1 +1,1 @@
-"""The command line: one file a verb, and `__main__` with the exit codes."""
+"""The command line: one module per verb; `__main__` holds the parser and the exit codes."""

@@ -1,8 +1,8 @@
-"""`irt`: finds the verb, runs it, and turns the outcome into an exit status.
+"""Entry point of `irt`: parse the command line, run the verb, return an exit status.
 
-A verb is a module of this package with a ``NAME``, a ``HELP`` of one line, ``add_arguments(parser)``, which
-also sets the parser's ``epilog`` to an example, and ``run(args)``. It imports what it works with inside
-``run``: all verbs are loaded to answer ``irt --help``.
+Each verb is a module of this package. It defines ``NAME``, a one-line ``HELP``, ``add_arguments(parser)`` and
+``run(args)``; ``add_arguments`` also sets the parser's ``epilog`` to an example. Heavy imports belong inside
+``run``, because ``irt --help`` loads every verb.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, Protocol, cast
 
 from irt.errors import IrtError
 
-#: One list for parser, help and tests; in the order in which a user meets them.
+#: Verbs for the parser, the help and the tests, in the order in which a user needs them.
 VERBS = (
     "demo",
     "drive",
@@ -38,25 +38,25 @@ VERBS = (
 
 DONE = 0
 COULD_NOT = 1
-WRONG_USAGE = 2  # argparse exits with it by itself
-INTERRUPTED = 130  # what shells report of a program that Ctrl-C has ended
+WRONG_USAGE = 2  # set by argparse itself
+INTERRUPTED = 130  # the shell's status of a program ended by Ctrl-C
 
 
 class Verb(Protocol):
-    """What the module of a verb holds."""
+    """Interface of a verb's module."""
 
     NAME: str
     HELP: str
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declare the arguments, and an example in the epilog."""
+        """Declare the arguments and set the epilog to an example."""
 
     def run(self, args: argparse.Namespace) -> None:
-        """Do it; raise `IrtError` where it cannot be done."""
+        """Run the verb; raise `IrtError` on failure."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit status; wrong usage raises `SystemExit` with its own."""
+    """Run the command line and return the exit status; wrong usage raises `SystemExit` with status 2."""
     words = sys.argv[1:] if argv is None else argv
     with_traceback = "--traceback" in words or os.environ.get("IRT_TRACEBACK", "0") not in {"", "0"}
     try:
@@ -84,19 +84,19 @@ def make_parser() -> argparse.ArgumentParser:
         "--traceback",
         action="store_true",
         default=argparse.SUPPRESS,
-        help="show where in the program an error arose (IRT_TRACEBACK=1 does the same)",
+        help="show the Python traceback of an error (IRT_TRACEBACK=1 does the same)",
     )
     parser = argparse.ArgumentParser(
         prog="irt",
         description="Tune a marble-labyrinth simulator to recordings, and find the physics it leaves out.",
-        epilog="irt VERB --help tells more about a verb, with an example.",
+        epilog="irt VERB --help describes a verb and shows an example.",
         parents=[common],
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subparsers = parser.add_subparsers(title="verbs", metavar="VERB", required=True)
     for name in VERBS:
-        # A word of Python's own cannot be a module's name.
+        # A Python keyword cannot be a module name.
         module = f"{name}_" if keyword.iskeyword(name) else name
         verb = cast("Verb", import_module(f"irt.cli.{module}"))
         subparser = subparsers.add_parser(
@@ -113,7 +113,7 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 class _Version(argparse.Action):
-    """Looks the version up when asked for it: that takes longer than all the rest of the help."""
+    """Print the version. The lookup runs on demand, because it is slower than the rest of the help."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
         from importlib.metadata import version
@@ -126,11 +126,11 @@ def _explained(error: Exception) -> str:
     if isinstance(error, IrtError):
         return str(error)
     if isinstance(error, OSError) and error.strerror:
-        # What the files module did not meet on a path: a full disk behind standard output, say.
+        # An I/O error outside `irt.files`, such as a full disk behind standard output.
         _silence_stdout()
         return f"{error.filename or 'output'}: {error.strerror}"
     kind = f"unexpected {type(error).__name__}: {error}"
-    return f"{kind} (a fault of irt; please report it with what --traceback shows)"
+    return f"{kind} (a fault of irt; please report it with the output of --traceback)"
 
 
 def _failed(message: str, status: int) -> int:
@@ -139,7 +139,7 @@ def _failed(message: str, status: int) -> int:
 
 
 def _silence_stdout() -> None:
-    """Send what is left for standard output nowhere: the interpreter would complain when it ends."""
+    """Redirect standard output to the null device, so that the interpreter's final flush cannot fail."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

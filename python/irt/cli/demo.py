@@ -1,4 +1,4 @@
-"""`irt demo`: tune and diagnose the rig that is shipped with the package."""
+"""`irt demo`: tune and diagnose the bundled example rig."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from irt.rig import Rig
 
 NAME = "demo"
-HELP = "tune and diagnose the example rig that is shipped, and write a page about each (under a minute)"
+HELP = "tune and diagnose the bundled example rig, and write a report of each (under a minute)"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,12 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("irt-demo"),
         help="folder to write (default: irt-demo)",
     )
-    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of all draws (default: 0)")
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="random seed (default: 0)")
     parser.epilog = "example:\n  irt demo --out demo"
 
 
 def run(args: argparse.Namespace) -> None:
-    """Tune, diagnose, say what was found, and name the pages."""
+    """Tune, diagnose, print the findings and the paths of the reports."""
     from irt.cli.progress import progress_bar
     from irt.diagnosis import diagnose
     from irt.files import make_folder, write_atomic
@@ -42,9 +42,9 @@ def run(args: argparse.Namespace) -> None:
     from irt.rig import load_rig
     from irt.tuning import tune
 
-    # Before the work: a folder that cannot be written is known at once.
+    # Before the work, so that an unwritable folder fails at once.
     folder, tuned = make_folder(args.out), make_folder(args.out / "tuned")
-    # The recordings too: every other command can be tried on them.
+    # The recordings too, so that the other verbs can be tried on them.
     example = data("demo-rig")
     recordings = make_folder(folder / example.name)
     for path in example.iterdir():
@@ -62,12 +62,12 @@ def run(args: argparse.Namespace) -> None:
 
 
 def data(name: str) -> Path:
-    """Return the folder of a rig that is shipped with the package."""
+    """Return the folder of a bundled rig."""
     return Path(__file__).resolve().parents[1] / "data" / name
 
 
 def _write_tuning(folder: Path, rig: Rig, result: FitResult, args: argparse.Namespace) -> Path:
-    """Write the tuned model and its page, and return the page's path."""
+    """Write the tuned model and its report, and return the report's path."""
     from irt.model import save_model
     from irt.report.tuning_report import write_tuning_report
 
@@ -79,7 +79,7 @@ def _write_tuning(folder: Path, rig: Rig, result: FitResult, args: argparse.Name
         title="The example rig, tuned",
         settings={
             "command": shlex.join(["irt", "demo", "--out", f"{args.out}", "--seed", f"{args.seed}"]),
-            "recorded by": "PyBullet, not the engine that was tuned (benches/record_demo.py)",
+            "recorded by": "PyBullet, another engine than the tuned one (benches/record_demo.py)",
             "seed": f"{args.seed}",
             "time": f"{result.seconds:.1f} s",
         },
@@ -87,7 +87,7 @@ def _write_tuning(folder: Path, rig: Rig, result: FitResult, args: argparse.Name
 
 
 def _answer(rig: Rig, result: FitResult, found: Diagnosis) -> Iterator[str]:
-    """Yield what was found, and the errors that show it."""
+    """Yield the summary and a table of errors."""
     from irt.report.plots import mean_absolute
     from irt.report.tuning_report import untuned
     from irt.report.words import percent
@@ -99,9 +99,9 @@ def _answer(rig: Rig, result: FitResult, found: Diagnosis) -> Iterator[str]:
     errors = {
         "untuned, parameters in the middle of their ranges": evaluate(untuned(rig), rig.recordings).mae,
         "tuned, five parameters": evaluate(result.model, rig.recordings).mae,
-        "the same, on runs held out": found.base_heldout_mae,
-        "diagnosed, on runs held out": found.final_heldout_mae,
-        "noise of the tracker": mean_absolute(found.noise),
+        "tuned, on held-out runs": found.base_heldout_mae,
+        "diagnosed, on held-out runs": found.final_heldout_mae,
+        "tracker noise": mean_absolute(found.noise),
     }
     width = max(map(len, errors))
     yield from (f"  {name:<{width}}  {percent(error):>7}" for name, error in errors.items())

@@ -1,4 +1,4 @@
-"""`irt diagnose`: what physics the simulator lacks, modelled, and proved on recordings held out."""
+"""`irt diagnose`: find the missing physics, model it, and validate it on held-out recordings."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import (
     TIME_UNKNOWN,
-    for_a_fit,
     parameter_line,
     print_warnings,
     results_folder,
     row_seconds,
+    rows_for_fit,
     whole,
 )
 from irt.errors import IrtError
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 NAME = "diagnose"
 HELP = "locate the mismatch, name the missing physics, model it, and prove it"
 
-#: What a diagnosis keeps in the folder of its results until it is done.
+#: Name of the cache of an unfinished diagnosis, in the folder of its results.
 UNFINISHED = "unfinished.jsonl"
 
 
@@ -40,55 +40,55 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="RIG",
         type=Path,
         nargs="+",
-        help="a folder of recordings (*.csv); of several, each is diagnosed by itself",
+        help="a folder of recordings (*.csv); several rigs are diagnosed one by one",
     )
     parser.add_argument(
         "--out",
         metavar="DIR",
         type=Path,
-        help="folder for diagnosis.json, model.toml and report.html (default: irt-diagnose-NAME, for a rig "
-        "NAME); of several rigs, DIR/NAME",
+        help="folder for diagnosis.json, model.toml and report.html (default: irt-diagnose-NAME for a rig "
+        "NAME); DIR/NAME if there are several rigs",
     )
     parser.add_argument(
         "--same-rig",
         action="store_true",
-        help="the folders are sessions of one rig: diagnose their recordings together, and say what differs "
-        "between them",
+        help="the folders are sessions of one rig: diagnose their recordings together, and report what "
+        "differs between them",
     )
-    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of all draws (default: 0)")
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="random seed (default: 0)")
     parser.add_argument(
-        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+        "--threads", metavar="N", type=whole(1), help="simulator threads (default: one per core)"
     )
     parser.add_argument(
-        "--jobs", metavar="J", type=whole(1), help="of several rigs, so many at a time (default: one a core)"
+        "--jobs", metavar="J", type=whole(1), help="rigs diagnosed at the same time (default: one per core)"
     )
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
-        help='diagnose on an existing Ray cluster ("auto" finds a local one); the answers are the same',
+        help='diagnose on an existing Ray cluster ("auto" finds a local one); the results are the same',
     )
     parser.epilog = (
         "examples:\n"
         "  irt diagnose my-rig --out diagnosed\n"
-        "  irt diagnose lab/* --out diagnosed   a folder each\n"
+        "  irt diagnose lab/* --out diagnosed   one folder per rig\n"
         "  irt diagnose day-1 day-2 --same-rig --out diagnosed\n\n"
-        "After Ctrl-C the same command goes on."
+        "After Ctrl-C, the same command resumes the diagnosis."
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Diagnose, write model, numbers and the report, and print the answer."""
+    """Diagnose, write the model, the numbers and the report, and print the findings."""
     from irt.rig import load_rig
 
     if args.same_rig:
         _diagnose_sessions(args)
         return
-    # All of them first: a broken file is known before the first rig's minute.
+    # Load all rigs first, so that a broken file fails before the first diagnosis.
     rigs, notes = {}, {}
     for path in args.rigs:
-        rigs[path.resolve().name], notes[path.resolve().name] = for_a_fit(load_rig(path))
+        rigs[path.resolve().name], notes[path.resolve().name] = rows_for_fit(load_rig(path))
     if len(rigs) < len(args.rigs):
-        raise IrtError("two of the rigs have the same name: their answers would share a folder; rename one")
+        raise IrtError("two of the rigs have the same name: their results would share a folder; rename one")
     if len(rigs) == 1 and args.cluster is None:
         ((name, rig),) = rigs.items()
         _diagnose_one(args, rig, args.out or Path(f"irt-diagnose-{name}"), notes[name])
@@ -106,19 +106,19 @@ def _diagnose_sessions(args: argparse.Namespace) -> None:
         raise IrtError("--same-rig: name the folders of two sessions or more")
     if args.cluster is not None:
         raise IrtError("--cluster: sessions of one rig are one diagnosis, which runs here; leave it out")
-    rig, notes = for_a_fit(pool([load_rig(path) for path in args.rigs]))
+    rig, notes = rows_for_fit(pool([load_rig(path) for path in args.rigs]))
     _diagnose_one(args, rig, args.out or Path(f"irt-diagnose-{rig.path.name}"), notes)
 
 
 def _folder(out: Path | None, name: str, *, alone: bool) -> Path:
-    """Return where the answer for a rig belongs."""
+    """Return the results folder of a rig."""
     if out is None:
         return Path(f"irt-diagnose-{name}")
     return out if alone else out / name
 
 
 def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Sequence[str]) -> None:
-    """Diagnose a rig in this process, with a bar that says what is tried."""
+    """Diagnose a rig in this process, with a progress bar."""
     from irt.cli.progress import progress_bar
     from irt.diagnosis import diagnose
     from irt.report.diagnosed import write_diagnosis
@@ -133,7 +133,7 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
                 found = diagnose(rig, seed=args.seed, threads=args.threads, progress=progress)
             page = write_diagnosis(folder, of_marbles, found, notes)
     except KeyboardInterrupt:
-        print("irt: no answer was written: the same command goes on", file=sys.stderr)
+        print("irt: no result was written; the same command resumes the diagnosis", file=sys.stderr)
         raise
     for line in _answer(found, row_seconds(rig, found.model)):
         print(line)
@@ -141,21 +141,21 @@ def _diagnose_one(args: argparse.Namespace, rig: Rig, folder: Path, notes: Seque
 
 
 def _unfinished(path: Path, rig: Rig, seed: int) -> Unfinished:
-    """Return what an interrupted diagnosis left, and say whether it is of use."""
+    """Return the cache of an interrupted diagnosis, and print whether it is used."""
     from irt.fitting.unfinished import Unfinished
 
     found = Unfinished.of(path, rig.digest, seed)
     if found.stale:
         print(
-            f"note: {path} is of another {' and '.join(found.stale)}: the diagnosis begins anew", flush=True
+            f"note: {path} is of another {' and '.join(found.stale)}: the diagnosis starts over", flush=True
         )
     elif len(found):
-        print(f"note: goes on from {path}, which an interrupted diagnosis left", flush=True)
+        print(f"note: resumes an interrupted diagnosis from {path}", flush=True)
     return found
 
 
 def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: Mapping[str, Path]) -> None:
-    """Diagnose each rig in a process of its own, but for those that are diagnosed already."""
+    """Diagnose each rig in its own process; skip rigs that have a result already."""
     from contextlib import closing
 
     from irt.cli.progress import progress_bar
@@ -179,11 +179,11 @@ def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: M
                 if FAILED in files:
                     failed[name] = json.loads(files[FAILED])["error"]
                     continue
-                # The numbers come last: where they are, the rest is whole.
+                # diagnosis.json comes last: its presence marks a complete result.
                 for file in sorted(files, key="diagnosis.json".__eq__):
                     write_atomic(folders[name] / file, files[file])
     except KeyboardInterrupt:
-        print("irt: what is done stays: the same command goes on", file=sys.stderr)
+        print("irt: finished rigs are kept; the same command resumes the rest", file=sys.stderr)
         raise
     for line in _table({name: folders[name] for name in rigs if name not in failed}):
         print(line)
@@ -192,7 +192,7 @@ def _diagnose_many(args: argparse.Namespace, rigs: Mapping[str, Rig], folders: M
 
 
 def _files(path: Path) -> dict[str, bytes]:
-    """Return what a process needs of a rig's folder, and the folder's path, for what it says of it."""
+    """Return the files of a rig that a process needs, and the rig's path for its messages."""
     from irt.workers.processes import files_of
 
     files = {**files_of(path, "rig.toml"), **files_of(path, "*.[cC][sS][vV]")}
@@ -200,7 +200,7 @@ def _files(path: Path) -> dict[str, bytes]:
 
 
 def _is_done(folder: Path, rig: Rig, seed: int) -> bool:
-    """Whether a folder holds the whole answer for just these recordings, this seed and this release."""
+    """Whether a folder holds a complete result for these recordings, this seed and this release."""
     from importlib.metadata import version
 
     try:
@@ -212,27 +212,27 @@ def _is_done(folder: Path, rig: Rig, seed: int) -> bool:
 
 
 def _table(folders: Mapping[str, Path]) -> Iterator[str]:
-    """Yield a line for each rig: the verdict, what was named, the error before and after."""
+    """Yield a line for each rig: the verdict, the effects, the held-out error before and after."""
     width = max(map(len, ["rig", *folders]))
     yield f"{'rig':<{width}}  {'verdict':<10} {'held out':>17}  effects"
     for name, folder in folders.items():
-        told = json.loads((folder / "diagnosis.json").read_bytes())
-        named = " + ".join(_or_ties(one) for one in told["effects"])
-        fit = told["fit"]
+        result = json.loads((folder / "diagnosis.json").read_bytes())
+        named = " + ".join(_or_ties(one) for one in result["effects"])
+        fit = result["fit"]
         errors = [fit["base_heldout_mae"], fit["final_heldout_mae"]]
         held_out = "-" if None in errors else " -> ".join(f"{100 * error:.2f} %" for error in errors)
-        yield f"{name:<{width}}  {told['verdict']:<10} {held_out:>17}  {named or '-'}"
+        yield f"{name:<{width}}  {result['verdict']:<10} {held_out:>17}  {named or '-'}"
     yield f"\nwrote diagnosis.json, model.toml and report.html to {', '.join(map(str, folders.values()))}"
 
 
 def _or_ties(effect: Mapping[str, Any]) -> str:
-    """Return the name of an effect, with those that would explain the recordings as well."""
+    """Return the name of an effect, joined with those that explain the recordings as well."""
     names: Sequence[str] = [effect["name"], *effect["confusable_with"]]
     return " or ".join(names)
 
 
 def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
-    """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
+    """Yield the lines of the printed summary; `row_s` as in `parameter_line`."""
     from irt.diagnosis.result import UNLISTED
     from irt.report.error_budget import bars, remainder
     from irt.report.learned import described
@@ -245,7 +245,7 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
             yield from (f"  {line}" for line in described(effect, row_s))
             continue
         either = " or ".join([effect.name, *effect.confusable_with])
-        yield f"\n{effect.name}: {_plain(probability(effect.probability))} probable that {either} is at work"
+        yield f"\n{effect.name}: {_plain(probability(effect.probability))} probable that {either} acts"
         for name, parameter in effect.parameters.items():
             label, value = parameter_line(name, parameter, effect.units.get(name, ""), row_s)
             yield f"  {label:<22} {value}"
@@ -253,20 +253,20 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
             yield f"  {effect.reason}"
         if math.isfinite(effect.chosen_again):
             again = round(effect.chosen_again * len(found.runs))
-            yield f"  chosen again without one recording: {again} of {len(found.runs)}"
+            yield f"  selected again when one recording is left out: {again} of {len(found.runs)}"
     if row_s is not None:
         yield f"\n{TIME_UNKNOWN}"
     for bar in bars(found, row_s):
-        yield f"\nwhere the squared error on held-out runs goes, {bar.title}"
+        yield f"\nerror budget: squared error on held-out runs, {bar.title}"
         yield from (f"  {part.name:<22} {_plain(share(part.share)):>6}" for part in bar.parts)
     if found.where:
         yield "\nwhere residuals exceed noise"
         yield from (f"- {one.kind}: {one.what} ({100 * one.strength:.0f} %)" for one in found.where)
     for title, sentences in (
-        ("what remains", [_plain(sentence) for sentence in remainder(found)]),
+        ("remaining error", [_plain(sentence) for sentence in remainder(found)]),
         ("not identifiable from these recordings", found.unidentifiable),
         ("notes", found.notes),
-        ("what to do next", (found.suggestion,)),
+        ("next step", (found.suggestion,)),
     ):
         if sentences:
             yield f"\n{title}"
@@ -274,5 +274,5 @@ def _answer(found: Diagnosis, row_s: float | None) -> Iterator[str]:
 
 
 def _plain(text: str) -> str:
-    """Return a text with spaces that a terminal, and a search in its output, takes for spaces."""
+    """Return a text with plain spaces in place of no-break spaces, for terminals and searches."""
     return text.replace("\N{NO-BREAK SPACE}", " ")

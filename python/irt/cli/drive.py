@@ -1,4 +1,4 @@
-"""`irt drive`: the commands of the first runs, before there is any recording."""
+"""`irt drive`: make the commands of the first runs, before anything is recorded."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from irt.cli.inputs import whole
 
 NAME = "drive"
-HELP = "make the commands of the first runs to record: CSV files with stamps, ready to play"
+HELP = "make commands for the first runs to record: CSV files with stamps, ready to play"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Path("drive"),
         help="folder for run-1.csv, run-2.csv, ... (default: drive)",
     )
-    parser.add_argument("--runs", metavar="N", type=whole(1), default=6, help="how many (default: 6)")
+    parser.add_argument("--runs", metavar="N", type=whole(1), default=6, help="number of runs (default: 6)")
     parser.add_argument(
         "--seconds", metavar="S", type=_positive, default=8.0, help="length of a run (default: 8)"
     )
@@ -30,34 +30,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="HZ",
         type=_positive,
         default=20.0,
-        help="rows a second: the rate at which you can send a command and read a position (default: 20)",
+        help="rows per second: the rate at which you can send a command and read a position (default: 20)",
     )
     parser.add_argument(
         "--amplitude",
         metavar="A",
         type=_positive,
         default=0.1,
-        help="largest command, in rad, or in the unit of --unit (default: 0.1)",
+        help="largest command, in rad or in the unit given by --unit (default: 0.1)",
     )
     parser.add_argument(
         "--unit",
         metavar="UNIT",
-        help="unit of the commands where they are no knob angles, such as us or mA: the columns are then "
-        "cmd_x and cmd_y, about the command at which the board is level",
+        help="unit of the commands if they are not knob angles, such as us or mA; the columns are then "
+        "cmd_x and cmd_y, relative to the command at which the board is level",
     )
     parser.add_argument(
-        "--seed", metavar="S", type=whole(0), default=0, help="other numbers, other runs (default: 0)"
+        "--seed", metavar="S", type=whole(0), default=0, help="random seed of the runs (default: 0)"
     )
     parser.epilog = (
         "examples:\n"
         "  irt drive --out drive\n"
         "  irt drive --seconds 10 --rate 30 --amplitude 0.15\n"
-        "  irt drive --unit us --amplitude 200     servo pulses, to be added to the pulse for level"
+        "  irt drive --unit us --amplitude 200     servo pulses, relative to the pulse for a level board"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Write the commands of each run, and say how to record them."""
+    """Write the commands of each run and print how to record them."""
     import numpy as np
 
     from irt.files import make_folder
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> None:
     folder = make_folder(args.out)
     stamps = (np.arange(rows) / args.rate).round(6)
     for number, one in enumerate(made, start=1):
-        # Nobody has seen the marble yet: row 0 says where to put it, the other cells are for the recording.
+        # Row 0 holds the start of the marble; the other cells stay empty for the recording.
         marble = np.full((rows, 2), np.nan)
         marble[0] = one.start
         path = folder / f"run-{number}.csv"
@@ -84,13 +84,13 @@ def run(args: argparse.Namespace) -> None:
         save_recording(path, commands, marble, stamps, columns=KNOBS if args.unit is None else CMD)
         print(f"{path}: {one.words}")
     print(
-        f"\nPut the marble at rest in the centre of the level board and play a file at {args.rate:g} rows a "
-        "second. Write the\nposition that the camera sees when each command is sent into marble_x and "
-        "marble_y, and its time into t_s.\nIf the marble spends most of a run at the rim, use a smaller "
-        "--amplitude.\nThen: irt check FOLDER, with the recordings in one folder."
+        f"\nPut the marble at rest in the centre of the level board and play each file at {args.rate:g} rows "
+        "per second.\nWhen a command is sent, write the marble's position in the picture to marble_x and "
+        "marble_y,\nand the time to t_s. If the marble spends most of a run at the rim, use a smaller "
+        "--amplitude.\nThen put the recordings into one folder and run: irt check FOLDER"
     )
     if args.unit is not None:
-        print(f'Add a rig.toml beside them with the lines\n[commands]\nunit = "{args.unit}"')
+        print(f'Add a rig.toml to that folder with the lines\n[commands]\nunit = "{args.unit}"')
 
 
 def _positive(text: str) -> float:

@@ -1,4 +1,4 @@
-"""`irt evaluate`: how far a model's predictions lie from recordings."""
+"""`irt evaluate`: measure a model's prediction error on recordings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from irt.residual import Errors, Evaluation, RunEvaluation
 
 NAME = "evaluate"
-HELP = "measure how far a model's predictions lie from recordings"
+HELP = "measure a model's prediction error on recordings"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SECONDS",
         type=_seconds,
         default=2.0,
-        help="length of a window, which starts from the state that the four rows before it tell (default: 2)",
+        help="length of a window; its start state is estimated from the four rows before it (default: 2)",
     )
     parser.add_argument(
         "--out",
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Evaluate the model, print the errors of each run, and write them beside a plot."""
+    """Evaluate the model, print the errors of each run, and write them and a plot."""
     import numpy as np
 
     from irt.cli.inputs import TIME_UNKNOWN, results_folder
@@ -78,7 +78,7 @@ def _seconds(text: str) -> float:
 
 
 def _table(evaluation: Evaluation) -> Iterator[str]:
-    """Yield the lines of tables: a row for each run, and one for all."""
+    """Yield the lines of the tables: a row for each run and one for all runs."""
     runs: list[tuple[str, RunEvaluation | Evaluation]] = [(run.recording, run) for run in evaluation.runs]
     runs.append(("all runs", evaluation))
     width = max(len(name) for name, _ in runs)
@@ -94,7 +94,7 @@ def _table(evaluation: Evaluation) -> Iterator[str]:
         return
     if evaluation.free_run is not None:
         yield ""
-    yield "mean error of the tilt that the commands predict, and of the marble under the measured tilt"
+    yield "mean error of the tilt predicted from commands, and of the marble under the measured tilt"
     played = f"{evaluation.windows}, played"
     yield f"{'run':{width}}   about x    about y   {played}"
     for name, run in runs:

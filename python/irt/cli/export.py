@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Write the file, and say what it does not have."""
-    from irt.cli.inputs import say_replaced
+    from irt.cli.inputs import print_replaced
     from irt.export.jsonfile import to_json
     from irt.export.mjcf import to_mjcf
     from irt.files import write_atomic
@@ -49,6 +49,6 @@ def run(args: argparse.Namespace) -> None:
     if args.out is None:
         sys.stdout.write(text)
         return
-    say_replaced([args.out])
+    print_replaced([args.out])
     write_atomic(args.out, text)
     print(f"wrote {args.out}")

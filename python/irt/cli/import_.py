@@ -1,4 +1,4 @@
-"""`irt import`: bags of the rig, and logs of other labs, to recordings."""
+"""`irt import`: convert bags of the rig, and logs of other labs, to recordings."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from irt.importing import Imported
 
 NAME = "import"
-HELP = "make recordings out of what the rig recorded, or of another lab's log"
+HELP = "convert the rig's bags, or another lab's logs, to recordings"
 
-# Clocks of machines that are kept in time agree to this [s].
+# Largest difference between synchronised clocks [s].
 _CLOCKS_S = 0.2
 
 _EPILOG = """\
@@ -29,8 +29,8 @@ examples:
       --map cmd_x=u1 --map cmd_y=u2 --episode run --out my-rig
 
 targets of --map: t_s, marble_x, marble_y [long edges from the centre], tilt_x_rad, tilt_y_rad, cmd_x, cmd_y
-(any unit) or knob_x_rad, knob_y_rad; seen (0 where the marble was lost); cmd_t_s, tilt_t_s where clocks of
-their own stamped them. edge_x_m stands for the board's long edge."""
+(any unit) or knob_x_rad, knob_y_rad; seen (0 where the marble was lost); cmd_t_s, tilt_t_s where they were
+stamped by another clock. edge_x_m stands for the length of the board's long edge [m]."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,26 +40,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SOURCE",
         type=Path,
         nargs="+",
-        help="a bag (MCAP, sqlite3, or its folder), a recorder's folder, a CSV or a replay (NPZ); several "
-        "are of one rig",
+        help="a bag (MCAP, sqlite3, or its folder), a recorder's folder, a CSV or a replay (NPZ); all "
+        "sources must be of the same rig",
     )
     parser.add_argument(
         "--from",
         dest="kind",
         choices=("rig", "cyberrunner", "tag", "csv"),
-        help="whose log it is: our own rig's, CyberRunner's, TAG's, or any CSV with --map (default: by its "
-        "content)",
+        help="kind of log: our own rig's, CyberRunner's, TAG's, or any CSV with --map (default: detected "
+        "from the content)",
     )
     parser.add_argument(
         "--out",
         metavar="RIG",
         type=Path,
         default=Path("irt-rig"),
-        help="the rig's folder, to which a recording is added for each run; nothing in it is replaced "
+        help="the rig's folder; a recording is added for each run, and no file is replaced "
         "(default: irt-rig)",
     )
     parser.add_argument(
-        "--dry-run", action="store_true", help="show what was found and write nothing (not for --from rig)"
+        "--dry-run", action="store_true", help="print the summary and write nothing (not for --from rig)"
     )
     logs = parser.add_argument_group("logs of other labs")
     logs.add_argument(
@@ -67,45 +67,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TARGET=EXPRESSION",
         action="append",
         default=[],
-        help="arithmetic on the log's columns, in the place of the format's own (see below)",
+        help="compute a target from the log's columns, instead of the format's default (see below)",
     )
-    logs.add_argument("--episode", metavar="COLUMN", help="a column that changes where a new run begins")
+    logs.add_argument("--episode", metavar="COLUMN", help="a column whose value changes at each new run")
     logs.add_argument(
         "--topic",
         metavar="NAME",
         action="append",
         default=[],
-        help="the topic, where a bag has several of a kind",
+        help="topic to use if a bag has several of one kind",
     )
     logs.add_argument(
         "--home-after",
         metavar="SECONDS",
         type=_period,
-        help="the driver goes home (command 0) after so long without a command (default: the last one holds)",
+        help="time without a command after which the driver returns to command 0 (default: it holds the "
+        "last command)",
     )
     own = parser.add_argument_group("bags of our own rig")
     own.add_argument(
         "--knobs",
         choices=("measured", "commanded"),
-        help="where knob angles come from: the joints, or the commands, which leaves what the arms make of "
-        "them to be found out (default: measured, where the joints were heard)",
+        help="source of the knob angles: measured joint angles, or commands, so that the diagnosis finds "
+        "the dynamics of the arms (default: measured if the bag has joint angles)",
     )
     own.add_argument(
         "--period",
         metavar="SECONDS",
         type=_period,
-        help="length of a row (default: the rows of the file that was played)",
+        help="duration of a row (default: that of the played file)",
     )
     parser.epilog = _EPILOG
 
 
 def run(args: argparse.Namespace) -> None:
-    """Import the sources, and say what was found."""
+    """Import the sources and print a summary."""
     from irt.importing.sources import detect
 
     kinds = {args.kind} if args.kind else {detect(one, mapped=bool(args.map)) for one in args.sources}
     if len(kinds) > 1:
-        raise IrtError(f"sources of several labs ({', '.join(sorted(kinds))}); import those of one at a time")
+        raise IrtError(f"sources of several kinds ({', '.join(sorted(kinds))}); import one kind at a time")
     (kind,) = kinds
     if kind == "rig":
         _run_rig(args)
@@ -160,18 +161,18 @@ def _lines(one: Imported) -> list[str]:
     lines = [
         f"{one.path}: {one.rows} rows over {one.seconds:.2f} s, {one.knobs} knobs",
         f"  tracker {one.tracker_hz:.1f} Hz, the marble missing in {one.missing} rows; stamps at least "
-        f"{1e3 * one.tracker_age_s:.1f} ms old when they came",
+        f"{1e3 * one.tracker_age_s:.1f} ms old on arrival",
     ]
     if not math.isnan(one.following):
         lines.append(
             f"  knobs within {one.following:.2g} rad of their commands (root mean square), "
             f"{1e3 * one.lag_s:.0f} ms behind; stamps at least "
-            f"{1e3 * one.joint_age_s:.1f} ms old when they came"
+            f"{1e3 * one.joint_age_s:.1f} ms old on arrival"
         )
     for who, age in (("tracker", one.tracker_age_s), ("arms", one.joint_age_s)):
         if age < 0.0 or age > _CLOCKS_S:
             lines.append(
-                f"  the clock of the {who} differs from the rig's by about {age:+.3f} s: set it right"
+                f"  the clock of the {who} differs from the rig's by about {age:+.3f} s: synchronise them"
             )
     if one.stop:
         lines.append(f"  stopped: {one.stop}")

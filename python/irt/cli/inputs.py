@@ -1,4 +1,4 @@
-"""What several verbs read."""
+"""Argument types, checks and notes shared by several verbs."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ if TYPE_CHECKING:
     from irt.model import Model, Parameter
     from irt.rig import Rig
 
-#: What to know of any answer for recordings without stamps.
+#: Note on any result from recordings without stamps.
 TIME_UNKNOWN = (
-    "time scale unknown: without stamps (a column t_s) nothing says how long a row lasts; times are in rows, "
-    "and gears, tilts and pushes hold for the model's time_scale alone"
+    "time scale unknown: without stamps (a column t_s) the duration of a row is unknown; times are in rows, "
+    "and gears, tilts and pushes hold only for the model's time_scale"
 )
 
 
 def whole(least: int) -> Callable[[str], int]:
-    """Return the reader of a whole number that must not be below another."""
+    """Return an argparse type for whole numbers from a minimum on."""
 
     def read(text: str) -> int:
         if not text.isdecimal() or int(text) < least:
@@ -35,12 +35,12 @@ def parameter_line(name: str, value: Parameter, unit: str, row_s: float | None) 
     Parameters
     ----------
     name, unit : str
-        As the catalogue has them.
+        As in the catalogue.
     value : Parameter
         In SI units.
     row_s : float, optional
-        What a row lasts in the simulation [s], where the recordings have no stamps: then rows stand for
-        seconds.
+        Duration of a row in the simulation [s] if the recordings have no stamps; times are then given in
+        rows.
     """
     from irt.report.words import in_rows, with_interval
 
@@ -50,7 +50,7 @@ def parameter_line(name: str, value: Parameter, unit: str, row_s: float | None) 
 
 
 def row_seconds(rig: Rig, model: Model) -> float | None:
-    """Return what a row lasts in a model of recordings without stamps [s], None where they have stamps."""
+    """Return the duration of a row in a model [s] if recordings lack stamps, None if all have stamps."""
     from irt.engine import SUBSTEP_S
 
     if all(one.stamps is not None for one in rig.recordings):
@@ -58,8 +58,8 @@ def row_seconds(rig: Rig, model: Model) -> float | None:
     return model.parameters["time_scale"].value * SUBSTEP_S
 
 
-def for_a_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
-    """Return the rows of a rig that a fit takes, and a note on that, which is printed unless `quiet`."""
+def rows_for_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
+    """Return a rig cut to the rows that a fit uses, and a note on the cut, printed unless `quiet`."""
     from irt.rig import MOST_ROWS
 
     short = rig.on_bare_board().first_rows(MOST_ROWS)
@@ -67,9 +67,9 @@ def for_a_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
         return rig, ()
     longest = max(len(one.knobs) for one in short.recordings)
     note = (
-        f"{rig.path}: all {rig.rows:,} rows would take {rig.rows / MOST_ROWS:.0f} times as long as the "
-        f"{MOST_ROWS:,} that a fit needs, which take minutes: the first {longest:,} of each run are used; "
-        "leave only the rows that you want in the folder to choose others"
+        f"{rig.path}: {rig.rows:,} rows would take {rig.rows / MOST_ROWS:.0f} times as long as the "
+        f"{MOST_ROWS:,} that a fit needs, which take minutes: only the first {longest:,} of each run are "
+        "used; to use others, leave only those rows in the folder"
     )
     if not quiet:
         print(f"note: {note}", flush=True)
@@ -77,34 +77,34 @@ def for_a_fit(rig: Rig, *, quiet: bool = False) -> tuple[Rig, tuple[str, ...]]:
 
 
 def results_folder(path: Path, names: Sequence[str]) -> Path:
-    """Make the folder for results, and say which files of an earlier run these will replace.
+    """Create the folder for results, and print which existing files will be replaced.
 
     Raises
     ------
     IrtError
-        If nothing can be written there.
+        If the folder is not writable.
     """
     from irt.files import make_folder
 
     folder = make_folder(path)
-    say_replaced([folder / name for name in names])
+    print_replaced([folder / name for name in names])
     return folder
 
 
-def say_replaced(paths: Sequence[Path]) -> None:
-    """Say which files are there already and will be replaced."""
+def print_replaced(paths: Sequence[Path]) -> None:
+    """Print which files exist already and will be replaced."""
     there = [f"{path}" for path in paths if path.is_file()]
     if there:
         print(f"note: this replaces {', '.join(there)}", flush=True)
 
 
 def print_warnings(rig: Rig, threads: int | None = None) -> None:
-    """Check the recordings before a fit, and print what would make it wrong.
+    """Check the recordings before a fit, and print the warnings.
 
     Raises
     ------
     IrtError
-        If the recordings can identify nothing, or are certainly wrong.
+        If the recordings can identify nothing, or contain a certain error.
     """
     from irt.checking.run import required
 

@@ -17,58 +17,59 @@ if TYPE_CHECKING:
     from irt.tuning.drive import Drive
 
 NAME = "pretrain"
-HELP = "simulate pairs of parameter sets and train the network that tunes by them"
+HELP = "simulate pairs of parameter sets and train the tuning network on them"
 
 METHODS = ("irt", "irt+", "direct")
-#: Of a full training: what the network that is shipped for irt+ has seen.
+#: Pairs of a full irt+ training, as for the bundled network.
 _SAMPLES = 5_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `irt pretrain`."""
     parser.add_argument(
-        "--method", choices=METHODS, default=METHODS[0], help=f"what tunes by it (default: {METHODS[0]})"
+        "--method", choices=METHODS, default=METHODS[0], help=f"method to train for (default: {METHODS[0]})"
     )
     parser.add_argument(
         "--pairs",
         metavar="N",
         type=whole(1),
-        help=f"pairs to learn from (default: 10000; of irt+, which sees each once or twice, {_SAMPLES})",
+        help=f"training pairs (default: 10000; for irt+, which uses each once or twice, {_SAMPLES})",
     )
     parser.add_argument(
         "--out",
         metavar="FILE",
         type=Path,
         default=Path("tunenet.safetensors"),
-        help="the network to write, its loss curve beside it (default: tunenet.safetensors)",
+        help="network file to write; its loss curve goes beside it (default: tunenet.safetensors)",
     )
     parser.add_argument(
-        "--epochs", metavar="N", type=whole(1), help="of irt and direct, passes over the pairs (default: 200)"
+        "--epochs",
+        metavar="N",
+        type=whole(1),
+        help="passes over the pairs; irt and direct only (default: 200)",
     )
-    parser.add_argument(
-        "--seed", metavar="S", type=whole(0), default=0, help="of all that is random (default: 0)"
-    )
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="random seed (default: 0)")
     drive = parser.add_mutually_exclusive_group()
     drive.add_argument(
         "--rig",
         metavar="RIG",
         type=Path,
-        help="train for the recordings of this folder (default: the paper's drive)",
+        help="train for the commands recorded in this folder (default: the paper's drive)",
     )
     drive.add_argument(
-        "--literal-drive", action="store_true", help="the paper's Eq. 3 to the letter, a fortieth of a period"
+        "--literal-drive", action="store_true", help="use the paper's Eq. 3 literally: 1/40 of a period"
     )
     parser.add_argument(
         "--engine", choices=("rolling", "rapier"), default="rolling", help="the simulator (default: rolling)"
     )
     parser.add_argument(
-        "--resume", action="store_true", help="go on from the checkpoint of a stopped training"
+        "--resume", action="store_true", help="resume from the checkpoint of an interrupted training"
     )
     parser.add_argument(
-        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+        "--threads", metavar="N", type=whole(1), help="simulator threads (default: one per core)"
     )
     parser.add_argument(
-        "--device", metavar="D", help="where to train: cpu, cuda, mps (default: the fastest there is)"
+        "--device", metavar="D", help="torch device: cpu, cuda, mps (default: the fastest available)"
     )
     parser.add_argument(
         "--cluster",
@@ -78,12 +79,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "examples:\n"
         "  irt pretrain --pairs 20000 --out tunenet.safetensors\n"
-        "  irt pretrain --method irt+ --out steps.safetensors   a quarter of an hour on one core"
+        "  irt pretrain --method irt+ --out steps.safetensors   15 minutes on one core"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Train the network, write it with its loss curve, and say what came out."""
+    """Train the network, write it and its loss curve, and print a summary."""
     from irt.cli.progress import progress_bar
     from irt.extras import require
     from irt.tuning.tensors import checkpoint_path
@@ -92,20 +93,20 @@ def run(args: argparse.Namespace) -> None:
     began = time.perf_counter()
     try:
         with progress_bar() as progress:
-            told, plot = (_streamed if args.method == "irt+" else _dealt)(args, progress)
+            lines, plot = (_streamed if args.method == "irt+" else _dealt)(args, progress)
     except KeyboardInterrupt:
         if (checkpoint := checkpoint_path(args.out)).exists():
             again = f"{_command(args)} --out {shlex.quote(str(args.out))} --resume"
-            print(f"irt: {checkpoint} holds the training so far; go on with: {again}", file=sys.stderr)
+            print(f"irt: {checkpoint} holds the training so far; resume with: {again}", file=sys.stderr)
         raise
-    for line in told:
+    for line in lines:
         print(line)
     print(f"time      {time.perf_counter() - began:.0f} s")
     print(f"\nwrote {args.out} and {plot}")
 
 
 def _dealt(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Path]:
-    """Train the paper's network, or that of direct prediction, on pairs that are dealt anew each epoch."""
+    """Train the network of irt or of direct prediction, on pairs that are reshuffled each epoch."""
     from irt.report.plots import plot_loss
     from irt.tuning.pretrain import pretrain
     from irt.tuning.recipes import Recipe
@@ -118,14 +119,14 @@ def _dealt(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Pat
     plot = args.out.with_name(f"{args.out.stem}-loss.svg")
     plot_loss(plot, file.training, file.heldout)
     return [
-        f"pairs     {recipe.pairs} to learn from, {max(1, recipe.pairs // 10)} held out",
+        f"pairs     {recipe.pairs} training, {max(1, recipe.pairs // 10)} held out",
         f"loss      {file.training[-1]:.5f} training, {file.heldout[-1]:.5f} held out",
         f"device    {file.metadata['device']}",
     ], plot
 
 
 def _streamed(args: argparse.Namespace, progress: Progress) -> tuple[list[str], Path]:
-    """Train the network of irt+, on pairs that are simulated as it goes."""
+    """Train the network of irt+ on pairs that are simulated during training."""
     from irt.report.plots import plot_likelihood
     from irt.tuning.recipes import Streamed
     from irt.tuning.streaming import train_steps
@@ -138,8 +139,8 @@ def _streamed(args: argparse.Namespace, progress: Progress) -> tuple[list[str], 
     plot = args.out.with_name(f"{args.out.stem}-loss.svg")
     plot_likelihood(plot, file.losses)
     return [
-        f"pairs     {file.metadata['samples']} learned from, {file.metadata['rollouts']} rollouts",
-        f"loss      {file.losses[-1]:.3f} nats a coordinate, each pool before it was learned from",
+        f"pairs     {file.metadata['samples']} training, {file.metadata['rollouts']} rollouts",
+        f"loss      {file.losses[-1]:.3f} nats per coordinate, on pools not trained on yet",
         f"device    {file.metadata['device']}",
     ], plot
 
@@ -162,7 +163,7 @@ def _drive(args: argparse.Namespace) -> Drive:
 
 
 def _command(args: argparse.Namespace) -> str:
-    """Return the command that makes the same network again, wherever it is written."""
+    """Return the command that trains the same network again, without its output path."""
     words = ["irt", "pretrain", *(["--method", args.method] if args.method != METHODS[0] else [])]
     for name in ("pairs", "epochs"):
         words += [f"--{name}", getattr(args, name)] if getattr(args, name) is not None else []

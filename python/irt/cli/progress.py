@@ -1,4 +1,4 @@
-"""The progress bar of every verb."""
+"""The progress bar of all verbs."""
 
 from __future__ import annotations
 
@@ -6,16 +6,15 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-#: Work shorter than this goes by without a bar (s).
+#: Delay before the bar is shown [s].
 _PATIENCE_S = 2.0
 
 
 @contextmanager
 def progress_bar() -> Iterator[Callable[[int, int, str], None]]:
-    """Yield a function to be called with (done, total, text) as work goes on.
+    """Yield a function to call with (done, total, text) as the work proceeds.
 
-    It draws a bar on standard error, once the work has lasted two seconds, and only on a terminal; the bar is
-    wiped away at the end.
+    It draws a bar on standard error, after two seconds and only on a terminal. The bar is cleared at the end.
     """
     from tqdm import tqdm
 

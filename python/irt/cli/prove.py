@@ -1,4 +1,4 @@
-"""`irt prove`: effects hidden by another engine, diagnosed blind, scored once the seals are open."""
+"""`irt prove`: hide effects in rigs of another engine, diagnose them blind, open the seals, score."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 NAME = "prove"
 HELP = "hide effects in rigs of another engine, diagnose them blind, open the seals, score"
 
-#: Rigs with something hidden and without: of the quick proof, and of each of the rounds of the full one.
+#: Rigs with and without a hidden effect: of the quick proof, and of each round of the full proof.
 _QUICK, _FULL, _ROUNDS = (9, 3), (25, 25), 12
 _NEEDED = ("pybullet", "cryptography")
-#: Share of the rigs that are read off rendered pictures.
+#: Share of the rigs whose marble is tracked in rendered pictures.
 _WATCHED = "0.15"
 
 
@@ -34,77 +34,79 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help=f"{_ROUNDS} rounds of {_FULL[0]} rigs with something hidden and {_FULL[1]} without, other "
-        "methods on the same rigs, and the page docs/proof.md, anew after each round (hours)",
+        help=f"{_ROUNDS} rounds of {_FULL[0]} rigs with a hidden effect and {_FULL[1]} without, other "
+        "methods on the same rigs; docs/proof.md is updated after each round (hours)",
     )
     parser.add_argument(
-        "--rigs", metavar="N", type=whole(0), help=f"rigs that hide something (default: {_QUICK[0]})"
+        "--rigs", metavar="N", type=whole(0), help=f"rigs with a hidden effect (default: {_QUICK[0]})"
     )
     parser.add_argument(
-        "--nulls", metavar="N", type=whole(0), help=f"rigs that hide nothing (default: {_QUICK[1]})"
+        "--nulls", metavar="N", type=whole(0), help=f"rigs without a hidden effect (default: {_QUICK[1]})"
     )
     parser.add_argument(
         "--rounds",
         metavar="R",
         type=whole(1),
-        help="proofs of so many rigs, one after the other, each with seals of its own "
-        f"(default: 1; of --full: {_ROUNDS})",
+        help="number of rounds, run one after the other, each with its own rigs and seals "
+        f"(default: 1; with --full: {_ROUNDS})",
     )
     parser.add_argument(
-        "--seed", metavar="S", type=whole(0), help="of what is hidden (default: drawn and kept sealed)"
+        "--seed", metavar="S", type=whole(0), help="random seed of the rigs (default: drawn and sealed)"
     )
     parser.add_argument(
-        "--jobs", metavar="J", type=whole(1), help="diagnoses at a time (default: one for each core)"
+        "--jobs", metavar="J", type=whole(1), help="diagnoses at the same time (default: one per core)"
     )
     parser.add_argument(
         "--out",
         metavar="DIR",
         type=Path,
         default=Path("irt-prove"),
-        help="folder of the proof; one that was begun there goes on (default: irt-prove)",
+        help="folder of the proof; an unfinished proof there is resumed (default: irt-prove)",
     )
-    parser.add_argument("--page", metavar="FILE", type=Path, help="the scorecard (default: DIR/proof.md)")
+    parser.add_argument(
+        "--page", metavar="FILE", type=Path, help="scorecard to write (default: DIR/proof.md)"
+    )
     parser.add_argument(
         "--onto",
         metavar="PAGE",
         type=Path,
-        help="add to the rounds that this page tells of, instead of writing a page of its own",
+        help="add the rounds to those of an existing page, instead of writing a new page",
     )
     parser.add_argument(
         "--baselines",
         action="store_true",
-        help="let other methods try the same rigs, and ties get one more run",
+        help="run other methods on the same rigs too, and record one more run for ties",
     )
     parser.add_argument(
         "--world",
         metavar="COMMAND",
-        help="another program that makes the rigs, over the lines of JSON that irt.proof.sealing describes",
+        help="another program that makes the rigs; irt.proof.sealing describes its JSON-lines protocol",
     )
     parser.add_argument(
         "--cluster",
         metavar="ADDRESS",
-        help='diagnose on an existing Ray cluster ("auto" finds a local one); the answers are the same',
+        help='diagnose on an existing Ray cluster ("auto" finds a local one); the results are the same',
     )
     parser.add_argument(
         "--verify", action="store_true", help="only check the seals, labels and answers of the proof in DIR"
     )
     parser.epilog = (
         "examples:\n"
-        "  irt prove --out proof               12 rigs, some minutes; the same command goes on after Ctrl-C\n"
-        "  irt prove --full --out proof-full   writes docs/proof.md after each of its rounds\n"
-        "  irt prove --full --rounds 1 --onto docs/proof.md --out more   one round more, by today's code\n"
-        "  irt prove --verify --out proof      was anything altered?\n"
+        "  irt prove --out proof               12 rigs, minutes; the same command resumes after Ctrl-C\n"
+        "  irt prove --full --out proof-full   writes docs/proof.md after each round\n"
+        "  irt prove --full --rounds 1 --onto docs/proof.md --out more   one more round, by this version\n"
+        "  irt prove --verify --out proof      check that nothing was altered\n"
         "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Prove, write the scorecard, and print what came of it."""
+    """Prove, write the scorecard, and print the verdict."""
     from irt.proof.rounds import verify_all
 
     if args.verify:
         checked = verify_all(args.out)
-        said = "labels, recordings and answers are what they were when sealed"
+        said = "labels, recordings and answers are unchanged since they were sealed"
         print(f"{args.out}: {checked.rigs} rigs: {said}")
         if checked.unfinished:
             print(checked.unfinished)
@@ -122,7 +124,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
-    """Go through the rounds, from where it was left; return the scores of all, and their page."""
+    """Run the unfinished rounds; return the scores of all rounds, and their page."""
     from irt.cli.progress import progress_bar
     from irt.proof.hash_chain import unfinished
     from irt.proof.provenance import Made, note
@@ -158,7 +160,7 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
                 finished.append(proof.run())
                 made = Made.of(one.places, one.plan.rigs)
                 scored.append(Results.of(one.places, one.plan.names(), made))
-                # The page that is there tells of that one as well.
+                # The existing page covers the following round as well.
                 if following and page.exists() and not unfinished(following.places):
                     continue
                 results = Results.joined(scored)
@@ -171,49 +173,49 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
                     earlier=len(earlier.made),
                 )
     except KeyboardInterrupt:
-        print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
+        print(f"irt: finished work is kept in {args.out}; the same command resumes it", file=sys.stderr)
         raise
     return results, page
 
 
 def _of_round(progress: Progress, done: int, count: int) -> Progress:
-    """Return the progress of one of some rounds."""
+    """Return the progress callback of one round out of several."""
     if count == 1:
         return progress
 
-    def tell(steps: int, total: int, text: str) -> None:
+    def report(steps: int, total: int, text: str) -> None:
         progress(done * total + steps, count * total, f"round {done + 1} of {count}, {text}")
 
-    return tell
+    return report
 
 
 def _settings(args: argparse.Namespace, rounds: Rounds, finished: int) -> dict[str, str]:
-    """Return what it takes to do the same again."""
+    """Return the settings that reproduce the proof, as the page shows them."""
     words = ["irt", "prove", *(f"--{flag}" for flag in ("full", "baselines") if getattr(args, flag))]
     for option in ("rigs", "nulls", "rounds", "seed", "onto"):
         if getattr(args, option) is not None:
             words += [f"--{option}", f"{getattr(args, option)}"]
-    told = {"command": f"`{shlex.join(words)}`"}
+    settings = {"command": f"`{shlex.join(words)}`"}
     if args.seed is None:
-        told["seeds"] = "drawn by the operating system"
+        settings["seeds"] = "drawn by the operating system"
     if rounds.count > 1:
-        told["rounds"] = f"{finished} of {rounds.count} are finished, and counted here"
-    return told
+        settings["rounds"] = f"{finished} of {rounds.count} are finished, and counted here"
+    return settings
 
 
 def _recorder(args: argparse.Namespace) -> str:
-    """Return in words what records the rigs."""
+    """Return the name of the program that records the rigs."""
     from importlib.metadata import version
 
     if args.world is not None:
         return f"`{args.world}`"
-    return f"PyBullet {version('pybullet')} (`irt.proof.pybullet_world`), a process apart"
+    return f"PyBullet {version('pybullet')} (`irt.proof.pybullet_world`), in a separate process"
 
 
 def _earlier(args: argparse.Namespace) -> Results:
-    """Return what the page told of when this proof began.
+    """Return the results that the page held when this proof began.
 
-    That is written down: the same command, given again, must not count its own rounds twice.
+    Their count is stored, so that a resumed command does not count its own rounds twice.
 
     Raises
     ------
@@ -226,17 +228,17 @@ def _earlier(args: argparse.Namespace) -> Results:
 
     if args.page is not None:
         raise IrtError("--onto names the page: leave --page out")
-    told = Results.load(args.onto.with_suffix("") / "scores.json")
+    results = Results.load(args.onto.with_suffix("") / "scores.json")
     kept = make_folder(args.out) / "onto.json"
     if not kept.exists():
-        write_atomic(kept, json.dumps({"rounds": len(told.made)}) + "\n")
+        write_atomic(kept, json.dumps({"rounds": len(results.made)}) + "\n")
     count = int(read_json(kept)["rounds"])
     own = {read_json(path)["seed"] for path in args.out.rglob("keys.json")}
-    if not {one.seed for one in told.made[count:]} <= {f"{seed}" for seed in own}:
+    if not {one.seed for one in results.made[count:]} <= {f"{seed}" for seed in own}:
         raise IrtError(
             f"{args.onto}: another proof has been added since this one began; choose another --out"
         )
-    return told.first(count)
+    return results.first(count)
 
 
 def _rounds(args: argparse.Namespace, before: int) -> Rounds:
@@ -254,7 +256,7 @@ def _rounds(args: argparse.Namespace, before: int) -> Rounds:
 
 
 def _world() -> list[str]:
-    """Return the command of the concealed world.
+    """Return the command of the program that hides effects and records the rigs.
 
     Raises
     ------

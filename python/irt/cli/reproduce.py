@@ -1,4 +1,4 @@
-"""`irt reproduce`: the paper's experiments, figures and table, beside the paper's own numbers."""
+"""`irt reproduce`: repeat the paper's experiments, figures and table, and compare with its numbers."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from irt.paper.setting import Setting
 
 NAME = "reproduce"
-HELP = "do the paper's experiments again, with intervals, and write its figures, its table and a page"
+HELP = "repeat the paper's experiments, with intervals, and write its figures, its table and a page"
 
 ITEMS = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "table1", "symmetry")
 _OF_FIRST, _OF_SECOND = ITEMS[:4], ITEMS[4:7]
-#: Of a quick reproduction and of the full one: targets, rigs, diagnosed rigs, and targets with each switch.
+#: Counts of a quick and of a full reproduction: targets, rigs, diagnosed rigs, targets per ablation.
 _COUNTS = ("targets", "rigs", "diagnosed", "switched")
 _QUICK, _FULL = (100, 20, 3, 0), (500, 100, 20, 100)
 
@@ -38,48 +38,48 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--full",
         action="store_true",
         help=f"{_FULL[0]} targets, {_FULL[1]} rigs and {_FULL[2]} diagnoses instead of {_QUICK[0]}, "
-        f"{_QUICK[1]} and {_QUICK[2]}, and {_FULL[3]} targets with each switch (an hour on two cores)",
+        f"{_QUICK[1]} and {_QUICK[2]}, and {_FULL[3]} targets per ablation (an hour on two cores)",
     )
-    parser.add_argument("--targets", metavar="N", type=whole(2), help="of Experiment 1")
-    parser.add_argument("--rigs", metavar="N", type=whole(2), help="of Experiment 2")
-    parser.add_argument("--diagnosed", metavar="N", type=whole(0), help="of these, diagnosed as well")
+    parser.add_argument("--targets", metavar="N", type=whole(2), help="targets of Experiment 1")
+    parser.add_argument("--rigs", metavar="N", type=whole(2), help="rigs of Experiment 2")
+    parser.add_argument(
+        "--diagnosed", metavar="N", type=whole(0), help="rigs of Experiment 2 to diagnose as well"
+    )
     parser.add_argument(
         "--switched",
         metavar="N",
         type=whole(0),
-        help="targets that are tuned to once more with the other drive, and with the other damping",
+        help="targets per ablation: the other drive, and the other damping",
     )
     parser.add_argument(
         "--real", metavar="RIG", type=Path, help="a folder of real recordings; the last third is held out"
     )
     parser.add_argument(
-        "--literal-drive", action="store_true", help="the paper's Eq. 3 to the letter, a fortieth of a period"
+        "--literal-drive", action="store_true", help="use the paper's Eq. 3 literally: 1/40 of a period"
     )
     parser.add_argument("--damping", action="store_true", help="damp the marble as PyBullet does by default")
-    parser.add_argument(
-        "--seed", metavar="S", type=whole(0), default=0, help="of all that is random (default: 0)"
-    )
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="random seed (default: 0)")
     parser.add_argument(
         "--out",
         metavar="DIR",
         type=Path,
         default=Path("irt-reproduce"),
-        help="folder of the results; what is there is not done again (default: irt-reproduce)",
+        help="folder of the results; existing results are reused (default: irt-reproduce)",
     )
-    parser.add_argument("--page", metavar="FILE", type=Path, help="the page (default: DIR/paper.md)")
+    parser.add_argument("--page", metavar="FILE", type=Path, help="page to write (default: DIR/paper.md)")
     parser.add_argument(
-        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+        "--threads", metavar="N", type=whole(1), help="simulator threads (default: one per core)"
     )
     parser.epilog = (
         "examples:\n"
         "  irt reproduce fig5 --targets 20 --out paper     one figure and its numbers\n"
-        "  irt reproduce --out paper                       everything; the same goes on after Ctrl-C\n"
+        "  irt reproduce --out paper                       all; the same command resumes after Ctrl-C\n"
         "  irt reproduce --full --page docs/paper.md --out paper-full"
     )
 
 
 def run(args: argparse.Namespace) -> None:
-    """Do the experiments that are needed, draw, and print the tables."""
+    """Run the needed experiments, draw the figures, and print the tables."""
     from irt.cli.progress import progress_bar
     from irt.extras import require
     from irt.files import make_folder
@@ -103,14 +103,14 @@ def run(args: argparse.Namespace) -> None:
         with progress_bar() as progress:
             lines = _done(args, setting, items, page, progress)
     except KeyboardInterrupt:
-        print(f"irt: what is done stays in {args.out}: the same command goes on", file=sys.stderr)
+        print(f"irt: finished work is kept in {args.out}; the same command resumes it", file=sys.stderr)
         raise
     for line in lines:
         print(line)
 
 
 def _counts(args: argparse.Namespace) -> dict[str, int]:
-    """Return how many of each there are to be: what was asked for, or as many as it takes by default."""
+    """Return the counts by name: the arguments, or the defaults where an argument is absent."""
     given = {name: getattr(args, name) for name in _COUNTS}
     usual = dict(zip(_COUNTS, _FULL if args.full else _QUICK, strict=True))
     return {name: usual[name] if given[name] is None else given[name] for name in _COUNTS}
@@ -119,7 +119,7 @@ def _counts(args: argparse.Namespace) -> dict[str, int]:
 def _done(
     args: argparse.Namespace, setting: Setting, items: set[str], page: Path, progress: Progress
 ) -> list[str]:
-    """Write what was asked for; return what is to be printed."""
+    """Run the experiments and write the items; return the lines to print."""
     import json
 
     from irt.extras import install_command
@@ -163,7 +163,7 @@ def _done(
 
 
 def _command(args: argparse.Namespace) -> str:
-    """Return the command that does the same again."""
+    """Return the command that reproduces this run."""
     words = ["irt", "reproduce"]
     for name in ("full", "literal_drive", "damping"):
         words += [f"--{name.replace('_', '-')}"] if getattr(args, name) else []

@@ -1,4 +1,4 @@
-"""`irt simulate`: knobs in, a recording out."""
+"""`irt simulate`: simulate commands with a model, and write the result as a recording."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 NAME = "simulate"
-HELP = "predict where the marble rolls, and how the board tilts, under given commands"
+HELP = "predict the marble's path and the board's tilt under given commands"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -18,12 +18,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CSV",
         type=Path,
         required=True,
-        help="columns step, knob_x_rad, knob_y_rad (or cmd_x, cmd_y); t_s, if the rows have stamps; marble_x "
-        "and marble_y, whose first row is the start (default: the maze's, or the centre), at rest. A "
-        "recording will do",
+        help="columns step, knob_x_rad, knob_y_rad (or cmd_x, cmd_y); optional t_s, the stamps; optional "
+        "marble_x, marble_y, whose first row is the start at rest (default: the maze's, or the centre). "
+        "Recordings work too",
     )
     parser.add_argument(
-        "--out", metavar="CSV", type=Path, help="the recording to write (default: standard output)"
+        "--out", metavar="CSV", type=Path, help="recording to write (default: standard output)"
     )
     parser.epilog = "example:\n  irt simulate model.toml --commands run-1.csv --out predicted.csv"
 
@@ -32,7 +32,7 @@ def run(args: argparse.Namespace) -> None:
     """Simulate the commands and write the recording."""
     import numpy as np
 
-    from irt.cli.inputs import say_replaced
+    from irt.cli.inputs import print_replaced
     from irt.engine import rollouts
     from irt.files import write_atomic
     from irt.model import load_model
@@ -56,5 +56,5 @@ def run(args: argparse.Namespace) -> None:
     if args.out is None:
         sys.stdout.write(recording.to_csv())
     else:
-        say_replaced([args.out])
+        print_replaced([args.out])
         write_atomic(args.out, recording.to_csv())

@@ -1,4 +1,4 @@
-"""`irt suggest`: the next run to record."""
+"""`irt suggest`: design the next run to record."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from irt.cli.inputs import for_a_fit, say_replaced, whole
+from irt.cli.inputs import print_replaced, rows_for_fit, whole
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from irt.rig import Rig
 
 NAME = "suggest"
-HELP = "design the next run: the one that best tells the remaining hypotheses apart"
+HELP = "design the next run: the one that best separates the remaining hypotheses"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,19 +26,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MODEL",
         type=Path,
         nargs="+",
-        help="the folder that irt diagnose wrote; or model.toml of each hypothesis, all as probable, of "
-        "which one alone is sharpened (default: diagnose the rig first, which takes a minute)",
+        help="the folder written by irt diagnose, or a model.toml for each hypothesis, all equally probable; "
+        "for a single model the run sharpens its parameters (default: diagnose the rig first, a minute)",
     )
     parser.add_argument(
         "--out",
         metavar="CSV",
         type=Path,
         default=Path("suggest.csv"),
-        help="the commands to play, with the marble's start in row 0 (default: suggest.csv)",
+        help="commands to play, with the marble's start in row 0 (default: suggest.csv)",
     )
-    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the search (default: 0)")
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="random seed (default: 0)")
     parser.add_argument(
-        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+        "--threads", metavar="N", type=whole(1), help="simulator threads (default: one per core)"
     )
     parser.epilog = (
         "examples:\n"
@@ -48,20 +48,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Design the run, write its commands, and say what it is for."""
+    """Design the run, write its commands, and print its purpose."""
     from irt.cli.progress import progress_bar
     from irt.files import atomic_path
     from irt.rig import load_rig
     from irt.suggestion import suggest
 
-    rig = for_a_fit(load_rig(args.rig))[0].of_marbles()
+    rig = rows_for_fit(load_rig(args.rig))[0].of_marbles()
     if args.out.resolve().parent == args.rig.resolve():
         raise IrtError(
-            f"{args.out}: in the rig's folder it would be read as one of its recordings; name another place "
+            f"{args.out}: a file in the rig's folder would be read as a recording; choose another folder "
             "with --out"
         )
-    say_replaced([args.out])
-    # Opened beforehand: a diagnosis takes minutes, and a file that cannot be written is known at once.
+    print_replaced([args.out])
+    # Opened before the diagnosis, which takes minutes, so that an unwritable file fails at once.
     with atomic_path(args.out) as beside, progress_bar() as progress:
         known, models, chances, noise = _hypotheses(rig, args, progress)
         found = suggest(
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> None:
 def _hypotheses(
     rig: Rig, args: argparse.Namespace, progress: Progress
 ) -> tuple[list[str], list[Model], list[float], float]:
-    """Return what a diagnosis says, models, how probable each is, and the tracker's noise [board edges]."""
+    """Return the lines to print, the models, their probabilities, and the tracker's noise [board edges]."""
     from irt.diagnosis import diagnose
     from irt.fitting.problem import tracker_noise
     from irt.model import load_model
@@ -91,9 +91,9 @@ def _hypotheses(
 
     if args.models is not None and any(path.is_dir() for path in args.models):
         if len(args.models) > 1:
-            raise IrtError("--models: the folder of a diagnosis stands alone; name it, or model.toml files")
-        left = load_plausible(args.models[0])
-        return [left.summary], left.models, left.probabilities, left.noise
+            raise IrtError("--models: expected one folder of a diagnosis, or model.toml files, not both")
+        found = load_plausible(args.models[0])
+        return [found.summary], found.models, found.probabilities, found.noise
     if args.models is not None:
         models = [load_model(path) for path in args.models]
         return [], models, [1.0] * len(models), tracker_noise(segments(rig))

@@ -1,4 +1,4 @@
-"""`irt track`: from a video of the board to a recording."""
+"""`irt track`: track the marble in a video, and write a recording."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from irt.tracking.recorded import Summary, Timed
 
 NAME = "track"
-HELP = "follow the marble through a video, a folder of images or a camera, into a recording"
+HELP = "track the marble in a video, a folder of images or a camera, and write a recording"
 
-#: The lens, in the folder of results.
+#: File of the lens calibration, in the folder of results.
 _LENS = "camera.toml"
-#: The markers to print.
+#: File of the markers to print.
 _SHEET = "markers.pdf"
 
 
@@ -33,31 +33,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out",
         metavar="DIR",
         type=Path,
-        help="folder for the recording and what was seen (default: irt-track-NAME, for a video NAME)",
+        help="folder for the recording and the report (default: irt-track-NAME for a video NAME)",
     )
     parser.add_argument(
         "--commands",
         metavar="CSV",
         type=Path,
-        help="the commands that were played, with their times in t_s: the two clocks are aligned",
+        help="played commands, with their times in t_s; the two clocks are aligned",
     )
     parser.add_argument(
         "--offset",
         metavar="SECONDS",
         type=float,
-        help="from the commands' clock to the video's (default: found by cross-correlation)",
+        help="offset from the commands' clock to the video's (default: by cross-correlation)",
     )
     parser.add_argument(
         "--rig",
         metavar="RIG",
         type=Path,
-        help="a rig.toml, or its folder, with sizes of board and marble (default: DIR's, else the paper's)",
+        help="a rig.toml or its folder, with the sizes of board and marble (default: that of DIR, or the "
+        "paper's sizes)",
     )
     parser.add_argument(
         "--lens",
         metavar="FILE",
         type=Path,
-        help=f"the camera's calibration (default: {_LENS} of DIR, where it is)",
+        help=f"lens calibration of the camera (default: {_LENS} of DIR, if present)",
     )
     parser.add_argument(
         "--corners",
@@ -65,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_pair,
         nargs=4,
         help="the board's corners in the first picture [pixels], clockwise from least x, greatest y "
-        "(default: found)",
+        "(default: detected)",
     )
     parser.add_argument(
         "--marble",
@@ -73,22 +74,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_pair,
         action="append",
         default=[],
-        help="where the marble is in the first picture [pixels] (default: learned from what moves)",
+        help="position of the marble in the first picture [pixels] (default: learned from motion)",
     )
     parser.add_argument(
         "--colour", metavar="R,G,B", type=_colour, help="the marble's colour, 0 to 255 (default: learned)"
     )
     parser.add_argument(
-        "--fps", metavar="RATE", type=_positive, help="pictures a second, where the file is wrong"
+        "--fps", metavar="RATE", type=_positive, help="pictures per second, if those of the file are wrong"
     )
-    parser.add_argument("--seconds", metavar="S", type=_positive, help="stop after so long")
+    parser.add_argument("--seconds", metavar="S", type=_positive, help="stop after this time")
     parser.add_argument(
         "--publish", action="store_true", help="publish each position on /marble/position, for ROS 2 nodes"
     )
     parser.add_argument(
         "--calibrate",
         action="store_true",
-        help=f"VIDEO shows a chessboard or ChArUco board: write the lens to {_LENS} of DIR",
+        help=f"calibrate the lens with a VIDEO of a chessboard or ChArUco board; write {_LENS} to DIR",
     )
     parser.add_argument(
         "--pattern",
@@ -100,14 +101,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--markers",
         action="store_true",
-        help=f"write {_SHEET}, four markers for the board's corners to print, to DIR (default: here)",
+        help=f"write {_SHEET}, four markers to print for the board's corners, to DIR (default: here)",
     )
     parser.add_argument("--charuco", action="store_true", help="the pattern is a ChArUco board (4x4_50)")
     parser.set_defaults(wrong_usage=parser.error)
     parser.epilog = (
         "examples:\n"
         "  irt track run-1.mp4 --commands knobs-1.csv --out my-rig     then: irt diagnose my-rig\n"
-        "  irt track chessboard.mp4 --calibrate --out my-rig           the lens, used by all later tracks\n"
+        "  irt track chessboard.mp4 --calibrate --out my-rig           calibrate the lens for later tracks\n"
         "  irt track --markers                                         markers to print for the tilt\n"
         "  irt track 0 --publish                                       a camera, live; Ctrl-C ends it\n\n"
         "example:\n"
@@ -116,7 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Track, write what was seen, and say how well."""
+    """Track the marble, write the recording and the report, and print the accuracy."""
     if args.markers:
         _markers(args)
     elif args.video is None:
@@ -134,12 +135,12 @@ def _markers(args: argparse.Namespace) -> None:
 
     path = results_folder(args.out or Path(), (_SHEET,)) / _SHEET
     write_marker_sheet(path)
-    print("print it at 100 %, measure the bar of 100 mm, and do what the sheet says")
+    print("print it at 100 %, check that the bar is 100 mm long, and follow the sheet")
     print(f"\nwrote {path}")
 
 
 def _calibrate(args: argparse.Namespace) -> None:
-    """Write the lens that the pictures show."""
+    """Calibrate the lens from pictures of a pattern, and write it."""
     from irt.cli.inputs import results_folder
     from irt.cli.progress import progress_bar
     from irt.tracking.calibration import Pattern, calibrate, save_lens
@@ -159,18 +160,18 @@ def _calibrate(args: argparse.Namespace) -> None:
     print(
         f"{lens.size[0]} x {lens.size[1]} pixels, focal length {lens.matrix[0, 0]:.1f}; {count} of ", end=""
     )
-    print(f"{len(pictures)} pictures show the pattern; {lens.error_px:.2f} pixels are left over")
+    print(f"{len(pictures)} pictures show the pattern; reprojection error {lens.error_px:.2f} pixels")
     print(f"\nwrote {folder / _LENS}")
 
 
 def _track(args: argparse.Namespace) -> None:
-    """Follow the marble; what was seen is kept, however the run ends."""
-    from irt.cli.inputs import say_replaced
+    """Track the marble; positions found before an error are kept."""
+    from irt.cli.inputs import print_replaced
     from irt.cli.progress import progress_bar
     from irt.report.tracked import track
 
     name = Path(args.video).stem
-    say_replaced([(args.out or Path(f"irt-track-{name}")) / f"{name}.csv"])
+    print_replaced([(args.out or Path(f"irt-track-{name}")) / f"{name}.csv"])
     with progress_bar() as progress:
         found = track(
             args.video,
@@ -191,18 +192,18 @@ def _track(args: argparse.Namespace) -> None:
         print(line)
     for finding in found.findings:
         print(
-            f"warning: {finding}; where the picture is upside down, begin --corners at the opposite corner; "
-            "where it is mirrored, mirror the video"
+            f"warning: {finding}; if the picture is upside down, start --corners at the opposite corner; "
+            "if it is mirrored, mirror the video"
         )
     if found.timed is None:
-        print("no commands are known: --commands CSV makes this a recording for irt diagnose")
-    print(f"\nwrote {found.path}, {found.page} and what they show")
+        print("no commands are known: add them with --commands CSV to make a recording for irt diagnose")
+    print(f"\nwrote {found.path}, {found.page} and its pictures")
     if found.track.stopped:
-        raise IrtError(f"{found.track.stopped}: what was seen in {len(found.track.stamps)} pictures is kept")
+        raise IrtError(f"{found.track.stopped}: the positions of {len(found.track.stamps)} pictures are kept")
 
 
 def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
-    """Return what a user wants to know first."""
+    """Return the lines of the printed summary."""
     from irt.report.words import counted
 
     mm = 1000.0 * board.edge_x_m
@@ -213,18 +214,18 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
     ]
     gaps = summary.gaps
     if gaps.dropped or gaps.repeated:
-        lines.append(f"{counted(gaps.dropped, 'picture')} missing, {gaps.repeated:,} shown twice")
+        lines.append(f"{counted(gaps.dropped, 'picture')} missing, {gaps.repeated:,} repeated")
     if gaps.uneven > _UNEVEN:
         lines.append(
             f"the frame rate varies: {100 * gaps.uneven:.0f} % of the intervals are not "
-            f"{1000 * gaps.interval:.1f} ms, the longest is {1000 * gaps.longest:.1f} ms; times are by "
+            f"{1000 * gaps.interval:.1f} ms, the longest is {1000 * gaps.longest:.1f} ms; times are from "
             f"{summary.stamps}"
         )
     if timed is not None and timed.alignment is not None:
         found = timed.alignment
         lines.append(
-            f"commands lie {found.offset:.4f} +- {found.error:.4f} s from the video's clock (the rig's own "
-            "delay is in this)"
+            f"offset of the commands' clock to the video's {found.offset:.4f} +- {found.error:.4f} s "
+            "(includes the rig's own delay)"
         )
     lines += [f"height of the marble {summary.height}", f"tilt of the board {summary.tilt}"]
     parts = ", ".join(f"{name} {value:.2f}" for name, value in summary.budget.parts.items())
@@ -232,48 +233,48 @@ def _answer(summary: Summary, timed: Timed | None, board: Board) -> list[str]:
     lines.append(f"standard error on the board {summary.budget.total:.2f} mm: {parts}{unknown}")
     lines += _warnings(summary)
     if summary.moving:
-        lines.append('the marble moves in the first picture: rig.toml needs [recordings] start = "moving"')
+        lines.append('the marble moves in the first picture: set [recordings] start = "moving" in rig.toml')
     return lines
 
 
-#: More uneven intervals than this make a variable frame rate: a camera drops a picture now and then.
+#: Largest share of uneven intervals of a constant frame rate; cameras drop a picture now and then.
 _UNEVEN = 0.05
-#: Corners that are less certain than this are warned of [mm]: as much as a marble's place may be off.
+#: Warn if the corners are less certain than this [mm], the allowed error of the marble's position.
 _CORNERS_MM = 0.5
-#: More than this is warned of [radii]: the two disagree by 0.05, at most 0.09, where the marble is right.
-_DISAGREE = 0.2
-#: A chance of a shadow from here on is warned of.
+#: Warn if the probability of a shadow is larger.
 _SHADOW = 0.05
 
 
 def _warnings(summary: Summary) -> list[str]:
-    """Return what a user should look at before the positions are used."""
+    """Return the warnings to check before the positions are used."""
+    from irt.tracking.budget import DISAGREE
+
     lines = []
     for first, count, start, end in summary.away:
         lines.append(
-            f"warning: the board is not where it was in pictures {first + 1} to {first + count} "
-            f"({start:.2f} to {end:.2f} s): it left the view, or it or the camera was moved, or its sides "
+            f"warning: the board is displaced in pictures {first + 1} to {first + count} "
+            f"({start:.2f} to {end:.2f} s): it left the view, it or the camera was moved, or its sides "
             "are covered; these rows are left empty: split the video there"
         )
     for first, count, start, end in summary.still:
         lines.append(
-            f"warning: the camera stood still in pictures {first + 1} to {first + count} ({start:.2f} to "
-            f"{end:.2f} s): it shows one picture; these rows are left empty"
+            f"warning: the camera froze in pictures {first + 1} to {first + count} ({start:.2f} to "
+            f"{end:.2f} s): they all show the same picture; these rows are left empty"
         )
-    if summary.corners_mm is not None and summary.corners_mm > _CORNERS_MM:
+    if summary.corners_mm > _CORNERS_MM:
         lines.append(
-            f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: look at the "
-            "overlay, and give them with --corners where they are off"
+            f"warning: the board's corners are uncertain by {summary.corners_mm:.1f} mm: check the "
+            "overlay, and set them with --corners if they are wrong"
         )
-    if summary.disagree > _DISAGREE:
+    if summary.disagree > DISAGREE:
         lines.append(
-            f"warning: the marble's rim and what it covers disagree by {summary.disagree:.2f} radii: a "
-            "shadow may be taken for a part of it; look at the overlay, and say with --marble where it is"
+            f"warning: the marble's edge and its filled area disagree by {summary.disagree:.2f} radii: a "
+            "shadow may be taken for part of it; check the overlay, and set its position with --marble"
         )
     if summary.shadow > _SHADOW:
         lines.append(
-            f"warning: the chance is {100 * summary.shadow:.0f} % that this is the marble's shadow: look at "
-            "the overlay, and say with --marble where the marble is"
+            f"warning: the probability is {100 * summary.shadow:.0f} % that this is the marble's shadow: "
+            "check the overlay, and set the marble's position with --marble"
         )
     return lines
 
@@ -284,7 +285,7 @@ def _numbers(text: str, count: int) -> tuple[float, ...]:
     except ValueError:
         numbers = ()
     if len(numbers) != count or not all(abs(one) < 1e6 for one in numbers):
-        raise argparse.ArgumentTypeError(f"expected {count} numbers with commas between them, found {text}")
+        raise argparse.ArgumentTypeError(f"expected {count} numbers separated by commas, found {text}")
     return numbers
 
 
@@ -293,7 +294,7 @@ def _pair(text: str) -> tuple[float, ...]:
 
 
 def _colour(text: str) -> tuple[float, ...]:
-    """Return a colour, blue first, as pictures have them."""
+    """Return a colour as blue, green, red, the order of pictures."""
     numbers = _numbers(text, 3)
     if not all(0 <= one <= 255 for one in numbers):
         raise argparse.ArgumentTypeError(f"expected red, green, blue from 0 to 255, found {text}")

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from irt.cli.inputs import (
     TIME_UNKNOWN,
-    for_a_fit,
     parameter_line,
     print_warnings,
     results_folder,
     row_seconds,
+    rows_for_fit,
     whole,
 )
 from irt.methods import BELONGS, METHODS
@@ -31,28 +31,30 @@ if TYPE_CHECKING:
 NAME = "tune"
 HELP = "fit the simulator's five parameters to recordings"
 
-#: Options that not all methods have; see `irt.methods.BELONGS`.
+#: Options of some methods only; see `irt.methods.BELONGS`.
 _OF_SOME = ("starts", "iterations", "rollouts", "network")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `irt tune`."""
     parser.add_argument("rig", metavar="RIG", type=Path, help="a folder of recordings (*.csv)")
-    parser.add_argument("--method", choices=METHODS, default=METHODS[0], help=f"how (default: {METHODS[0]})")
+    parser.add_argument(
+        "--method", choices=METHODS, default=METHODS[0], help=f"see below (default: {METHODS[0]})"
+    )
     parser.add_argument(
         "--out",
         metavar="DIR",
         type=Path,
-        help="folder for the results (default: irt-tune-NAME, for a rig NAME)",
+        help="folder for the results (default: irt-tune-NAME for a rig NAME)",
     )
     parser.add_argument(
         "--starts",
         metavar="N",
         type=whole(1),
-        help="start points (default: 8 of least-squares, 1 of irt+, 5 of the others)",
+        help="start points (default: 8 for least-squares, 1 for irt+, 5 for the others)",
     )
     parser.add_argument(
-        "--iterations", metavar="N", type=whole(1), help="of irt, from each start (default: 20)"
+        "--iterations", metavar="N", type=whole(1), help="iterations of irt from each start (default: 20)"
     )
     parser.add_argument(
         "--rollouts",
@@ -65,29 +67,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         action="append",
         default=[],
-        help="of least-squares: add a physical effect of the catalogue and fit its parameters as well; "
-        "NAME.PARAMETER opens an optional one; may be given several times",
+        help="for least-squares: add an effect of the catalogue and fit its parameters too; "
+        "NAME.PARAMETER fits an optional parameter; may be repeated",
     )
-    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="of the starts (default: 0)")
+    parser.add_argument("--seed", metavar="S", type=whole(0), default=0, help="random seed (default: 0)")
     parser.add_argument(
         "--network",
         metavar="FILE",
         type=Path,
-        help="of irt+, irt or direct, from `irt pretrain` (default: under the paper's drive the one that is "
-        "shipped, if there is one; else one is trained and cached)",
+        help="network of irt+, irt or direct, from `irt pretrain` (default: the bundled network for the "
+        "paper's drive; for other drives one is trained and cached)",
     )
     parser.add_argument(
         "--engine", choices=("rolling", "rapier"), default="rolling", help="the simulator (default: rolling)"
     )
     parser.add_argument(
-        "--threads", metavar="N", type=whole(1), help="of the simulator (default: one for each core)"
+        "--threads", metavar="N", type=whole(1), help="simulator threads (default: one per core)"
     )
     parser.epilog = (
         "methods:\n"
-        "  least-squares  through the simulator: the surest answer, and tens of thousands of rollouts\n"
-        "  irt+           a network leads near, Gauss-Newton goes the rest of the way: some ten rollouts\n"
-        "  irt            iterative residual tuning as in the paper\n"
-        "  cma-es, es, direct  what the paper compares with\n\n"
+        "  least-squares  nonlinear least squares through the simulator: most reliable, 10,000s of rollouts\n"
+        "  irt+           a network proposes parameters, Gauss-Newton refines them: about ten rollouts\n"
+        "  irt            iterative residual tuning, as in the paper\n"
+        "  cma-es, es, direct  the paper's baselines\n\n"
         "examples:\n"
         "  irt tune my-rig --method irt+ --out tuned\n"
         "  irt tune my-rig --effect delay --effect lag --effect tilt_bias"
@@ -95,7 +97,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Tune, write model, numbers and a page with pictures, and print a short table."""
+    """Tune, write the model, the numbers and the report, and print a table."""
     from irt.cli.progress import progress_bar
     from irt.files import write_atomic
     from irt.fitting.chain import without_held_marbles
@@ -106,7 +108,7 @@ def run(args: argparse.Namespace) -> None:
     from irt.tuning import tune
 
     options = _options(args)
-    rig, notes = for_a_fit(load_rig(args.rig))
+    rig, notes = rows_for_fit(load_rig(args.rig))
     print_warnings(rig, args.threads)
     training = _announce_training(rig, args) if args.network is None else None
     folder = args.out or Path(f"irt-tune-{args.rig.resolve().name}")
@@ -116,7 +118,7 @@ def run(args: argparse.Namespace) -> None:
             result = tune(rig, args.method, progress=progress, **options)
     except KeyboardInterrupt:
         if training is not None and training.exists():
-            print("irt: the same command again goes on with the training", file=sys.stderr)
+            print("irt: the same command resumes the training", file=sys.stderr)
         raise
     warnings = (*notes, *result.warnings)
     rig = without_held_marbles(rig)
@@ -142,7 +144,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _evaluate_as(other: Evaluation, model: Model, rig: Rig, row_s: float | None) -> Evaluation:
-    """Evaluate a model in windows of as many rows as another evaluation had; `row_s` is of its model."""
+    """Evaluate a model in windows of as many rows as `other`, whose model has rows of `row_s` [s]."""
     from irt.residual import evaluate
 
     own = row_seconds(rig, model)
@@ -152,7 +154,7 @@ def _evaluate_as(other: Evaluation, model: Model, rig: Rig, row_s: float | None)
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what was asked for, as options of the method."""
+    """Return the options of the method that are set."""
     from irt.tuning import check_options
 
     options = {name: getattr(args, name) for name in _OF_SOME if getattr(args, name) is not None}
@@ -163,7 +165,7 @@ def _options(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _effects(names: Sequence[str]) -> list[Effect]:
-    """Return the effects that were asked for; an optional parameter that is named begins neutral."""
+    """Return the effects of the names; named optional parameters start at their neutral values."""
     from irt.catalogue import effect
     from irt.errors import unknown_name
     from irt.model import Effect
@@ -181,7 +183,7 @@ def _effects(names: Sequence[str]) -> list[Effect]:
 
 
 def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
-    """Say so where there is no network for a rig yet; return the checkpoint of its training."""
+    """Print a note if a network must be trained for the rig, and return its checkpoint's path."""
     if args.method not in BELONGS["network"]:
         return None
     from irt.tuning.cache import need, require_training, training_data
@@ -192,8 +194,8 @@ def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
         return None
     require_training(args.method)
     print(
-        f"There is no network for this rig's drive yet: training one on {training_data(args.method)}, a "
-        f"matter of minutes. It stays in {path}.",
+        f"There is no network for this rig's drive yet: training one on {training_data(args.method)} "
+        f"(minutes). It is kept in {path}.",
         flush=True,
     )
     return checkpoint_path(path)
@@ -202,7 +204,7 @@ def _announce_training(rig: Rig, args: argparse.Namespace) -> Path | None:
 def _numbers(
     args: argparse.Namespace, result: FitResult, before: Evaluation, after: Evaluation
 ) -> dict[str, Any]:
-    """Return what fit.json holds."""
+    """Return the contents of fit.json."""
     return {
         "command": _command(args),
         "method": result.method,
@@ -238,18 +240,18 @@ def _numbers(
 
 
 def _finite(value: float) -> float | None:
-    """Return a number, or None for what a fit without a marble does not know: JSON has no NaN."""
+    """Return a number, or None where it is not finite: JSON has no NaN."""
     return value if math.isfinite(value) else None
 
 
 def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: float | None) -> Iterator[str]:
-    """Yield what a user wants to know first; `row_s` as of `parameter_line`."""
+    """Yield the lines of the printed table; `row_s` as in `parameter_line`."""
     from irt.catalogue import effect
     from irt.report.words import with_interval
 
     yield "parameter           value  (95 % interval)"
     for name, parameter in result.model.parameters.items():
-        unit = " updates of 1/240 s a timestep" if name == "time_scale" else ""
+        unit = " updates of 1/240 s per timestep" if name == "time_scale" else ""
         yield f"{name:<18}  {with_interval(parameter)}{unit}"
     for name, of_effect in result.effects.items():
         yield name
@@ -265,9 +267,9 @@ def _table(result: FitResult, before: Evaluation, after: Evaluation, row_s: floa
     if before.windowed is not None and after.windowed is not None:
         yield f"{after.windows:<18}  {_change(before.windowed, after.windowed)}"
     if before.played is not None and after.played is not None:
-        yield f"the same, measured tilt played  {_change(before.played, after.played)}"
+        yield f"the same, under the measured tilt  {_change(before.played, after.played)}"
     if after.tilt is not None:
-        yield f"tilt that the commands predict, mean error  {_tilt_error(after.tilt)}"
+        yield f"mean error of the tilt predicted from commands  {_tilt_error(after.tilt)}"
     for title, sentences in (
         ("not identifiable from these recordings", result.unidentifiable),
         ("notes", result.notes),
@@ -287,7 +289,7 @@ def _tilt_error(errors: TiltErrors) -> str:
 
 
 def _command(args: argparse.Namespace) -> str:
-    """Return the command that does the same again."""
+    """Return the command that reproduces this run."""
     words = ["irt", "tune", args.rig, "--method", args.method, "--seed", args.seed, "--engine", args.engine]
     for name in args.effect:
         words += ["--effect", name]

@@ -1,4 +1,4 @@
-"""Diagnosis: where a simulator and recordings disagree, what physics was left out, and the proof."""
+"""Diagnosis: locate the mismatch of a simulator, identify missing physics, validate it on held-out runs."""
 
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.run import diagnose

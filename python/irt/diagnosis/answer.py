@@ -1,4 +1,4 @@
-"""The set that was chosen, put into numbers and words."""
+"""Turn the selected set of effects into a `Diagnosis`."""
 
 from __future__ import annotations
 
@@ -51,23 +51,23 @@ from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Scale of Student's t with four degrees of freedom that is most probable for standard normal errors.
+#: Maximum-likelihood scale of Student's t with four degrees of freedom for standard normal errors.
 _SCALE_OF_NORMAL = 0.8310
-#: A remainder repeats if chance makes it seem to with no larger probability.
+#: Largest p-value at which the remaining error counts as repeatable.
 _SURELY = 0.01
 
 
 class Answer:
-    """A set of effects that was chosen.
+    """The selected set of effects, and its evaluation.
 
     Parameters
     ----------
     best : Scored
-        The set, with the effects that matter.
+        The set, reduced to the effects that matter.
     relevance : Relevance
-        What recordings held out say, and all sets that were scored.
+        Held-out errors, and all scored sets.
     immaterial : frozenset of str
-        Effects that were probable and did not matter.
+        Effects that are probable but do not matter.
     """
 
     def __init__(self, best: Scored, relevance: Relevance, immaterial: frozenset[str]) -> None:
@@ -81,13 +81,13 @@ class Answer:
         self._known_sources: dict[Scored, list[Source]] = {}
 
     def diagnosis(self, report: Callable[[str], None]) -> Diagnosis:
-        """Put everything together."""
+        """Assemble the diagnosis."""
         case, best = self._case, self._best
-        report("where the mismatch is")
+        report("locating the mismatch")
         where = self._where()
         report("ties")
         tied = [] if UNLISTED in best.effects else ties(self._posterior, best)
-        report("the proof")
+        report("held-out errors")
         order = self._ordered()
         again = self._chosen_again(tied)
         effects = tuple(self._named(name, [one for one in tied if one.name == name], again) for name in order)
@@ -172,26 +172,27 @@ class Answer:
 
     @functools.cached_property
     def _noise(self) -> float:
-        """Standard deviation of the tracker's errors [board edges], of each row alone and of those that last.
+        """Standard deviation of the tracker's white and correlated noise together [board edges].
 
-        The filter's sizes are scales of Student's t, the most probable for normal errors.
+        The filter's noise sizes are scales of Student's t, which are converted to those of normal errors.
         """
         return float(np.hypot(*self._best.noise[[WHITE, LASTING]])) / _SCALE_OF_NORMAL
 
     @functools.cached_property
     def _push(self) -> float:
-        """By how many nats a random push makes the recordings likelier."""
+        """Gain in log-likelihood by a random push [nats]."""
         return Scores.of(self._best).push(self._best)
 
     @property
     def _is_whole(self) -> bool:
-        """Whether the set lacks nothing: no random push, or none that matters to the error."""
+        """Whether the set is complete: it needs no random push, or none that matters to the error."""
         return self._push < config.SURE or self._best.fitted.noise < (1.0 + config.MATTERS) * self._noise
 
     def _verdict(self, order: list[str]) -> Verdict:
-        """Return the verdict: what matters most decides whether physics has a name.
+        """Return the verdict; it is "unlisted" if the most important effect is the learned correction.
 
-        Where nothing is named, a push that never comes back lacks no physics that a simulator could have.
+        Without effects, a push that does not repeat is not missing physics, because no simulator can predict
+        it.
         """
         if not order:
             return "unlisted" if not self._is_whole and self._repeats else "sufficient"
@@ -222,7 +223,7 @@ class Answer:
         return tuple(NeededPush(name, times[name], *before[name], *after[name]) for name in before)
 
     def _sources(self, one: Scored) -> list[Source]:
-        """Return what a set's remainder may depend on."""
+        """Return the variables that the residuals of a set may depend on."""
         if one not in self._known_sources:
             self._known_sources[one] = LatentForce(one.fitted).sources(self._case.seed)
         return self._known_sources[one]
@@ -231,11 +232,11 @@ class Answer:
         return self._relevance.validation.of(self._relevance.without(self._best, name))
 
     def _ordered(self) -> list[str]:
-        """Return the effects, the most important first: without which recordings held out are missed most."""
+        """Return the effects by importance: the largest held-out error without it first."""
         return sorted(self._best.effects, key=lambda name: -self._without(name).mae)
 
     def _chosen_again(self, tied: Sequence[Tie]) -> Nested | None:
-        """Choose without each recording between the answer, less, what does as well, and what is likely."""
+        """Repeat the selection without each recording: answer, subsets, ties and likely sets compete."""
         if not self._proof.is_proof:
             return None
         best = self._best
@@ -249,7 +250,7 @@ class Answer:
         if name == JITTER:
             found["mean_s"] = self._mean_delay()
         alike = [*group_of(name), *(one.instead for one in tied)]
-        # What was learned has no name, and is not among those that the catalogue was asked for.
+        # A learned correction is not part of the catalogue's posterior.
         chance = 1.0 if name == UNLISTED else self._posterior.any_of(alike)
         return NamedEffect(
             name=name,
@@ -265,7 +266,7 @@ class Answer:
         )
 
     def _mean_delay(self) -> Parameter:
-        """Return the mean of delays that differ: of a shift and a smoothing only the sum is known well."""
+        """Return the mean of jittered delays, the sum of shift and smoothing, which alone is known well."""
         parts = [self._parameters[key] for key in (SHIFT_S, SMOOTHED_S)]
         mean = sum(one.value for one in parts)
         if any(one.low is None or one.high is None for one in parts):
@@ -285,9 +286,9 @@ class Answer:
 
     @functools.cached_property
     def _repeats(self) -> bool:
-        """Whether a part of what the answer leaves that matters to the error depends on what comes back.
+        """Whether a relevant part of the remaining push depends on a variable that repeats.
 
-        No engine is the rig: what impacts leave is never quite random.
+        Small dependences are ignored, because no engine reproduces the impacts of a rig exactly.
         """
         share = self._needed.repeating(_SURELY)
         gain = self._proof.mae * (1.0 - math.sqrt(max(0.0, 1.0 - share)))
@@ -303,10 +304,10 @@ class Answer:
         return [(one, chance / total) for one, chance in found]
 
     def _likely(self, tied: Sequence[Tie]) -> list[tuple[Scored, float]]:
-        """Return the sets that are worth a mention, the answer first, and how probable each is.
+        """Return the sets that are mentioned, the answer first, with their probabilities.
 
-        That effects of the most probable set do not matter to recordings held out says nothing of whether
-        they are there: the answer without them is as probable. So is the answer by another name.
+        The answer lacks effects that do not matter to held-out errors, which may still be present. Therefore
+        it gets the probability of the most probable set. So does the answer with an effect's other name.
         """
         renamed = [tie.scored for tie in tied if {tie.name, tie.instead} == ALIKE]
         most = max(self._best.score, self._posterior.best.score)
@@ -353,7 +354,7 @@ class Answer:
         )
 
     def _times(self, recording: Recording) -> Array:
-        """Return the seconds of each row, (n,); without stamps from the middle of the range."""
+        """Return the time of each row (n,) [s]; without stamps by the middle of the time scale's range."""
         if recording.stamps is not None:
             return np.asarray(recording.stamps)
         step = self._case.time_scale or float(np.mean(self._case.rig.ranges["time_scale"]))
@@ -361,18 +362,18 @@ class Answer:
 
 
 def _outcome(one: Scored, base: Scored, best: Scored, alike: set[frozenset[str]]) -> str:
-    """Say in words what became of a set."""
+    """Return the outcome of a set in words."""
     own, named = set(one.effects), set(best.effects)
     if own == named:
-        return "named" if named else "enough"
+        return "named" if named else "sufficient"
     if not own:
         return "the base model"
     if frozenset(own) in alike:
-        return "does as well"
+        return "equally good"
     if one.score < base.score + config.SURE:
         return "no better than the base model"
     if named < own:
-        return "adds nothing that recordings held out confirm"
+        return "not confirmed by held-out recordings"
     return "explains less"
 
 

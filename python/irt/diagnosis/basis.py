@@ -1,4 +1,4 @@
-"""Shapes that a push or a drag may have over something: the engine's profiles, and grids of them to try."""
+"""Basis functions of learned corrections: the engine's profiles, and grids of them over each variable."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-#: The engine's codes of the shapes: each is a function of a phase s, a spot of two.
+#: Shapes in the order of the engine's codes: functions of a phase s; spots and saddles have two phases.
 SHAPES = ("wave", "step", "bell", "ridge", "spot", "line", "bowl", "saddle")
-#: Those of a width, tried across lines: tanh s, exp(-s^2/2), and its slope.
+#: Shapes with a width, tried across lines: tanh s, exp(-s^2/2), and its derivative.
 LOCAL = ("step", "bell", "ridge")
-#: Those without: s and s^2.
+#: Shapes without a width: s and s^2.
 POLYNOMIALS = ("line", "bowl")
-#: Those of two phases, the second one across.
+#: Shapes with a second phase, perpendicular to the first.
 ROUND = ("spot", "saddle")
-#: Those that are never more than one.
+#: Shapes bounded by one.
 BOUNDED = ("wave", *LOCAL, "spot")
-#: Directions of lines, and widths as shares of what was seen of a variable.
+#: Number of directions of lines, and widths as shares of the observed span of a variable.
 DIRECTIONS = 12
 WIDTHS = (0.025, 0.05, 0.1, 0.2)
-#: Places from end to end at which polynomials are zero.
+#: Number of zeros of polynomials over the observed span.
 OFFSETS = 9
-#: Radii of spots as shares of the longer side of where the marble was.
+#: Radii of spots, as shares of the longer side of the visited region.
 RADII = (0.07, 0.1, 0.15, 0.22)
 
 
@@ -37,11 +37,11 @@ class Grid:
     Attributes
     ----------
     variable, shape : str
-        Which.
+        Names of the variable and of the shape.
     vectors : (k, c) array
-        By which the c values of the variable are multiplied.
+        Phase per unit of each of the c components of the variable.
     phases, across : (k,) arrays
-        What is added, and for spots in the direction across.
+        Offset of the phase, and of the second phase of spots and saddles [rad].
     """
 
     variable: str
@@ -51,7 +51,7 @@ class Grid:
     across: Array
 
     def of(self, values: Array) -> Array:
-        """Return the profiles where the variable has (n, c) values, (n, k)."""
+        """Return the profiles, (n, k), at (n, c) values of the variable."""
         phases = values @ self.vectors.T + self.phases
         if self.shape not in ROUND:
             return shaped(self.shape, phases)
@@ -60,7 +60,7 @@ class Grid:
 
 
 def shaped(shape: str, phase: Array, across: Array | float = 0.0) -> Array:
-    """Return the profile at these phases, as the engine has it."""
+    """Return the profile at these phases, as in the engine."""
     if shape == "wave":
         return np.cos(phase)
     if shape in POLYNOMIALS:
@@ -76,15 +76,15 @@ def shaped(shape: str, phase: Array, across: Array | float = 0.0) -> Array:
 
 
 def lines(variable: str, values: Array, shapes: Sequence[str]) -> Iterator[Grid]:
-    """Yield profiles across lines through (n, c) values, of all directions and of all their widths.
+    """Yield profiles across lines over (n, c) values, in all directions and widths.
 
-    A line lies where the phase is zero; both ends of what was seen have some.
+    The phase is zero on the line. Lines cover the observed span from end to end.
     """
     if values.shape[1] == 1:
         directions = np.ones((1, 1))
     else:
         angles = np.arange(DIRECTIONS) * np.pi / DIRECTIONS
-        # Along x and along y there may have been seen more or less.
+        # The observed spans of x and y may differ.
         directions = np.column_stack([np.cos(angles), np.sin(angles)]) / np.ptp(values, axis=0)
     for shape in shapes:
         widths = [(1.0, OFFSETS)] if shape in POLYNOMIALS else [(one, round(1.0 / one) + 1) for one in WIDTHS]
@@ -99,32 +99,32 @@ def lines(variable: str, values: Array, shapes: Sequence[str]) -> Iterator[Grid]
 
 
 def spots(places: Array) -> Iterator[Grid]:
-    """Yield spots of each radius, with centres a radius apart, over where (n, 2) places are."""
+    """Yield spots of each radius, with centres a radius apart, over the region of (n, 2) positions."""
     low, high = places.min(axis=0), places.max(axis=0)
     for share in RADII:
         radius = share * float((high - low).max())
         axes = [np.arange(a, b + radius, radius) for a, b in zip(low, high, strict=True)]
         centres = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
         near = np.linalg.norm(places[:, None] - centres, axis=-1) < radius
-        # Where the marble never was nothing can be said.
+        # Centres that the marble never came near are dropped.
         centres = centres[near.any(axis=0)] / radius
         vectors = np.tile([1.0 / radius, 0.0], (len(centres), 1))
         yield Grid("position", "spot", vectors, -centres[:, 0], -centres[:, 1])
 
 
 def saddles(variable: str, values: Array) -> Grid:
-    """Return saddles over (n, 2) values, of all directions, level where they are zero."""
+    """Return saddles over (n, 2) values in all directions, centred at zero."""
     angles = np.arange(DIRECTIONS) * 0.5 * np.pi / DIRECTIONS
     vectors = np.column_stack([np.cos(angles), np.sin(angles)]) / np.abs(values).max()
     return Grid(variable, "saddle", vectors, np.zeros(DIRECTIONS), np.zeros(DIRECTIONS))
 
 
 def waves(variable: str, vectors: Array, phase: float = 0.0) -> Grid:
-    """Return waves of one phase."""
+    """Return waves with a common phase."""
     return Grid(variable, "wave", vectors, np.full(len(vectors), phase), np.zeros(len(vectors)))
 
 
 def half_plane(steps: Array, reach: int) -> Array:
-    """Return a grid of vectors (k, 2), of each two opposite ones one, no longer than so many steps."""
+    """Return a grid of vectors (k, 2) up to `reach` steps long, one of each two opposite vectors."""
     grid = np.array([(x, y) for x in range(reach + 1) for y in range(-reach, reach + 1) if (x, y) > (0, 0)])
     return np.asarray(grid[np.linalg.norm(grid, axis=1) <= reach] * steps)

@@ -1,4 +1,4 @@
-"""Where the error of the five parameters goes: to each effect, to the tracker, to what does not repeat."""
+"""The error budget of the five-parameter model: shares of the effects, of the tracker, and unexplained."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from irt.rig import Rig
 
 Array = NDArray[np.float64]
 
-#: Lengths of the windows in which errors are counted [s]; a free run has none.
+#: Prediction horizons of the budget [s]; None for a free run.
 HORIZONS: tuple[float | None, ...] = (config.HORIZON_S, None)
-#: What is not of an effect.
+#: Names of the shares that belong to no effect.
 TRACKER, REST = "tracker", "not repeatable"
 
 
 def budget(
     base: HeldOut, answer: HeldOut, without: Mapping[str, HeldOut], twins: Sequence[RunEvaluation]
 ) -> tuple[Share, ...]:
-    """Return the shares of the base model's squared error on recordings held out, at each horizon.
+    """Return the shares of the base model's squared error on held-out recordings, at each horizon.
 
-    What the effects take away together is divided in proportion to what is lost without each; the tracker's
-    share is what the answer misses on its own twins, and the remainder does not repeat, or was not found.
+    The joint reduction by all effects is divided in proportion to the increase without each effect. The
+    tracker's share is the error of the answer on its own simulated recordings (`twins_of`). The rest does not
+    repeat, or was not found.
 
     Parameters
     ----------
     base, answer : HeldOut
         The five parameters alone, and with all effects.
     without : mapping
-        For each effect the answer without it, the largest first.
+        The answer without each effect, the most important effect first.
     twins : sequence of RunEvaluation
-        What the answer misses on its own twins (`twins_of`).
+        Errors of the answer on its own simulated recordings (`twins_of`).
     """
     of_runs = [[each.evaluation for each in one.runs] for one in (base, answer)]
     shares: list[Share] = []
@@ -64,10 +65,10 @@ def budget(
 
 
 def twins_of(rig: Rig, model: Model, noise: float, seed: int) -> list[Recording]:
-    """Return what a model itself would have been seen to do: the rig's commands, tracked as its marble was.
+    """Return recordings simulated by a model, with the rig's commands, gaps and tracker noise.
 
-    What a perfect simulator is off by there is the floor of the log: the tracker's noise, and start states
-    that nobody knows better.
+    The model's own error on them is the error floor: that of a perfect simulator, from tracker noise and
+    uncertain start states.
     """
     random = np.random.default_rng(seed)
     found = evaluate(model, rig.recordings).runs
@@ -85,7 +86,7 @@ def twins_of(rig: Rig, model: Model, noise: float, seed: int) -> list[Recording]
 
 
 def _squared(runs: Sequence[RunEvaluation], horizon: float | None) -> float | None:
-    """Return the mean squared error of recordings at a horizon, None where no window fits."""
+    """Return the mean squared error of recordings at a horizon, None if no window fits."""
     errors = [one.free_run if horizon is None else one.windowed for one in runs]
     seen = [one for one in errors if one is not None]
     rows = sum(one.rows for one in seen)

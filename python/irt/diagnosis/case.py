@@ -1,4 +1,4 @@
-"""What is diagnosed: recordings cut into segments, and fits of hypotheses to them."""
+"""The dataset of a diagnosis: recordings cut into segments, and fits of hypotheses to them."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """Effects added to the base model, everything refitted.
+    """A fit of the base model with added effects.
 
     Attributes
     ----------
     case : Case
-        What was fitted.
+        The dataset.
     effects : tuple of str
-        What was added, in the order of addition.
+        The added effects, in the order of addition.
     names : tuple of str
-        Of the n parameters: the five, then ``effect.parameter``.
+        Names of the n parameters: the five, then ``effect.parameter``.
     values : (n,) array
         The parameters.
     residuals : tuple of (rows, 2) arrays
-        Predicted minus observed for each segment [board edges], NaN where nothing was seen.
+        Predicted minus observed for each segment [board edges], NaN in rows without a marble.
     noise : float
         Robust standard deviation of the residuals [board edges].
     """
@@ -52,7 +52,7 @@ class Fitted:
 
     @classmethod
     def of(cls, case: Case, effects: Sequence[str], problem: Problem, found: Solution | Refined) -> Fitted:
-        """Return what the engine found for a problem."""
+        """Return the fit from the engine's solution of a problem."""
         residuals = tuple(found.residuals)
         noise = deviation(np.concatenate([residual.ravel() for residual in residuals]))
         return cls(case, tuple(effects), problem.names, found.values, residuals, noise)
@@ -80,29 +80,29 @@ class Fitted:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Recordings of a rig, and how they are simulated.
+    """The dataset of a diagnosis: recordings of a rig, and settings of their simulation.
 
     Attributes
     ----------
     rig : Rig
         Board, marble, ranges and recordings.
     segments : tuple of Segment
-        What free runs predict in one go: of a marble in motion windows.
+        Segments predicted by free runs: complete recordings from rest, or windows of recordings in motion.
     folds : (s,) int array
-        Which segments belong together: those of one recording.
+        Index of the recording of each segment.
     runs : tuple of Segment
-        Whole recordings. A filter corrects the marble in every row, and need not begin anew where a free run
-        would have lost it: what a board, a marble or a push remembers goes on from row to row.
+        Complete recordings, for the filter: it corrects the state in every row, so it needs no restarts, and
+        the states of board, marble and push carry over.
     run_folds : (r,) int array
-        Which recording each of `runs` is.
+        Index of the recording of each of `runs`.
     noise : float
         Standard deviation of the tracker [board edges], from the recordings alone.
     time_scale : float or None
-        What stamps say.
+        The time scale of the stamps.
     seed : int
-        Of all draws.
+        Random seed.
     threads : int or None
-        Of the engine.
+        Threads of the engine.
     held : mapping
         Values at which parameters of effects are held, by effect and name; all others are fitted.
     """
@@ -125,7 +125,7 @@ class Case:
         Raises
         ------
         IrtError
-            If some recordings are stamped and others not.
+            If only some recordings are stamped.
         """
         cut = tuple(segments(rig))
         runs = tuple(segments(rig, whole=True))
@@ -144,7 +144,7 @@ class Case:
         )
 
     def only(self, folds: Sequence[int]) -> Case:
-        """Return the case with the segments of some folds alone."""
+        """Return the case restricted to the given folds."""
         keep, stay = np.isin(self.folds, folds), np.isin(self.run_folds, folds)
         return replace(
             self,
@@ -165,7 +165,7 @@ class Case:
     def grey_box(
         self, effects: Sequence[str], *, within: Mapping[str, tuple[float, float]] | None = None
     ) -> Problem:
-        """Return the same problem where a filter goes through whole recordings; some values stay `within`."""
+        """Return the same problem for the filter over complete recordings; `within` replaces some ranges."""
         return self._problem(self.runs, effects, within)
 
     def _problem(
@@ -193,16 +193,16 @@ class Case:
         starts: int = 8,
         rounds: int = 3,
     ) -> Fitted:
-        """Fit a hypothesis: from points that the caller has reason to try, else from a draw.
+        """Fit a hypothesis, from given points or from a random draw.
 
         Parameters
         ----------
         effects : sequence of str
-            What is added.
+            The added effects.
         points : (k, n) array, optional
-            Where to begin instead.
+            Start points; by default they are drawn.
         starts, rounds : int
-            How thoroughly.
+            As in `Problem.fit`.
         """
         problem = self.problem(effects)
         with located(f"{self.rig.path}"):
@@ -210,12 +210,12 @@ class Case:
         return Fitted.of(self, effects, problem, solution)
 
     def judge(self, effects: Sequence[str], points: Array) -> list[Fitted]:
-        """Say what each of (k, n) points leaves over: only start states are estimated."""
+        """Evaluate each of (k, n) points; only start states are estimated."""
         problem = self.problem(effects)
         return [Fitted.of(self, effects, problem, one) for one in problem.judge(points)]
 
     def model(self, effects: Sequence[str], values: Mapping[str, float]) -> Model:
-        """Return the model of some effects with values by name, as of a `Fitted`."""
+        """Return the model with these effects and values, named as in `Fitted`."""
         named = [name for name in effects if name != SPINNING]
         own = {name: [key for key in values if key.startswith(f"{name}.")] for name in named}
         board = self.rig.board
@@ -231,10 +231,10 @@ class Case:
         )
 
     def row_s(self, fitted: Fitted) -> float:
-        """Return how long a row lasts [s]: what stamps say, else what a hypothesis does."""
+        """Return the duration of a row [s], from stamps or else from a fit."""
         own = fitted.values[PARAMETERS.index("time_scale")]
         return float(own if self.time_scale is None else self.time_scale) * SUBSTEP_S
 
     def edge_m(self, fitted: Fitted) -> float:
-        """Return how far the marble goes on the board while it is seen to go one edge [m]."""
+        """Return the distance on the board that is observed as one board edge [m]."""
         return float(self.rig.board.edge_x_m / fitted.values[PARAMETERS.index("observation_scale")])

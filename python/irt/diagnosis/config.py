@@ -1,71 +1,71 @@
-"""Every knob of the search for the most probable set of effects, with its unit and its reason."""
+"""Settings of the search for the most probable set of effects, with units and reasons."""
 
 from __future__ import annotations
 
-#: Spectral densities of the push at which an ascent of the five parameters begins [m^2/s^3]: from a hundredth
-#: of what a good tracker sees to what overwhelms the drive. The hill has a top for each regime.
+#: Initial spectral densities of the random push in fits of the five parameters [m^2/s^3]: from 1/100 of the
+#: detection limit of a good tracker to values that dominate the drive. The posterior has a mode in each
+#: regime.
 PUSHES = (1e-8, 1e-6, 1e-4, 1e-2)
-#: Standard deviation of the start velocity [m/s]: a marble that is let go, or rolls as the recording begins.
+#: Standard deviation of the start velocity [m/s]: a marble that is let go, or rolls at the start.
 START_VELOCITY = 0.3
-#: Friction against spins about the vertical [radii] at which an ascent begins: the middle one is that of
-#: steel on wood, by Hertz.
+#: Initial spinning friction [radii]; the middle value is that of steel on wood, by Hertz.
 SPINNING = (1e-4, 5e-4, 2.5e-3)
-#: Standard deviation of the time at which a marble leaves a wall that turns [s], where an ascent begins.
+#: Initial standard deviation of the time at which a marble leaves a turning wall [s].
 DEPARTURE = 0.01
-#: Draws of each effect that are looked at to first order.
+#: Draws of each effect in the screening.
 DRAWS = 32
-#: Times that draws of an effect of one parameter are doubled where neighbours have nothing in common.
+#: Most refinements of the draws of a one-parameter effect whose neighbouring draws differ completely.
 FINER = 4
-#: Effects that are fitted after that look, and starts of each.
+#: Effects that are fitted after the screening, and starts of each.
 FITTED, STARTS = 10, 2
-#: Effects that are fitted in the place of one of a set.
+#: Effects that are fitted as replacements of an effect of a set.
 SWAPPED = 5
-#: Steps that all starts of an effect take, that the best of them take, that the five parameters take from
-#: each start, and that a thorough ascent takes at most.
+#: Steps of all starts of an effect, of the best starts, of the five parameters from each start, and of a
+#: thorough fit.
 BEGUN, FIRST, FIRST_OF_BASE, THOROUGH = 2, 6, 10, 25
-#: How many starts take more steps, and how many sets are fitted thoroughly.
+#: Starts that take more steps, and sets that are fitted thoroughly.
 SECOND, TOPS = 6, 2
-#: Push [m^2/s^3], push that lasts [m/s^2] and standard deviation of the coefficient of restitution on a rig
-#: that lacks nothing: what engines differ by.
+#: White push [m^2/s^3], correlated push [m/s^2] and standard deviation of the coefficient of restitution of a
+#: complete model: the differences between engines.
 LITTLE = (1e-10, 1e-4, 0.02)
-#: By so many nats a set must be likelier than without an effect for it to be named: odds of 99 to 1.
+#: Smallest gain of an effect that is named [nats]: odds of 99 to 1.
 SURE = 4.6
-#: Standard deviation [m/s^2] and time [s] of the push that lasts at which an ascent begins.
+#: Initial standard deviation [m/s^2] and correlation time [s] of the correlated push.
 PULL, PULL_S = 3e-3, 0.2
-#: By so many nats one set must be likelier to take the place of another: less is the ascents' own tolerance.
+#: Smallest gain of a replacement [nats]; smaller differences are within the tolerance of the fits.
 BETTER = 0.5
-#: Terms of the library of what can be learned without a name, as a power of ten: each is as likely.
+#: Number of terms in the library of learned corrections, all equally probable.
 LIBRARY = 1e4
-#: Standard deviations of delays that differ, and their means, at which an ascent may begin [s].
+#: Initial standard deviations and means of jittered delays [s].
 KICKS, MEANS = (0.003, 0.01, 0.03, 0.1), (0.0005, 0.03, 0.1)
-#: The most that the spread of delays is of their mean: exponential ones have 1, and up to 2 is seen where
-#: later commands overtake earlier ones.
+#: Largest ratio of the spread of delays to their mean: 1 for exponential delays, and up to 2 where later
+#: commands overtake earlier ones.
 SPREAD = 2.5
-#: Share of the tracker's noise by which the error on runs held out must grow without an effect: as much as if
-#: the tracker's variance doubled, sqrt(2) - 1.
+#: Smallest increase of the held-out error without an effect, as a share of the tracker's noise: sqrt(2) - 1,
+#: as if the tracker's variance doubled.
 MATTERS = 0.41
-#: Effects, and sets of them, that are less probable than this are not mentioned; and so many sets at most are
-#: to be distinguished by the next run.
+#: Smallest probability of effects and sets that are mentioned, and most sets that are kept as plausible.
 MENTIONED, PLAUSIBLE = 0.01, 6
-#: Sets whose log posteriors are no farther apart may not be distinguishable [nats]: odds of 20 to 1.
+#: Largest difference of log posteriors between sets that tie [nats]: odds of 20 to 1.
 TIE = 3.0
-#: Share of the range from which on a law of impacts is distinct from how an engine solves contacts: rapier's
-#: walls without restitution are fitted as 0.05 to 0.11 of it.
+#: Smallest deviation of a law of impacts from neutral, as a share of its range, that is distinct from the
+#: contact solver of an engine: rapier's walls without restitution are fitted as 0.05 to 0.11.
 LEAST_OF_IMPACTS = 0.15
-#: Steps of a fit without one recording: it begins where all recordings led.
+#: Steps of a fit without one recording; it starts at the fit to all recordings.
 REFIT = 6
-#: Two names of one thing predict alike where most rows differ by less than this share of the tracker's noise.
+#: Two names of an effect are equivalent if most rows differ by less than this share of the tracker's noise.
 SAME = 0.1
-#: Effects are fitted that promise this share of the most promising one's nats, and one nat.
+#: An effect is fitted if its screened gain is at least this share of the largest, and at least this [nats].
 PROMISING, LEAST = 0.02, 1.0
-#: Sets so close to the best, or to what they are to beat, are fitted until nothing is gained [nats], so many
-#: times at most.
+#: Sets within this distance of the best, or of the set to beat [nats], are refitted until converged, at most
+#: this number of times.
 NEAR, AGAIN = 60.0, 3
-#: Between sets so close recordings held out decide: engines that agree in physics differ by this much [nats].
+#: Largest difference of scores at which held-out errors decide [nats]; engines with equal physics differ by
+#: as much.
 CLOSE = 20.0
-#: How far ahead windows predict in the error budget [s].
+#: Horizon of the windows in the error budget [s].
 HORIZON_S = 1.0
-#: Share of the five parameters' error on recordings held out from which on physics without a name is sought.
+#: Smallest remaining share of the five parameters' held-out error at which a correction is learned.
 WORTH = 0.1
-#: Probability from which on an effect is named, by itself or as one of those that do as well.
+#: Smallest probability at which an effect is named, by itself or with its ties.
 PROBABLE = 0.95

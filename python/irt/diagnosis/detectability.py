@@ -1,4 +1,4 @@
-"""What recordings could have shown: from which size on an effect would have been named."""
+"""Detectability: the smallest size of each effect that the recordings would have revealed."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from irt.fitting.effect_size import size_of
 
 Array = NDArray[np.float64]
 
-#: Sizes tried of each effect, and values of its other parameters.
+#: Sizes of each effect, and draws of its other parameters.
 SIZES, OTHERS = 8, 4
-#: Standard deviations that the gain must lie above the threshold: eight times in ten it then does.
+#: Margin of the gain above the threshold in standard deviations, for a detection probability of 80 %.
 _SURE = 0.84
 
 
 def detectability(scores: Scores, base: Scored) -> list[Power]:
-    """Return the smallest size of each effect of the catalogue that these recordings would have shown.
+    """Return the smallest detectable size of each effect of the catalogue.
 
-    To first order: what an effect of this size changes of the predictions, beyond what the five parameters
-    could do as well, against the score at which it is named.
+    To first order, the change of the predictions by an effect, beyond changes that the five parameters could
+    explain, is compared with the score at which an effect is named.
     """
     screening = Screening(scores, base)
     return [
@@ -49,7 +49,7 @@ def _of(screening: Screening, name: str, needed: float, seed: int) -> Iterator[P
         values, ladder = _ladder(parameters, index, alone=size is None, seed=seed)
         typical = np.median(screening.shown(name, values).reshape(SIZES, -1), axis=1)
         seen = typical - _SURE * np.sqrt(2.0 * typical) >= needed
-        # From where on all larger ones are seen too.
+        # The smallest size from which on all larger ones are detected too.
         hidden = np.flatnonzero(~seen)
         first = 0 if len(hidden) == 0 else int(hidden[-1]) + 1
         least = float(abs(ladder[first] - one.neutral)) if first < SIZES else None
@@ -61,7 +61,7 @@ def _ladder(
 ) -> tuple[Array, Array]:
     """Return values (SIZES * OTHERS, p) with a ladder of sizes of one parameter, and the ladder.
 
-    The others are neutral where it acts alone, else drawn.
+    The other parameters are neutral if `alone`, else drawn.
     """
     random = np.random.default_rng(seed)
     one = parameters[index]

@@ -1,4 +1,4 @@
-"""What was learned without a name, as a formula, and what it depends on."""
+"""The formula of a learned correction, and the variables that it depends on."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from irt.diagnosis.basis import BOUNDED, ROUND, SHAPES
 from irt.diagnosis.terms import BRAKE, GEARS, PROFILES, PUSH, VECTORS, of_slot
 
-#: A formula leaves out what is less than this share of the largest: components of vectors, and profiles.
+#: Vector components and profiles below this share of the largest are omitted from a formula.
 LITTLE = 1e-2
 
-#: What a formula calls that which the parameters of a profile are multiplied by, and a profile of s.
+#: Symbols of the variables by parameter name, and functions of the profiles by shape.
 _SYMBOLS = dict(
     zip(
         itertools.chain(*VECTORS.values()),
-        ("x", "y", "v_x", "v_y", "cos heading", "sin heading", "tilt_x", "tilt_y", "t", "way"),
+        ("x", "y", "v_x", "v_y", "cos heading", "sin heading", "tilt_x", "tilt_y", "t", "L"),
         strict=True,
     )
 )
@@ -32,7 +32,7 @@ _FUNCTIONS = (
 
 
 def formula(values: dict[str, float]) -> str:
-    """Return the learned push as a formula, in m/s^2, without what its terms have next to none of."""
+    """Return the learned push as a formula, in m/s^2, without negligible parts."""
     values = cleared(values)
     parts, drags, slots = [], [], _profiles(values)
     for slot in slots:
@@ -64,7 +64,7 @@ def formula(values: dict[str, float]) -> str:
 
 
 def _vector(components: Sequence[float], factors: Sequence[str] = ("", "")) -> str:
-    """Return a vector in the plane of the board, e_x and e_y along its axes, without components of zero."""
+    """Return a vector along the board's axes e_x and e_y as text; zeros are omitted."""
     parts = [
         f"{value:.3g} {factor}e_{axis}"
         for value, factor, axis in zip(components, factors, "xy", strict=True)
@@ -74,10 +74,10 @@ def _vector(components: Sequence[float], factors: Sequence[str] = ("", "")) -> s
 
 
 def cleared(values: dict[str, float]) -> dict[str, float]:
-    """Return values with zeros for components along one axis that are next to nothing beside the other's.
+    """Return values with negligible parts set to zero.
 
-    And for waves, steps, bells, ridges and spots that are next to nothing beside others: unlike a polynomial
-    each is at most what it is multiplied by.
+    These are vector components that are negligible relative to the other axis, and bounded profiles (waves,
+    steps, bells, ridges, spots) that are negligible relative to others. Polynomials are unbounded and kept.
     """
     kept, slots = dict(values), range(1, PROFILES + 1)
     for slot in slots:
@@ -90,7 +90,7 @@ def cleared(values: dict[str, float]) -> dict[str, float]:
 
 
 def _clear(values: dict[str, float], groups: Sequence[Sequence[str]]) -> None:
-    """Set to zero what is next to nothing beside the largest group."""
+    """Set groups to zero that are negligible relative to the largest group."""
     sizes = [max(abs(values[name]) for name in group) for group in groups]
     for group, size in zip(groups, sizes, strict=True):
         if size < LITTLE * max(sizes):
@@ -98,12 +98,13 @@ def _clear(values: dict[str, float], groups: Sequence[Sequence[str]]) -> None:
 
 
 def variables(values: dict[str, float]) -> list[str]:
-    """Return on what the learned push depends: position, velocity, heading, tilt, time, way, speed."""
+    """Return the names of the variables that the learned push depends on."""
     values = cleared(values)
     slots = _profiles(values)
     gears = [_gears(values, slot) for slot in slots]
+    plain = {"command": "tilt", "way": "path length"}
     found = [
-        "tilt" if variable == "command" else variable
+        plain.get(variable, variable)
         for variable, names in VECTORS.items()
         if any(values[of_slot(name, slot)] != 0.0 for slot in slots for name in names)
         or (variable == "command" and (values["mode_gain"] or any(map(any, gears))))
@@ -113,7 +114,7 @@ def variables(values: dict[str, float]) -> list[str]:
 
 
 def _profile(values: dict[str, float], slot: int) -> str:
-    """Return a profile as a function of what it depends on."""
+    """Return a profile as text, as a function of its variables."""
     shape = round(values[f"shape_{slot}"])
     symbols = [(values[of_slot(name, slot)], symbol) for name, symbol in _SYMBOLS.items()]
     phases = [_sum(symbols, values[f"phase_{slot}_rad"])]
@@ -128,7 +129,7 @@ def _profile(values: dict[str, float], slot: int) -> str:
 
 
 def _sum(symbols: Sequence[tuple[float, str]], phase: float) -> str:
-    """Return multiples of what has a symbol, and a phase, as a sum without zeros."""
+    """Return a linear combination of symbols plus a phase as text; zeros are omitted."""
     parts = [f"{value:.4g} {symbol}" for value, symbol in symbols if value != 0.0]
     if phase != 0.0 or not parts:
         parts.append(f"{phase:.3g}")
@@ -144,7 +145,7 @@ def _gears(values: dict[str, float], slot: int) -> list[float]:
 
 
 def _profiles(values: dict[str, float]) -> list[int]:
-    """Return the slots of the profiles that push, brake or change the gears."""
+    """Return the slots of profiles with a push, a drag or a change of the gears."""
     return [
         slot
         for slot in range(1, PROFILES + 1)

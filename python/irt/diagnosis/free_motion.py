@@ -1,4 +1,4 @@
-"""Stretches of recordings in which pushes alone move the marble: away from the rim, and not at rest."""
+"""Segments of free motion: the marble is away from the rim and not at rest, so only pushes move it."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from irt.engine import GRAVITY
 
 Array = NDArray[np.float64]
 
-#: Rows of a stretch, at most and at least.
+#: Most and least rows of a segment.
 LONGEST, SHORTEST = 24, 10
-#: What a slope pulls [m/s^2].
+#: Acceleration per slope of a rolling marble [m/s^2].
 PULL = 5.0 / 7.0 * GRAVITY
-#: Distance from the rim at which the marble is free [board edges].
+#: Smallest distance from the rim in free motion [board edges].
 FREE = 0.012
-#: Speed a row below which the marble may be at rest, and misses beyond which a prediction is lost [noise].
+#: Smallest speed in motion, per row, and largest error of a usable prediction, both over the tracker's noise.
 SLOW, ASTRAY = 1.0, 50.0
-#: Rows to either side through which observed paths are smoothed.
+#: Half-width of the smoothing of observed paths [rows].
 _SMOOTH = 3
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows of all stretches, n of them.
+    """The n rows of all segments of free motion.
 
     Attributes
     ----------
     place : (n, 2) array
-        Where the marble is [board edges].
+        Position of the marble [board edges].
     velocity : (n, 2) array
-        How it moves [board edges a row].
+        Its velocity [board edges per row].
     knobs : (n, 2) array
-        The command that holds [rad].
+        The command [rad].
     turned : (n, EARLIER, 2) array
-        By how much it differs from the one before, that from the one before it, and so on.
+        Differences of successive commands, the latest first [rad].
     time : (n,) array
         Row of the recording.
     run : (n,) int array
-        Which recording.
+        Index of the recording.
     stretch : (n,) int array
-        Which stretch.
+        Index of the segment.
     """
 
     place: Array
@@ -57,20 +57,20 @@ class Rows:
 
 
 def integrator(rows: int) -> Array:
-    """Return how a push in row j moves the marble by row i, (rows, rows): half of it in the row itself."""
+    """Return the displacement in row i by a unit push in row j, (rows, rows)."""
     late = np.arange(rows)[:, None] - np.arange(rows)
     return np.where(late > 0, late - 0.5, 0.0)
 
 
 def _spread_out(count: int) -> NDArray[np.int64]:
-    """Return indices in an order in which any first few are spread over all of them: the golden section's."""
+    """Return indices in a golden-section order, in which any first few are spread evenly."""
     return np.argsort((np.arange(count) * 0.6180339887498949) % 1.0, kind="stable")
 
 
 def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple[Rows, Array, list[Array]]:
-    """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of what else could move it.
+    """Return rows, residuals (n, 2), and for each coordinate a basis (n, f) of nuisance directions.
 
-    Of more rows than `most` whole stretches are taken, spread over the recordings.
+    At most about `most` rows are used, as complete segments that are spread over the recordings.
     """
     case, reach = fitted.case, fitted.model.reach
     screen = Windows(fitted, longest)
@@ -83,7 +83,7 @@ def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple
         piece = _observed(window, case.noise) if weak else _predicted(window)
         free = (np.abs(piece.place) < reach - FREE).all(axis=1) & np.isfinite(piece.residual).all(axis=1)
         if weak:
-            # A marble at rest feels a push no more than the friction that holds it.
+            # A marble at rest is held by friction and does not respond to pushes.
             free &= np.linalg.norm(piece.velocity, axis=1) > SLOW * case.noise
         else:
             free &= (np.abs(piece.residual) < ASTRAY * case.noise).all(axis=1)
@@ -112,7 +112,7 @@ def free_motion(fitted: Fitted, longest: int, *, weak: bool, most: int) -> tuple
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """Rows of a window: as in `Rows`, with residuals (n, 2) and what else could move them, (f, n, 2)."""
+    """Rows of a window as in `Rows`, with residuals (n, 2) and nuisance directions (f, n, 2)."""
 
     run: int
     place: Array
@@ -139,7 +139,7 @@ class _Piece:
 
 
 def _predicted(window: Window) -> _Piece:
-    """Return a window as the hypothesis predicts it: where that is near, the best view."""
+    """Return a window with the residuals of the hypothesis, most accurate if these are small."""
     return _Piece(
         run=window.run,
         place=window.place,
@@ -153,9 +153,9 @@ def _predicted(window: Window) -> _Piece:
 
 
 def _observed(window: Window, noise: float) -> _Piece:
-    """Return a window as it was observed, whatever the base model makes of it.
+    """Return a window with the observed motion as residual, independent of the base model.
 
-    The motion itself is the residual: gears and rolling friction are among what else could move the marble.
+    Gears and rolling friction become nuisance directions.
     """
     seen = window.place + window.residual
     path, velocity = path_and_velocity(seen)
@@ -176,7 +176,7 @@ def _observed(window: Window, noise: float) -> _Piece:
 
 
 def path_and_velocity(seen: Array) -> tuple[Array, Array]:
-    """Return path and velocity a row, (n, 2) each, by parabolas through seven rows around each."""
+    """Return path and velocity per row, (n, 2) each, from parabolas fitted to seven rows around each."""
     rows = np.arange(len(seen), dtype=np.float64)
     path, velocity = np.full_like(seen, np.nan), np.full_like(seen, np.nan)
     known = np.isfinite(seen).all(axis=1)
@@ -184,24 +184,24 @@ def path_and_velocity(seen: Array) -> tuple[Array, Array]:
         near = np.flatnonzero(known & (np.abs(rows - row) <= _SMOOTH))
         if len(near) > 3:
             powers = np.vander(rows[near] - row, 3, increasing=True)
-            told = np.linalg.lstsq(powers, seen[near])[0]
-            path[row], velocity[row] = told[0], told[1]
+            coefficients = np.linalg.lstsq(powers, seen[near])[0]
+            path[row], velocity[row] = coefficients[0], coefficients[1]
     return path, velocity
 
 
 def runs(free: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return first row and end of each run of free rows."""
+    """Return first row and end of each sequence of free rows."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
     return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
 
 
 def _longest(free: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the longest run of free rows."""
+    """Return first row and end of the longest sequence of free rows."""
     return max(runs(free), key=lambda run: run[1] - run[0], default=(0, 0))
 
 
 def _basis(rows: Rows, columns: list[Array]) -> Array:
-    """Return an orthonormal basis of columns, and of the start states of all stretches, (n, f)."""
+    """Return an orthonormal basis of columns and of the start states of all segments, (n, f)."""
     for stretch in np.unique(rows.stretch):
         own = (rows.stretch == stretch).astype(np.float64)
         columns = [*columns, own, own * (rows.time - rows.time[own > 0.0].mean())]

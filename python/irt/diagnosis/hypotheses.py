@@ -1,4 +1,4 @@
-"""Which effects of the catalogue are hypotheses, and what each of them does, told by trying it."""
+"""The hypotheses of a diagnosis: which effects of the catalogue are searched, and their special cases."""
 
 from __future__ import annotations
 
@@ -10,45 +10,45 @@ import numpy as np
 from irt.catalogue import hypothetical
 from irt.fitting.effect_size import strong_values, try_path
 
-#: Effects that are one thing by two names: no recording of a rig that stays the same tells them apart.
+#: Effects that no recording of an unchanged rig can distinguish.
 ALIKE = frozenset({"delay", "latency"})
 
 
-#: Delays that differ from command to command: no draw of them can be predicted, and none is fitted. To the
-#: filter they are a size of what is random, beside what they are on average.
+#: Delay jitter: delays that vary from command to command cannot be predicted, so they are not fitted. The
+#: filter treats their spread as a noise size, in addition to their mean effect.
 JITTER = "delay_jitter"
-#: What delays that differ are on average over many commands, which come late and smoothed: a delay, and a lag
-#: whose time constant is their standard deviation.
+#: The mean effect of delay jitter over many commands: a delay, and a lag whose time constant is the standard
+#: deviation of the delays.
 MEAN, SMOOTHING = "delay", "lag"
 ON_AVERAGE = (MEAN, SMOOTHING)
-#: Names of their sizes: by so much commands come late, and by so much more they are smoothed.
+#: Names of the sizes of delay and lag.
 SHIFT_S, SMOOTHED_S = f"{MEAN}.delay_s", f"{SMOOTHING}.time_constant_s"
-#: Effects that are not beside delays that differ, which have them.
+#: Effects that delay jitter includes, and that are not combined with it.
 SMOOTHED = ALIKE | {SMOOTHING}
 
 
-#: How the board resists a spin about the vertical: every set has it beside the five parameters, and none is
-#: named for it. Marbles spin once they have met the rim, and engines differ by this more than by any
-#: other thing.
+#: Friction against spins about the vertical. Every set includes it in addition to the five parameters, and it
+#: is never named: marbles spin after contact with the rim, and engines differ in this more than in anything
+#: else.
 SPINNING = "spinning_friction"
 #: Name of its size.
 SPIN = f"{SPINNING}.increase"
 
-#: The board's own slopes, as a smooth map: a small push that depends on the place alone.
+#: Slopes of the board as a smooth map: a small push that depends on the position only.
 MAP = "slope_map"
 
 
 def hypotheses(start: str = "rest") -> list[str]:
-    """Return the names of the effects that recordings are asked for, one for each group of `ALIKE`.
+    """Return the names of the effects that are searched, with one effect of `ALIKE`.
 
-    Effects that depend on how the marble has been turned depend on how it lies as a recording begins. Whoever
-    lays it down can do so alike each time; one that rolls already lies another way in each recording, and no
-    value is common to all.
+    Effects that depend on the marble's orientation need its initial orientation. A marble at rest can be
+    placed in the same orientation for each recording. A marble that starts in motion has another orientation
+    in each recording, so these effects are excluded.
 
     Parameters
     ----------
     start : str
-        How marbles begin, as a rig says: "rest" or "moving".
+        Start of the recordings, as in a rig: "rest" or "moving".
     """
     return [
         info.name
@@ -60,14 +60,14 @@ def hypotheses(start: str = "rest") -> list[str]:
 
 
 def group_of(name: str) -> list[str]:
-    """Return the effects that an effect is at work in: its other name, and delays that differ have both."""
+    """Return the effects that include an effect: its equivalents in `ALIKE`, and delay jitter."""
     if name == SMOOTHING:
         return [name, JITTER]
     return [*sorted(ALIKE), JITTER] if name in ALIKE else [name]
 
 
 def simulated(effects: Sequence[str]) -> list[str]:
-    """Return which effects the engine simulates for a set: for delays that differ, their average."""
+    """Return the effects that the engine simulates for a set, with delay jitter as its mean effect."""
     return [SPINNING, *(one for name in effects for one in (ON_AVERAGE if name == JITTER else (name,)))]
 
 

@@ -1,14 +1,14 @@
-"""How well recordings pin the values of a set down: by curvature, by resampling, and by what no row can tell.
+"""Intervals of the parameters of a set, from the curvature, the jackknife and the time symmetry.
 
-The curvature of the free runs' likelihood knows only noise as the engine takes it to be: white, of one size,
-around a model that is right. The filter's knows a random push besides. A rim that throws the marble back a
-little otherwise, and anything else that differs from recording to recording, the jackknife over recordings
-sees (Efron and Stein, 1981, "The jackknife estimate of variance"). The widest holds.
+The curvature of the free runs' likelihood assumes white noise of constant size around a correct model. The
+curvature of the filter also includes a random push. The jackknife over recordings (Efron and Stein, 1981,
+"The jackknife estimate of variance") covers differences between recordings, such as in rebounds from the rim.
+The widest of the three intervals is used.
 
-Recordings without stamps do not know how long a row lasts: all of the motion can run slower under weaker
-pushes, and the path is the same. What seems to tell the time all the same is how the marble slips after an
-impact, and how an engine cuts an impact into updates; neither is known of the board well enough to
-measure time by. So along this symmetry nothing counts as known.
+Recordings without stamps do not determine the duration of a row: the same path results from slower motion
+under weaker pushes. Slip after impacts, and the time discretisation of impacts by an engine, break this
+symmetry, but neither is known well enough of a board to measure time by. Therefore nothing counts as known
+along this symmetry.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Recordings from which on leaving one out says something.
+#: Fewest recordings for the jackknife.
 FEWEST = 3
 #: Powers of the time scale with which the five parameters change along the symmetry.
 _POWERS = dict(zip(PARAMETERS, (-2.0, -2.0, -2.0, 1.0, 0.0), strict=True))
-#: Half width along the symmetry, in ranges: nothing is known.
+#: Half-width along the symmetry, in ranges, which stands for no knowledge.
 _UNKNOWN = 10.0
-#: Half width of a 95 % interval in standard deviations.
+#: Half-width of a 95 % interval in standard deviations.
 _NORMAL = float(norm.ppf(0.5 + CONFIDENCE / 2.0))
-#: Factors of the spread of delays at which its likelihood is looked at.
+#: Factors of the spread of delays at which its likelihood is evaluated.
 _FACTORS = np.geomspace(0.2, 5.0, 41)
 #: The 95 % point of a chi-squared variable of one degree of freedom, halved.
 _FALLEN = 1.92
@@ -52,16 +52,16 @@ _FALLEN = 1.92
 def parameters(
     one: Scored, held: HeldOut, losses: Mapping[str, float]
 ) -> tuple[dict[str, Parameter], tuple[str, ...]]:
-    """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down.
+    """Return the parameters of a set with 95 % intervals, and sentences on unidentifiable combinations.
 
     Parameters
     ----------
     one : Scored
         The set.
     held : HeldOut
-        The same set as recordings held out see it.
+        The fits of the set without each recording.
     losses : mapping
-        For each effect by how many nats the set is likelier than without it.
+        Loss of log-likelihood without each effect [nats].
     """
     information = information_of(one, held)
     deviations = dict(zip(one.names, one.top.deviations.tolist(), strict=True))
@@ -84,18 +84,19 @@ def parameters(
 
 
 def _distance(one: Parameter, neutral: float) -> float:
-    """Return how far a parameter is from its neutral value, in widths of its interval."""
+    """Return the distance of a parameter from its neutral value, in widths of its interval."""
     if one.low is None or one.high is None or not np.isfinite(neutral):
         return 0.0
     return abs(one.value - neutral) / max(one.high - one.low, 1e-300)
 
 
 def _apart(one: Parameter, neutral: float, loss: float) -> Parameter:
-    """Return a parameter whose interval leaves out values that are as unlikely as none.
+    """Return a parameter whose interval excludes the neutral value if the likelihood does.
 
-    What sticks and slips has no curvature to speak of where it is most probable, and yet nothing does in its
-    place. By how many nats the likelihood falls as far as no effect is known; were it normal, it would have
-    fallen by what a 95 % interval allows at the square root of the share on the way.
+    Effects with stick and slip have little curvature at the maximum, although the recordings exclude their
+    absence. The loss of log-likelihood at the neutral value is known. If it were quadratic in the parameter,
+    the 95 % interval would end at a share of the distance that is the square root of the ratio of the two
+    losses.
     """
     if one.low is None or one.high is None or not np.isfinite(neutral) or loss <= _FALLEN:
         return one
@@ -106,7 +107,7 @@ def _apart(one: Parameter, neutral: float, loss: float) -> Parameter:
 
 
 def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
-    """Whether the interval of an effect's size, or those of all its parameters, hold the neutral values."""
+    """Whether the intervals of an effect's size parameters contain the neutral values."""
     asked = [
         (found[f"{name}.{one.name}"], one.neutral) for one in sizes_of(name) if f"{name}.{one.name}" in found
     ]
@@ -116,7 +117,7 @@ def may_be_absent(name: str, found: dict[str, Parameter]) -> bool:
 
 
 def _wider(one: Parameter, half_width: float, least: float, most: float) -> Parameter:
-    """Return a parameter whose interval reaches so far to either side, at least, as far as physics allows."""
+    """Return a parameter whose interval has at least this half-width, within what physics allows."""
     if one.low is None or one.high is None:
         return one
     low = max(least, min(one.low, one.value - half_width))
@@ -140,9 +141,9 @@ def curvature(one: Scored) -> Information:
 
 
 def _with_scatter(information: Information, values: Array) -> Information:
-    """Return what recordings tell, no sharper along any direction than their own disagreement allows.
+    """Return the information with half-widths along all directions of at least those of the jackknife.
 
-    The (k, n) values are those of fits without each recording in turn.
+    The (k, n) values are those of fits without each recording.
     """
     scatter = _scatter(values / information.widths @ information.directions.T)
     wider = np.maximum(information.half_width, scatter)
@@ -150,7 +151,7 @@ def _with_scatter(information: Information, values: Array) -> Information:
 
 
 def _scatter(values: Array) -> Array:
-    """Return half widths of 95 % intervals by the jackknife, of (k, ...) fits without a recording each."""
+    """Return half-widths of 95 % intervals by the jackknife, from (k, ...) fits without each recording."""
     count = len(values)
     if count < FEWEST:
         return np.zeros(values.shape[1:])
@@ -159,9 +160,9 @@ def _scatter(values: Array) -> Array:
 
 
 def _without_time(fitted: Fitted, information: Information) -> Information:
-    """Return what recordings tell of a set, the time scale not read off impacts.
+    """Return the information without knowledge along the time symmetry.
 
-    Where stamps or a damping bring in a time, all stays as it is.
+    If stamps or a damping determine the time scale, the information is unchanged.
     """
     case = fitted.case
     if time_is_known(case):
@@ -185,12 +186,12 @@ def _without_time(fitted: Fitted, information: Information) -> Information:
 
 
 def time_is_known(case: Case) -> bool:
-    """Whether stamps or a damping bring in a time."""
+    """Whether stamps or a damping determine the time scale."""
     return case.time_scale is not None or case.rig.marble.damping_per_s > 0.0
 
 
 def at_one_time_scale(one: Scored, values: Array) -> Array:
-    """Return (k, n) values as they are with a set's own time scale: along the symmetry nothing is known."""
+    """Return (k, n) values, moved along the time symmetry to a set's own time scale."""
     fitted = one.fitted
     if time_is_known(fitted.case) or not len(values):
         return values
@@ -211,7 +212,7 @@ def _power(name: str, fitted: Fitted) -> float:
 
 
 def _spread(one: Scored, time_scale: Parameter) -> Parameter:
-    """Return the standard deviation of delays that differ [s], with its 95 % interval by the likelihood.
+    """Return the standard deviation of jittered delays [s], with its 95 % interval by the likelihood.
 
     Without stamps the interval is as much wider as the time scale is unknown.
     """
@@ -232,10 +233,10 @@ def _spread(one: Scored, time_scale: Parameter) -> Parameter:
 
 
 def is_named(name: str, found: dict[str, Parameter]) -> bool:
-    """Whether an effect is distinct from none: delays that differ by their spread, others by their size.
+    """Whether an effect is distinct from its absence: delay jitter by its spread, others by their size.
 
-    How a marble leaves the rim differs between any two engines, and the rig: a law of impacts has to be
-    beyond what they differ by.
+    Rebounds from the rim differ between engines, and between any engine and a rig. A law of impacts must
+    exceed these differences.
     """
     if name == JITTER:
         low = found[f"{JITTER}.sd_s"].low

@@ -1,10 +1,10 @@
-"""What drives the leftover: a push that is not in the model, seen through the marble's motion.
+"""Latent force model of the residuals: find the variable that a missing push depends on.
 
-In stretches away from the rim the marble is a double integrator: a push in one row moves all later ones. The
-residuals of a hypothesis are what an unknown push leaves after start states and the five parameters have had
-their say. Which variable the push depends on is asked of Gaussian processes over each of them, compared by
-restricted likelihood (Rasmussen and Williams 2006, section 2.7 and chapter 5; latent force models: Alvarez et
-al. 2009). Neither noisy positions nor their differences are ever differentiated.
+Away from the rim the marble is a double integrator: a push in one row moves all later rows. The residuals of
+a hypothesis are the response to an unknown push, projected onto the complement of start states and the five
+parameters. The variable of the push is found by comparing Gaussian processes over each variable by restricted
+likelihood (Rasmussen and Williams 2006, section 2.7 and chapter 5; latent force models: Alvarez et al. 2009).
+Noisy positions are never differentiated.
 """
 
 from __future__ import annotations
@@ -23,40 +23,40 @@ from irt.diagnosis.free_motion import LONGEST, SHORTEST, free_motion, integrator
 from irt.diagnosis.windows import EARLIER
 
 Array = NDArray[np.float64]
-#: One for x and one for y.
+#: Arrays for x and y.
 Pair = tuple[Array, Array]
 
-#: Variances of the push tried, by the displacement that they make over that of the tracker's noise.
+#: Variances of the push to try, as ratios of the displacement's variance to that of the tracker.
 _SIZES = np.array([0.3, 5.0, 80.0, 1300.0])
-#: What a tracker's noise carries on from row to row, tried.
+#: Row-to-row autocorrelations of the tracker's noise to try.
 _CARRIED = (0.0, 0.3, 0.6)
-#: Differences of this order measure the tracker's noise (`irt.fitting.problem.tracker_noise`).
+#: Order of the differences that measure the tracker's noise (`irt.fitting.problem.tracker_noise`).
 _ORDER = 4
-#: Simulated nulls.
+#: Number of simulated nulls.
 NULLS = 99
-#: Rows that a Gaussian process is asked about, at most.
+#: Most rows of a Gaussian process.
 MOST_ROWS = 400
-#: Rows in which a command that follows its steps forgets them; after `EARLIER` rows a step is done.
+#: Time constants of the command history [rows]; steps before the last `EARLIER` rows are ignored.
 _FORGOTTEN = (2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True)
 class Source:
-    """A variable that the leftover may depend on.
+    """A variable that the residuals may depend on.
 
     Attributes
     ----------
     variable : str
-        "position", "velocity", "command", "command history", "time", or what does not repeat: "each
-        row anew".
+        "position", "velocity", "command", "command history", "time", or, for pushes that do not repeat, "each
+        row anew" or "each run anew".
     stage : str
         "force", "command" or "camera".
     gain : float
-        Log restricted likelihood over noise alone [nats].
+        Log restricted likelihood relative to noise alone [nats].
     p_value : float
-        Of such a gain or more were there only noise, over all variables tried.
+        Probability of such a gain or more under noise alone, over all variables tried.
     push : float
-        Root mean square of the push [board edges a row squared], or of the picture's shift [board edges].
+        RMS of the push [board edges per row squared], or of the picture's shift [board edges].
     """
 
     variable: str
@@ -67,24 +67,24 @@ class Source:
 
     @property
     def repeats(self) -> bool:
-        """Whether the same run brings the same push again."""
+        """Whether the push is the same if a run is repeated."""
         return "anew" not in self.variable
 
 
 class LatentForce:
-    """What a hypothesis leaves over, in stretches away from the rim.
+    """The residuals of a hypothesis in segments of free motion.
 
     Parameters
     ----------
     fitted : Fitted
         The hypothesis.
     weak : bool
-        Whether to take the motion as it was observed, and gears and friction for unknown, however far off the
-        predictions are: right for the base model alone. Else what the predictions miss is looked at.
+        Whether to use the observed motion with unknown gears and friction, which works however inaccurate the
+        predictions are, but only for the base model. Otherwise the residuals of the predictions are used.
     longest : int
-        Rows of a stretch, at most: long ones show small pushes, if the predictions do not go astray.
+        Most rows of a segment. Long segments reveal small pushes, if the predictions do not diverge.
     most : int
-        Rows in all, at most: whole stretches, spread over the recordings.
+        Most rows in total, as complete segments that are spread over the recordings.
     """
 
     def __init__(
@@ -100,24 +100,24 @@ class LatentForce:
 
     @property
     def count(self) -> int:
-        """Rows that there are."""
+        """Number of rows."""
         return len(self.rows.time)
 
     def moved(self, push: Array) -> Array:
-        """Return how (n, k) pushes in each row move the marble in all rows, (n, k)."""
+        """Return the displacements in all rows, (n, k), by (n, k) pushes."""
         found = np.zeros_like(push)
         for stretch in np.unique(self.rows.stretch):
             own = self.rows.stretch == stretch
             found[own] = integrator(int(own.sum())) @ push[own]
         return found
 
-    def freed(self, axis: int, changes: Array) -> Array:
-        """Take from (n, k) changes of a coordinate what start states and the five parameters could do."""
+    def projected(self, axis: int, changes: Array) -> Array:
+        """Project (n, k) changes of a coordinate onto the complement of start states and five parameters."""
         basis = self._fixed[axis]
         return np.asarray(changes - basis @ (basis.T @ changes))
 
     def explain(self, axis: int, changes: Array) -> None:
-        """Count (n, k) changes of a coordinate among what else could move the marble."""
+        """Add (n, k) changes of a coordinate to the nuisance directions."""
         # A gear whose knob never turns does nothing along its axis.
         seen = changes[:, np.linalg.norm(changes, axis=0) > 0.0]
         self._fixed[axis] = np.linalg.qr(np.column_stack([self._fixed[axis], seen]))[0]
@@ -127,44 +127,44 @@ class LatentForce:
         return np.asarray(self._residual[:, axis])
 
     def sources(self, seed: int, *, nulls: int = NULLS) -> list[Source]:
-        """Compare the variables that the leftover may depend on, the likeliest first.
+        """Compare the variables that the residuals may depend on; return them by likelihood.
 
-        Each with noise that carries on from row to row as suits it best: coloured noise drifts, as a marble
-        does that is pushed, and the recordings alone let it seem smaller than it is.
+        Each is combined with the autocorrelation of the tracker's noise that fits best: correlated noise
+        drifts like a pushed marble, and its size is underestimated from differences.
         """
         if self.count < 4 * SHORTEST:
             return []
         random = np.random.default_rng(seed)
         drawn = self._noise * random.standard_normal((2, self.count, nulls))
         data = [np.column_stack([self.residual(axis), drawn[axis]]) for axis in (0, 1)]
-        noises = [self._coloured(share) for share in _CARRIED]
+        noises = [self._noise_covariance(share) for share in _CARRIED]
         plain = np.max([self._likelihood((noise, noise), data) for noise in noises], axis=0)
-        told = [
+        results = [
             (name, stage, *self._of(kernels, stage, data, noises)) for name, stage, kernels in self._kernels()
         ]
-        gains = [np.maximum(likelihood - plain, 0.0) for _, _, likelihood, _ in told]
+        gains = [np.maximum(likelihood - plain, 0.0) for _, _, likelihood, _ in results]
         highest = np.max([gain[1:] for gain in gains], axis=0)
         best: dict[str, Source] = {}
-        for (name, stage, _, push), gain in zip(told, gains, strict=True):
+        for (name, stage, _, push), gain in zip(results, gains, strict=True):
             p_value = float((1 + (highest >= gain[0]).sum()) / (1 + nulls))
             source = Source(name, stage, float(gain[0]), p_value, push if gain[0] > 0.0 else 0.0)
             if name not in best or source.gain > best[name].gain:
                 best[name] = source
         return sorted(best.values(), key=lambda one: -one.gain)
 
-    def _coloured(self, share: float) -> Array:
-        """Return the covariance (n, n) of a coordinate's noise, which carries on a share from row to row."""
+    def _noise_covariance(self, share: float) -> Array:
+        """Return the covariance (n, n) of a coordinate's noise with a row-to-row autocorrelation."""
         apart = np.abs(self.rows.time[:, None] - self.rows.time)
         same = self.rows.stretch[:, None] == self.rows.stretch
-        return np.asarray(np.where(same, share**apart, 0.0) * (_seeming(share) * self._noise) ** 2)
+        return np.asarray(np.where(same, share**apart, 0.0) * (_noise_correction(share) * self._noise) ** 2)
 
     def _likelihood(self, covariances: Pair, data: Sequence[Array]) -> Array:
-        """Return the log restricted likelihood of (n, k) data of both axes, of these covariances, (k,)."""
+        """Return the log restricted likelihood (k,) of (n, k) data of both axes under these covariances."""
         x, y = (_restricted(*one) for one in zip(covariances, self._fixed, data, strict=True))
         return np.asarray(x + y)
 
     def _kernels(self) -> list[tuple[str, str, Pair]]:
-        """Return variable, stage, and covariances (n, n) of unit size of both coordinates."""
+        """Return variable, stage and unit covariances (n, n) of both coordinates."""
         rows = self.rows
         speed = max(float(np.sqrt((rows.velocity**2).mean())), 1e-9)
         angle = max(float(np.sqrt((rows.knobs**2).mean())), 1e-9)
@@ -187,47 +187,50 @@ class LatentForce:
         both = np.concatenate([rows.knobs / angle, rows.place / 0.2], axis=1)
         found.append(("command", "camera", alike(both, 1.0)))
         alike_in_both = [(name, stage, (one, one)) for name, stage, one in found]
-        return [*alike_in_both, *(("command history", "command", self._past(late)) for late in _FORGOTTEN)]
+        return [
+            *alike_in_both,
+            *(("command history", "command", self._history_kernels(late)) for late in _FORGOTTEN),
+        ]
 
-    def _past(self, rows: float) -> Pair:
-        """Return the covariances of pushes that depend on a command and on how it came about.
+    def _history_kernels(self, rows: float) -> Pair:
+        """Return the covariances of pushes that depend on a command and on its history.
 
-        That is on a command that follows its steps in so many rows, and on how far it has yet to go: what
-        joints, cords and motors make of steps is the same whenever they are.
+        The variables are a command filtered with a time constant of `rows`, and its distance from the
+        command. They describe responses of joints, cords and motors to steps.
         """
         fading = np.exp(-(np.arange(EARLIER) + 0.5) / rows)
         left = np.einsum("nka,k->na", self.rows.turned, fading)
-        told = [one / max(float(np.sqrt((one**2).mean())), 1e-9) for one in (self.rows.knobs - left, left)]
+        scaled = [one / max(float(np.sqrt((one**2).mean())), 1e-9) for one in (self.rows.knobs - left, left)]
         # A turn about y pushes along x.
-        x, y = (_squared_exponential(np.stack(told, axis=-1)[:, axis], 1.0) for axis in (1, 0))
+        x, y = (_squared_exponential(np.stack(scaled, axis=-1)[:, axis], 1.0) for axis in (1, 0))
         return x, y
 
     def _of(
         self, kernels: Pair, stage: str, data: Sequence[Array], noises: Sequence[Array]
     ) -> tuple[Array, float]:
-        """Return the largest likelihoods (k,) of data (n, k) of both axes, and the push in the first.
+        """Return the largest likelihoods (k,) of data (n, k) of both axes, and the push of the first column.
 
-        Over sizes of the kernels and over covariances (n, n) of the noise.
+        The maximum is over sizes of the kernels and over covariances (n, n) of the noise.
         """
         x, y = kernels
-        moved_x = self._shown(x, stage)
-        moved_y = moved_x if y is x else self._shown(y, stage)
+        moved_x = self._position_covariance(x, stage)
+        moved_y = moved_x if y is x else self._position_covariance(y, stage)
         scale = 2.0 * self._noise**2 / max(float(np.mean(np.diag(moved_x + moved_y))), 1e-300)
         tried = list(product(scale * _SIZES, noises))
         covariances = [(size * moved_x + noise, size * moved_y + noise) for size, noise in tried]
-        told = np.array([self._likelihood(one, data) for one in covariances])
-        size, _ = tried[int(told[:, 0].argmax())]
-        return told.max(axis=0), float(np.sqrt(size * float(np.mean(np.diag(x)))))
+        likelihoods = np.array([self._likelihood(one, data) for one in covariances])
+        size, _ = tried[int(likelihoods[:, 0].argmax())]
+        return likelihoods.max(axis=0), float(np.sqrt(size * float(np.mean(np.diag(x)))))
 
-    def _shown(self, kernel: Array, stage: str) -> Array:
-        """Return the covariance of what pushes, or shifts of the picture, of this covariance do."""
+    def _position_covariance(self, kernel: Array, stage: str) -> Array:
+        """Return the covariance of positions under pushes, or picture shifts, of this covariance."""
         return kernel if stage == "camera" else self.moved(self.moved(kernel).T)
 
 
-def _seeming(share: float) -> float:
-    """Return how much larger noise is than its differences from row to row make it seem.
+def _noise_correction(share: float) -> float:
+    """Return the ratio of the true size of noise to its estimate from differences.
 
-    Of noise that carries on a share of the row before; 1 for white noise.
+    The noise has autocorrelation `share` from row to row; the ratio is 1 for white noise.
     """
     signs = np.array([(-1.0) ** k * comb(_ORDER, k) for k in range(_ORDER + 1)])
     apart = np.abs(np.subtract.outer(np.arange(_ORDER + 1), np.arange(_ORDER + 1)))

@@ -1,8 +1,7 @@
-"""Physics that no effect of the catalogue describes: found, learned as a formula, and put into the model.
+"""Learn a correction for physics outside the catalogue, as a formula inside the model.
 
-The term of a library that explains most of the remainder is fitted inside the simulator with everything
-else, the new remainder is looked at, and so on. Terms, effects beside them and a random push are weighed by
-one score.
+The library term that explains most of the residuals is fitted inside the simulator together with everything
+else, and the procedure repeats on the new residuals. Terms, effects and a random push compete by one score.
 """
 
 from __future__ import annotations
@@ -22,12 +21,12 @@ Array = NDArray[np.float64]
 
 
 def learn(parent: Scored, report: Report) -> Scored | None:
-    """Add terms to a set while its score grows; None if no term is worth its price.
+    """Add terms to a set while its score grows; return None if no term is worth its price.
 
-    What does not pay may do so with the next term: of a board that is wavy both ways, one way alone predicts
-    nothing. Terms that later ones make needless are taken away again.
+    One term without a gain is allowed, because it may gain with the next: on a board with waves in two
+    directions, one of them alone predicts nothing. Terms that become superfluous are removed.
     """
-    # The motion shows pushes where commands act as they are; what effects make of them predictions show.
+    # The observed motion reveals pushes only if commands act unchanged, which effects could alter.
     seen = None if parent.effects else motion_seen(parent.fitted)
     best, now, doubted = parent, parent, False
     while (found := _with_another(parent, now, seen, report)) is not None:
@@ -46,7 +45,7 @@ def learn(parent: Scored, report: Report) -> Scored | None:
 
 
 def _with_another(parent: Scored, now: Scored, seen: Regressors | None, report: Report) -> Scored | None:
-    """Return the likeliest set with one term more."""
+    """Return the most probable set with one more term."""
     tried = []
     for term in likely_terms(now.fitted, seen, now.terms):
         report(f"a push that depends on {term.variable}")
@@ -55,7 +54,7 @@ def _with_another(parent: Scored, now: Scored, seen: Regressors | None, report: 
 
 
 def _first(parent: Scored, now: Scored, terms: tuple[Term, ...]) -> Scored:
-    """Fit a set with one term more, from where the term explains most."""
+    """Fit a set with one more term, starting at the values at which the term explains most."""
     values = _neutral() | _of_unlisted(now)
     *before, last = in_slots(terms)
     shared = {name for term in before for name in term.free}
@@ -66,7 +65,7 @@ def _first(parent: Scored, now: Scored, terms: tuple[Term, ...]) -> Scored:
 def _fitted(
     effects: tuple[str, ...], now: Scored, terms: tuple[Term, ...], values: dict[str, float]
 ) -> Scored:
-    """Fit terms from these values of the engine's effect; what is of none of them stays as it is."""
+    """Fit terms from these values of the engine's effect; all other values are held."""
     free = {name for term in in_slots(terms) for name in term.free}
     still = {name: value for name, value in values.items() if name not in free}
     scores = Scores(now.case.holding(UNLISTED, still), terms)
@@ -93,7 +92,7 @@ def _thorough(one: Scored) -> Scored:
 
 
 def _needed(one: Scored) -> Scored:
-    """Take away what later terms make needless: one that came early may only have stood in for them."""
+    """Remove terms that later terms make superfluous."""
     for index in reversed(range(len(one.terms) - 1)):
         less = _thorough(_without(one, index))
         if less.score > one.score - config.SURE:
@@ -116,11 +115,11 @@ def _without(one: Scored, index: int) -> Scored:
 
 
 def _of_unlisted(one: Scored) -> dict[str, float]:
-    """Return what a set has learned, by the names of the engine's parameters."""
+    """Return the values of a set's learned correction, by parameter name."""
     own = f"{UNLISTED}."
     return {key.removeprefix(own): value for key, value in one.values.items() if key.startswith(own)}
 
 
 def _neutral() -> dict[str, float]:
-    """Return the values without effect of all parameters of the engine's effect."""
+    """Return the neutral values of all parameters of the learned correction."""
     return {one.name: one.neutral for one in effect(UNLISTED).parameters}

@@ -1,4 +1,4 @@
-"""Where a hypothesis and the recordings disagree: runs, times, regions of the board, regimes, stages."""
+"""Locate the residuals of a hypothesis: runs, times, regions of the board, regimes of motion, stages."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from irt.diagnosis.windows import ROWS, Windows
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: Simulated nulls, and the share of rows below which a place is not looked at.
+#: Number of simulated nulls, and smallest share of rows of a place that is tested.
 NULLS, FEWEST = 199, 0.02
-#: Chance above which a place is not spoken of, and places told of each kind at most.
+#: Largest p-value of a reported place, and most reported places of each kind.
 CLEAR, MOST = 0.05, 3
-#: Below this speed the marble is at rest [board edges a row]; a row near a turn is so many rows from it.
+#: Largest speed of a marble at rest [board edges per row], and rows after a reversal that count as near it.
 _REST, _NEAR = 0.001, 2
 
 
 def locate(fitted: Fitted, noise: float) -> list[Finding]:
-    """Find the places where short windows leave more than noise does in simulated nulls.
+    """Find the places where residuals in short windows exceed those of simulated nulls.
 
-    The noise [board edges] is that of the tracker. A place's strength is its share of all that is left beyond
-    it; its p-value is the share of nulls in which any place of any kind stands out as much, so that looking
-    in many places is paid for.
+    The noise [board edges] is that of the tracker. The strength of a place is its share of the squared
+    residuals beyond noise. Its p-value is the share of nulls in which any place stands out as much, which
+    corrects for the number of places tested.
     """
     case, screen = fitted.case, Windows(fitted, ROWS)
     squares, nulls = screen.squared(NULLS, case.seed, noise)
@@ -41,26 +41,26 @@ def locate(fitted: Fitted, noise: float) -> list[Finding]:
         for kind, what, mask in _places(case, fitted.model.reach, screen)
         if mask.mean() > FEWEST
     ]
-    told, highest = [], np.zeros(NULLS)
+    results, highest = [], np.zeros(NULLS)
     for kind, what, mask in places:
         sums = nulls[:, mask].sum(axis=1)
         mean, spread = float(sums.mean()), max(float(sums.std()), 1e-12)
         highest = np.maximum(highest, (sums - mean) / spread)
-        told.append(
+        results.append(
             (kind, what, float(beyond[mask].sum()) / total, (float(squares[mask].sum()) - mean) / spread)
         )
     findings = []
-    for kind, what, share, height in told:
+    for kind, what, share, height in results:
         chance = float((1 + (highest >= height).sum()) / (1 + NULLS))
         findings.append(Finding(kind, what, min(max(share, 0.0), 1.0), chance))
     return _strongest(findings)
 
 
 def stages(fitted: Fitted, sources: Sequence[Source]) -> list[Finding]:
-    """Return the stages that could make the leftover, the variable that it would depend on, and its size.
+    """Return the stages that could cause the residuals, with variable and size.
 
-    A flexible push or shift at each stage is compared by restricted likelihood; the strength is the logarithm
-    of that over the best one's, so that stages that explain alike look alike.
+    A flexible push or shift at each stage is compared by restricted likelihood. The strength is the ratio of
+    its log-likelihood to that of the best stage, so that equal explanations have equal strengths.
     """
     clear = [one for one in sources if one.p_value <= CLEAR and one.gain > 0.0 and one.repeats]
     best: dict[str, Source] = {}
@@ -69,8 +69,7 @@ def stages(fitted: Fitted, sources: Sequence[Source]) -> list[Finding]:
     return [
         Finding(
             "stage",
-            f"{_STAGES[one.stage]}: what is left would depend on {_VARIABLES[one.variable]}, "
-            f"{_size(fitted, one)}",
+            f"{_STAGES[one.stage]}: {_size(fitted, one)} that depends on {_VARIABLES[one.variable]}",
             one.gain / clear[0].gain,
             one.p_value,
         )
@@ -79,7 +78,7 @@ def stages(fitted: Fitted, sources: Sequence[Source]) -> list[Finding]:
 
 
 def _size(fitted: Fitted, source: Source) -> str:
-    """Return how large a push or a shift of the picture is, root mean square."""
+    """Return the RMS of a push or of a shift of the picture, in words."""
     case = fitted.case
     metres = source.push * case.edge_m(fitted)
     if source.stage == "camera":
@@ -90,14 +89,14 @@ def _size(fitted: Fitted, source: Source) -> str:
 
 
 def variables(terms: Sequence[Term], sources: Sequence[Source]) -> list[Finding]:
-    """Return on which variables a learned push depends, with the share of the leftover that it explains."""
+    """Return the variables of a learned push, with the shares of the residuals that they explain."""
     found = []
     for variable in dict.fromkeys(name for term in terms for name in term.depends_on):
         chances = [one.p_value for one in sources if one.variable == variable]
         found.append(
             Finding(
                 _KINDS[variable],
-                f"the leftover push depends on {_VARIABLES[variable]}",
+                f"the missing push depends on {_VARIABLES[variable]}",
                 min(1.0, sum(term.explained for term in terms if variable in term.depends_on)),
                 min(chances, default=CLEAR),
             )
@@ -114,11 +113,11 @@ _VARIABLES = {
     "position": "the position on the board",
     "velocity": "the velocity of the marble",
     "command": "the command",
-    "command history": "the command and how it came about",
-    "command rate": "how fast the command changes",
-    "time": "the time since the recording began",
+    "command history": "the command and its history",
+    "command rate": "the rate of the command",
+    "time": "the time since the start of the recording",
     "heading": "the direction of motion",
-    "way": "how far the marble has rolled",
+    "way": "the path length of the marble",
 }
 _KINDS: dict[str, Kind] = {
     "position": "region",
@@ -131,7 +130,7 @@ _KINDS: dict[str, Kind] = {
 
 
 def _places(case: Case, reach: Array, screen: Windows) -> Iterator[tuple[Kind, str, Mask]]:
-    """Yield the places looked at, with the rows of all windows that belong to them, (w * n,)."""
+    """Yield the places to test, with masks of the rows of all windows, (w * n,)."""
     windows = screen.windows()
     place = np.concatenate([one.place for one in windows])
     velocity = np.concatenate([np.gradient(one.place, axis=0) for one in windows])
@@ -180,14 +179,14 @@ def _regimes(
     yield "regime", "rolling fast", np.asarray(fast & ~at_wall)
     yield "regime", "rolling uphill", np.asarray(moving & uphill & ~at_wall)
     yield "regime", "rolling downhill", np.asarray(moving & ~uphill & ~at_wall)
-    yield "regime", "after the command turns back", reversal
+    yield "regime", "after the command reverses", reversal
     across = np.abs(velocity)
     yield "regime", "along x", np.asarray(moving & (across[:, 0] > 2.0 * across[:, 1]))
     yield "regime", "along y", np.asarray(moving & (across[:, 1] > 2.0 * across[:, 0]))
 
 
 def _strongest(findings: Sequence[Finding]) -> list[Finding]:
-    """Return the findings that are clear, the strongest of each kind first."""
+    """Return the significant findings, the strongest of each kind first."""
     kept: list[Finding] = []
     for kind in ("run", "time", "region", "regime"):
         clear = [one for one in findings if one.kind == kind and one.p_value <= CLEAR]

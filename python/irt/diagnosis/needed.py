@@ -1,9 +1,9 @@
-"""The random push that a set of effects needs, row by row, and what it depends on.
+"""The missing push of a set of effects in each row, and the variables that it depends on.
 
-The smoother of the filter says how the marble was accelerated beyond what the simulator does, given all rows
-of a recording. Where that push is the same in the same circumstances, physics is missing; where not, it never
-repeats. Its dependence on each variable is a regression, and the p-value that of circular shifts: the push of
-a recording is moved against what it may depend on, which keeps how it carries on from row to row (Harris,
+The smoother of the filter estimates the acceleration of the marble beyond that of the simulator from all rows
+of a recording. If this push is the same in the same circumstances, physics is missing; otherwise it does not
+repeat. Its dependence on each variable is found by regression. The p-value is that of circular shifts: the
+push of a recording is shifted in time relative to the variable, which preserves its autocorrelation (Harris,
 "Nonsense correlations in neuroscience", 2020).
 """
 
@@ -24,35 +24,35 @@ from irt.fitting.solution import Smoothed
 
 Array = NDArray[np.float64]
 
-#: Shifts that are drawn, and the largest power of a polynomial.
+#: Number of random shifts, and largest power of a polynomial.
 SHIFTS, POWER = 399, 3
-#: The fewest rows of a recording that can be shifted.
+#: Fewest rows of a recording that is shifted.
 FEWEST = 20
-#: Half waves over the board that are looked at, at most.
+#: Most half waves over the board.
 WAVES = 16
-#: What the push may depend on, in words, and which question that answers.
+#: Variables that the push may depend on: description, and kind of finding.
 VARIABLES: dict[str, tuple[str, Kind]] = {
     "position": ("the position on the board", "region"),
     "velocity": ("the velocity of the marble", "regime"),
     "heading": ("the direction of motion", "regime"),
     "command": ("the command", "stage"),
-    "command rate": ("how fast the command changes", "stage"),
-    "time": ("the time since the recording began", "time"),
+    "command rate": ("the rate of the command", "stage"),
+    "time": ("the time since the start of the recording", "time"),
 }
 
 
 @dataclass(frozen=True)
 class Dependence:
-    """What a push depends on.
+    """The dependence of a push on a variable.
 
     Attributes
     ----------
     variable : str
         A key of `VARIABLES`.
     share : float
-        Part of the push's sum of squares that it explains, beyond what shifted pushes let it.
+        Explained share of the push's sum of squares, minus the mean share of shifted pushes.
     p_value : float
-        Of explaining as much were there no dependence, over all variables.
+        Probability of explaining as much without a dependence, over all variables.
     """
 
     variable: str
@@ -61,7 +61,7 @@ class Dependence:
 
 
 class Needed:
-    """The push that a set needs where the marble rolls away from the rim.
+    """The missing push of a set in free motion.
 
     Parameters
     ----------
@@ -71,11 +71,10 @@ class Needed:
 
     def __init__(self, one: Scored) -> None:
         self._seed = one.case.seed
-        #: What a row lasts [s], where recordings have no stamps: accelerations are in rows then.
+        #: Duration of a row [s] if recordings have no stamps; accelerations are then given in rows.
         self._row_s = None if one.case.time_scale is not None else one.case.row_s(one.fitted)
         found = smoothed(one)
-        #: By recording the push in each of its rows, and its standard deviation, (n, 2) [m/s^2]; NaN where
-        #: nothing is known.
+        #: Push in each row and its standard deviation, (n, 2) [m/s^2], by recording; NaN if unknown.
         self.over_time = {
             run.recording: (_padded(push, len(run.run.knobs)), _padded(deviation, len(run.run.knobs)))
             for run, push, deviation in zip(one.case.runs, found.push, found.push_deviation, strict=True)
@@ -84,19 +83,19 @@ class Needed:
         self._lengths = [len(push) for push, _ in parts]
         self._push = np.concatenate([push for push, _ in parts]) if parts else np.zeros((0, 2))
         against = {name: np.concatenate([one[name] for _, one in parts]) for name in VARIABLES if parts}
-        #: By variable a basis (n, k) of what it could explain.
+        #: Orthonormal basis (n, k) of functions of each variable.
         self._bases = {name: _basis(values) for name, values in against.items()}
         #: Waves over the board, (n, k), cosines and sines.
         self._waves = _waves(against["position"]) if parts else []
 
     @property
     def size(self) -> float:
-        """Root mean square of the push [m/s^2]."""
+        """RMS of the push [m/s^2]."""
         return float(np.sqrt((self._push**2).mean())) if len(self._push) else 0.0
 
     @functools.cached_property
     def dependences(self) -> list[Dependence]:
-        """What the push depends on, the surest first; none where nothing could be shifted."""
+        """Dependences of the push on each variable, by p-value; empty if there are too few rows."""
         if not self._push.any():
             return []
         random = np.random.default_rng([self._seed, 11])
@@ -127,19 +126,19 @@ class Needed:
 
     @property
     def p_value(self) -> float:
-        """The p-value that the push depends on nothing that comes back."""
+        """The p-value of the hypothesis that the push depends on no variable that repeats."""
         return min((one.p_value for one in self.dependences), default=1.0)
 
     def repeating(self, clear: float) -> float:
-        """Return the largest share of the push that depends on one thing, p-values at most `clear`."""
+        """Return the largest explained share of the push among dependences with p-values up to `clear`."""
         return max((one.share for one in self.dependences if one.p_value <= clear), default=0.0)
 
     def findings(self, clear: float) -> list[Finding]:
-        """Return dependences with p-values of at most `clear` as findings."""
+        """Return dependences with p-values up to `clear` as findings."""
         return [
             Finding(
                 VARIABLES[one.variable][1],
-                f"the push that is needed ({self._shown}) depends on {VARIABLES[one.variable][0]}",
+                f"the missing push ({self._shown}) depends on {VARIABLES[one.variable][0]}",
                 min(1.0, one.share),
                 one.p_value,
             )
@@ -154,7 +153,7 @@ class Needed:
         return f"{1000.0 * self.size * self._row_s**2:.2g} mm/row²"
 
     def _shifted(self, random: np.random.Generator) -> Array:
-        """Return the push of each recording moved in time by any number of rows, end to beginning."""
+        """Return the push of each recording, circularly shifted by a random number of rows."""
         ends = itertools.accumulate(self._lengths)
         return np.concatenate(
             [
@@ -165,19 +164,19 @@ class Needed:
 
 
 def smoothed(one: Scored) -> Smoothed:
-    """Return the push that a set needs in each row of each recording."""
+    """Return the missing push of a set in each row of each recording."""
     problem = Scores.of(one).problem(one.effects)
     values = np.array([one.values[name] for name in problem.names])
     return problem.smooth(values, one.noise, one.top.states)
 
 
 def _padded(values: Array, rows: int) -> Array:
-    """Return (k, 2) values of the last rows of a recording of `rows` rows with NaN before them, (rows, 2)."""
+    """Return the (k, 2) values of a recording's last rows, preceded by NaN, (rows, 2)."""
     return np.concatenate([np.full((rows - len(values), 2), np.nan), values])
 
 
 def _rows(one: Scored, found: Smoothed) -> Iterator[tuple[Array, dict[str, Array]]]:
-    """Yield for each recording the push (n, 2) [m/s^2], and by variable what it may depend on, (n, c)."""
+    """Yield for each recording the push (n, 2) [m/s^2], and the values (n, c) of each variable."""
     case, reach = one.case, one.fitted.model.reach
     for run, push in zip(case.runs, found.push, strict=True):
         if len(push) < FEWEST:
@@ -221,7 +220,7 @@ def _basis(values: Array) -> Array:
 
 
 def _waves(place: Array) -> list[Array]:
-    """Return waves in all directions over (n, 2) places, cosines and sines of length one, (n, k) each."""
+    """Return normalised cosines and sines (n, k) of waves in all directions over (n, 2) positions."""
     span = np.maximum(np.ptp(place, axis=0), 1e-12)
     numbers = [
         (i, j)
@@ -235,5 +234,5 @@ def _waves(place: Array) -> list[Array]:
 
 
 def _standardised(values: Array) -> Array:
-    """Return values in units of how far those after the first scatter about their mean."""
+    """Standardise values by the mean and standard deviation of all but the first."""
     return np.asarray((values - values[1:].mean()) / max(float(values[1:].std()), 1e-300))

@@ -1,4 +1,4 @@
-"""The choice once more without each recording: the others choose the set that predicts it."""
+"""Nested cross-validation: repeat the selection of a set without each recording, and predict it."""
 
 from __future__ import annotations
 
@@ -13,37 +13,36 @@ from irt.diagnosis.validation import Validation
 
 @dataclass(frozen=True)
 class Nested:
-    """Choices of which no recording that judges them was a part.
+    """Results of the nested cross-validation.
 
     Attributes
     ----------
     chosen : tuple of frozenset of str
-        For each recording the effects of the set that the others make the most probable.
+        Effects of the set selected without each recording.
     mae : float
-        Mean over the recordings of the error with which that set, fitted to the others, predicts it
-        [board edges].
+        Mean error of these sets, fitted to the other recordings, on the recording left out [board edges].
     """
 
     chosen: tuple[frozenset[str], ...]
     mae: float
 
     def share_with(self, names: Sequence[str]) -> float:
-        """Return the share of the recordings without which one of these effects is chosen, or several."""
+        """Return the share of the selections that contain at least one of these effects."""
         return float(np.mean([not one.isdisjoint(names) for one in self.chosen]))
 
 
 def nested(sets: Sequence[Scored], validation: Validation) -> Nested:
-    """Choose among some sets without each recording, and predict it by the choice.
+    """Select among sets without each recording, and predict it by the selected set.
 
-    The sets come from a search that has seen all recordings; which of them is chosen, and its values, do not
-    (Varma and Simon, BMC Bioinformatics 7:91, 2006).
+    The sets come from a search over all recordings, but neither the selection nor its values depend on the
+    recording left out (Varma and Simon, BMC Bioinformatics 7:91, 2006).
 
     Parameters
     ----------
     sets : sequence of Scored
-        What competes; sets with values by free runs do so by their likelihood in a filter.
+        The competing sets; sets with values from free runs compete by their likelihood in a filter.
     validation : Validation
-        Of the same case, with two recordings or more.
+        Validation of the same case, with two recordings or more.
     """
     unique = list({frozenset(one.effects): one for one in reversed(sets)}.values())
     filtered = [replace(one, is_free=False) if one.is_free else one for one in unique]

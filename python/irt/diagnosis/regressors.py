@@ -1,7 +1,7 @@
-"""A missing force in SI units, to which the terms of the library are fitted.
+"""Regression of a missing push on the library of terms.
 
-That is a sparse library, as in SINDy (Brunton et al. 2016), but in the weak form: no derivative of a noisy
-position is taken.
+The library is sparse, as in SINDy (Brunton et al. 2016), but in weak form: noisy positions are not
+differentiated.
 """
 
 from __future__ import annotations
@@ -33,55 +33,55 @@ Array = NDArray[np.float64]
 
 #: Shortest wave over the board [m], and the shortest over time [rows].
 SHORTEST_M, SHORTEST_ROWS = 0.02, 4.0
-#: Waves over velocity or tilt have so many periods over what was seen of it, at most.
+#: Most periods of waves over the observed span of velocity or tilt.
 PERIODS = 3
-#: Powers of the speed that are tried, and those of a drag that changes.
+#: Powers of the speed, and powers of drags with a profile.
 POWERS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
 BRAKES = (0.0, 1.0)
-#: Over what drags and gears may change along lines.
+#: Variables of the profiles of drags and of gears.
 BRAKED = ("position", "heading", "time", "way")
 GEARED = ("position", "time", "way")
-#: Their waves over time: periods in the longest recording, and phases.
+#: Waves of drags and gears over time: periods in the longest recording, and phases.
 SLOW = np.arange(0.25, 2.1, 0.25)
 PHASES = np.arange(4) * np.pi / 4.0
 #: Rates [rad/s] and dampings of modes.
 RATES = np.geomspace(2.0, 40.0, 25)
 DAMPINGS = (0.03, 0.1, 0.25, 0.6)
-#: What a term must explain [nats]: each of its parameters, and that it is the best of some ten thousand.
+#: Required gain per parameter of a term, and for being the best of about 10,000 terms [nats].
 PRICE, WORTH = 3.0, 12.0
-#: Terms of other families are tried, too, if they explain this share of what the likeliest does; so many.
+#: Smallest gain of terms of other families relative to the best, and most families.
 NEAR, FAMILIES = 0.7, 3
-#: Rows of the stretches in which the motion itself is looked at: a push shows with the square of the time.
+#: Most rows of segments of the observed motion; the displacement by a push grows with the square of the time.
 SEEN = 60
-#: Rows that are looked at, at most.
+#: Most rows in total.
 MOST_ROWS = 1200
-#: Rows of the stretches in which predictions are looked at once something is learned.
+#: Most rows of segments of predictions, once a term is learned.
 HORIZONS = (LONGEST, 60, 120)
-#: Speed at which the strength of a power law is given [m/s].
+#: Reference speed of the strength of a power law [m/s].
 AT = 0.1
 
 
 def likely_terms(learned: Fitted, seen: Regressors | None, terms: Sequence[Term]) -> list[Term]:
-    """Return terms that explain most of what is left over, as the motion itself shows it and predictions do.
+    """Return the terms that explain most of the observed motion and of the residuals of predictions.
 
     Parameters
     ----------
     learned : Fitted
-        A set of effects with what was learned so far.
+        A set of effects, including the terms learned so far.
     seen : Regressors or None
-        The motion as it was observed, freed of what these terms could do to it.
+        The observed motion, without the contributions of these terms.
     terms : sequence of Term
-        Those that were learned.
+        The terms learned so far.
 
     Returns
     -------
     list of Term
-        Of the motion the likeliest of some families, of each other view the likeliest, where they explain
-        more than chance does in a library of this size.
+        For the observed motion the best terms of several families, and for residuals at each horizon the best
+        term, if they explain more than chance does in a library of this size.
     """
     found = [] if seen is None else seen.likely(terms, FAMILIES)
     if terms or seen is None:
-        # In long stretches small pushes show, in short ones predictions do not go astray.
+        # Long segments reveal small pushes; in short segments predictions do not diverge.
         horizons = HORIZONS if terms else HORIZONS[:1]
         forces = (LatentForce(learned, longest=rows, most=MOST_ROWS) for rows in horizons)
         found += [term for one in forces if one.count for term in Regressors(one, learned).likely(terms, 1)]
@@ -89,13 +89,13 @@ def likely_terms(learned: Fitted, seen: Regressors | None, terms: Sequence[Term]
 
 
 def motion_seen(base: Fitted) -> Regressors | None:
-    """Return the motion as it was observed; None where the marble never moved far from the rim."""
+    """Return the regression of the observed motion; None if there are no segments of free motion."""
     force = LatentForce(base, weak=True, longest=SEEN, most=MOST_ROWS)
     return Regressors(force, base) if force.count else None
 
 
 class Regressors:
-    """A force, and what the marble, the board and the time were in its rows."""
+    """A missing push, and the values of all variables in its rows [SI units]."""
 
     def __init__(self, force: LatentForce, parent: Fitted) -> None:
         case = parent.case
@@ -103,7 +103,7 @@ class Regressors:
         rows = force.rows
         self._force, self._case, self._row_s = force, case, row_s
         self._gears = parent.values[[PARAMETERS.index(name) for name in ("gear_x", "gear_y")]]
-        self._told = {
+        self._values = {
             "position": rows.place * edge_m,
             "velocity": rows.velocity * edge_m / row_s,
             "heading": rows.velocity
@@ -112,17 +112,17 @@ class Regressors:
             "time": rows.time[:, None] * row_s,
             "way": edge_m * self._of_runs([one.way[:, None] for one in case.rig.recordings]),
         }
-        #: From pushes in m/s^2 to board edges a row squared.
+        #: Factor from m/s^2 to board edges per row squared.
         self._unit = row_s**2 / edge_m
-        self._data = [self._freed(axis) for axis in (0, 1)]
+        self._data = [self._projected(axis) for axis in (0, 1)]
 
     @property
     def total(self) -> float:
-        """Sum of squares that is left [board edges squared]."""
+        """Sum of squared residuals [board edges squared]."""
         return max(float(sum(data @ data for data in self._data)), 1e-300)
 
     def likely(self, terms: Sequence[Term], families: int) -> list[Term]:
-        """Return the likeliest terms of so many families, of those that the engine still has room for."""
+        """Return the best terms of at most `families` families that still fit into the engine's effect."""
         best: dict[tuple[str, ...], tuple[float, Term]] = {}
         for one in self._candidates(terms):
             gain = 0.5 * one.explained * self.total / self._case.noise**2 - PRICE * len(one.free)
@@ -132,14 +132,14 @@ class Regressors:
         return [one for gain, one in ranked if gain > NEAR * ranked[0][0]]
 
     def take(self, term: Term) -> None:
-        """Leave a term out of what is left: what it depends on, of any strength."""
+        """Remove a term of any strength from the residuals."""
         pushes = self._pushes(term)
         for axis in (0, 1):
             self._force.explain(axis, self._force.moved(pushes[:, :, axis]))
-            self._data[axis] = self._freed(axis)
+            self._data[axis] = self._projected(axis)
 
     def _pushes(self, term: Term) -> Array:
-        """Return pushes of unit strength, (n, k, 2): of a wave any phase."""
+        """Return the pushes of a term with unit strength, (n, k, 2); waves have two phases."""
         values = term.values
         if term.law == MODE:
             return self._swings(
@@ -151,15 +151,15 @@ class Regressors:
         if term.brakes:
             pushes = self._power_law("drag", values["drag_power"])
         elif term.gears:
-            pushes = self._pulls(self._told["command"])
+            pushes = self._pulls(self._values["command"])
         return np.asarray(self._profile(term)[:, :, None] * pushes[:, None])
 
-    def _freed(self, axis: int) -> Array:
-        return self._force.freed(axis, self._force.residual(axis)[:, None])[:, 0]
+    def _projected(self, axis: int) -> Array:
+        return self._force.projected(axis, self._force.residual(axis)[:, None])[:, 0]
 
     def _moved(self, axis: int, pushes: Array) -> Array:
-        """Return what (n, k) pushes in m/s^2 along an axis do that nothing else could, (n, k)."""
-        return self._unit * self._force.freed(axis, self._force.moved(pushes))
+        """Return displacements (n, k) by pushes (n, k) [m/s^2], without nuisance directions."""
+        return self._unit * self._force.projected(axis, self._force.moved(pushes))
 
     def _candidates(self, terms: Sequence[Term]) -> Iterator[Term]:
         laws = {term.law for term in terms}
@@ -171,70 +171,70 @@ class Regressors:
             yield self._mode()
         if sum(term.law is None for term in terms) < PROFILES:
             yield from self._waves()
-            even = np.ones((len(self._told["time"]), 2))
+            even = np.ones((len(self._values["time"]), 2))
             yield from (self._pushed(grid, even, PUSH) for grid in self._local())
-            tilts = self._pulls(self._told["command"])
+            tilts = self._pulls(self._values["command"])
             yield from (self._pushed(grid, tilts, GEARS) for grid in self._changing(*GEARED))
             for power in powers[:1] or BRAKES:
                 law = self._power_law("drag", power)
                 yield from (self._braked(grid, law, power) for grid in self._changing(*BRAKED))
 
     def _waves(self) -> Iterator[Term]:
-        """Yield of each kind the wave, with a push in one direction, that explains most."""
-        step = np.pi / (2.0 * max(float(np.ptp(self._told["position"][:, 0])), 0.05))
+        """Yield the best wave over each variable, with a push in one direction."""
+        step = np.pi / (2.0 * max(float(np.ptp(self._values["position"][:, 0])), 0.05))
         yield self._wave("position", half_plane(np.full(2, step), int(2.0 * np.pi / SHORTEST_M / step)))
         for variable in ("velocity", "command"):
             if self._varies(variable):
-                seen = np.ptp(self._told[variable], axis=0)
+                seen = np.ptp(self._values[variable], axis=0)
                 yield self._wave(variable, half_plane(np.pi / (2.0 * seen), 4 * PERIODS))
         step = np.pi / (2.0 * self._lasts)
         yield self._wave("time", np.arange(step, 2.0 * np.pi / (SHORTEST_ROWS * self._row_s), step)[:, None])
 
     def _local(self) -> Iterator[Grid]:
-        """Yield steps, bells, ridges and polynomials over all but the direction, spots and saddles."""
-        for variable, values in self._told.items():
+        """Yield steps, bells, ridges, polynomials, spots and saddles over the variables."""
+        for variable, values in self._values.items():
             if self._varies(variable) and variable != "heading":
                 yield from lines(variable, values, (*LOCAL, *POLYNOMIALS))
-        yield from spots(self._told["position"])
-        yield from (saddles(name, self._told[name]) for name in ("position", "command") if self._varies(name))
+        yield from spots(self._values["position"])
+        yield from (
+            saddles(name, self._values[name]) for name in ("position", "command") if self._varies(name)
+        )
 
     def _changing(self, *variables: str) -> Iterator[Grid]:
-        """Yield how a drag or a gear may change over the board, over these variables, and in time."""
-        yield from spots(self._told["position"])
+        """Yield the profiles of a drag or a gear over the board, over these variables, and over time."""
+        yield from spots(self._values["position"])
         for variable in variables:
             if self._varies(variable):
-                yield from lines(variable, self._told[variable], ("step", "bell", "line"))
+                yield from lines(variable, self._values[variable], ("step", "bell", "line"))
         rates = 2.0 * np.pi / self._lasts * SLOW
         yield from (waves("time", rates[:, None], phase) for phase in PHASES)
 
     def _varies(self, variable: str) -> bool:
-        return bool((np.ptp(self._told[variable], axis=0) > 0.0).all())
+        return bool((np.ptp(self._values[variable], axis=0) > 0.0).all())
 
     @property
     def _lasts(self) -> float:
         """Seconds of the longest recording."""
-        return max(float(self._told["time"].max()), self._row_s)
+        return max(float(self._values["time"].max()), self._row_s)
 
     def _laws(self, name: str, powers: Sequence[float]) -> Iterator[Term]:
-        """Yield power laws of the speed, against the motion or across it."""
+        """Yield power laws of the speed, against the motion or perpendicular to it."""
         for power in powers:
             strength, explained = self._sized(self._power_law(name, power)[:, None])
             values = {f"{name}_strength": float(strength[0]), f"{name}_power": power}
             yield Term("velocity", values, tuple(values), float(explained[0]))
 
     def _mode(self) -> Term:
-        """Return the mode of the board that explains most."""
+        """Return the best mode of the board."""
         rates, dampings = (grid.ravel() for grid in np.meshgrid(RATES, DAMPINGS))
         gains, explained = self._sized(self._swings(rates, dampings))
         best = int(np.argmax(explained))
-        told = (gains[best], rates[best], dampings[best])
-        values = dict(
-            zip(("mode_gain", "mode_rate_rad_per_s", "mode_damping"), map(float, told), strict=True)
-        )
+        names = ("mode_gain", "mode_rate_rad_per_s", "mode_damping")
+        values = dict(zip(names, map(float, (gains[best], rates[best], dampings[best])), strict=True))
         return Term("command", values, tuple(values), float(explained[best]))
 
     def _swings(self, rates: Array, dampings: Array) -> Array:
-        """Return the pushes (n, k, 2) of k modes: as far as they are away from the board's angles."""
+        """Return the pushes (n, k, 2) by the deviations of k modes from the board's angles."""
         at_rest = self._case.rig.start == "rest"
         tilts = [one.knobs * self._gears for one in self._case.rig.recordings]
         away = self._of_runs(
@@ -244,37 +244,37 @@ class Regressors:
 
     @staticmethod
     def _pulls(angles: Array) -> Array:
-        """Return the pushes [m/s^2] of angles about x and y in the last axis."""
+        """Return the pushes [m/s^2] by angles about x and y in the last axis."""
         # A turn about y pushes along x, a turn about x against y.
         return PULL * np.stack([angles[..., 1], -angles[..., 0]], axis=-1)
 
     def _of_runs(self, values: Sequence[Array]) -> Array:
-        """Return in each row what (rows, ...) values of each recording say there, (n, ...)."""
+        """Return the values (n, ...) in each row from (rows, ...) values of each recording."""
         rows = self._force.rows
         return np.array([values[run][row] for run, row in zip(rows.run, rows.time.astype(int), strict=True)])
 
     def _power_law(self, name: str, power: float) -> Array:
-        """Return pushes (n, 2) of a power law of unit strength."""
-        velocity = self._told["velocity"]
+        """Return the pushes (n, 2) of a power law with unit strength."""
+        velocity = self._values["velocity"]
         speed = np.maximum(np.linalg.norm(velocity, axis=1, keepdims=True), 1e-9)
         along = velocity / speed
         direction = -along if name == "drag" else np.stack([-along[:, 1], along[:, 0]], axis=1)
         return np.asarray(direction * (speed / AT) ** power)
 
     def _profile(self, term: Term) -> Array:
-        """Return what multiplies the strength of a profile in each row, (n, k): of a wave any phase."""
+        """Return a profile in each row, (n, k); waves have two phases."""
         vector = np.array([[term.values[name] for name in VECTORS[term.variable]]])
         phase, across = (np.array([term.values[name]]) for name in ("phase_1_rad", "across_1_rad"))
         if term.shape == "wave":
             vector, phase = np.tile(vector, (2, 1)), phase + np.array([0.0, 0.5 * np.pi])
-        return Grid(term.variable, term.shape, vector, phase, across).of(self._told[term.variable])
+        return Grid(term.variable, term.shape, vector, phase, across).of(self._values[term.variable])
 
     def _pushed(self, grid: Grid, pushes: Array, names: Sequence[str]) -> Term:
-        """Return of profiles the one that explains most where it multiplies (n, 2) pushes.
+        """Return the best profile as a factor of (n, 2) pushes.
 
         The names are those of its strengths along x and along y.
         """
-        profiles = grid.of(self._told[grid.variable])
+        profiles = grid.of(self._values[grid.variable])
         strengths, explained = np.zeros((2, len(grid.phases))), np.zeros(len(grid.phases))
         for axis in (0, 1):
             moved = self._moved(axis, profiles * pushes[:, axis : axis + 1])
@@ -286,15 +286,15 @@ class Regressors:
         return _term(grid, best, sizes, float(explained[best]))
 
     def _braked(self, grid: Grid, law: Array, power: float) -> Term:
-        """Return of profiles the one that explains most as a change of the drag."""
-        profiles = grid.of(self._told[grid.variable])
+        """Return the best profile as a change of the drag."""
+        profiles = grid.of(self._values[grid.variable])
         strengths, explained = self._sized(profiles[:, :, None] * law[:, None])
         best = int(np.argmax(explained))
         sizes = {BRAKE: float(strengths[best]), "drag_power": power}
         return _term(grid, best, sizes, float(explained[best]))
 
     def _sized(self, pushes: Array) -> tuple[Array, Array]:
-        """Return the strengths (k,) of (n, k, 2) pushes that suit best, and what each explains."""
+        """Return the best strengths (k,) of (n, k, 2) pushes, and the share that each explains (k,)."""
         along, length = np.zeros(pushes.shape[1]), np.zeros(pushes.shape[1])
         for axis in (0, 1):
             moved = self._moved(axis, pushes[:, :, axis])
@@ -304,8 +304,8 @@ class Regressors:
         return strengths, np.asarray(strengths * along / self.total)
 
     def _wave(self, variable: str, vectors: Array) -> Term:
-        """Return the wave that explains most, of (k, c) vectors over the c values of a variable."""
-        angles = self._told[variable] @ vectors.T
+        """Return the best wave among (k, c) wave vectors over the c components of a variable."""
+        angles = self._values[variable] @ vectors.T
         amplitudes, explained = np.zeros((len(vectors), 2, 2)), np.zeros(len(vectors))
         for axis in (0, 1):
             parts = [self._moved(axis, part) for part in (np.cos(angles), np.sin(angles))]
@@ -315,7 +315,7 @@ class Regressors:
             amplitudes[:, axis] = np.linalg.solve(gram, right[..., None])[..., 0]
             explained += (amplitudes[:, axis] * right).sum(axis=1) / self.total
         best = int(np.argmax(explained))
-        # One phase for both axes: that of the larger share.
+        # Both axes share one phase, that of the larger amplitude.
         cosine, sine = amplitudes[best, :, 0], amplitudes[best, :, 1]
         phase = 0.5 * np.arctan2(-2.0 * (cosine * sine).sum(), (cosine**2 - sine**2).sum())
         push = cosine * np.cos(phase) - sine * np.sin(phase)
@@ -325,7 +325,7 @@ class Regressors:
 
 
 def _term(grid: Grid, index: int, sizes: Mapping[str, float], explained: float) -> Term:
-    """Return one of the profiles, of these strengths."""
+    """Return the term of one of the profiles with these strengths."""
     vector = dict(zip(VECTORS[grid.variable], grid.vectors[index].tolist(), strict=True))
     phases = {"phase_1_rad": float(grid.phases[index])}
     across = {"across_1_rad": float(grid.across[index])}
@@ -333,16 +333,16 @@ def _term(grid: Grid, index: int, sizes: Mapping[str, float], explained: float) 
     if grid.shape in ROUND:
         free = {**free, **across}
     if grid.shape == "spot":
-        # A length without a direction, and a place.
+        # A spot has a size but no direction.
         del free[VECTORS["position"][1]]
-    told = {"shape_1": float(SHAPES.index(grid.shape)), **vector, **phases, **across, **sizes}
-    return Term(grid.variable, told, tuple(free), explained)
+    values = {"shape_1": float(SHAPES.index(grid.shape)), **vector, **phases, **across, **sizes}
+    return Term(grid.variable, values, tuple(free), explained)
 
 
 def _away(tilts: Array, before: Array, rates: Array, dampings: Array, row_s: float) -> Array:
-    """Return how far k modes are from (n, 2) angles that hold a row each, in the rows' middles, (n, k, 2).
+    """Return the deviations (n, k, 2) of k modes from (n, 2) angles, in the middles of the rows.
 
-    They have settled at the angles `before`.
+    The modes start at rest at the angles `before`; each angle holds for a row.
     """
     found = np.zeros((len(tilts), len(rates), 2))
     state = np.zeros((len(rates), 2, 2))
@@ -357,7 +357,7 @@ def _away(tilts: Array, before: Array, rates: Array, dampings: Array, row_s: flo
 
 
 def _step(rates: Array, dampings: Array, seconds: float) -> Array:
-    """Return what free swings become of a way and a speed after so long, (k, 2, 2)."""
+    """Return the transition matrices (k, 2, 2) of free oscillations over a time [s]."""
     ringing, fade = rates * np.sqrt(1.0 - dampings**2), rates * dampings
     cos, sin = np.cos(ringing * seconds), np.sin(ringing * seconds) / ringing
     matrix = np.array([[cos + fade * sin, sin], [-sin * rates**2, cos - fade * sin]])

@@ -1,4 +1,4 @@
-"""Which effects of a set matter: distinct from none, and missed by recordings held out."""
+"""Reduce a set to the effects that matter: nonzero, and needed to predict held-out recordings."""
 
 from __future__ import annotations
 
@@ -16,23 +16,22 @@ from irt.diagnosis.ties import exchanged
 from irt.diagnosis.validation import Validation
 from irt.model import Parameter
 
-#: Parameters of a set with 95 % intervals, and sentences on what the recordings cannot pin down.
+#: Parameters of a set with 95 % intervals, and sentences on unidentifiable combinations.
 Estimates = tuple[dict[str, Parameter], tuple[str, ...]]
 
 
 @dataclass(eq=False)
 class Relevance:
-    """Effects of sets, judged by recordings held out.
+    """Relevance of the effects of sets, by held-out recordings.
 
-    No engine is the rig: what a marble does at walls and in its last millimetre differs between any two, and
-    in long recordings some small effect of the catalogue describes it better than nothing does. So a set
-    keeps an effect only if its interval leaves the neutral value out, and recordings that were held out are
-    predicted worse without it by a share of the tracker's noise.
+    No engine reproduces a rig exactly at walls and close to rest, and in long recordings a small effect of
+    the catalogue can describe the difference. Therefore a set keeps an effect only if its interval excludes
+    the neutral value, and if the held-out error increases without it by a share of the tracker's noise.
 
     Attributes
     ----------
     selection, posterior
-        The search, and what it found.
+        The search and its result.
     """
 
     selection: Selection
@@ -42,11 +41,11 @@ class Relevance:
 
     @property
     def validation(self) -> Validation:
-        """The recordings held out."""
+        """The cross-validation."""
         return self.selection.validation
 
     def without(self, one: Scored, name: str) -> Scored:
-        """Return a set without one of its effects, its values found as those of the set were."""
+        """Return a set without one of its effects, fitted in the same way as the set."""
         if one not in self._without:
             self._without[one] = {}
         known = self._without[one]
@@ -58,14 +57,14 @@ class Relevance:
         return known[name]
 
     def as_free(self, one: Scored, other: Scored) -> Scored:
-        """Return a set with values by free runs if those of another are."""
+        """Return a set with values from free runs if those of `other` are."""
         return Scores.of(one).freed(one) if other.is_free and not one.is_free else one
 
     def freed(self, one: Scored) -> Scored:
-        """Return a set with values by free runs, if these predict recordings held out better.
+        """Return a set with values from free runs if these predict held-out recordings better.
 
-        A filter corrects a marble that sticks, or just does not, in every row; a free run sees where it
-        leads. Where free runs are off by about the tracker's noise there is nothing to gain.
+        A filter corrects a sticking marble in every row, whereas a free run is sensitive to sticking. If the
+        residuals of free runs are about the tracker's noise, there is nothing to gain.
         """
         if one.is_free or one.fitted.noise < (1.0 + config.MATTERS) * one.case.noise:
             return one
@@ -73,26 +72,26 @@ class Relevance:
         return min(one, other, key=lambda each: self.validation.of(each).mae)
 
     def loss(self, one: Scored, name: str) -> float:
-        """Return by how much the error on recordings held out grows without an effect [board edges].
+        """Return the increase of the held-out error without an effect [board edges].
 
-        From start to end, or in windows of `config.HORIZON_S`, where it grows more: a push that does not
-        repeat hides in long runs what each window shows.
+        It is the larger increase of complete runs and of windows of `config.HORIZON_S`: in long runs, a push
+        that does not repeat can hide what each window shows.
         """
         without, full = (self.validation.of(each) for each in (self.without(one, name), one))
         windows = without.windowed - full.windowed
         return max(without.mae - full.mae, windows if np.isfinite(windows) else -np.inf)
 
     def _is_probable(self, name: str) -> bool:
-        """Whether an effect is likely enough to be at work, or one of those that do as well in its place.
+        """Whether an effect or one of its ties is probable enough to be named.
 
-        What was learned is weighed as a whole set.
+        A learned correction always is, because it competes as a set.
         """
         instead = [one.instead for one in exchanged(self.posterior) if one.name == name]
         alike = [*group_of(name), *instead]
         return name == UNLISTED or self.posterior.any_of(alike) > config.PROBABLE
 
     def parameters(self, one: Scored) -> Estimates:
-        """Return the parameters of a set with 95 % intervals, and what the recordings cannot pin down."""
+        """Return the parameters of a set with 95 % intervals, and its unidentifiable combinations."""
         if one not in self._parameters:
             likelihood = one.top.log_likelihood
             losses = {name: likelihood - self.without(one, name).top.log_likelihood for name in one.effects}
@@ -100,9 +99,9 @@ class Relevance:
         return self._parameters[one]
 
     def kept(self, one: Scored) -> tuple[Scored, frozenset[str]]:
-        """Return a set without effects that do not matter, the least of them first, and which these were.
+        """Return a set reduced to effects that matter and are probable, and the effects that do not matter.
 
-        An effect that is not probable goes too, and is not among those.
+        Effects are removed one by one, the least important first.
         """
         immaterial = []
         while (found := self._superfluous(one)) is not None:
@@ -112,14 +111,14 @@ class Relevance:
         return one, frozenset(immaterial)
 
     def _superfluous(self, one: Scored) -> tuple[str, bool] | None:
-        """Return an effect that a set does not need, and whether it matters; None if it needs all."""
+        """Return a superfluous effect of a set, and whether it matters; None if there is none."""
         if not one.effects:
             return None
         found, _ = self.parameters(one)
         losses = {name: self.loss(one, name) for name in one.effects}
         for name in sorted(losses, key=lambda name: losses[name]):
-            # Delays that differ predict no run better: their likelihood is all there is of them, and a mean
-            # that goes with their spread, by free runs too.
+            # Delay jitter does not improve predictions, so only its likelihood counts. It must be finite: the
+            # spread must be compatible with the mean, also for values from free runs.
             if name == JITTER:
                 counts = math.isfinite(one.score)
             else:

@@ -1,4 +1,4 @@
-"""What a diagnosis says: one type that the command line, the report and other programs read."""
+"""The result of a diagnosis, for the command line, the report and other programs."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ Array = NDArray[np.float64]
 Verdict = Literal["sufficient", "missing", "unlisted"]
 Kind = Literal["stage", "time", "region", "regime", "run"]
 
-#: Name of what no effect of the catalogue explains, in `NamedEffect.name` and in ``model.toml``.
+#: Name of a learned correction outside the catalogue, in `NamedEffect.name` and in ``model.toml``.
 UNLISTED = "unlisted"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A place where residuals stand out from noise.
+    """A place where residuals exceed noise.
 
     Attributes
     ----------
     kind : {"stage", "time", "region", "regime", "run"}
-        Which question it answers.
+        Kind of place.
     what : str
         The place, in words.
     strength : float
-        Share of the mismatch beyond noise that it accounts for, from 0 to 1.
+        Its share of the mismatch beyond noise, from 0 to 1.
     p_value : float
-        Of this strength or more, were there only noise, corrected for the number of places looked at.
+        Probability of this strength or more under noise alone, corrected for the number of places tested.
     """
 
     kind: Kind
@@ -51,30 +51,30 @@ class Finding:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """An effect that was left out.
+    """An effect that is missing in the base model.
 
     Attributes
     ----------
     name : str
-        In the catalogue, or `UNLISTED`.
+        Name in the catalogue, or `UNLISTED`.
     stage : str
-        Where on the way from command to picture it acts.
+        Stage of the simulator, from command to picture, in which it acts.
     parameters : dict
         Fitted values by name with 95 % intervals.
     units : dict
         Unit of each parameter.
     heldout_mae_without, heldout_mae_with : float
-        Mean absolute error [board edges] on runs held out, of the final model without this effect and with
-        it, all other parameters refitted.
+        Mean absolute error [board edges] on held-out runs of the final model without and with this effect,
+        all other parameters refitted.
     confusable_with : tuple of str
-        Effects that explain the recordings as well in its place.
+        Its ties: effects that explain the recordings as well in its place.
     reason : str
-        Why they cannot be told apart, in a sentence; empty where there are none.
+        Why these cannot be distinguished, in a sentence; empty if there are none.
     probability : float
-        That it is at work, or one of those that do as well, given these recordings and the catalogue.
+        Probability that it or one of its ties acts, given these recordings and the catalogue.
     chosen_again : float
-        Share of the recordings without which it is chosen, or one of those that do as well; NaN where
-        nothing was held out.
+        Share of the selections without one recording that contain it or one of its ties; NaN if nothing was
+        held out.
     """
 
     name: str
@@ -91,22 +91,22 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A hypothesis that was tried: effects added to the base model, everything refitted.
+    """A scored hypothesis: the base model with added effects, all parameters refitted.
 
     Attributes
     ----------
     effects : tuple of str
-        What was added; empty for the base model.
+        The added effects; empty for the base model.
     values : dict
         Fitted values of the effects' parameters, by ``effect.parameter``.
     gain : float
-        Log-likelihood over the base model's, in nats, each beside the random push that suits it best.
+        Log-likelihood relative to the base model [nats], each with the random push that fits it best.
     penalty : float
-        What its parameters and its choice from the catalogue cost, in nats.
+        Penalty for its parameters and for its choice from the catalogue [nats].
     probability : float
-        Of this set among all that were tried.
+        Probability among all scored sets.
     outcome : str
-        What became of it, in words.
+        The outcome in words.
     """
 
     effects: tuple[str, ...]
@@ -119,14 +119,14 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Plausible:
-    """A model that may be the true one.
+    """A plausible model.
 
     Attributes
     ----------
     model : Model
-        A set of effects, fitted.
+        The fitted model of a set of effects.
     probability : float
-        Of the set among those that are plausible.
+        Probability of the set among the plausible sets.
     """
 
     model: Model
@@ -135,16 +135,16 @@ class Plausible:
 
 @dataclass(frozen=True, eq=False)
 class RunProof:
-    """One recording of n rows, predicted by models fitted to the other recordings alone.
+    """Predictions of a recording of n rows by models fitted to the other recordings.
 
     Attributes
     ----------
     recording : str
         Its name.
     times : (n,) array
-        Seconds of each row.
+        Time of each row [s].
     observed : (n, 2) array
-        What the tracker saw [board edges], NaN where nothing.
+        Observed positions [board edges], NaN in rows without a marble.
     base, final : (n, 2) arrays
         Predictions before and after [board edges].
     base_mae, final_mae : float
@@ -162,20 +162,20 @@ class RunProof:
 
 @dataclass(frozen=True)
 class NeededPush:
-    """How a recording of n rows pushes the marble beyond what the simulator does, before and after.
+    """The missing push in a recording of n rows: acceleration of the marble beyond that of the simulator.
 
-    Each is the mean given all rows, with its standard deviation, NaN in rows where nothing is known.
+    Each is the mean given all rows, with its standard deviation, NaN in rows where it is unknown.
 
     Attributes
     ----------
     recording : str
         Its name.
     times : (n,) array
-        Seconds of each row.
+        Time of each row [s].
     base, base_deviation : (n, 2) arrays
-        Of the five parameters [m/s^2].
+        For the five-parameter model [m/s^2].
     final, final_deviation : (n, 2) arrays
-        Of the answer [m/s^2].
+        For the final model [m/s^2].
     """
 
     recording: str
@@ -188,16 +188,16 @@ class NeededPush:
 
 @dataclass(frozen=True)
 class Share:
-    """A part of the base model's squared error on recordings held out.
+    """A share of the base model's squared error on held-out recordings.
 
     Attributes
     ----------
     what : str
         An effect, "tracker" or "not repeatable".
     share : float
-        From 0 to 1; those of one horizon add up to 1.
+        From 0 to 1; the shares of a horizon add up to 1.
     horizon_s : float or None
-        How far ahead was predicted [s]; None for runs from their start to their end.
+        Prediction horizon [s]; None for complete runs.
     """
 
     what: str
@@ -207,20 +207,20 @@ class Share:
 
 @dataclass(frozen=True)
 class Remains:
-    """What nothing that was named explains.
+    """The error that neither named effects nor the tracker explain.
 
     Attributes
     ----------
     share : float
-        Of the base model's squared error on recordings held out, in runs from start to end.
+        Its share of the base model's squared error on held-out recordings, over complete runs.
     stage : str or None
-        Where a random push, or chance at the rim, makes recordings likelier: "board" or "contact"; None where
-        neither does.
+        "board" if a random push increases the likelihood, "contact" if random rebounds increase it more; None
+        if neither does.
     repeats : bool
-        Whether the remainder depends on anything that comes back.
+        Whether the error depends on a variable that repeats from run to run.
     floor_of_the_log : float
-        Mean absolute error of the final model on recordings that it has itself made, tracked as those of the
-        rig: what a perfect simulator would be off by [board edges].
+        Error of a perfect simulator: mean absolute error of the final model on recordings simulated by
+        itself, with the gaps and the noise of the rig's tracker [board edges].
     """
 
     share: float
@@ -231,17 +231,17 @@ class Remains:
 
 @dataclass(frozen=True)
 class Power:
-    """From which size on these recordings would have shown an effect.
+    """The detectability of an effect.
 
     Attributes
     ----------
     effect, parameter, unit : str
-        Which effect, and which of its parameters was varied, the others at typical values.
+        The effect, and its parameter that was varied, with the others at typical values.
     least : float or None
-        Smallest size that would have been named with a probability of at least 0.8; None where not even
-        the largest size would.
+        Smallest size that would have been named with a probability of at least 0.8; None if even the largest
+        size would not.
     largest : float
-        End of the range looked at.
+        Largest size tested.
     """
 
     effect: str
@@ -253,63 +253,63 @@ class Power:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The outcome of `irt.diagnose`.
+    """The result of `irt.diagnose`.
 
     Attributes
     ----------
     verdict : {"sufficient", "missing", "unlisted"}
-        Whether the base model explains the recordings, effects of the catalogue are missing, or something
-        repeatable is left that no effect explains.
+        The base model explains the recordings, effects of the catalogue are missing, or repeatable residuals
+        remain that no effect explains.
     summary : str
-        The answer in one or two sentences.
+        The result in one or two sentences.
     where : tuple of Finding
-        Where residuals of the base model stand out, the strongest first of each kind.
+        Places where residuals of the base model exceed noise, the strongest of each kind first.
     effects : tuple of NamedEffect
-        What was left out, the most important first.
+        The missing effects, the most important first.
     noise : float
         Standard deviation of the tracker [board edges].
     base_mae, final_mae, base_heldout_mae, final_heldout_mae : float
-        Mean absolute errors [board edges] of the base model and the final one, on the runs that they were
-        fitted to and on runs held out, each predicted by a fit to the others.
+        Mean absolute errors [board edges] of the base model and of the final model, on the runs that they
+        were fitted to, and on held-out runs, each predicted by a fit to the others.
     base, model : Model
-        The best fit of five parameters, and the final model; both with 95 % intervals.
+        The best fit of the five parameters, and the final model; both with 95 % intervals.
     indistinguishable : tuple of Model
         Models with other effects that explain the recordings as well as the final one.
     plausible : tuple of Plausible
-        Models with sets of effects that may be the true one, the final model first.
+        Plausible models, the final model first.
     unidentifiable : tuple of str
-        Plain sentences: which combinations these recordings cannot pin down.
+        Sentences on parameter combinations that are not identifiable from these recordings.
     suggestion : str
         What to record next, and why.
     candidates : tuple of Candidate
-        All hypotheses tried, the best first.
+        All scored hypotheses, the best first.
     runs : tuple of RunProof
-        The proof, run by run.
+        Predictions and errors on held-out runs.
     power : tuple of Power
-        What could have been seen, where nothing was.
+        Detectability of the effects of the catalogue; empty if effects are named.
     notes : tuple of str
-        Plain sentences about anything else the user should know.
+        Sentences on other findings.
     settings : dict
-        What the diagnosis was asked with.
+        Settings of the diagnosis.
     seed : int
-        Of everything drawn.
+        Random seed.
     seconds : float
         Wall time.
     inclusion : dict
-        Probability of each effect of the catalogue that it is at work.
+        Probability that each effect of the catalogue acts.
     budget : tuple of Share
-        Where the base model's error on runs held out goes, at several horizons.
+        Error budget: shares of the base model's squared error on held-out runs, at several horizons.
     remains : Remains or None
-        What nothing explains; None where nothing was held out.
+        The unexplained error; None if nothing was held out.
     pushes : tuple of NeededPush
-        Recording by recording the push that is missing; empty where nothing is.
+        The missing push in each recording; empty if nothing is missing.
     warnings : tuple of str
-        What a check of the recordings warns of (`irt.check`).
+        Warnings of a check of the recordings (`irt.check`).
     sessions : tuple of Difference
         Values that differ between the sessions of a pooled rig (`irt.pool`).
     nested_heldout_mae : float
-        Mean absolute error on runs held out [board edges], each predicted by the set of effects that the
-        others choose; NaN where nothing was held out.
+        Mean absolute error on held-out runs [board edges], each predicted by the set of effects selected on
+        the other runs; NaN if nothing was held out.
     """
 
     verdict: Verdict
@@ -344,11 +344,11 @@ class Diagnosis:
 
     @property
     def is_held_out(self) -> bool:
-        """Whether errors are those on recordings that were held out: with one recording there are none."""
+        """Whether there are held-out errors; a single recording has none."""
         return math.isfinite(self.final_heldout_mae)
 
     def plot(self) -> Figure:
-        """Draw the run that improves most, before and after; return a matplotlib figure."""
+        """Draw the most improved run before and after; return a matplotlib figure."""
         from irt import pictures  # noqa: PLC0415
 
         run = max(self.runs, key=lambda one: one.base_mae - one.final_mae)
@@ -360,7 +360,7 @@ class Diagnosis:
             ]
             for index, axis in enumerate("xy")
         }
-        # With stamps the time scale is known, and has no interval; without, rows are all that is known.
+        # The time scale of stamped recordings has no interval; without stamps, time is in rows.
         if self.model.parameters["time_scale"].low is None:
             return pictures.over_time(run.times, f"{run.recording}: time  [s]", panels)
         rows = np.arange(len(run.times), dtype=np.float64)
@@ -384,7 +384,7 @@ class Diagnosis:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what ``diagnosis.json`` holds; what has no number is None."""
+        """Return the contents of ``diagnosis.json``; numbers that are not finite are None."""
         content = {
             "verdict": self.verdict,
             "summary": self.summary,
@@ -453,12 +453,12 @@ def _parameters(parameters: Mapping[str, Parameter], unit: Mapping[str, str]) ->
 
 def _parameter(one: Parameter) -> dict[str, float | None]:
     """Return value and interval; JSON has no infinity, so an open end is null."""
-    told = {"value": one.value, "low": one.low, "high": one.high}
-    return {key: None if value is None or math.isinf(value) else value for key, value in told.items()}
+    content = {"value": one.value, "low": one.low, "high": one.high}
+    return {key: None if value is None or math.isinf(value) else value for key, value in content.items()}
 
 
 def _finite(content: Any) -> Any:
-    """Return content with null for what JSON has no number for."""
+    """Return content with None in place of numbers that JSON cannot represent."""
     if isinstance(content, dict):
         return {key: _finite(value) for key, value in content.items()}
     if isinstance(content, list | tuple):

@@ -1,4 +1,4 @@
-"""From recordings to a diagnosis: choose the set of effects, locate, prove, and say it."""
+"""Run a diagnosis: select the set of effects, locate the mismatch, validate, and report."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from irt.files import PathLike
 from irt.fitting.fit import Progress
 from irt.rig import Rig, as_rig
 
-#: Steps that a diagnosis takes at most, for the progress bar alone.
+#: Most steps of a diagnosis, for the progress bar.
 _STEPS = 120
 
 
@@ -33,24 +33,24 @@ _STEPS = 120
 def diagnose(
     rig: Rig | PathLike, *, seed: int = 0, threads: int | None = None, progress: Progress | None = None
 ) -> Diagnosis:
-    """Fit, locate the mismatch, name the missing physics, model it, and prove it on recordings held out.
+    """Fit, locate the mismatch, identify the missing physics, model it, and validate it on held-out runs.
 
     Parameters
     ----------
     rig : Rig or path
-        The recordings, or their folder; a rig of one recording can be diagnosed, but not proved.
+        The rig or its folder. With a single recording there is no validation.
     seed : int
-        Of all draws. The same seed gives the same answer for any number of threads.
+        Random seed. The same seed gives the same result for any number of threads.
     threads : int, optional
-        Threads of the engine; by default one for each core.
+        Threads of the engine; by default one per core.
     progress : callable, optional
-        Called with (done, total, text); the text says what is tried.
+        Called with (done, total, text); the text names the current step.
 
     Raises
     ------
     IrtError
-        If the rig is not as it must be, or its recordings can identify nothing or are certainly wrong
-        (`irt.check` says more).
+        If the rig is invalid, or if its recordings can identify nothing or contain a certain error (see
+        `irt.check`).
     """
     began = time.perf_counter()
     arguments.whole("seed", seed)
@@ -58,7 +58,7 @@ def diagnose(
     arguments.progress(progress)
     rig = as_rig(rig).on_bare_board()
     warnings = required(rig, threads=threads)
-    # More threads add up in another order, and wait for each other longer than such matrices take.
+    # More BLAS threads change the order of summation, and are slower on matrices of this size.
     with threadpool_limits(1, user_api="blas"):
         found = _diagnosed(Case.of(rig.of_marbles(), seed=seed, threads=threads), _reporter(progress))
     if progress is not None:
@@ -67,12 +67,12 @@ def diagnose(
 
 
 def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
-    """Go the whole way, from recordings to words."""
+    """Run all stages of a diagnosis."""
     scores = Scores(case)
     selection = Selection(scores, hypotheses(case.rig.start), report)
     posterior = selection.run()
     relevance = Relevance(selection, posterior)
-    report("which effects matter")
+    report("relevance of effects")
     kept, immaterial = relevance.kept(relevance.freed(posterior.best))
     learned = _learned(relevance, kept, posterior.best)
     if learned is not None:
@@ -82,11 +82,11 @@ def _diagnosed(case: Case, report: Callable[[str], None]) -> Diagnosis:
 
 
 def _learned(relevance: Relevance, kept: Scored, best: Scored) -> Scored | None:
-    """Return what is more probable than the best set, with what can be learned without a name.
+    """Return a set with a learned correction that is more probable than the best set, or None.
 
-    It is asked for where the set needs a push that depends on something, and leaves a share of the error. It
-    is learned beside the set, and in its place: effects may only have stood in for it. A map does even where
-    it leaves nothing that depends on anything.
+    A correction is learned if the best set needs a push that depends on a variable, and if a share of the
+    error remains. It is learned in addition to the set and in place of it, because effects may only have
+    approximated it. A slope map is always challenged by a correction, because it can approximate one.
     """
     scores, report = relevance.selection.scores, relevance.selection.report
     base = scores.base()

@@ -1,4 +1,4 @@
-"""The score of a set of effects: the evidence of a simulator that has them, and is also pushed at random."""
+"""The score of a set of effects: the evidence of a simulator with these effects and a random push."""
 
 from __future__ import annotations
 
@@ -33,33 +33,33 @@ from irt.rig import PARAMETERS
 
 Array = NDArray[np.float64]
 
-#: Where the sizes of what is random stand, as `Problem.filter` takes them.
+#: Indices of the noise sizes, as taken by `Problem.filter`.
 WHITE, LASTING, LASTING_S, PUSH, PULL, PULL_S, RESTITUTION, KICK, DEPARTURE, START_VELOCITY = range(10)
 
-#: Effects that say when commands act: each has in it what steps in time differ by.
+#: Effects of the timing of commands, which include the time-step offset between engines.
 TIMES = ALIKE | {JITTER}
 
 
 @dataclass(frozen=True, eq=False)
 class Scored:
-    """A set of effects beside the five parameters, at the top of its posterior.
+    """A set of effects at the maximum of its posterior.
 
     Attributes
     ----------
     case : Case
-        The recordings, with what of the effects is held.
+        The dataset, with the held parameters of effects.
     effects : tuple of str
-        In the order of addition.
+        The effects in the order of addition.
     names : tuple of str
-        Of the n parameters: the five, then ``effect.parameter``.
+        Names of the n parameters: the five, then ``effect.parameter``.
     top : Probable
-        Values, deviations, sizes of what is random, likelihood and evidence.
+        Values, deviations, noise sizes, likelihood and evidence.
     price : float
-        What the choice of the set costs [nats].
+        Negative log prior of the set [nats].
     terms : tuple of Term
-        Of what was learned, where that is among the effects.
+        Terms of the learned correction, if it is among the effects.
     is_free : bool
-        Whether the values are those of free runs, by least squares, and not of the filter.
+        Whether the values are from free runs by least squares, instead of from the filter.
     """
 
     case: Case
@@ -72,10 +72,10 @@ class Scored:
 
     @property
     def score(self) -> float:
-        """The log posterior of the set, up to a constant [nats]; none where delays would be negative.
+        """The log posterior of the set, up to a constant [nats]; minus infinity if delays would be negative.
 
-        Delays that are never negative have a spread that is not much larger than their mean. Friction against
-        spins is at its best, as what is random is: where it stands at none it has no width to integrate over.
+        The spread of nonnegative delays is not much larger than their mean. Spinning friction is maximised
+        instead of integrated over, like the noise sizes, because its posterior has no width at zero.
         """
         if JITTER in self.effects and self.noise[KICK] > config.SPREAD * mean_delay(self.values):
             return -math.inf
@@ -90,12 +90,12 @@ class Scored:
 
     @property
     def noise(self) -> Array:
-        """Sizes of what is random, as `Problem.filter` takes them, (10,)."""
+        """Noise sizes as taken by `Problem.filter`, (10,)."""
         return np.asarray(self.top.noise)
 
     @functools.cached_property
     def fitted(self) -> Fitted:
-        """Its free runs."""
+        """The evaluation of its values by free runs."""
         effects = simulated(self.effects)
         problem = self.case.problem(effects)
         values = np.array([self.values[name] for name in problem.names])
@@ -104,28 +104,28 @@ class Scored:
 
 @functools.cache
 def _width_before() -> float:
-    """Return the deviation of the logarithm of the friction against spins before anything was seen."""
+    """Return the prior standard deviation of the logarithm of the spinning friction."""
     (size,) = effect(SPINNING).required
     return math.log(size.high / size.low) / math.sqrt(12.0)
 
 
 def mean_delay(values: Mapping[str, float]) -> float:
-    """Return the mean of delays that differ [s]: the shift, and what the smoothing is late by."""
+    """Return the mean of jittered delays [s]: the sum of shift and smoothing."""
     return values[SHIFT_S] + values[SMOOTHED_S]
 
 
 @dataclass(eq=False)
 class Scores:
-    """Scores of a case's sets, the best of each that was found.
+    """Scores of the sets of a case.
 
     Attributes
     ----------
     case : Case
-        The recordings, with what of the effects is held.
+        The dataset, with the held parameters of effects.
     terms : tuple of Term
-        Of what is learned, where that is among the effects.
+        Terms of the learned correction, if it is among the effects.
     known : dict
-        The best of each set.
+        The best fit of each set.
     """
 
     case: Case
@@ -134,21 +134,21 @@ class Scores:
 
     @classmethod
     def of(cls, one: Scored) -> Scores:
-        """Return scores of the sets that hold what a set does."""
+        """Return the scores for sets with the held parameters and terms of a set."""
         return cls(one.case, one.terms)
 
     def price(self, effects: Sequence[str]) -> float:
-        """Return what the choice of a set costs [nats].
+        """Return the negative log prior of a set [nats].
 
-        One effect is expected, each of the catalogue as likely; and one term of the library, if any is there.
-        Delays that differ are two effects: their mean, and their spread.
+        One effect is expected, with all of the catalogue equally probable, and so is each term of the
+        library. Delay jitter counts as two effects, mean and spread.
         """
         named = sum(name != UNLISTED for name in effects) + (JITTER in effects)
         learned = len(self.terms) if UNLISTED in effects else 0
         return named * math.log(len(hypothetical())) + learned * math.log(config.LIBRARY)
 
     def base(self) -> Scored:
-        """Score the five parameters alone: from least squares, and from several sizes of what is random."""
+        """Score the five parameters alone, from several start values and noise sizes."""
         key: frozenset[str] = frozenset()
         if key not in self.known:
             values, noises = self._starts()
@@ -162,7 +162,7 @@ class Scores:
         return self.known[key]
 
     def _spun(self, one: Scored) -> None:
-        """Fit a set from other frictions against spins: where one is strong enough, more changes nothing."""
+        """Fit a set from other spinning frictions, because the likelihood is flat at large values."""
         count = len(config.SPINNING)
         values = np.tile(one.top.values, (2 * count, 1))
         values[:, one.names.index(SPIN)] = np.tile(config.SPINNING, 2)
@@ -171,16 +171,16 @@ class Scores:
         self.ascend(one.effects, values, noise, one.top.states, iterations=config.THOROUGH)
 
     def problem(self, effects: Sequence[str]) -> Problem:
-        """Return the problem of a set, and of a time by which engines that step in time are apart."""
+        """Return the problem of a set, with a small delay for the time-step offset between engines."""
         if set(effects) & TIMES:
             return self.case.grey_box(simulated(effects))
         return self.case.grey_box([MEAN, *simulated(effects)], within={SHIFT_S: (0.0, SUBSTEP_S)})
 
     def _starts(self) -> tuple[Array, Array]:
-        """Return values and sizes of what is random to begin at: least squares, and the middle of ranges.
+        """Return initial values and noise sizes: least squares, and the middle of ranges.
 
-        Where much is missing least squares go far astray, but for the signs of the gears, and their size for
-        a given time scale.
+        If much physics is missing, least squares are far off, except for the signs of the gears and their
+        size for a given time scale.
         """
         found = self.case.fit((), starts=6, rounds=1).values
         middle = found.copy()
@@ -198,7 +198,7 @@ class Scores:
         return np.array(values), np.array(noises)
 
     def noise(self, push: float) -> Array:
-        """Return sizes of what is random to begin at, (10,)."""
+        """Return initial noise sizes, (10,)."""
         white, lasting = max(self.case.noise, 1e-5), max(self.case.noise, 1e-6)
         return np.array(
             [
@@ -224,7 +224,7 @@ class Scores:
         *,
         iterations: int,
     ) -> list[Scored]:
-        """Go uphill from (k, n) values, (k, 10) sizes and (s, 4) states; remember the best."""
+        """Maximise the posterior from (k, n) values, (k, 10) noise sizes and (s, 4) states; keep the best."""
         problem = self.problem(effects)
         tops = problem.ascend(
             values, noise, None if states is None else [states] * len(values), iterations=iterations
@@ -237,11 +237,11 @@ class Scores:
         return found
 
     def freed(self, one: Scored) -> Scored:
-        """Return a set with the values to which free runs lead."""
+        """Return a set with values from free runs."""
         return replace(one, top=replace(one.top, values=self.least_squares(one)), is_free=True)
 
     def least_squares(self, one: Scored) -> Array:
-        """Return the values of a set to which free runs lead from where it is, (n,); a map stays as it is."""
+        """Return the values of a set after a fit of free runs that starts at them, (n,); a map is held."""
         effects, case = simulated(one.effects), self.case
         if MAP in effects:
             own = f"{MAP}."
@@ -253,15 +253,15 @@ class Scores:
         return np.array([values[name] for name in one.names])
 
     def loss_without(self, one: Scored, sizes: Sequence[int]) -> float:
-        """Return by how many nats a set is likelier with something random than without; infinite if unknown.
+        """Return the loss of log-likelihood without some of the noise [nats]; infinite if unknown.
 
         Parameters
         ----------
         one : Scored
             The set.
         sizes : sequence of int
-            Where the sizes that are to be zero stand, such as `PUSH`. A push that is no larger than what
-            engines differ by is none.
+            Indices of the noise sizes that are set to zero, such as `PUSH`. A push within the differences
+            between engines counts as zero.
         """
         if {PUSH, PULL}.issuperset(sizes) and (one.noise[[PUSH, PULL]] <= config.LITTLE[:2]).all():
             return 0.0
@@ -277,11 +277,11 @@ class Scores:
         return max(0.0, gain) if math.isfinite(gain) else math.inf
 
     def push(self, one: Scored) -> float:
-        """Return by how many nats a set is likelier with a random push than without."""
+        """Return the gain in log-likelihood by a random push [nats]."""
         return self.loss_without(one, [PUSH, PULL])
 
     def remember(self, one: Scored) -> None:
-        """Keep a set, if it is the best of its effects."""
+        """Keep a fit if it is the best with its effects."""
         key = frozenset(one.effects)
         known = self.known.get(key)
         if known is None or one.score > known.score or math.isnan(known.score):
@@ -289,13 +289,13 @@ class Scores:
 
     @staticmethod
     def from_where(problem: Problem, source: Scored) -> Array:
-        """Return the values that a set has of a problem, (n,); engines may be half a step apart."""
+        """Return the values of a set as values of a problem, (n,); the time-step offset is half a step."""
         values = source.values
         return np.array([values.get(name, SUBSTEP_S / 2.0) for name in problem.names])
 
 
 def quiet(noise: Array) -> Array:
-    """Return (k, 10) sizes with as little push, and chance at the rim, as on a rig that lacks nothing."""
+    """Return (k, 10) noise sizes with push and random rebounds as small as for a complete model."""
     sizes = noise.copy()
     sizes[:, [PUSH, PULL, RESTITUTION]] = config.LITTLE
     return sizes

@@ -1,4 +1,4 @@
-"""Which effects might explain what a set leaves over: a look at draws of each, to first order."""
+"""Screening: estimate to first order, from random draws, which effects could explain residuals."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ TAIL = 4.0
 STEP = 1e-4
 #: Smallest size drawn, as a share of the largest.
 SMALLEST = 0.02
-#: Spreads of a map's coefficients that are looked at, as shares of their range.
+#: Spreads of a map's coefficients to try, as shares of their range.
 SPREADS = np.geomspace(1e-3, 1.0, 31)
 
 
 @dataclass(frozen=True, eq=False)
 class Promise:
-    """An effect, by how many nats it might help to first order, and where to begin.
+    """An effect with its screened gain and start values.
 
     Attributes
     ----------
     name : str
-        Of the effect.
+        Name of the effect.
     gain : float
-        What it promises [nats].
+        Estimated gain [nats].
     starts : (k, n) array
-        Values.
+        Start values.
     noise : (k, 10) array
-        Sizes of what is random.
+        Start noise sizes.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Promise:
 
 
 class Screening:
-    """What a set leaves over, and how its own parameters would change that."""
+    """The residuals of a set, and their derivatives with its parameters."""
 
     def __init__(self, scores: Scores, parent: Scored) -> None:
         self._scores, self._parent = scores, parent
@@ -86,7 +86,7 @@ class Screening:
         self._off = self._across(off * root)
 
     def promises(self, names: Sequence[str]) -> list[Promise]:
-        """Return what each effect might do, the most promising first."""
+        """Return the screened effects, the largest gain first."""
         found = [self._promise_of(name) for name in names]
         return sorted(found, key=lambda one: -one.gain)
 
@@ -96,7 +96,7 @@ class Screening:
         return self._of_map(name) if effect(name).shrunk else self._promise(name)
 
     def _of_map(self, name: str) -> Promise:
-        """Return what a map might do: coefficients of one distribution, of the size that suits best."""
+        """Screen a map: its coefficients have one normal distribution of the best size."""
         steps = np.array([STEP * (one.high - one.low) for one in effect(name).required])
         own, values, found = self._filtered(name, np.diag(steps))
         slopes = np.array([self._change(one) for one in found]) / steps[:, None]
@@ -111,7 +111,7 @@ class Screening:
         return Promise(name, float(gains[best]), start, self._parent.noise[None])
 
     def _of_jitter(self) -> Promise:
-        """Return what delays that differ from command to command might do: each size and mean is tried."""
+        """Screen delay jitter: try each spread and mean."""
         problem = self._scores.problem(child(self._parent.effects, JITTER))
         shift, smoothing = (problem.names.index(one) for one in (SHIFT_S, SMOOTHED_S))
         late = (SHIFT_S, "latency.latency_s", SMOOTHED_S)
@@ -156,12 +156,12 @@ class Screening:
         return Promise(name, gain if np.isfinite(gain) else -np.inf, np.array(starts), noise)
 
     def shown(self, name: str, values: Array) -> Array:
-        """Return by how many nats (k, p) values of an effect, were they true, would be likelier than none."""
+        """Return the expected gain [nats] of (k, p) values of an effect if they were true, (k,)."""
         changes = [self._change(one) for one in self._filtered(name, values)[2]]
         return np.array([0.5 * float(change @ change) for change in changes])
 
     def _filtered(self, name: str, drawn: Array) -> tuple[int, Array, list[Filtered]]:
-        """Predict rows with (k, p) values of one effect more: where these stand, all (k, n), predictions."""
+        """Predict with (k, p) values of one more effect; return their column, values (k, n), predictions."""
         problem = self._scores.problem(child(self._parent.effects, name))
         own = next(i for i, one in enumerate(problem.names) if one.startswith(f"{name}."))
         count = len(drawn)
@@ -171,12 +171,12 @@ class Screening:
         return own, values, problem.filter(values, noise, states)
 
     def _change(self, one: Filtered) -> Array:
-        """Return by how much predictions differ from the set's, beyond what its own parameters could do."""
+        """Return the difference of predictions from the set's, beyond changes of its own parameters."""
         moved = np.concatenate([each.ravel() for each in one.predicted])[self._kept]
         return self._across((moved - self._here) / self._scale * self._root)
 
     def _scaled(self, name: str, own: int, values: Array, share: Array) -> Array:
-        """Return draws with their size as large as explains most, within their ranges."""
+        """Return draws with their size scaled to the best fit, within their ranges."""
         scaled = values.copy()
         known = effect(name).required
         size = size_of(name)
@@ -189,15 +189,15 @@ class Screening:
         return scaled
 
     def _across(self, vector: Array) -> Array:
-        """Return what the set's own parameters cannot make up for."""
+        """Return a vector without its components along the set's own parameters."""
         return np.asarray(vector - self._basis @ (self._basis.T @ vector))
 
 
 def _between(values: Array, changes: Array) -> Array:
-    """Return the middles between (k,) values of which the one says nothing of what the other does.
+    """Return midpoints between adjacent (k,) values whose changes (k, rows) are uncorrelated.
 
-    Steps of a knob do so if they differ by a hundredth: between two of them there is room for a third. Only
-    changes (k, rows) count that would be seen, were they true.
+    An example are step sizes of a knob, whose changes are uncorrelated at a difference of 1 %. Only changes
+    that would be detected if they were true are considered.
     """
     order = np.argsort(values)
     values, changes = values[order], changes[order]
@@ -208,18 +208,18 @@ def _between(values: Array, changes: Array) -> Array:
 
 
 def child(effects: Sequence[str], name: str) -> tuple[str, ...]:
-    """Return a set with one effect more: delays that differ have a mean of their own."""
+    """Return a set with one more effect; delay jitter replaces the effects that it includes."""
     kept = [one for one in effects if name != JITTER or one not in SMOOTHED]
     return (*kept, name)
 
 
 def _both_ways(name: str) -> bool:
-    """Whether an effect may be of either sign."""
+    """Whether an effect may have either sign."""
     return all(one.low < one.neutral < one.high for one in sizes_of(name))
 
 
 def draws(name: str, count: int, seed: int) -> Array:
-    """Draw values of an effect, (count, p): its sizes log-uniformly, everything else over its range."""
+    """Draw values of an effect, (count, p): sizes log-uniformly, other parameters uniformly."""
     known = effect(name).required
     size = size_of(name)
     cube = qmc.Sobol(2 * len(known), seed=np.random.default_rng([seed, 7])).random(count)

@@ -1,4 +1,4 @@
-"""Which set of effects is the most probable: effects are added, dropped and swapped while the score grows."""
+"""Search for the most probable set of effects: add, drop and swap effects while the score grows."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The sets that were scored, and how probable each is.
+    """The posterior over the scored sets.
 
     Attributes
     ----------
     best : Scored
         The most probable set.
     sets : tuple of Scored
-        All, the most probable first.
+        All scored sets, the most probable first.
     """
 
     best: Scored
     sets: tuple[Scored, ...]
 
     def any_of(self, names: Sequence[str]) -> float:
-        """Return the probability that one of these effects is at work, or several."""
+        """Return the probability that at least one of these effects acts."""
         with_it = [not set(names).isdisjoint(one.effects) for one in self.sets]
-        # Sums of other orders are rounded otherwise.
+        # Rounding may raise the sum above 1.
         return min(1.0, float(probabilities([one.score for one in self.sets])[with_it].sum()))
 
     def probabilities(self, immaterial: Container[str]) -> dict[str, float]:
-        """Return the probability of each effect that was tried, as far as it is worth a mention.
+        """Return the probabilities of effects above `config.MENTIONED`.
 
         Parameters
         ----------
         immaterial : container of str
-            Effects that were found not to matter, which stand for what engines differ by.
+            Effects to leave out because they do not matter: they describe differences between engines.
         """
         names = sorted({name for one in self.sets for name in one.effects if name not in immaterial})
         found = {name: self.any_of([name]) for name in names}
@@ -53,17 +53,16 @@ class Posterior:
 
 
 def probabilities(scores: Sequence[float]) -> Array:
-    """Return how probable sets of these log posteriors are, (k,), if one of them is true."""
+    """Return normalised probabilities, (k,), from log posteriors."""
     weights = np.exp(np.array(scores) - max(scores))
     return np.asarray(weights / weights.sum())
 
 
 def renamed(one: Scored, name: str) -> Scored:
-    """Return a set at the same values, one of its effects by the other name that it may have (`ALIKE`).
+    """Return a set with the same values, with one effect replaced by its equivalent in `ALIKE`.
 
-    Beside a push, how likely either is does not distinguish them: a filter corrects the marble by what was
-    seen in a row, not where it was when an old picture was taken (a late picture that was true came out 568
-    nats less likely than a late command).
+    With a random push, the likelihood does not distinguish the two fairly: the filter applies an observation
+    to the current state, not to the state at the time of an old picture, which penalises true latencies.
     """
     (instead,) = ALIKE - {name}
     effects = tuple(instead if each == name else each for each in one.effects)
@@ -72,18 +71,18 @@ def renamed(one: Scored, name: str) -> Scored:
 
 @dataclass(eq=False)
 class Selection:
-    """A search for the most probable set among some effects.
+    """A search for the most probable set of effects.
 
     Attributes
     ----------
     scores : Scores
-        Of the sets.
+        Scores of the sets.
     names : sequence of str
-        Effects that are tried.
+        Effects to search.
     report : callable
-        Called with what is tried next.
+        Called with the name of the next step.
     validation : Validation
-        Judges between sets that are about as probable.
+        Decides between sets of similar probability.
     """
 
     scores: Scores
@@ -93,13 +92,13 @@ class Selection:
     _without: dict[tuple[frozenset[str], str, float], Scored] = field(default_factory=dict)
 
     def run(self) -> Posterior:
-        """Add what raises the score most, drop what became needless, then try others in each one's place.
+        """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
 
-        A set that leaves white noise has everything. A map can describe all that depends on the place, and is
-        asked once no effect of a few numbers helps: those that stood for it are dropped then.
+        A set with white residuals is complete. A slope map, which can describe any dependence on the
+        position, is tried once no other effect helps; effects that approximated it are then dropped.
         """
         best = self.scores.base()
-        # A set that comes back has a better top than before, and what was tried with it leads nowhere else.
+        # Steps that were tried from a set are not repeated when the set comes back with a better fit.
         tried: set[tuple[str, frozenset[str]]] = set()
         ways: list[tuple[str, Callable[[Scored], Scored | None]]] = [
             ("grown", self._grown),
@@ -120,12 +119,12 @@ class Selection:
         return Posterior(best, tuple(sorted(scored, key=lambda one: (-one.score, one.effects)) or [best]))
 
     def _is_whole(self, one: Scored) -> bool:
-        """Whether a push and an error that lasts gain a set less than any effect would have to."""
+        """Whether random push and correlated noise gain less than an additional effect would have to."""
         needed = self.scores.price([*one.effects, MEAN]) - self.scores.price(one.effects) + config.SURE
         return self.scores.loss_without(one, [PUSH, PULL, LASTING]) < needed
 
     def _likelier_name(self, one: Scored) -> Scored:
-        """Return the likelier of a set and the same by the other name of one of its effects (`ALIKE`)."""
+        """Return the more probable of a set and the same set with an equivalent effect of `ALIKE`."""
         own = ALIKE.intersection(one.effects)
         if not own:
             return one
@@ -140,11 +139,11 @@ class Selection:
         return max((one, *found), key=lambda each: each.score)
 
     def _grown(self, parent: Scored) -> Scored | None:
-        """Return the best set with one effect more, if it is better."""
+        """Return the best set with one more effect, if it is better."""
         return self._with_one_of(self._other(parent), parent)
 
     def _mapped(self, parent: Scored) -> Scored | None:
-        """Return a set with a map besides, if it is better."""
+        """Return the set with an additional slope map, if it is better."""
         return self._with_one_of([MAP], parent) if MAP not in parent.effects else None
 
     def _with_one_of(self, names: Sequence[str], parent: Scored) -> Scored | None:
@@ -152,15 +151,15 @@ class Selection:
         return better if better is not None and better.score > parent.score + config.SURE else None
 
     def _other(self, one: Scored) -> list[str]:
-        """Return the effects of a few numbers that a set lacks."""
+        """Return the effects that a set lacks, except the slope map."""
         held = {*one.effects, MAP, *(SMOOTHED if JITTER in one.effects else ())}
         return [name for name in self.names if name not in held]
 
     def _best_child(self, parent: Scored, names: Sequence[str], count: int, to_beat: float) -> Scored | None:
-        """Return the best set with one effect more, of those that promise most.
+        """Return the best set with one more effect, among those with the largest screened gains.
 
-        All starts of those take a few steps, the best of them some more, and the best effects all they need,
-        if they are not much less probable by then than what is to be beaten.
+        All starts take a few steps, the best of them more, and the best effects are fitted thoroughly, unless
+        they are much less probable by then than the score to beat.
         """
         promises = Screening(self.scores, parent).promises(names)
         worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
@@ -174,7 +173,7 @@ class Selection:
         for one in _best(begun, len(begun)):
             effects.setdefault(one.effects, one)
         chosen = list(effects.values())[: config.TOPS]
-        # What promises most may have begun in a valley from which no small step leads.
+        # The most promising effect may have started in a poor local maximum.
         first = child(parent.effects, promises[0].name) if promises else ()
         if first in effects and effects[first] not in chosen:
             chosen.append(effects[first])
@@ -187,7 +186,7 @@ class Selection:
         return functools.reduce(self._better, [self._settled(one) for one in near]) if len(near) > 1 else best
 
     def _settled(self, one: Scored) -> Scored:
-        """Fit a set until another thorough fit gains nothing."""
+        """Repeat thorough fits of a set until they gain nothing."""
         for _ in range(config.AGAIN):
             before, one = one, self.thorough(one)
             if one.score < before.score + config.BETTER:
@@ -195,10 +194,10 @@ class Selection:
         return one
 
     def _better(self, one: Scored, other: Scored) -> Scored:
-        """Return the more probable of two sets; of two that are about as probable what predicts better.
+        """Return the more probable of two sets, or of two similarly probable sets the better predictor.
 
-        A push makes up for much in each row, but not in runs that nobody corrects. Delays that differ predict
-        no run better: their likelihood is all there is of them.
+        A random push compensates for much in the filter, but not in free runs. Delay jitter does not improve
+        predictions, so only its likelihood counts.
         """
         alike = (JITTER in one.effects) == (JITTER in other.effects)
         if alike and abs(one.score - other.score) < config.CLOSE:
@@ -206,9 +205,9 @@ class Selection:
         return max(one, other, key=lambda each: each.score)
 
     def _begun(self, parent: Scored, promise: Promise) -> list[Scored]:
-        """Fit a set with one effect more for a few steps, from where it promises to explain most.
+        """Fit a set with one more effect for a few steps from its screened start values.
 
-        With what is random as large as without the effect, and as if the effect left nothing.
+        Noise sizes start at those without the effect, and at those of a complete model.
         """
         effects = child(parent.effects, promise.name)
         self.report(" + ".join(effects))
@@ -221,10 +220,9 @@ class Selection:
         return self.scores.ascend(one.effects, values, noise, one.top.states, iterations=iterations)
 
     def thorough(self, one: Scored) -> Scored:
-        """Fit a set from where it is, with little that is random, and from where least squares lead.
+        """Fit a set from its values, with its own and with small noise sizes, and from least squares.
 
-        Free runs see a marble that sticks, or just does not, for as long as it takes; a filter that corrects
-        it in every row is led astray.
+        Free runs are sensitive to a sticking marble, which a filter that corrects every row may miss.
         """
         self._further(one, np.stack([one.noise, *quiet(one.noise[None])]), config.THOROUGH)
         free = self.scores.least_squares(one)
@@ -234,9 +232,9 @@ class Selection:
         return self.scores.known[frozenset(one.effects)]
 
     def without(self, one: Scored, name: str) -> Scored:
-        """Return a set without one of its effects, fitted from where the set is.
+        """Return a set without one of its effects, fitted from the values of the set.
 
-        Of delays that differ what they are on average stays.
+        Delay jitter is replaced by its mean effect.
         """
         key = (frozenset(one.effects), name, one.score)
         if key in self._without:
@@ -257,17 +255,17 @@ class Selection:
         return self._without[key]
 
     def _stripped(self, one: Scored, name: str) -> Scored:
-        """Return a set without one of its effects, all else as it is with it.
+        """Return a set without one of its effects, with all other values unchanged.
 
-        Fitted without it the others make up for it, and may be too far astray for what is to take its place:
-        the phase of a marble that rolls unevenly is lost where the drag is.
+        A refit would let the others compensate, possibly too far from the optimum of a replacement: for
+        example a changed drag destroys the phase of an eccentric marble.
         """
         less = self.without(one, name)
         values = Scores.from_where(self.scores.problem(less.effects), one)
         return replace(less, top=replace(less.top, values=values, noise=one.top.noise, states=one.top.states))
 
     def _pruned(self, one: Scored) -> Scored:
-        """Drop effects that are worth nothing beside the others."""
+        """Drop effects that gain nothing in addition to the others."""
         for name in one.effects:
             less = self.without(one, name)
             if less.score > one.score - config.SURE:
@@ -275,7 +273,7 @@ class Selection:
         return one
 
     def _swapped(self, one: Scored) -> Scored | None:
-        """Return a better set with another effect in the place of one, if there is any."""
+        """Return a better set with one effect replaced, if there is one."""
         for name in one.effects if len(one.effects) > 1 else ():
             less = self._stripped(one, name)
             others = [other for other in self._other(less) if other not in one.effects]
@@ -287,6 +285,6 @@ class Selection:
 
 
 def _best(found: Sequence[Scored], count: int) -> list[Scored]:
-    """Return the best of some, the very best first."""
+    """Return the `count` best sets, the best first."""
     kept = [one for one in found if math.isfinite(one.score)]
     return sorted(kept, key=lambda one: -one.score)[:count]

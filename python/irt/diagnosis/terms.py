@@ -1,8 +1,8 @@
-"""A library of pushes that no effect of the catalogue has, and which of them explain most of what is left.
+"""The library of terms of learned corrections, beyond the effects of the catalogue.
 
-Profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push, of a drag or of the gears over
-the board, over the marble's velocity and its direction, over the board's tilt, over time and over the way so
-far; powers of the speed against the motion and across it; a mode in which the board swings after its knobs.
+It contains profiles (waves, steps, bells, ridges, spots, lines, bowls, saddles) of a push, of a drag or of
+the gears over position, velocity, heading, tilt, time and path length; power laws of the speed, against the
+motion and perpendicular to it; and an oscillation mode of the board.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from irt.diagnosis.basis import SHAPES
 
-#: Profiles that the engine's effect can hold, and the parameters of one over each of what it may depend on.
+#: Number of profiles in the engine's effect, and the parameters of the first over each variable.
 PROFILES = 5
 VECTORS = {
     "position": ("wave_1_x_per_m", "wave_1_y_per_m"),
@@ -23,32 +23,33 @@ VECTORS = {
     "time": ("rate_1_per_s",),
     "way": ("way_1_per_m",),
 }
-#: What is no profile: power laws of the speed, against the motion and across it, and the mode.
+#: Terms other than profiles: power laws of the speed, against the motion and perpendicular to it, and the
+#: mode.
 LAWS = ("drag", "side")
 MODE = "mode"
-#: By what parameter each of them is told.
+#: Size parameters of these terms.
 _SIZES = {"drag_strength": "drag", "side_strength": "side", "mode_gain": MODE}
-#: What of a profile multiplies it.
+#: Amplitudes of a profile: push and drag.
 PUSH = ("push_1_x_m_per_s2", "push_1_y_m_per_s2")
 BRAKE = "brake_1_m_per_s2"
-#: Those of the knobs that push along x and along y: a turn about y does the former.
+#: Amplitudes of the gears whose pushes are along x and along y; a turn about y pushes along x.
 GEARS = ("gear_1_y", "gear_1_x")
 
 
 @dataclass(frozen=True)
 class Term:
-    """A term of the library, with the values that explain most.
+    """A term of the library with its best values.
 
     Attributes
     ----------
     variable : str
-        What the push depends on, a key of `VECTORS`.
+        Variable that the push depends on, a key of `VECTORS`.
     values : dict
-        Parameters of the engine's effect, those of a profile by their names in the first slot.
+        Parameters of the engine's effect; those of a profile are named as in the first slot.
     free : tuple of str
-        Those that a fit may move.
+        Names of the parameters that a fit may change.
     explained : float
-        Share of the leftover's sum of squares.
+        Explained share of the residuals' sum of squares.
     """
 
     variable: str
@@ -58,28 +59,28 @@ class Term:
 
     @property
     def law(self) -> str | None:
-        """The power law that it is, "drag" or "side", or "mode"; None for a profile."""
+        """Name of a power law, "drag" or "side", or of a mode, "mode"; None for a profile."""
         return next((name for size, name in _SIZES.items() if size in self.values), None)
 
     @property
     def brakes(self) -> bool:
-        """Whether it is a profile of the drag."""
+        """Whether the term is a profile of the drag."""
         return BRAKE in self.values
 
     @property
     def gears(self) -> bool:
-        """Whether it is a profile of the gears."""
+        """Whether the term is a profile of the gears."""
         return GEARS[0] in self.values
 
     @property
     def depends_on(self) -> tuple[str, ...]:
-        """The variables that the push depends on: a drag is against the velocity, whatever changes it."""
+        """The variables that the push depends on; those of a drag include the velocity."""
         also = {"brake": ("velocity",), "gear": ("command",)}
         return tuple(dict.fromkeys((self.variable, *also.get(self._changes, ()))))
 
     @property
     def _changes(self) -> str:
-        """What it is a profile or a law of."""
+        """The quantity that the term changes: push, drag, gears, or the name of a law."""
         changed = {"brake": BRAKE, "gear": GEARS[0]}
         return self.law or next((what for what, name in changed.items() if name in self.values), "push")
 
@@ -90,23 +91,23 @@ class Term:
 
     @property
     def family(self) -> tuple[str, ...]:
-        """What tells terms from each other that are not the same with other values."""
+        """Key shared by all terms that differ only in their values."""
         return (self.variable, self._changes)
 
     def in_slot(self, slot: int) -> Term:
-        """Return it in another of the engine's profiles."""
+        """Return the term in another slot of the engine's profiles."""
         values = {of_slot(name, slot): value for name, value in self.values.items()}
         return Term(self.variable, values, tuple(of_slot(name, slot) for name in self.free), self.explained)
 
 
 def of_slot(name: str, slot: int) -> str:
-    """Return what a parameter of the engine's first profile is called in another of its profiles."""
+    """Return the name of a parameter of the first profile in another slot."""
     if name == "shape_1":
         return f"shape_{slot}"
     return name.replace("_1_", f"_{slot}_")
 
 
 def in_slots(terms: Sequence[Term]) -> list[Term]:
-    """Return terms as the engine's effect takes them together: each profile in a slot of its own."""
+    """Return terms with each profile in its own slot of the engine's effect."""
     slots = itertools.accumulate(int(term.law is None) for term in terms)
     return [term.in_slot(slot) for term, slot in zip(terms, slots, strict=True)]

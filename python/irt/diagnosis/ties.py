@@ -1,4 +1,4 @@
-"""Effects that explain the recordings as well in the place of another: honest ties, and why they are ties."""
+"""Ties: effects that explain the recordings as well in place of another, and the reasons."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from irt.diagnosis.selection import Posterior, renamed
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """A set that has another effect in the place of one of the answer's, and is about as probable.
+    """A set of similar probability in which another effect replaces one of the answer.
 
     Attributes
     ----------
     name, instead : str
-        The effect, and the other.
+        The effect of the answer, and its replacement.
     scored : Scored
-        The set with the other.
+        The set with the replacement.
     """
 
     name: str
@@ -30,7 +30,7 @@ class Tie:
 
 
 def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
-    """Return for each effect of an answer those that do as well in its place, of all sets scored."""
+    """Return the ties of each effect of an answer among all scored sets."""
     found = [one for one in exchanged(posterior) if one.name in answer.effects]
     for name in ALIKE.intersection(answer.effects):
         other = renamed(answer, name)
@@ -42,7 +42,7 @@ def ties(posterior: Posterior, answer: Scored) -> list[Tie]:
 
 
 def exchanged(posterior: Posterior) -> list[Tie]:
-    """Return sets about as probable as the best that have another effect in the place of one of its own."""
+    """Return sets of similar probability as the best in which one effect is replaced."""
     found = []
     for one in posterior.sets:
         gone, instead = _difference(posterior.best, one)
@@ -53,31 +53,33 @@ def exchanged(posterior: Posterior) -> list[Tie]:
 
 
 def _difference(best: Scored, one: Scored) -> tuple[str, str]:
-    """Return which effect of a set another lacks, and which it has instead; empty unless it is one each."""
+    """Return the effect that a set lacks and its replacement; empty unless exactly one is replaced."""
     gone, instead = set(best.effects) - set(one.effects), set(one.effects) - set(best.effects)
     return (gone.pop(), instead.pop()) if len(gone) == len(instead) == 1 else ("", "")
 
 
 def _is_same(one: Scored, other: Scored) -> bool:
-    """Whether two sets predict most rows alike: where in an update a command falls is no physics."""
+    """Whether two sets predict most rows alike, up to the phase of commands within a time step."""
     return float(np.nanmedian(np.abs(_between(one, other)))) < config.SAME * one.case.noise
 
 
 def _between(one: Scored, other: Scored) -> Array:
-    """Return by how much two sets' free runs differ, all coordinates in a row [board edges]."""
+    """Return the differences of two sets' free runs, flattened [board edges]."""
     pairs = zip(one.fitted.residuals, other.fitted.residuals, strict=True)
     return np.concatenate([(a - b).ravel() for a, b in pairs])
 
 
 def reason(answer: Scored, tie: Tie) -> str:
-    """Say why two sets cannot be distinguished, with the size of what is between them."""
+    """Return a sentence on why two sets cannot be distinguished, with the size of their difference."""
     size = float(np.sqrt(np.nanmean(_between(answer, tie.scored) ** 2))) / answer.case.noise
-    timed = "only what is timed by itself would distinguish them, as a lamp switched with a command"
+    timed = "only an independently timed event would distinguish them, such as a lamp switched with a command"
     if {tie.name, tie.instead} == ALIKE:
-        why = f"the marble is seen to move alike whether the command comes late or the picture does; {timed}"
+        why = f"a late command and a late picture give the same observed motion; {timed}"
         if not _is_same(answer, tie.scored):
-            why = f"beside a push that never repeats, what they differ by is not weighed; {timed}"
+            why = f"the random push hides their difference; {timed}"
     else:
-        why = "these commands do not excite what is different about them"
-    alike = f"to {size:.1f} times the tracker's scatter"
-    return f"{tie.name} and {tie.instead} predict these recordings alike, {alike}: {why}."
+        why = "these commands do not excite their difference"
+    return (
+        f"The predictions of {tie.name} and {tie.instead} for these recordings differ by {size:.1f} times "
+        f"the tracker's noise: {why}."
+    )

@@ -1,4 +1,4 @@
-"""The proof: each recording predicted by a fit to the others, by the likelihood that chose the set."""
+"""Cross-validation: predict each recording by a fit to the others."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """One recording as a model predicts it that was fitted to the others.
+    """A held-out recording, predicted by a model fitted to the others.
 
     Attributes
     ----------
     prediction : (n, 2) array
-        Of a run from its start, or of windows where recordings start in motion [board edges].
+        Prediction of the complete run, or in windows if recordings start in motion [board edges].
     mae : float
         Its mean absolute error [board edges].
     model : Model
-        The fit to the others.
+        The model fitted to the other recordings.
     evaluation : RunEvaluation
-        Its errors from start to end, and in windows of `config.HORIZON_S`.
+        Errors over the complete run, and in windows of `config.HORIZON_S`.
     """
 
     prediction: Array
@@ -44,17 +44,16 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """A set of effects, judged by recordings that its fit has not seen.
+    """The cross-validation of a set of effects.
 
     Attributes
     ----------
     values : (folds, n) array
-        What the fits without each recording have come to; no rows where there is one recording alone.
+        Parameters fitted without each recording; no rows for a single recording.
     runs : tuple of Held
-        All recordings in the order of the rig; where there is one alone, what the fit to it makes of it.
+        All recordings in the order of the rig; a single recording is predicted by the fit to itself.
     scores : (folds,) array
-        The log posterior of the set given the recordings without each [nats]; NaN where values are those of
-        free runs.
+        Log posterior of the set without each recording [nats]; NaN if values are from free runs.
     """
 
     values: Array
@@ -73,19 +72,19 @@ class HeldOut:
 
     @functools.cached_property
     def windowed(self) -> float:
-        """The same in windows of `config.HORIZON_S`; NaN where no recording is as long."""
+        """The same in windows of `config.HORIZON_S`; NaN if a recording is too short."""
         errors = [one.evaluation.windowed for one in self.runs]
         return float(np.mean([np.nan if one is None else one.mae for one in errors]))
 
 
 @dataclass(eq=False)
 class Validation:
-    """Sets of effects as recordings that were held out judge them; each is fitted once."""
+    """Cache of the cross-validations of sets of effects."""
 
     _known: dict[Scored, HeldOut] = field(default_factory=dict)
 
     def of(self, one: Scored) -> HeldOut:
-        """Return how a set predicts each recording, fitted to the others."""
+        """Return the cross-validation of a set."""
         if one not in self._known:
             self._known[one] = _held_out(one)
         return self._known[one]
@@ -107,11 +106,11 @@ def _held_out(one: Scored) -> HeldOut:
 
 
 def _fitted_without(one: Scored, fold: int) -> Scored:
-    """Return a set as it is without one recording, from where all of them led."""
+    """Return a set refitted without one recording, starting at the fit to all."""
     keep = one.case.run_folds != fold
     rest = one.case.only([other for other in np.unique(one.case.folds) if other != fold])
     scores = Scores(rest, one.terms)
-    # Free runs leave a map as it is: it has to come from the other recordings, too.
+    # Free runs hold a slope map, so it must be fitted to the other recordings by the filter.
     if MAP in one.effects or not one.is_free:
         (top,) = scores.problem(one.effects).ascend(
             one.top.values[None], one.noise[None], [one.top.states[keep]], iterations=config.REFIT
@@ -122,7 +121,7 @@ def _fitted_without(one: Scored, fold: int) -> Scored:
 
 def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:
     model = case.model(simulated(effects), values)
-    # Without stamps as many rows for every model, however long each takes a row to be.
+    # Without stamps, windows have the same number of rows for every model.
     time_scaling = (
         1.0 if case.time_scale is not None else values["time_scale"] / np.mean(case.rig.ranges["time_scale"])
     )

@@ -1,7 +1,7 @@
-"""A hypothesis in short windows, each from a start state of its own: what it leaves over there.
+"""Residuals of a hypothesis in short windows with individual start states.
 
-In short windows everything is close to linear, and no chaos carries a small mismatch away. What start states
-and the five parameters could do is taken away from it.
+In short windows the motion is nearly linear, so small mismatches are not amplified by chaos. The directions
+of start states and of the five parameters are projected out of the residuals.
 """
 
 from __future__ import annotations
@@ -21,38 +21,38 @@ from irt.start_state import Inputs, estimate_start_states, simulate
 
 Array = NDArray[np.float64]
 
-#: Rows of a short window: the marble gets some way, and yet is not led astray.
+#: Rows of a short window: long enough for the marble to move, short enough for predictions not to diverge.
 ROWS = 24
-#: Changes of start states for derivatives: board edges, and board edges a row.
+#: Finite-difference step of start states: board edges, and board edges per row.
 _STEP = 1e-4
-#: Change of the five parameters for derivatives, relative to their values.
+#: Finite-difference step of the five parameters, relative to their values.
 _PART = 1e-3
-#: Rows before a row whose commands a window tells.
+#: Number of past commands that a window contains for each row.
 EARLIER = 10
-#: Physics updates are this many times longer than the engine's own.
+#: Time step of derivatives relative to the engine's own.
 COARSENESS = 4.0
-#: Residuals beyond so many standard deviations count no more than these.
+#: Residuals are clipped at this number of standard deviations.
 _CLIP = 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """One window of n rows, as the hypothesis predicts it.
+    """A window of n rows with its prediction.
 
     Attributes
     ----------
     run, first : int
-        Which fold it is of, and the recording's row where it begins.
+        Index of the fold, and first row in the recording.
     place : (n, 2) array
-        Predicted [board edges].
+        Predicted positions [board edges].
     residual : (n, 2) array
-        Observed minus predicted [board edges], NaN where nothing was seen.
+        Observed minus predicted [board edges], NaN in rows without a marble.
     knobs, turn : (n, 2) arrays
-        The command that holds [rad], and its difference from the one before.
+        The command [rad], and its difference from the one before.
     turned : (n, EARLIER, 2) array
-        Those differences of this row and of rows before it.
+        These differences for this row and the rows before it.
     of_base : (5, n, 2) array
-        Change of the prediction with each of the five parameters.
+        Derivative of the prediction with each of the five parameters.
     """
 
     run: int
@@ -66,14 +66,14 @@ class Window:
 
 
 class Windows:
-    """A hypothesis in windows of equal length, linearised.
+    """A linearised hypothesis in windows of equal length.
 
     Parameters
     ----------
     fitted : Fitted
         The hypothesis.
     rows : int
-        Of a window, at most those of the longest segment; last rows that fill none are left out.
+        Length of a window, at most that of the longest segment; incomplete windows are dropped.
     """
 
     def __init__(self, fitted: Fitted, rows: int = ROWS) -> None:
@@ -85,7 +85,7 @@ class Windows:
         self._states = estimate_start_states(self._model, self._inputs, self._observed, guess)
         self._states[self._at_rest, 2:] = 0.0
         self._predicted = simulate(self._model, self._inputs, self._states)
-        # What changes is taken from what is simulated as coarsely.
+        # Derivatives use differences between simulations of equal time step.
         self._coarse = self._simulated(self._states)
         residual = self._observed - self._predicted
         self._known = np.isfinite(residual)
@@ -96,13 +96,13 @@ class Windows:
         self._of_states = self._state_directions()
         self._of_base = np.zeros((0, residual.size))
         self._base = self._base_directions()
-        base = self._freed(self._base)
+        base = self._projected(self._base)
         norms = np.linalg.norm(base, axis=1)
         self._of_base = np.linalg.qr(base[norms > 1e-9 * max(norms.max(initial=0.0), 1e-300)].T)[0].T
-        self._residual = self._freed(np.nan_to_num(residual)[None])[0]
+        self._residual = self._projected(np.nan_to_num(residual)[None])[0]
 
     def windows(self) -> list[Window]:
-        """Return what the hypothesis makes of each window."""
+        """Return all windows with their predictions."""
         count, rows = len(self._states), self._inputs.rows
         of_base = self._base.reshape(len(PARAMETERS), count, rows, 2)
         found = []
@@ -125,18 +125,18 @@ class Windows:
         return found
 
     def squared(self, nulls: int, seed: int, scale: float) -> tuple[Array, Array]:
-        """Return squared residuals of each row of all windows in units of a variance, (w * n,).
+        """Return squared residuals of all rows in units of a variance, (w * n,), and those of nulls.
 
-        And the same of simulated noise in the same windows, (nulls, w * n): both freed of what start states
-        and the five parameters could do.
+        Nulls are simulated noise in the same windows, (nulls, w * n). The directions of start states and of
+        the five parameters are projected out of both.
         """
         noise = np.random.default_rng(seed).standard_normal((nulls, self._residual.size))
-        told = np.concatenate([self._residual[None] / scale, self._freed(noise)])
-        rows = (np.clip(told, -_CLIP, _CLIP) ** 2).reshape(nulls + 1, -1, 2).sum(axis=2)
+        scaled = np.concatenate([self._residual[None] / scale, self._projected(noise)])
+        rows = (np.clip(scaled, -_CLIP, _CLIP) ** 2).reshape(nulls + 1, -1, 2).sum(axis=2)
         return rows[0], rows[1:]
 
     def _state_directions(self) -> Array:
-        """Return orthonormal changes of each window by its start state, (w, 4, n * 2); zeros for none."""
+        """Return orthonormal derivatives of each window with its start state, (w, 4, n * 2), or zeros."""
         windows = len(self._states)
         found = np.zeros((windows, 4, self._predicted[0].size))
         for axis in range(4):
@@ -149,7 +149,7 @@ class Windows:
         return _orthonormal(found)
 
     def _base_directions(self) -> Array:
-        """Return changes of all windows by the five parameters, (5, w * n * 2)."""
+        """Return derivatives of all windows with the five parameters, (5, w * n * 2)."""
         changes = []
         for index, name in enumerate(PARAMETERS):
             moved = self._model.values
@@ -161,8 +161,8 @@ class Windows:
     def _simulated(
         self, states: Array, *, values: Array | None = None, added: dict[str, Any] | None = None
     ) -> Array:
-        """Simulate all windows, once or more, from (k * w, 4) states: (k * w, n, 2)."""
-        # Long updates: what matters is what changes, and by how much.
+        """Simulate all windows k times from (k * w, 4) states: (k * w, n, 2)."""
+        # A coarse time step suffices for derivatives.
         substeps = max(1, round(self._model.values[PARAMETERS.index("time_scale")] / COARSENESS))
         inputs = self._inputs.tiled(len(states) // len(self._states))
         return simulate(
@@ -176,8 +176,8 @@ class Windows:
             threads=self._case.threads,
         )
 
-    def _freed(self, changes: Array) -> Array:
-        """Weight (k, w * n * 2) changes, and take away what start states and the five parameters could do."""
+    def _projected(self, changes: Array) -> Array:
+        """Weight (k, w * n * 2) changes, and project out start states and the five parameters."""
         windows = len(self._states)
         weighted = changes.reshape(len(changes), windows, -1) * self._weights.reshape(windows, -1)
         inside = np.einsum("wan,kwn->kwa", self._of_states, weighted)
@@ -191,7 +191,7 @@ class Windows:
 
 
 def _orthonormal(directions: Array) -> Array:
-    """Return orthonormal rows that span those of (w, a, n); zeros for rows that add nothing."""
+    """Return orthonormal rows that span those of (w, a, n); dependent rows are zero."""
     found = np.zeros_like(directions)
     for axis in range(directions.shape[1]):
         row = directions[:, axis].copy()
@@ -205,7 +205,7 @@ def _orthonormal(directions: Array) -> Array:
 
 
 def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array, NDArray[np.int64]]:
-    """Return commands, positions (w, n, 2), guesses of start states (w, 4) and folds of windows."""
+    """Return commands, positions (w, n, 2), initial start states (w, 4) and folds of windows."""
     pieces: list[Segment] = []
     folds: list[int] = []
     for segment, fold in zip(case.segments, case.folds, strict=True):
@@ -222,7 +222,7 @@ def _cut(case: Case, rows: int) -> tuple[Inputs, Array, Array, NDArray[np.int64]
 
 
 def _guesses(observed: Array, step_s: float) -> Array:
-    """Return start states (w, 4) from a parabola through the first rows seen."""
+    """Return start states (w, 4) from a parabola fitted to the first observed rows."""
     states = np.zeros((len(observed), 4))
     for state, seen in zip(states, observed, strict=True):
         rows = np.flatnonzero(np.isfinite(seen).all(axis=1))[:8]

@@ -1,4 +1,4 @@
-"""The answer of a diagnosis in plain words."""
+"""Summary, suggestion and notes of a diagnosis in sentences."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from irt.model import Parameter
 
 #: Mean absolute value of a normal variable over its standard deviation.
 _MEAN_ABSOLUTE = float(np.sqrt(2.0 / np.pi))
-#: What is said of names that leave far more than noise.
+#: Sentence added if the residuals exceed noise clearly.
 _MORE = (
-    " More than noise is not explained: it does not repeat from run to run, or no effect of the catalogue "
-    "describes it."
+    " Errors beyond noise remain: they do not repeat from run to run, or no effect of the catalogue "
+    "describes them."
 )
-#: How the note begins that tells what was learned without a name, as a formula.
-LEARNED = "What was learned, in SI units: "
-#: Recordings, and rows in which the marble moves, below which little could have been shown.
+#: Beginning of the note with the formula of a learned correction.
+LEARNED = "Learned correction, in SI units: "
+#: Fewest recordings, and fewest rows with a moving marble, for a diagnosis without a caveat.
 _FEW, _STILL = 3, 30
 
 
@@ -39,53 +39,47 @@ def summary(
     leaves: bool = False,
     row_s: float | None = None,
 ) -> str:
-    """Return the answer in one or two sentences.
+    """Return the result in one or two sentences.
 
     Parameters
     ----------
     effects : sequence of NamedEffect
-        What was left out.
+        The missing effects.
     noise : float
         Standard deviation of the tracker [board edges].
     before, after : float
         Mean absolute error of the base model and of the final one [board edges].
     heldout : bool
-        Whether these are errors on recordings that the models were not fitted to.
+        Whether these are errors on held-out recordings.
     explained : bool
-        Whether noise is all that is left.
+        Whether the residuals are noise.
     leaves : bool
-        Whether what is not explained is far beyond noise.
+        Whether the residuals are far beyond noise.
     row_s : float, optional
-        What a row lasts in the simulation [s], where recordings have no stamps: rows stand for seconds then.
+        Duration of a row in the simulation [s] if recordings have no stamps; times are then given in rows.
     """
     floor = _percent(_MEAN_ABSOLUTE * noise)
     if not effects:
-        told = (
-            f"recordings: held out, each is predicted to {_percent(before)}"
-            if heldout
-            else f"recording: it is fitted to {_percent(before)}"
+        error = (
+            f"{'held-out error' if heldout else 'error of the fit'} {_percent(before)} of the board's edge"
         )
+        errors = f"({error}; tracker noise alone gives {floor})"
         if not explained:
-            return (
-                f"Nothing that is known explains what the five parameters leave of the {told} of the board's "
-                f"edge, and the tracker's noise alone makes {floor}."
-            )
-        return (
-            f"The five parameters explain the {told} of the board's edge, and the tracker's noise alone "
-            f"makes {floor}. No physics is missing that these recordings could show."
-        )
+            return f"No known effect explains the residuals of the five-parameter model {errors}."
+        return f"The five parameters explain the recordings {errors}. They reveal no missing physics."
     one = len(effects) == 1
-    named = f"{' and '.join(_shown(one, row_s) for one in effects)} {'was' if one else 'were'} left out"
-    better = "recordings held out are predicted" if heldout else "the only recording is fitted"
+    named = " and ".join(_shown(one, row_s) for one in effects)
+    which = "held-out recordings" if heldout else "the only recording"
     ties = "".join(
-        f" These recordings do not tell {one.name} from {' or '.join(one.confusable_with)}."
+        f" These recordings do not distinguish {one.name} from {' or '.join(one.confusable_with)}."
         for one in effects
         if one.confusable_with
     )
     more = _MORE if leaves and all(one.name != UNLISTED for one in effects) else ""
     return (
-        f"{_capital(named)}: with {'it' if one else 'them'}, {better} to {_percent(after)} of the board's "
-        f"edge instead of {_percent(before)}; the tracker's noise alone makes {floor}.{ties}{more}"
+        f"The simulator lacks {named}: with {'it' if one else 'them'}, the error on {which} falls from "
+        f"{_percent(before)} to {_percent(after)} of the board's edge; tracker noise alone gives "
+        f"{floor}.{ties}{more}"
     )
 
 
@@ -95,48 +89,44 @@ def suggestion(effects: Sequence[NamedEffect], rig: Path) -> str:
     tied = [one for one in effects if one.confusable_with]
     if any({one.name, *one.confusable_with} == {"delay", "latency"} for one in tied):
         return (
-            "No drive of the knobs tells delay from latency: put a lamp into the picture that is switched "
-            "with a command, or a sensor of the board's tilt beside the camera."
+            "No commands separate delay and latency: add a lamp to the picture that is switched with a "
+            "command, or a sensor of the board's tilt."
         )
     if tied:
         pairs = " and ".join(f"{one.name} from {' or '.join(one.confusable_with)}" for one in tied)
-        return f"To distinguish {pairs}, record the run that {command} designs for it, and diagnose again."
+        return f"To distinguish {pairs}, record the run designed by {command}, and diagnose again."
     if any(one.name == UNLISTED for one in effects):
         return (
-            "The push has no name yet: look at the formula, and at where on the board, at what speed or at "
-            "what command it acts; recordings that go there more often pin it down."
+            "The push is not in the catalogue: look at its formula, and at the positions, speeds or commands "
+            "at which it acts. More recordings there would determine it better."
         )
     if effects:
         names = " and ".join(one.name for one in effects)
-        return (
-            f"No effect is tied with another; the run that {command} designs would sharpen the "
-            f"values of {names}."
-        )
+        return f"There are no ties. The run designed by {command} would sharpen the values of {names}."
     return (
-        "Larger and faster commands, reversals and runs along the rim show more kinds of physics; the table "
-        "of what these recordings could have shown says which of them matter here."
+        "Larger and faster commands, reversals and runs along the rim reveal more kinds of physics; see the "
+        "table of detectable sizes for those that these recordings could not show."
     )
 
 
 def notes(
     case: Case, best: Fitted, delays: Mapping[str, Parameter] | None, *, explained: bool
 ) -> Iterator[str]:
-    """Say what else the user should know.
+    """Yield notes on the result.
 
     Parameters
     ----------
     case, best
-        The recordings, and the hypothesis chosen.
+        The dataset, and the selected hypothesis.
     delays : mapping or None
-        Mean ``mean_s`` and standard deviation ``sd_s`` of delays that differ [s].
+        Mean ``mean_s`` and standard deviation ``sd_s`` of jittered delays [s].
     explained : bool
-        Whether the hypothesis leaves nothing but noise.
+        Whether the residuals are noise.
     """
     if not explained and delays is None:
         yield (
-            f"The predictions miss by {max(best.noise / case.noise, 1.0):.1f} times the tracker's scatter, "
-            "and what is left does not look like noise: part of the mismatch was not found, or does not "
-            "repeat from run to run."
+            f"The residuals are {max(best.noise / case.noise, 1.0):.1f} times the tracker's noise and are "
+            "not white: part of the mismatch was not found, or does not repeat from run to run."
         )
     if delays is not None:
         mean, spread = delays["mean_s"].value, delays["sd_s"].value
@@ -144,35 +134,35 @@ def notes(
         if case.time_scale is None:
             size = f"{spread / case.row_s(best):.2g} rows"
         yield (
-            f"Delays differ from command to command by {size}, so no simulation predicts a run "
-            "exactly: the model holds what they are on average, a delay and a lag. To see what the spread "
-            f"does, put delay_jitter with sd_s = {spread:.2g} in the place of lag in model.toml, with a "
-            f"delay_s of {mean:.2g}."
+            f"Delays vary from command to command by {size}, so no simulation predicts a run "
+            "exactly. The model contains their mean effect, a delay and a lag. To simulate the variation, "
+            f"replace lag in model.toml by delay_jitter with sd_s = {spread:.2g}, and set delay_s to "
+            f"{mean:.2g}."
         )
     if UNLISTED in best.effects:
         yield f"{LEARNED}{formula(best.value_of(UNLISTED))}."
     if len(case.rig.recordings) == 1:
         yield (
-            "There is one recording only: nothing could be held out, so the improvement is not proved. "
+            "There is only one recording: nothing could be held out, so the improvement is not validated. "
             "Record at least three."
         )
     elif len(case.rig.recordings) < _FEW:
-        yield "Two recordings are few: an effect that both ask for may be chance. Record at least three."
+        yield "With two recordings, an effect that fits both may be due to chance. Record at least three."
     moving = sum(
         int((np.linalg.norm(np.diff(segment.observed, axis=0), axis=1) > 6.0 * case.noise).sum())
         for segment in case.segments
     )
     if moving < _STILL:
         yield (
-            f"The marble moves in {moving} rows only: these recordings could hardly have shown any effect. "
-            "See the table of what they could."
+            f"The marble moves in only {moving} rows: hardly any effect is detectable. See the table of "
+            "detectable sizes."
         )
 
 
 def _shown(one: NamedEffect, row_s: float | None) -> str:
     if one.name == UNLISTED:
-        depends = " and ".join(variables({name: told.value for name, told in one.parameters.items()}))
-        return f"a push that the catalogue does not have and that depends on {depends}"
+        depends = " and ".join(variables({name: value.value for name, value in one.parameters.items()}))
+        return f"a push that is not in the catalogue and that depends on {depends}"
     sizes = [(name, parameter.value, one.units.get(name, "")) for name, parameter in one.parameters.items()]
     if row_s is not None:
         sizes = [in_rows(*parameter, row_s) for parameter in sizes]
@@ -189,7 +179,3 @@ def _shown(one: NamedEffect, row_s: float | None) -> str:
 
 def _percent(error: float) -> str:
     return f"{100.0 * error:.2g} %"
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

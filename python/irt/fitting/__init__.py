@@ -1,1 +1,1 @@
-"""Fitting the five parameters to recordings, and saying how well they are known."""
+"""Fit the five parameters and the effects to recordings, with intervals and identifiability."""

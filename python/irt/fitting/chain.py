@@ -1,10 +1,9 @@
-"""Least squares where the tilt was measured: the chain from command to marble falls apart at the tilt.
+"""Least squares with a measured tilt: fit the actuator and the board one after the other.
 
-The actuator, command to tilt, is fitted to the measured tilt: nothing in it is chaotic, and no marble is
-needed. The board, tilt to marble, is fitted with the measured tilt played in the place of the commands,
-straight from row to row, so that what the actuator does cannot be taken for physics of the marble. In a fit
-of both at once the errors of the marble, many times its tracker's noise on a real rig, pull delays away from
-what the tilt shows.
+The actuator stage (command to tilt) is fitted to the measured tilt; it is not chaotic and needs no marble.
+The board stage (tilt to marble) is fitted with the measured tilt in place of the commands, interpolated
+linearly between rows, so that errors of the actuator cannot be mistaken for physics of the marble. In a joint
+fit the errors of the marble, on real rigs many times the tracker's noise, would bias delays of the actuator.
 """
 
 from __future__ import annotations
@@ -32,27 +31,27 @@ from irt.segments import segments
 
 Array = NDArray[np.float64]
 
-#: So long after the start of a run in motion the tilt is not fitted [s]: nobody knows the commands before it.
-#: That is several delays and lags of the actuators of labyrinths (0.05 to 0.15 s).
+#: Time after the start of a run in motion during which the tilt is not fitted [s], because earlier commands
+#: are unknown: several delays and lags of labyrinth actuators (0.05 to 0.15 s).
 _SETTLING_S = 0.5
-#: The effect that levels the board. The tilt alone cannot tell it from the sensor's zero.
+#: The effect of a board that is not level. The tilt alone cannot distinguish it from the sensor's zero.
 _LEVEL = "tilt_bias"
-#: Where a further effect of the actuator is begun, all others where the fit without it ended: shares of its
-#: range, and where the range has both signs, shares of the way from its neutral value to an end.
+#: Initial values of an added effect of the actuator, with all others at their fitted values: shares of its
+#: range, or, if the range has both signs, of the distance from its neutral value to an end.
 _BEGINNINGS = (0.02, 0.1, 0.3)
 _BEGINNINGS_OF_EITHER_SIGN = (0.02, 0.3, -0.3)
 
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One half of the chain, fitted.
+    """A fitted stage of the chain: actuator or board.
 
     Attributes
     ----------
     problem : Problem
-        What was fitted.
+        The fitted problem.
     solution : Solution
-        The outcome.
+        Its solution.
     """
 
     problem: Problem
@@ -60,7 +59,7 @@ class Stage:
 
     @property
     def information(self) -> Information:
-        """What the recordings tell about the values."""
+        """Information of the recordings about the values."""
         return Information.of(self.problem, self.solution.values, self.solution.information)
 
     @property
@@ -70,15 +69,15 @@ class Stage:
 
 
 def is_chain(rig: Rig) -> bool:
-    """Whether some recording has a tilt that was measured about both axes."""
+    """Whether at least one recording has a tilt measured about both axes."""
     return any(has_both_tilts(recording) for recording in rig.recordings)
 
 
 def without_held_marbles(rig: Rig) -> Rig:
-    """Return the rig without marbles that stay in place while the tilt would move them: held, or in a hole.
+    """Return the rig without marbles that are held or in a hole.
 
-    Such a marble stays within its own radius though the tilt changes by more than twice the largest rolling
-    friction that the rig may have, so that no tilt in between holds a free marble.
+    Such a marble moves by less than its radius, although the tilt changes by more than twice the largest
+    rolling friction in the rig's range, which would move a free marble.
     """
     radius = rig.marble.radius_m / rig.board.edge_x_m
     friction = rig.ranges["rolling_friction"][1]
@@ -96,7 +95,7 @@ def without_held_marbles(rig: Rig) -> Rig:
 
 
 def _spread(columns: Array) -> Array:
-    """Return the range of each of two columns, (2,), without a hundredth of its values at either end."""
+    """Return the range between the 1 % and 99 % quantiles of each of two columns, (2,)."""
     low, high = np.nanquantile(columns, [0.01, 0.99], axis=0)
     return np.asarray(high - low)
 
@@ -114,19 +113,19 @@ def fit_actuator(
 ) -> Stage:
     """Fit the gears, the effects between command and tilt, and the sensor's zero to the measured tilt.
 
-    Effects come in one after another, in the order in which they act, each begun small from where the fit
-    without it ended: from random starts a gap of backlash and a gear trade places. Optional parameters, such
-    as the difference between the axes, are opened where the tilt asks for them: by the Bayesian information
-    criterion, over as many rows as are independent.
+    Effects are added one by one, in the order in which they act. Each starts small, with all other parameters
+    at their fitted values: from random starts, the gap of backlash and a gear compensate each other. Optional
+    parameters, such as a difference between the axes, are added by the Bayesian information criterion, with
+    the number of independent rows as sample size.
 
     Parameters
     ----------
     rig : Rig
         Recordings, some of them with a tilt.
     effects : sequence of Effect
-        All of the model's; those that do not act between command and tilt are left out.
+        All effects of the model; those that do not act between command and tilt are ignored.
     time_scale : float or None
-        As the stamps have it.
+        The time scale of the stamps.
     starts, seed, engine, threads, progress
         As for `least_squares`.
     """
@@ -170,14 +169,15 @@ def fit_board(
     threads: int | None,
     progress: Callable[[int, int, int], None] | None = None,
 ) -> Stage | None:
-    """Fit what moves the marble, with the measured tilt played; None where no marble was seen beside a tilt.
+    """Fit the motion of the marble under the measured tilt; None if no recording has both.
 
-    Gears are 1 here, unless the caller names gains of the tilt sensor: then they are what these are one over.
+    Gears are 1, unless `effects` contain gains of the tilt sensor; then the gears are fitted, as inverses of
+    these gains.
 
     Parameters
     ----------
     zero : (2,) array
-        What the sensor reads while the commands are 0 [rad]; it is taken off the measured tilt.
+        Reading of the sensor at command 0 [rad]; it is subtracted from the measured tilt.
     rig, effects, time_scale, starts, seed, engine, threads, progress
         As for `fit_actuator`.
     """
@@ -207,9 +207,9 @@ def fit_board(
 def joined(
     actuator: Stage, board: Stage | None
 ) -> tuple[dict[str, Parameter], dict[str, dict[str, Parameter]]]:
-    """Return the five parameters and those of the effects, by name, of the whole chain.
+    """Return the five parameters and those of the effects, by name, of the complete chain.
 
-    With played tilt m - z (z what the sensor reads at command 0) the board's tilt is k (m - z) + bias. So
+    Let m be the measured tilt and z its value at command 0. The board's tilt is k (m - z) + bias. Hence
     gear = k G, gain = 1/k and zero = z - bias/k, for a gear G from command to measured tilt.
     """
     first = actuator.parameters
@@ -288,7 +288,7 @@ def _padded(one: Component, before: int, after: int) -> dict[str, Spread]:
 
 
 def _tilt_alone(recording: Recording, *, moving: bool) -> Recording:
-    """Return a recording without its marble, and without the rows that commands before its start decide."""
+    """Return a recording without its marble and without tilts that depend on commands before its start."""
     assert recording.tilt is not None, recording.name
     tilt = recording.tilt.copy()
     if moving and recording.stamps is not None:
@@ -305,7 +305,7 @@ def in_order(effects: Sequence[Effect]) -> list[Effect]:
 
 
 def _grown(problem: Problem, before: Stage, added: Effect) -> Stage:
-    """Fit with one effect more, from where the fit without it ended."""
+    """Fit with one more effect, starting at the solution without it."""
     info = effect(added.name)
     points = []
     for number in range(len(_BEGINNINGS)):
@@ -316,7 +316,7 @@ def _grown(problem: Problem, before: Stage, added: Effect) -> Stage:
 
 
 def _beginning(problem: Problem, info: EffectInfo, parameter: EffectParameter, number: int) -> float:
-    """Return where a parameter of an effect is begun, the first, second or third time."""
+    """Return the initial value of an effect's parameter in the first, second or third start."""
     name = f"{info.name}.{parameter.name}"
     if parameter.optional or name not in problem.names:
         return parameter.neutral
@@ -327,7 +327,7 @@ def _beginning(problem: Problem, info: EffectInfo, parameter: EffectParameter, n
 
 
 def _continued(problem: Problem, before: Stage) -> Stage:
-    """Fit with parameters more, from where the fit without them ended and they were neutral."""
+    """Fit with more parameters, starting at the solution without them and their neutral values."""
     neutral = {f"{info.name}.{one.name}": one.neutral for info in _infos(problem) for one in info.parameters}
     return Stage(problem, problem.fit(points=_begun_at(problem, before, neutral)[None], rounds=1))
 
@@ -343,9 +343,10 @@ def _infos(problem: Problem) -> list[EffectInfo]:
 
 
 def _opened(problem: Callable[[Sequence[Effect]], Problem], chosen: list[Effect], stage: Stage) -> Stage:
-    """Open the optional parameters that the tilt asks for: one by one, or all at once.
+    """Add the optional parameters that the tilt supports, one by one or all at once.
 
-    Each step takes what gains most by the Bayesian information criterion, as long as something gains.
+    Each step takes the addition with the largest gain by the Bayesian information criterion, until none
+    gains.
     """
     while closed := list(_optional(chosen)):
         steps = [[one] for one in closed] + ([closed] if len(closed) > 1 else [])
@@ -363,7 +364,7 @@ def _opened(problem: Callable[[Sequence[Effect]], Problem], chosen: list[Effect]
 
 
 def _optional(chosen: Sequence[Effect]) -> Iterator[tuple[str, str]]:
-    """Yield effect and name of the optional parameters of the actuator that nobody has named."""
+    """Yield effect and name of the actuator's optional parameters that have no value."""
     for one in chosen:
         info = effect(one.name)
         for parameter in info.parameters:
@@ -372,7 +373,7 @@ def _optional(chosen: Sequence[Effect]) -> Iterator[tuple[str, str]]:
 
 
 def _widened(chosen: Sequence[Effect], opened: Sequence[tuple[str, str]]) -> list[Effect]:
-    """Return effects with optional parameters opened, which begin neutral."""
+    """Return effects with optional parameters added at their neutral values."""
     neutral = {
         (one.name, parameter.name): parameter.neutral
         for one in chosen
@@ -385,9 +386,9 @@ def _widened(chosen: Sequence[Effect], opened: Sequence[tuple[str, str]]) -> lis
 
 
 def _gain(narrow: Solution, wide: Solution, more: int) -> float:
-    """Return what a wider model gains by the Bayesian information criterion [nats] (Schwarz, 1978).
+    """Return the gain of a wider model by the Bayesian information criterion [nats] (Schwarz, 1978).
 
-    The residuals of a model that is not quite right remember many rows: only independent ones count.
+    Residuals of an imperfect model are correlated over many rows, so only independent rows are counted.
     """
     gain, rows = 0.0, 0.0
     for axis in (0, 1):
@@ -421,7 +422,7 @@ def _memory(parts: Sequence[Array]) -> float:
 
 
 def by_effect(parameters: dict[str, Parameter]) -> dict[str, dict[str, Parameter]]:
-    """Return the parameters of effects by the name of the effect, from ``effect.parameter``; no others."""
+    """Group parameters named ``effect.parameter`` by effect; other parameters are dropped."""
     found: dict[str, dict[str, Parameter]] = {}
     for name, parameter in parameters.items():
         if name not in PARAMETERS:
@@ -431,12 +432,12 @@ def by_effect(parameters: dict[str, Parameter]) -> dict[str, dict[str, Parameter
 
 
 def _times(one: Parameter, factor: Parameter) -> Parameter:
-    """Return a product of two independent parameters: relative margins add in squares."""
+    """Return the product of two independent parameters; relative margins add in quadrature."""
     return _combined(one.value * factor.value, (one, abs(factor.value)), (factor, abs(one.value)))
 
 
 def _less(one: Parameter, other: Parameter) -> Parameter:
-    """Return a difference of two independent parameters: margins add in squares."""
+    """Return the difference of two independent parameters; margins add in quadrature."""
     return _combined(one.value - other.value, (one, 1.0), (other, 1.0))
 
 

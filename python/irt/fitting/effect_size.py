@@ -1,4 +1,4 @@
-"""Which parameter of an effect is its size, found by simulating it."""
+"""Find the size parameter of an effect by simulation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @functools.cache
 def size_of(name: str) -> int | None:
-    """Return which parameter of an effect is its size: at its neutral value the others say nothing."""
+    """Return the index of an effect's size parameter, at whose neutral value the effect vanishes, or None."""
     plain = try_path([])
     silent = [
         index
@@ -28,18 +28,18 @@ def size_of(name: str) -> int | None:
 
 
 def sizes_of(name: str) -> Sequence[EffectParameter]:
-    """Return the parameter that is an effect's size, or all where none alone is."""
+    """Return an effect's size parameter, or all required parameters if there is no single one."""
     known, size = effect(name).required, size_of(name)
     return known if size is None else (known[size],)
 
 
 def strong_values(name: str) -> dict[str, float]:
-    """Return values of an effect that show."""
+    """Return values of an effect with a clear influence on the path."""
     return {one.name: one.low + 0.4 * (one.high - one.low) for one in effect(name).required}
 
 
 def try_path(chosen: Sequence[Mapping[str, object]], seeds: Sequence[int] = (1,)) -> Array:
-    """Simulate a run that stays away from the rim, once for each seed (len(seeds), 30, 2)."""
+    """Simulate a run that stays away from the rim for each of s seeds, (s, 30, 2)."""
     knobs = 0.05 * np.sin(np.linspace(0.0, 6.0, 30))[:, None] * [1.0, -0.7]
     base = np.tile([0.05, 0.05, 0.0005, 20.0, 1.0], (len(seeds), 1))
     return rollouts(base, knobs, effects=list(chosen), seed=list(seeds))

@@ -1,4 +1,4 @@
-"""What a fit is, whatever the method: one result type for IRT, least squares and the baselines."""
+"""The result type of all fitting methods: IRT, least squares and the baselines."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from irt.model import Model, Parameter
 
-#: Called with (done, total, text) by everything that may take longer than two seconds.
+#: Called with (done, total, text) by functions that may take longer than two seconds.
 Progress = Callable[[int, int, str], None]
 
 
@@ -38,7 +38,7 @@ class Iteration:
 
 @dataclass(frozen=True, eq=False)
 class Estimate:
-    """What one start point led to.
+    """The path of a fit from one start point.
 
     Attributes
     ----------
@@ -50,18 +50,18 @@ class Estimate:
 
     @property
     def final(self) -> Iteration:
-        """Where the method stopped."""
+        """The last iteration."""
         return self.history[-1]
 
     @property
     def best(self) -> Iteration:
-        """The iteration with the smallest error: some methods end worse than they were."""
+        """The iteration with the smallest error, which need not be the last."""
         return min(self.history, key=lambda iteration: iteration.mae)
 
 
 @dataclass(frozen=True, eq=False)
 class FitResult:
-    """The outcome of `least_squares`, `irt` and their like.
+    """The result of a fit by any method.
 
     Attributes
     ----------
@@ -70,28 +70,27 @@ class FitResult:
     model : Model
         The tuned model; its parameters carry 95 % intervals.
     noise : float
-        Standard deviation of the tracker per coordinate, in board edges, estimated robustly from what the
-        tuned model leaves over.
+        Standard deviation of the tracker per coordinate, in board edges, estimated robustly from the
+        residuals of the tuned model.
     estimates : tuple of Estimate
         One for each start point, the best first; the model comes from the first.
     rollouts : int
-        Simulated recordings (or windows of one) that the fit has cost, all starts together.
+        Number of simulated recordings (or windows of recordings), over all starts.
     unidentifiable : tuple of str
-        Plain sentences: which combinations these recordings cannot pin down. Empty if all is known.
+        Sentences on parameter combinations that are not identifiable from these recordings; empty if all are.
     notes : tuple of str
-        Plain sentences about anything else the user should know: a parameter outside its range, a time scale
-        taken from the stamps.
+        Sentences on other findings, such as a parameter outside its range or a time scale taken from stamps.
     seed : int
-        Of the start points; the same seed gives the same bits for any number of threads.
+        Seed of the start points; the same seed gives the same bits for any number of threads.
     seconds : float
         Wall time.
     residuals : tuple of (n, 2) arrays
         Predicted minus observed [board edges] over each segment of the rig (`irt.residual.segments`), NaN
-        where nothing was seen; none of methods that do not estimate start states.
+        in rows without a marble; empty for methods that do not estimate start states.
     effects : dict
-        The effects of the model by name: their parameters by name, with 95 % intervals.
+        Parameters of the model's effects with 95 % intervals, by effect and name.
     warnings : tuple of str
-        What a check of the recordings warns of (`irt.check`); empty of a fit that made none.
+        Warnings of a check of the recordings (`irt.check`); empty if the fit made no check.
     """
 
     method: str
@@ -109,12 +108,12 @@ class FitResult:
 
     @property
     def history(self) -> tuple[Iteration, ...]:
-        """Iterations of the start that won."""
+        """Iterations from the best start point."""
         return self.estimates[0].history
 
     @property
     def mae(self) -> float:
-        """Smallest mean absolute error met on the way of the start that won, in board edges."""
+        """Smallest mean absolute error over the iterations from the best start point, in board edges."""
         return self.estimates[0].best.mae
 
     def plot(self) -> Figure:

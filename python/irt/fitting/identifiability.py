@@ -1,8 +1,7 @@
-"""How well recordings pin the parameters down: 95 % intervals, and plain words for what they cannot tell.
+"""Identifiability of the parameters: 95 % intervals, and sentences on what recordings do not determine.
 
-A combination of parameters whose 95 % interval would span half of its range or more counts as flat: nothing
-measured says where in the ranges it is. The intervals of all parameters that take part in it reach as far as
-the ranges allow.
+A combination of parameters is flat if its 95 % interval spans half of its range or more: the recordings do
+not determine it. The intervals of all parameters in a flat combination extend as far as the ranges allow.
 """
 
 from __future__ import annotations
@@ -24,9 +23,9 @@ from irt.segments import Segment
 
 Array = NDArray[np.float64]
 
-#: A logarithm needs a smallest value: this share of the largest that is allowed.
+#: Smallest value in logarithms, as a share of the largest allowed value.
 SMALLEST = 1e-4
-#: A parameter that flat directions hold to this share is not known at all.
+#: A parameter is unknown if the flat directions contain at least this share of its axis.
 UNKNOWN = 0.9
 
 
@@ -38,19 +37,19 @@ def informed(
     engine: Engine = "rolling",
     threads: int | None = None,
 ) -> Information:
-    """Return what recordings say of the parameters of a model.
+    """Return the information of recordings about the parameters of a model.
 
-    Works for the outcome of any method: where the model is not the best fit, the intervals also hold the
-    place where the linearised best fit would be.
+    Works for the model of any method: if it is not the best fit, the intervals also contain the linearised
+    best fit.
 
     Parameters
     ----------
     model : Model
-        The tuned model; its effects are taken as they are.
+        The tuned model; its effects are held fixed.
     segments : sequence of Segment
-        What it was tuned to.
+        The segments that it was tuned to.
     noise : float
-        The tracker's standard deviation [board edges]; residuals count with their own scale where it is
+        The tracker's standard deviation [board edges]; residuals are weighted by their own scale if that is
         larger.
     engine, threads
         As for `irt.rollouts`.
@@ -67,7 +66,7 @@ def informed(
 
 
 def with_intervals(information: Information) -> dict[str, Parameter]:
-    """Return all parameters by name, with 95 % intervals where they were estimated."""
+    """Return all parameters by name; those that were estimated have 95 % intervals."""
     low, high = intervals(information)
     parameters = {}
     for index, name in enumerate(information.names):
@@ -77,7 +76,7 @@ def with_intervals(information: Information) -> dict[str, Parameter]:
 
 
 def unidentifiable(information: Information) -> tuple[str, ...]:
-    """Return one sentence for each combination that is not pinned down."""
+    """Return a sentence for each unidentifiable combination."""
     return sentences.unidentifiable(information, *intervals(information))
 
 
@@ -92,12 +91,12 @@ def intervals(information: Information) -> tuple[Array, Array]:
         involved = furthest_low < furthest_high
         low = np.where(involved, np.maximum(low + furthest_low - values, information.ranges[:, 0]), low)
         high = np.where(involved, np.minimum(high + furthest_high - values, information.ranges[:, 1]), high)
-        # An effect's parameter may have either sign, and logarithms do not lead from one to the other.
+        # An effect's parameter may have either sign, which logarithms cannot represent.
         held = np.linalg.norm(information.directions[information.flat], axis=0)
         unknown = (held > UNKNOWN) & (np.arange(len(values)) >= len(PARAMETERS))
         low = np.where(unknown, information.ranges[:, 0], low)
         high = np.where(unknown, information.ranges[:, 1], high)
-    # No contact pushes, no time runs backwards, and a fit does not turn a gear's sense round.
+    # Friction, time scale and observation scale are positive, and a fit does not change the sign of a gear.
     one_sided = np.arange(len(values)) < len(PARAMETERS)
     low = np.where(one_sided & (values >= 0.0), np.maximum(low, 0.0), low)
     high = np.where(one_sided & (values < 0.0), np.minimum(high, 0.0), high)
@@ -105,10 +104,10 @@ def intervals(information: Information) -> tuple[Array, Array]:
 
 
 def _reach(information: Information) -> tuple[Array, Array]:
-    """How far each parameter gets along the flat directions before any of them leaves its range: (n,) twice.
+    """Return the lowest and highest values along the flat directions within all ranges: two (n,) arrays.
 
-    Along the symmetries of the motion logarithms change in proportion, so the allowed moves form a polytope
-    in logarithms.
+    The symmetries of the motion change logarithms linearly, so the allowed moves form a polytope in
+    logarithms.
     """
     values, free = information.values, information.free
     sign = np.where(values < 0.0, -1.0, 1.0)
@@ -120,19 +119,19 @@ def _reach(information: Information) -> tuple[Array, Array]:
     furthest = np.zeros((2, len(values)))
     furthest[:, free] = _furthest(moves, room[free])
     reached = size * np.exp(furthest)
-    # Close to a vanishing parameter logarithms would go on for ever.
+    # Logarithms diverge as a parameter vanishes.
     reached = np.where(reached <= 2.0 * SMALLEST * ends[:, 1], 0.0, reached)
     low, high = np.sort(sign * np.where(furthest == 0.0, np.abs(values), reached), axis=0)
     return np.minimum(low, values), np.maximum(high, values)
 
 
 def _furthest(moves: Array, room: Array) -> Array:
-    """Return the ends of each of moves (f, k) @ w where all lie within room (f, 2): (2, f)."""
+    """Return the least and largest of each row of moves (f, k) @ w with all within room (f, 2): (2, f)."""
     limits, ends = np.concatenate([-moves, moves]), np.concatenate([-room[:, 0], room[:, 1]])
 
     def most(along: Array, end: float) -> float:
         found = linprog(-along, limits, ends, bounds=(None, None))
-        # What no solver can tell may be anywhere.
+        # If the solver fails, assume the end of the range.
         return float(-found.fun) if found.success else end
 
     lowest = [-most(-one, -low) for one, (low, _) in zip(moves, room, strict=True)]

@@ -1,4 +1,4 @@
-"""What recordings tell about the parameters of a model, as intervals and sentences need it."""
+"""Information of recordings about the parameters of a model, for intervals and sentences."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ FLAT = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What recordings tell about n parameters: the five of `irt.rig.PARAMETERS`, then any effects'.
+    """Information about n parameters: the five of `irt.rig.PARAMETERS`, then those of effects.
 
-    Directions are in units of the parameters' ranges, so that 1 is from one end to the other.
+    Directions are in units of the parameters' ranges: a step of 1 spans a range.
 
     Attributes
     ----------
     names : tuple of str
-        Of the parameters.
+        Names of the parameters.
     values, widths : (n,) arrays
         The parameters and the widths of their ranges, in their own units.
     ranges : (n, 2) array
-        Ends of the ranges, moved out to hold the value where it lies outside.
+        Ends of the ranges, extended to contain the value.
     allowed : (n, 2) array
         The values that physics allows.
     free : (n,) bool array
-        False where a parameter was not estimated.
+        Whether a parameter was estimated.
     directions : (f, n) array
         Orthonormal combinations, f the number of free parameters.
     half_width : (f,) array
-        Of the 95 % interval along each direction, infinite where nothing is known.
+        Half-width of the 95 % interval along each direction, infinite if nothing is known.
     offset : (f,) array
-        From the value to the linearised best fit along each direction, zero along flat ones.
+        Offset from the value to the linearised best fit along each direction, zero along flat ones.
     """
 
     names: tuple[str, ...]
@@ -56,15 +56,15 @@ class Information:
 
     @classmethod
     def of(cls, asked: Problem, values: Array, found: Curvature) -> Information:
-        """Return what the engine found of a problem around (n,) values."""
-        # scipy takes longer to load than `irt check`, which builds the class from its own numbers, to run.
+        """Return the information from the engine's curvature of a problem at (n,) values."""
+        # scipy loads slower than all of `irt check`, which uses this class without this method.
         from scipy.special import stdtrit  # noqa: PLC0415
 
         free = np.zeros(len(values), dtype=bool)
         free[found.free] = True
         directions = np.zeros((len(found.deviation), len(values)))
         directions[:, found.free] = found.directions
-        # Without degrees of freedom to spare nothing is known: the width may pass what a float holds.
+        # With few degrees of freedom the half-width may overflow.
         with np.errstate(over="ignore"):
             half_width = float(stdtrit(found.degrees_of_freedom, 0.5 + CONFIDENCE / 2.0)) * found.deviation
         return cls(
@@ -83,14 +83,13 @@ class Information:
 
     @property
     def flat(self) -> NDArray[np.bool_]:
-        """Which directions are not pinned down, (f,)."""
+        """Whether each direction is unidentifiable, (f,)."""
         return self.half_width >= FLAT
 
     def margin(self, change: Array) -> float:
-        """Return the half width of the 95 % interval of a linear function of the parameters.
+        """Return the half-width of the 95 % interval of a linear function of the parameters.
 
-        The function is given by its (n,) coefficients in units of the ranges. What the flat directions would
-        add is left out.
+        The function is given by its (n,) coefficients in units of the ranges. Flat directions are ignored.
         """
         known = ~self.flat
         return float(np.linalg.norm(self.directions[known] @ change * self.half_width[known]))

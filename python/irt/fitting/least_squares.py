@@ -35,7 +35,7 @@ from irt.segments import segments
 
 Array = NDArray[np.float64]
 
-#: Residuals this many times the tracker's noise are no noise.
+#: Smallest ratio of residuals to tracker noise that is reported as a misfit.
 MISFIT = 2.0
 
 
@@ -51,35 +51,35 @@ def least_squares(
 ) -> FitResult:
     """Fit the five parameters, and those of any effects, to all recordings of a rig.
 
-    Start points are a space-filling draw over the ranges; the best ones of a screening are refined by
-    Levenberg-Marquardt under a Student-t likelihood, which leaves rows where the tracker jumped no say. Start
-    states are estimated along with the parameters. Ranges may be left by up to three times, which the notes
-    then say. In stamped recordings the time scale is what the stamps say and is not fitted.
+    Start points are a space-filling draw over the ranges. The best of a screening are refined by
+    Levenberg-Marquardt under a Student-t likelihood, which is robust against jumps of the tracker. Start
+    states are estimated along with the parameters. Values may exceed the ranges by up to a factor of three;
+    the notes report this. The time scale of stamped recordings is taken from the stamps and not fitted.
 
     Parameters
     ----------
     rig : Rig
         The recordings, and the ranges to search.
     starts : int
-        Start points that are refined.
+        Number of start points that are refined.
     seed : int
-        Of the draw. The same seed gives the same bits for any number of threads.
+        Seed of the draw. The same seed gives the same bits for any number of threads.
     effects : sequence of Effect
-        What is added to the simulation, beside the sensor of a measured tilt, and the gear matrix of a rig
-        that says that it has one. Half of the start points have the values given; a parameter that is
-        left out is looked for over its range.
+        Effects to add to the simulation. The sensor of a measured tilt, and the gear matrix of a rig that has
+        one, are added automatically. Half of the start points have the given values; parameters without a
+        value are searched over their ranges.
     engine : {"rolling", "rapier"}
-        What simulates.
+        The simulator.
     progress : callable, optional
         Called with (done, total, text).
     threads : int, optional
-        Threads of the engine; by default one for each core.
+        Threads of the engine; by default one per core.
 
     Raises
     ------
     IrtError
-        If `starts` is less than one, some recordings are stamped and others not, nothing was seen, or the
-        engine knows no such effect.
+        If `starts` is less than one, only some recordings are stamped, no recording has a marble, or an
+        effect is unknown.
     """
     if starts < 1:
         raise IrtError(f"starts: expected at least 1, found {starts}")
@@ -108,7 +108,7 @@ def _fit_at_once(
     threads: int | None,
     progress: Progress | None,
 ) -> FitResult:
-    """Fit everything from commands to places in one go."""
+    """Fit the complete chain from commands to positions jointly."""
     time_scale = stamped_time_scale(rig)
     problem = Problem.of(
         rig,
@@ -150,7 +150,7 @@ def _fit_chain(
     threads: int | None,
     progress: Progress | None,
 ) -> FitResult:
-    """Fit command to tilt and tilt to place by themselves; see `irt.fitting.chain`."""
+    """Fit command to tilt and tilt to position separately; see `irt.fitting.chain`."""
     time_scale = stamped_time_scale(rig)
     used = without_held_marbles(rig)
     settings: dict[str, Any] = {
@@ -174,8 +174,8 @@ def _fit_chain(
         notes += _notes(rig, model, time_scale, board.solution.noise, board.solution.tracker_noise)
     else:
         notes.append(
-            "No marble was seen to move beside a measured tilt: rolling_friction and observation_scale stand "
-            "in the middle of their ranges."
+            "No recording has both a moving marble and a measured tilt: rolling_friction and "
+            "observation_scale are set to the middle of their ranges."
         )
     return FitResult(
         method="least-squares",
@@ -202,7 +202,7 @@ def _fit_chain(
 def _model(
     rig: Rig, five: dict[str, Parameter], of_effects: dict[str, dict[str, Parameter]]
 ) -> tuple[Model, dict[str, dict[str, Parameter]]]:
-    """Return the model of fitted parameters, and its effects' parameters in the order in which they act."""
+    """Return the model with the fitted parameters, and its effects in the order in which they act."""
     effects = in_order(
         [
             Effect(name, {key: one.value for key, one in of_effect.items()})
@@ -215,7 +215,7 @@ def _model(
 
 
 def _tilt_notes(rig: Rig, used: Rig, actuator: Stage) -> Iterator[str]:
-    """Say what else the user should know of a fit to the measured tilt."""
+    """Yield notes on a fit to the measured tilt."""
     scales = ", ".join(
         f"{1000 * scale:.2g} mrad about {axis} (the sensor's noise is {1000 * noise:.2g})"
         for axis, scale, noise in zip(
@@ -223,21 +223,21 @@ def _tilt_notes(rig: Rig, used: Rig, actuator: Stage) -> Iterator[str]:
         )
         if np.isfinite(scale)
     )
-    yield f"The tilt that the commands predict misses the measured one by {scales}."
+    yield f"The error of the tilt predicted from commands is {scales}."
     held = [
         before.name
         for before, after in zip(rig.recordings, used.recordings, strict=True)
         if before.has_marble and not after.has_marble
     ]
     if held:
-        yield f"{', '.join(held)}: the marble stays in its place, in a hole, say; only the tilt is used."
+        yield f"{', '.join(held)}: the marble does not move, as in a hole; only the tilt is used."
     unmeasured = [one.name for one in used.recordings if one.has_marble and not has_both_tilts(one)]
     if unmeasured:
-        yield f"{', '.join(unmeasured)}: not used, since the tilt was not measured about both axes."
+        yield f"{', '.join(unmeasured)}: not used, because the tilt was not measured about both axes."
 
 
 def _estimate(path: Array, errors: Array, gears: Array | None = None) -> Estimate:
-    """Return what one start point led to, from (t, n) values and (t,) errors; gears that others fitted."""
+    """Return the estimate of a start point from (t, n) values and (t,) errors; `gears` replace its own."""
     five = path[:, : len(PARAMETERS)].copy()
     if gears is not None:
         five[:, :2] = gears
@@ -251,7 +251,7 @@ def _report(progress: Progress | None, what: str) -> Callable[[int, int, int], N
 
 
 def stamped_time_scale(rig: Rig) -> float | None:
-    """Return the time scale that the stamps of a rig tell: 240 times the median seconds of a row.
+    """Return the time scale given by the stamps of a rig: 240 times the median duration of a row [s].
 
     Raises
     ------
@@ -273,11 +273,11 @@ def stamped_time_scale(rig: Rig) -> float | None:
 def _notes(
     rig: Rig, model: Model, time_scale: float | None, noise: float, tracker_noise: float
 ) -> Iterator[str]:
-    """Say what else the user should know of a fit."""
+    """Yield notes on a fit."""
     if time_scale is not None:
         yield (
-            f"time_scale = {time_scale:.4g} is what the stamps say, 240 times the median of "
-            f"{time_scale * SUBSTEP_S:.4g} s a row; it was not fitted."
+            f"time_scale = {time_scale:.4g} is taken from the stamps: 240 times the median row of "
+            f"{time_scale * SUBSTEP_S:.4g} s; it was not fitted."
         )
     for name, value in zip(PARAMETERS, model.values, strict=True):
         low, high = rig.ranges[name]
@@ -287,13 +287,13 @@ def _notes(
         named = " and ".join(effect.name for effect in model.effects)
         what = f"five parameters and {named} do" if named else "five parameters do"
         yield (
-            f"The predictions miss by {noise:.2g} of an edge, {noise / tracker_noise:.0f} times the "
-            f"tracker's scatter of {tracker_noise:.2g}: {what} not explain these recordings."
+            f"The residuals are {noise:.2g} of an edge, {noise / tracker_noise:.0f} times the "
+            f"tracker's noise of {tracker_noise:.2g}: {what} not explain these recordings."
         )
 
 
 def _beside(value: float, *bounds: float) -> str:
-    """Return a value to as many digits as tell it from bounds that it exceeds."""
+    """Return a value with enough digits to differ from the bounds that it exceeds."""
     return next(
         (text for digits in range(4, 17) if float(text := f"{value:.{digits}g}") not in bounds), repr(value)
     )

@@ -1,4 +1,4 @@
-"""What is fitted to what, and the door to the engine's least squares."""
+"""The fitting problem: segments and parameters, as passed to the engine's solvers."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 TIME = PARAMETERS.index("time_scale")
-#: Gauss-Newton steps for start states alone.
+#: Gauss-Newton steps if only start states are estimated.
 STATE_ITERATIONS = 8
-#: How often a fit looks around the best point found for a better one, at most.
+#: Most rounds of local search around the best point of a fit.
 ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class _Choice:
-    """Where an open choice stands: among all values, among the effects, among the effect's parameters."""
+    """Position of an open choice: among all values, the effects, and the effect's parameters."""
 
     slot: int
     effect: int
@@ -50,20 +50,20 @@ class Problem:
     Attributes
     ----------
     names : tuple of str
-        Of all n parameters: the five, then ``effect.parameter``. Optional parameters that nobody names are
-        no part of the problem.
+        Names of all n parameters: the five, then ``effect.parameter``. Optional parameters without a value
+        are not part of the problem.
     slots : (n,) int array
-        Where the engine has them among its own m: the five, then all of the effects'.
+        Their indices among the engine's m parameters: the five, then all of the effects.
     neutral : (m,) array
-        What the engine's have that are no part of the problem.
+        Values of the engine's parameters that are not part of the problem.
     ranges : (n, 2) array
         Ends of their ranges, in their own units.
     allowed : (n, 2) array
         The values that physics allows.
     asked : dict
-        The problem in the engine's words, each open choice at its usual answer.
+        The problem as the engine takes it, each open choice at its neutral value.
     choices : tuple
-        Parameters that are questions of yes or no, and open: every answer is tried.
+        Binary parameters without a value: both values are tried.
     """
 
     names: tuple[str, ...]
@@ -96,16 +96,16 @@ class Problem:
         Parameters
         ----------
         rig : Rig or Model
-            Board, marble, ranges, and whether the marble rests at first.
+            Board, marble, ranges, and whether the marble starts at rest.
         segments : sequence of Segment
-            What is predicted: all stamped or none.
+            The segments to predict: all stamped or none.
         effects : sequence of Effect
-            What else is in the simulation; the search begins at the values given, and anywhere in the ranges
-            for parameters that have none. Optional ones are neutral unless they have a value here.
+            Effects of the simulation. The search starts at the given values; parameters without a value start
+            anywhere in their ranges. Optional parameters are neutral unless they have a value.
         values : (5,) array, optional
-            Where the search of the five parameters begins; by default anywhere in the ranges.
+            Start of the search for the five parameters; by default anywhere in the ranges.
         time_scale : float, optional
-            Hold it at this value: what the stamps say.
+            Hold the time scale at this value, as given by stamps.
         noise : float, optional
             The tracker's standard deviation [board edges]; by default it is estimated from the segments.
         tilt_noise : float, optional
@@ -181,10 +181,10 @@ class Problem:
         rounds: int = ROUNDS,
         progress: Callable[[int, int, int], None] | None = None,
     ) -> Solution:
-        """Fit from the best of a draw, or from (k, n) points that the caller has reason to try.
+        """Fit from the best points of a draw, or from (k, n) given points.
 
-        `progress` is called with (done, total, rows of a window). Without `rounds` of looking around the best
-        one it is a quick look: slopes alone end a little above the bottom where the ground is rough.
+        `progress` is called with (done, total, rows of a window). `rounds` is the number of local searches
+        around the best point: on a rough loss, gradients alone stop slightly above the minimum.
         """
         asked: list[tuple[dict[str, Any], list[list[float]]]]
         if points is None:
@@ -193,41 +193,41 @@ class Problem:
             asked = [(one, self._of_engine(points[own])) for one, own in self._by_choice(points)]
         found = []
         for number, (one, begin) in enumerate(asked):
-            tell = None if progress is None else _of_one(progress, number, len(asked))
+            report = None if progress is None else _of_one(progress, number, len(asked))
             answer = answered(
-                _labsim.fit, one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=tell
+                _labsim.fit, one, points=begin, starts=starts, seed=seed, rounds=rounds, progress=report
             )
             found.append(self._solution(answer))
         best = min(found, key=lambda one: one.loss)
         return replace(best, rollouts=sum(one.rollouts for one in found))
 
     def refine(self, values: Array, *, iterations: int = 12) -> list[Refined]:
-        """Go from each of (k, n) values to the bottom of the valley it lies in, over whole segments.
+        """Minimise the loss locally from each of (k, n) values, over whole segments.
 
-        The gears of all must have the signs of the first ones.
+        The gears of all values must have the signs of the first.
         """
         return self._refined(values, iterations, held=False)
 
     def judge(self, values: Array) -> list[Refined]:
-        """Say what each of (k, n) values leaves over, as it is: only start states are estimated."""
+        """Return the residuals at each of (k, n) values; only start states are estimated."""
         return self._refined(values, STATE_ITERATIONS, held=True)
 
     def filter(self, values: Array, noise: Array, states: Sequence[Array] | None = None) -> list[Filtered]:
-        """Predict each row from all rows before, at each of (k, n) values: an extended Kalman filter.
+        """Predict each row from all rows before it by an extended Kalman filter, at each of (k, n) values.
 
         Parameters
         ----------
         values : (k, n) array
-            The gears of all must have the signs of the first ones.
+            Parameters. The gears of all values must have the signs of the first.
         noise : (k, 10) array
-            The tracker's error from row to row and its lasting error [board edges], how long that lasts [s],
-            the spectral density of the marble's random acceleration [m^2/s^3], a random acceleration that
-            lasts [m/s^2] and how long [s], and the standard deviations of the coefficient of restitution, of
-            the times at which the board answers and at which marbles follow it from a wall [s], and of the
-            start velocity [m/s].
+            The tracker's white noise and its correlated noise [board edges], the correlation time of the
+            latter [s], the spectral density of the marble's white acceleration noise [m^2/s^3], a correlated
+            acceleration noise [m/s^2] and its correlation time [s], and the standard deviations of the
+            coefficient of restitution, of the response times of the board and of marbles leaving a wall [s],
+            and of the start velocity [m/s].
         states : sequence of (s, 4) arrays, optional
-            Known start states of the segments for each of the values, as of a `Solution`; by default a marble
-            starts where it was first seen, at rest on average.
+            Known start states of the segments for each of the values, as in `Solution`; by default a marble
+            starts at its first observed position, at rest on average.
         """
         found: dict[int, Filtered] = {}
         for asked, own in self._by_choice(values):
@@ -238,9 +238,9 @@ class Problem:
         return [found[index] for index in range(len(values))]
 
     def smooth(self, values: Array, noise: Array, states: Array) -> Smoothed:
-        """Say what push was needed in each row, given all: (n,) values, (10,) sizes and (s, 4) start states.
+        """Estimate the missing push in each row from all rows by the fixed-interval smoother of `filter`.
 
-        The fixed-interval smoother of `filter`.
+        Takes (n,) values, (10,) noise sizes and (s, 4) start states.
         """
         ((asked, _),) = self._by_choice(values[None])
         found = _labsim.smoothed(
@@ -254,12 +254,12 @@ class Problem:
     def ascend(
         self, values: Array, noise: Array, states: Sequence[Array] | None = None, *, iterations: int = 30
     ) -> list[Probable]:
-        """Go uphill from (k, n) values and (k, 10) sizes of what is random, as `filter` takes them.
+        """Maximise the posterior from (k, n) values and (k, 10) noise sizes, as taken by `filter`.
 
-        The hill is the probability of the values and start states where the marble is also pushed at random:
-        the likelihood of the filter, and a prior with mean and variance of the parameters' ranges. Start
-        states are sought from those given, (s, 4) for each of the values, or from the first rows. The gears
-        of all must have the signs of the first ones.
+        The posterior of values and start states combines the filter's likelihood, in which the marble is
+        pushed at random, with a prior that has the mean and variance of the parameters' ranges. Start states
+        begin at `states`, (s, 4) for each of the values, or at those of the first rows. The gears of all
+        values must have the signs of the first.
         """
         found: dict[int, Probable] = {}
         for asked, own in self._by_choice(values):
@@ -270,9 +270,9 @@ class Problem:
         return [found[index] for index in range(len(values))]
 
     def inform(self, values: Array, noise: float) -> Curvature:
-        """Return what the recordings tell around (n,) values, wherever they come from.
+        """Return the curvature of the loss at any (n,) values.
 
-        Start states are estimated; residuals count with their own scale where it is larger than `noise`
+        Start states are estimated. Residuals are weighted by their own scale if that is larger than `noise`
         [board edges].
         """
         ((asked, _),) = self._by_choice(values[None])
@@ -288,32 +288,32 @@ class Problem:
             found.update(zip(own, refined, strict=True))
         return [found[index] for index in range(len(values))]
 
-    def _solution(self, told: Mapping[str, Any]) -> Solution:
-        """Return the engine's solution with the problem's parameters alone."""
+    def _solution(self, answer: Mapping[str, Any]) -> Solution:
+        """Return the engine's solution, with the parameters of the problem only."""
         own = {
-            "values": told["values"][self.slots],
-            "information": Curvature.of(told["information"], self.slots),
-            "estimates": [(values[:, self.slots], errors) for values, errors in told["estimates"]],
-            "shrunk": [Shrunk.of(one) for one in told["shrunk"]],
+            "values": answer["values"][self.slots],
+            "information": Curvature.of(answer["information"], self.slots),
+            "estimates": [(values[:, self.slots], errors) for values, errors in answer["estimates"]],
+            "shrunk": [Shrunk.of(one) for one in answer["shrunk"]],
         }
-        return Solution(**{**told, **own})
+        return Solution(**{**answer, **own})
 
     def _of_engine(self, values: Array) -> list[list[float]]:
-        """Return (k, n) values as the engine has them, (k, m)."""
+        """Return (k, n) values as (k, m) values of the engine."""
         full = np.tile(self.neutral, (len(values), 1))
         full[:, self.slots] = values
         rows: list[list[float]] = full.tolist()
         return rows
 
     def _by_choice(self, values: Array) -> list[tuple[dict[str, Any], list[int]]]:
-        """Return the problem with each answer to open choices that (k, n) values give, and which give it."""
+        """Group (k, n) values by their open choices: pairs of a problem and the indices of its values."""
         groups: dict[tuple[float, ...], list[int]] = {}
         for index, row in enumerate(values):
             groups.setdefault(tuple(row[one.slot] for one in self.choices), []).append(index)
         return [(self._with(answers), own) for answers, own in groups.items()]
 
     def _with(self, answers: Sequence[float]) -> dict[str, Any]:
-        """Return the problem in the engine's words, open choices at these answers."""
+        """Return the problem as the engine takes it, with the open choices at these values."""
         effects = [(name, sought.copy()) for name, sought in self.asked["effects"]]
         for one, answer in zip(self.choices, answers, strict=True):
             effects[one.effect][1][one.parameter, 2] = answer
@@ -323,7 +323,7 @@ class Problem:
 def _of_one(
     progress: Callable[[int, int, int], None], number: int, count: int
 ) -> Callable[[int, int, int], None]:
-    """Return the progress of one of some fits."""
+    """Return the progress callback of one fit out of several."""
     return lambda done, total, rows: progress(number * total + done, count * total, rows)
 
 
@@ -335,14 +335,14 @@ def tracker_noise(segments: Iterable[Segment]) -> float:
 def noise_in(observed: Iterable[Array]) -> float:
     """Estimate the standard deviation of the tracker [board edges] from (n, 2) positions alone.
 
-    The motion is smooth from row to row, so that of fourth differences mostly noise is left. A tracker that
-    reads pixels errs alike as long as the marble stays within one: it is told by the rows in which it moves.
+    The motion is smooth from row to row, so fourth differences contain mostly noise. The error of a tracker
+    that rounds to pixels is constant while the marble stays in a pixel, so only rows with motion are used.
     """
     return _labsim.tracker_noise([np.ascontiguousarray(one) for one in observed])
 
 
 def _in_units_of(rig: Rig | Model, info: EffectInfo) -> EffectInfo:
-    """Return an effect with the ranges that a rig's commands give it: gears are in rad per unit of these."""
+    """Return an effect with ranges in the unit of a rig's commands: gears are in rad per unit."""
     if info.name != GEAR_MATRIX:
         return info
     most = max(abs(end) for name in ("gear_x", "gear_y") for end in rig.ranges[name])
@@ -357,10 +357,10 @@ def _within(info: EffectInfo, within: Mapping[str, tuple[float, float]]) -> Effe
 
 
 def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping[str, float]) -> Array:
-    """Return low, high and start of the parameters of an effect, (p, 3); no start is NaN.
+    """Return low, high and start of the parameters of an effect, (p, 3); a missing start is NaN.
 
-    A parameter that is held has no ends, and its value as start; so has a choice, and an optional parameter
-    that is not named.
+    A held parameter has NaN as low and high, and its value as start. So have choices, and optional parameters
+    without a value.
     """
     names = [parameter.name for parameter in parameters]
     for name in (*chosen.parameters, *held):
@@ -382,7 +382,7 @@ def _sought(chosen: Effect, parameters: Sequence[EffectParameter], held: Mapping
 
 
 def _open_choices(effects: Sequence[Effect], held: Mapping[str, Mapping[str, float]]) -> Iterator[_Choice]:
-    """Return the choices of effects that nobody has made."""
+    """Return the choices of effects that have no value."""
     slot = len(PARAMETERS)
     for index, chosen in enumerate(effects):
         made = {*chosen.parameters, *held.get(chosen.name, {})}
@@ -393,7 +393,7 @@ def _open_choices(effects: Sequence[Effect], held: Mapping[str, Mapping[str, flo
 
 
 def _recordings(segments: Sequence[Segment], *, at_rest: bool) -> dict[str, Any]:
-    """Return the recordings that segments are of, each once, and where in them the segments lie."""
+    """Return the recordings of segments, each once, and the location of the segments in them."""
     runs = list(dict.fromkeys(one.run for one in segments))
     return {
         "recordings": [

@@ -1,4 +1,4 @@
-"""Statistics that a few wild rows do not spoil, as in the engine's fit."""
+"""Robust statistics, as in the engine's fit."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TAIL = 4.0
 
 
 def student_t(values: Array) -> Array:
-    """Return the negative log-likelihood of values in units of their scale, each, up to a constant."""
+    """Return the negative log-likelihood of each value, in units of its scale, up to a constant."""
     return np.asarray(0.5 * (TAIL + 1.0) * np.log1p(values**2 / TAIL))
 
 

@@ -1,4 +1,4 @@
-"""Plain sentences about combinations of parameters that recordings cannot pin down."""
+"""Sentences on parameter combinations that are not identifiable from recordings."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ Array = NDArray[np.float64]
 
 TIME, SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
 
-#: Relative changes, in the order of `PARAMETERS`, that leave a recording as it is.
+#: Relative changes, in the order of `PARAMETERS`, under which a recording is invariant.
 SYMMETRIES = {
     "time": np.array([1.0, 1.0, 1.0, -0.5, 0.0]),
     "scale": np.array([-1.0, -1.0, -1.0, 0.0, 1.0]),
 }
-#: Below this share of their largest value, changes of parameters are no longer counted in proportion.
+#: Smallest reference value of relative changes, as a share of the largest value of a range.
 SMALL = 0.02
-#: A direction lies within others if this share of its square does, outside if less of its length.
+#: A direction lies within a subspace above this share of its square, outside below this share of its length.
 WITHIN, OUTSIDE = 0.98, 0.1
-#: A parameter takes part in a combination if its share of the direction is at least this.
+#: Smallest component of a direction whose parameter is named.
 SHARE = 0.15
 
 
 def unidentifiable(information: Information, low: Array, high: Array) -> tuple[str, ...]:
-    """Return one sentence for each combination that is not pinned down.
+    """Return a sentence for each unidentifiable combination.
 
     Parameters
     ----------
     information : Information
-        What the recordings tell.
+        Information of the recordings about the parameters.
     low, high : (n,) arrays
         Ends of the intervals.
     """
     if information.flat.sum() == information.free.sum():
-        return ("These recordings say next to nothing about any parameter; did the marble move?",)
-    # From here on in relative changes, in which the symmetries look alike for every rig.
+        return ("These recordings contain next to no information on any parameter; did the marble move?",)
+    # From here on in relative changes, in which the symmetries are the same for every rig.
     size = np.maximum(np.abs(information.values), SMALL * np.abs(information.ranges).max(axis=1))
     flat = information.directions[information.flat] * information.widths / size
     flat = np.linalg.qr(flat.T)[0].T
@@ -61,7 +61,7 @@ def unidentifiable(information: Information, low: Array, high: Array) -> tuple[s
 
 
 def _symmetries(information: Information, flat: Array, *, time: bool, scale: bool) -> str:
-    """Say which symmetries of the motion nothing breaks, and what is known all the same."""
+    """Return a sentence on the unbroken symmetries of the motion, and on the combinations that are known."""
     changes = "time_scale is divided by its square root" * time, "observation_scale is divided by it" * scale
     remedies = (
         "stamps (a column t_s) would fix the time scale" * time,
@@ -88,21 +88,21 @@ def _symmetries(information: Information, flat: Array, *, time: bool, scale: boo
 
 
 def _direction(information: Information, direction: Array, low: Array, high: Array) -> str:
-    """Say what one further direction means."""
+    """Return a sentence on a flat direction."""
     taking_part = np.flatnonzero(np.abs(direction) >= SHARE)
     if len(taking_part) == 1:
         index = taking_part[0]
         return (
-            f"These recordings do not tell {information.names[index]}: anything from {low[index]:.3g} to "
-            f"{high[index]:.3g} fits as well."
+            f"These recordings do not identify {information.names[index]}: any value from "
+            f"{low[index]:.3g} to {high[index]:.3g} fits equally well."
         )
     changes = [
         f"{information.names[i]} by {0.1 * direction[i] * information.widths[i]:+.2g}" for i in taking_part
     ]
     names = _listed([information.names[i] for i in taking_part])
     return (
-        f"These recordings do not tell {names} apart: changing "
-        f"{_listed(changes)} together makes no difference that the tracker could see."
+        f"These recordings do not separate {names}: changing "
+        f"{_listed(changes)} together makes no difference above the tracker's noise."
     )
 
 
@@ -111,7 +111,7 @@ def _lies_within(direction: Array, flat: Array) -> bool:
 
 
 def _remainder(flat: Array, symmetric: list[Array]) -> Array:
-    """Return the flat directions that are left when the symmetries, of shape (5,), are taken out of them."""
+    """Return the flat directions orthogonal to the symmetries."""
     if not symmetric:
         return flat
     axes = np.linalg.qr(np.array(symmetric).T)[0].T

@@ -1,4 +1,4 @@
-"""What the engine finds: values, residuals, likelihoods, and what recordings tell about them."""
+"""Results of the engine's solvers: values, residuals, likelihoods, curvature."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Curvature:
-    """What recordings tell about the free ones of n parameters, to first order around a solution.
+    """Curvature of the loss in the free parameters, to first order around a solution.
 
-    Directions are in units of the parameters' ranges, so that 1 is from one end to the other.
+    Directions are in units of the parameters' ranges: a step of 1 spans a range.
 
     Attributes
     ----------
     free : (f,) int array
-        Which parameters were estimated.
+        Indices of the estimated parameters.
     directions : (f, f) array
-        Orthonormal combinations of those, one a row.
+        Orthonormal combinations of those, one per row.
     singular : (f,) array
-        How much the weighted residuals [board edges] change along each direction, the largest first.
+        Singular values: change of the weighted residuals [board edges] along each direction, largest first.
     deviation : (f,) array
-        Standard deviation along each direction, infinite where nothing is known.
+        Standard deviation along each direction, infinite if nothing is known.
     offset : (f,) array
-        From the solution to the linearised best fit along each direction; NaN where nothing is known.
+        Offset from the solution to the linearised best fit along each direction; NaN if nothing is known.
     degrees_of_freedom : float
-        Residuals that count, less what was fitted.
+        Number of residuals minus number of fitted values.
     scale : float
         Robust standard deviation of the residuals [board edges].
     """
@@ -48,29 +48,29 @@ class Curvature:
 
     @classmethod
     def of(cls, found: Mapping[str, Any], slots: NDArray[np.int64]) -> Curvature:
-        """Return the engine's information, whose (n,) slots are the problem's parameters."""
+        """Return the curvature from the engine's result; `slots` (n,) are the problem's parameters."""
         return cls(**{**found, "free": np.searchsorted(slots, np.array(found["free"], dtype=np.int64))})
 
 
 @dataclass(frozen=True, eq=False)
 class Shrunk:
-    """Coefficients of one effect that are shrunk towards zero: leans of runs, or the slopes of a map.
+    """Coefficients of an effect that are shrunk towards zero: leans of runs, or the slopes of a map.
 
-    They are drawn from a normal distribution about zero. Its size, the standard deviation, is estimated along
-    with them (empirical Bayes).
+    They have a normal prior with mean zero. Its standard deviation, the size, is estimated along with them
+    (empirical Bayes).
 
     Attributes
     ----------
     effect : str
-        Whose they are.
+        Name of the effect.
     size : float
-        The estimated size; 0 where the recordings give no evidence of one, and all coefficients are 0.
+        The estimated size; 0, with all coefficients 0, if the recordings give no evidence for it.
     interval : tuple of float
-        The 95 % interval of the size, by the profile of the evidence.
+        The 95 % interval of the size, from the profile of the evidence.
     gain : float
-        By how much the log evidence of the best size exceeds that of none.
+        Log evidence of the best size minus that of size 0 [nats].
     effective : float
-        How many coefficients the recordings fix.
+        Effective number of coefficients.
     values, deviations : arrays
         The coefficients and their posterior standard deviations: (r, 2) leans about x and y [rad] of the
         recordings in the order of the problem, or the (k,) coefficients of a map.
@@ -86,7 +86,7 @@ class Shrunk:
 
     @classmethod
     def of(cls, found: Mapping[str, Any]) -> Shrunk:
-        """Return what the engine found."""
+        """Return the coefficients from the engine's result."""
         shape = (-1, 2) if found["effect"] == LEAN else (-1,)
         pairs = {name: found[name].reshape(shape) for name in ("values", "deviations")}
         return cls(**{**found, **pairs})
@@ -94,42 +94,43 @@ class Shrunk:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The outcome of the engine's fit.
+    """The result of the engine's fit.
 
     Attributes
     ----------
     values : (n,) array
-        The five parameters, then the effects'.
+        The five parameters, then those of the effects.
     states : (s, 4) array
-        Start state of each segment: place [board edges] and rate [board edges a row]; NaN where the tracker
-        saw too little.
+        Start state of each segment: position [board edges] and rate [board edges per row]; NaN if there are
+        too few observations.
     residuals : list of (rows, 2) arrays
-        Predicted minus observed for each segment [board edges]; NaN where nothing was seen.
+        Predicted minus observed for each segment [board edges]; NaN in rows without a marble.
     tracker_noise : float
         Standard deviation of the tracker [board edges], from the recordings alone; NaN without a marble.
     noise : float
-        Robust standard deviation of the residuals [board edges], freed of what was fitted; NaN without a
-        marble.
+        Robust standard deviation of the residuals [board edges], corrected for the degrees of freedom; NaN
+        without a marble.
     axis_noise : (2,) array
         The same along x and along y; NaN along an axis that never changes.
     tilt_residuals : list of (rows, 2) arrays
-        Predicted minus measured tilt for each segment [rad], NaN where it was not measured; empty where no
-        recording has any.
+        Predicted minus measured tilt for each segment [rad], NaN in rows without a tilt; empty if no
+        recording has a tilt.
     tilt_noise, tilt_scale : (2,) arrays
-        Standard deviation of the tilt sensor about x and y [rad], given or from its changes, and robust
-        standard deviation of the residuals; NaN where there is none, or about an axis that never changes.
+        Standard deviation of the tilt sensor about x and y [rad], given or estimated from its changes, and
+        robust standard deviation of the residuals; NaN without a tilt, or about an axis that never changes.
     loss : float
         Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`, those of the
         tilt at a scale of `tilt_noise`.
     information : Curvature
-        What the recordings tell about the values.
+        Curvature of the loss at the values.
     shrunk : list of Shrunk
-        What became of the leans of runs and the maps of slopes. Among `values` a lean is 0, that of a run of
-        which nothing is known; its size is among them as well.
+        The leans of runs and the maps of slopes. In `values` the leans are 0, as for a new run; the sizes are
+        included.
     estimates : list of ((t, n) array, (t,) array)
-        Values on the way from each start point, and their mean absolute errors [board edges]; the best first.
+        Values of the iterations from each start point, and their mean absolute errors [board edges]; the best
+        first.
     rollouts : int
-        Windows simulated, all start points together.
+        Number of simulated windows, over all start points.
     """
 
     values: Array
@@ -155,11 +156,11 @@ class Filtered:
     Attributes
     ----------
     predicted : list of (n, 2) arrays
-        Positions as predicted from all rows before [board edges]; empty where the tracker saw too little.
+        Positions predicted from all rows before [board edges]; empty if there are too few observations.
     variance : list of (n, 2) arrays
-        Variances about them [board edges squared]; NaN in first rows.
+        Their variances [board edges squared]; NaN in first rows.
     log_likelihood : (segments, 2) array
-        Of what was seen along each axis.
+        Log-likelihood of the observations along each axis [nats].
     """
 
     predicted: list[Array]
@@ -169,15 +170,15 @@ class Filtered:
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """What all rows of a segment say of the random push in every row, and of the tracker's error that lasts.
+    """Smoothed estimates of the random push, and of the tracker's correlated noise, in each row.
 
     Attributes
     ----------
     push, push_deviation : list of (n, 2) arrays
-        Accelerations of the marble between the row before and each row, which the model does not have, and
-        their standard deviations [m/s^2]; NaN in first rows; empty where the tracker saw too little.
+        Accelerations missing in the model between the row before and each row, and their standard deviations
+        [m/s^2]; NaN in first rows; empty if there are too few observations.
     lasting, lasting_deviation : list of (n, 2) arrays
-        Errors of the tracker that last, and their standard deviations [board edges].
+        Correlated noise of the tracker, and its standard deviations [board edges].
     """
 
     push: list[Array]
@@ -188,16 +189,16 @@ class Smoothed:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """Where values have led.
+    """The result of a local minimisation.
 
     Attributes
     ----------
     values : (n,) array
-        The five parameters, then the effects'.
+        The five parameters, then those of the effects.
     states : (s, 4) array
-        As of a `Solution`.
+        As in `Solution`.
     residuals, tilt_residuals : lists of (rows, 2) arrays
-        As of a `Solution`.
+        As in `Solution`.
     """
 
     values: Array
@@ -208,22 +209,22 @@ class Refined:
 
 @dataclass(frozen=True, eq=False)
 class Probable:
-    """The most probable values that an ascent has reached, where the marble is also pushed at random.
+    """A local maximum of the posterior in which the marble is also pushed at random.
 
     Attributes
     ----------
     values, deviations : (n,) arrays
-        The five parameters, then the effects', and their standard deviations; 0 of what is held.
+        The five parameters, then those of the effects, and their standard deviations; 0 if held.
     covariance : (n, n) array
-        Of the values.
+        Covariance of the values.
     states : (s, 4) array
-        Start states of the segments, as of a `Solution`.
+        Start states of the segments, as in `Solution`.
     noise : (10,) array
-        Sizes of what is random, as `Problem.filter` takes them.
+        Noise sizes, as taken by `Problem.filter`.
     log_likelihood : float
-        Of what was seen [nats].
+        Log-likelihood of the observations [nats].
     log_evidence : float
-        Logarithm of the probability of what was seen, over all values (Laplace's approximation) [nats].
+        Log marginal likelihood of the observations (Laplace's approximation) [nats].
     """
 
     values: Array
@@ -236,6 +237,6 @@ class Probable:
 
     @classmethod
     def of(cls, found: Mapping[str, Any], slots: NDArray[np.int64]) -> Probable:
-        """Return what the engine found, whose (n,) slots are the problem's parameters."""
+        """Return the maximum from the engine's result; `slots` (n,) are the problem's parameters."""
         own = {name: found[name][slots] for name in ("values", "deviations")}
         return cls(**{**found, **own, "covariance": found["covariance"][np.ix_(slots, slots)]})

@@ -1,7 +1,7 @@
-"""What the engine has answered to a long work that may be interrupted, in a file, to go on from there.
+"""Cache the engine's answers in a file, so that an interrupted computation can be resumed.
 
-The work is done again from its beginning, but each question that was answered is answered from the file. The
-answers depend on the questions alone, so that the end is the same to the last bit.
+A resumed computation starts over, but reads known answers from the file. Answers depend only on their calls,
+so the result has the same bits as without an interruption.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from irt.files import write_atomic
 _Answer = TypeVar("_Answer")
 
 _CURRENT: ContextVar[Unfinished | None] = ContextVar("unfinished", default=None)
-#: What the answer to a question does not depend on.
+#: Arguments that do not influence an answer.
 _ASIDE = ("threads", "progress")
 
 
 def answered(ask: Callable[..., _Answer], *asked: Any, **options: Any) -> _Answer:
-    """Return the engine's answer to a question, from the file of the work if it is known there."""
+    """Call a function of the engine, or return its cached answer if a cache is in use."""
     current = _CURRENT.get()
     if current is None:
         return ask(*asked, **options)
@@ -42,16 +42,16 @@ def answered(ask: Callable[..., _Answer], *asked: Any, **options: Any) -> _Answe
 
 @dataclass(eq=False)
 class Unfinished:
-    """Answers to the questions of one work, in a file with a line for each.
+    """Cached answers of a computation, in a file with one line for each.
 
     Attributes
     ----------
     path : Path
-        The file; it is there while the work is unfinished.
+        The file; it exists while the computation is unfinished.
     about : dict
-        What the answers belong to; the first line of the file.
+        Recordings, seed, version and engine of the answers; the first line of the file.
     stale : tuple of str
-        In what the file that was there differs, and was of no use; empty if it was of use, or none was there.
+        Keys of `about` in which an existing file differs, so that it is not used; empty if none differs.
     """
 
     path: Path
@@ -61,7 +61,7 @@ class Unfinished:
 
     @classmethod
     def of(cls, path: Path, recordings: str, seed: int) -> Unfinished:
-        """Return what is known of a work on recordings of this SHA-256, with this seed."""
+        """Load the cache of a computation on recordings with this SHA-256 and with this seed."""
         about: dict[str, str | int] = {
             "recordings": recordings,
             "seed": seed,
@@ -81,14 +81,14 @@ class Unfinished:
 
     @contextmanager
     def used(self) -> Iterator[None]:
-        """Answer from the file, and keep what is not in it; only a work that ends removes the file.
+        """Use the cache within the block, and remove the file if the block completes.
 
         Raises
         ------
         IrtError
             If the file cannot be written.
         """
-        # Whole lines alone: the last one may have been cut.
+        # Rewrite complete lines only: the last line may have been cut.
         kept = [{"asked": key, "answer": one} for key, one in self._known.items()]
         write_atomic(self.path, "".join(map(_line, [self.about, *kept])))
         token = _CURRENT.set(self)
@@ -99,7 +99,7 @@ class Unfinished:
         self.path.unlink(missing_ok=True)
 
     def answer(self, ask: Callable[..., Any], asked: tuple[Any, ...], options: Mapping[str, Any]) -> Any:
-        """Return what is known, or ask and keep the answer."""
+        """Return a cached answer, or call `ask` and store its answer."""
         sha = hashlib.sha256(ask.__name__.encode())
         _feed(sha, [*asked, dict(options)])
         key = sha.hexdigest()
@@ -120,7 +120,7 @@ def _line(content: Mapping[str, Any]) -> str:
 
 @cache
 def _engine() -> str:
-    """Return the SHA-256 of the engine, whose answers are kept."""
+    """Return the SHA-256 of the engine's extension module."""
     spec = find_spec("irt._labsim")
     if spec is None or spec.origin is None:
         return ""
@@ -128,7 +128,7 @@ def _engine() -> str:
 
 
 def _lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the whole lines of a file, none if there is no file."""
+    """Yield the complete lines of a file, none if there is no file."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -141,7 +141,7 @@ def _lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _feed(sha: Any, value: Any) -> None:
-    """Feed a question to a hash, each part with its kind."""
+    """Feed the arguments of a call to a hash, each with its type."""
     if isinstance(value, np.ndarray):
         sha.update(f"array {value.dtype.str} {value.shape}".encode() + np.ascontiguousarray(value).tobytes())
     elif isinstance(value, Mapping):
@@ -157,7 +157,7 @@ def _feed(sha: Any, value: Any) -> None:
 
 
 def _encoded(value: Any) -> Any:
-    """Return an answer as JSON takes it: arrays by their bytes, floats by digits that give the same bits."""
+    """Return an answer as JSON-compatible values that preserve all bits; arrays become base64 strings."""
     if isinstance(value, np.ndarray):
         data = base64.b64encode(np.ascontiguousarray(value).tobytes()).decode()
         return {"array": data, "dtype": value.dtype.str, "shape": list(value.shape)}
@@ -167,7 +167,7 @@ def _encoded(value: Any) -> Any:
 
 
 def _decoded(value: Any) -> Any:
-    """Return the answer of which `_encoded` made JSON; tuples are lists."""
+    """Invert `_encoded`; tuples come back as lists."""
     if isinstance(value, dict) and "array" in value:
         data = np.frombuffer(base64.b64decode(value["array"]), dtype=value["dtype"])
         return data.reshape(value["shape"]).copy()

@@ -1,1 +1,1 @@
-"""Pictures and pages: what a fit found, to be looked at."""
+"""Plots and HTML reports of tunings, diagnoses and tracks."""

@@ -1,4 +1,4 @@
-"""The marble in motion: what the page's player draws and plays."""
+"""Data of the report's animation of recorded and simulated marbles."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Array = NDArray[np.float64]
 
 #: Script that plays an animation, in ``templates``.
 PLAYER = "player.js"
-#: Rows of all runs together, and of one at least: enough for a smooth motion in a file that can be sent.
+#: Most rows of all runs together, and least rows of a run: smooth motion in a file small enough to send.
 _MOST_ROWS = 9000
 _LEAST_ROWS = 150
-#: Digits behind the point: a hundredth of a percent of the board.
+#: Decimals of positions: 0.01 % of the board's edge.
 _DIGITS = 4
-#: Classes of the page's style for what is predicted.
+#: CSS classes of the predictions.
 _CLASS = {"base": "before", "final": "after"}
 #: Units of the SVG in one board edge.
 _SCALE = 1000
@@ -31,7 +31,7 @@ _SCALE = 1000
 
 @dataclass(frozen=True, eq=False)
 class Animation:
-    """What ``player.html`` shows.
+    """Content of ``player.html``.
 
     Attributes
     ----------
@@ -40,11 +40,11 @@ class Animation:
     shown : sequence of (str, str)
         Class in the style sheet and label of each prediction.
     rim, reach : (2,) arrays
-        Half the inside of the rim along x and y, and of where the marble's centre can be [1/1000 edge].
+        Half-widths along x and y of the rim's inside, and of the reach of the marble's centre [1/1000 edge].
     radius : float
         Of the marble [1/1000 edge].
     data : dict
-        For the script: rows, times and places of each run, null where the marble was not seen.
+        For the script: rows, times and positions of each run, null where the marble was not seen.
     """
 
     runs: Sequence[str]
@@ -61,13 +61,13 @@ class Animation:
         Parameters
         ----------
         runs : sequence of RunProof
-            What was recorded and predicted; the first is shown first.
+            Recorded and predicted positions; the first run is shown first.
         model : Model
-            Dimensions of board and marble, and where the camera sees them.
+            Dimensions of board and marble, and the observation scale.
         shown : sequence of Side
-            Whose predictions.
+            The predictions to show.
         stamped : bool
-            Whether the clock shows seconds; else it shows rows.
+            Whether the clock shows seconds; otherwise it shows rows.
         """
         rim = _SCALE * rim_of(model)
         radius = float(2 * rim[0] * model.marble.radius_m / model.board.edge_x_m)
@@ -88,7 +88,7 @@ class Animation:
 
 
 def _run(run: RunProof, sides: dict[str, Side], most: int) -> dict[str, Any]:
-    """Return what the script needs of a run, of at most so many of its rows."""
+    """Return the data of a run for the script, thinned to `most` rows."""
     rows = thinned(len(run.times), most)
     first = next(iter(sides.values()))
     error = np.abs(first.residual(run)[rows]).mean(axis=1)

@@ -1,4 +1,4 @@
-"""The error budget as stacked bars: one for each horizon, and a key with the percentages."""
+"""Plot of the error budget: a stacked bar for each horizon, and a key with the percentages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from irt.report.words import share
 
 #: Colours of effects, the most important first.
 _EFFECTS = (style.TUNED, style.SECOND, style.THIRD, style.HEAT[5], style.HEAT[3])
-#: Hatch of what nothing explains: it is distinct without its colour.
+#: Hatch of the unexplained part, distinct without colour.
 _HATCH = "////"
 #: Heights [inches]: of a line of text, of a bar, and of the space below it.
 _LINE, _BAR, _SPACE = 0.21, 0.3, 0.14
@@ -25,7 +25,7 @@ _WIDTH, _MARGINS = 3.6, 0.1
 
 
 def plot_budget(path: PathLike, bars: Sequence[Bar]) -> None:
-    """Draw the bars of an error budget below each other, and the key with a column for each.
+    """Draw the bars of an error budget below each other, and a key with a column for each bar.
 
     Parameters
     ----------
@@ -55,18 +55,18 @@ def plot_budget(path: PathLike, bars: Sequence[Bar]) -> None:
 
 
 def draw_bar(axes: Any, bar: Bar, between: tuple[float, float], width: float) -> list[int]:
-    """Draw a bar from 0 to 1 along x; return which parts have no room for their names.
+    """Draw a bar from 0 to 1 along x; return the indices of parts too narrow for their names.
 
     Parameters
     ----------
     axes : matplotlib Axes
-        Where.
+        Axes to draw into.
     bar : Bar
-        What.
+        The bar.
     between : (float, float)
-        Where the bar begins and ends along y.
+        Top and bottom of the bar along y.
     width : float
-        How long the bar is on the page [inches].
+        Length of the bar on the page [inches].
     """
     left, (top, bottom), nameless = 0.0, between, []
     for index, part in enumerate(bar.parts):
@@ -92,7 +92,7 @@ def draw_bar(axes: Any, bar: Bar, between: tuple[float, float], width: float) ->
 
 
 def labels(part: Part) -> tuple[str, str]:
-    """Return what may stand in a part of a bar, the longest first."""
+    """Return the possible labels of a part of a bar, the longest first."""
     return f"{part.name} {share(part.share)}", share(part.share)
 
 
@@ -105,7 +105,7 @@ def colour(parts: Sequence[Part], index: int) -> str:
 
 
 def bare(axes: Any) -> None:
-    """Take away all that axes have besides their content."""
+    """Hide ticks, grid and spines of axes."""
     axes.set(xticks=[], yticks=[])
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
@@ -126,7 +126,7 @@ def _draw_key(axes: Any, bars: Sequence[Bar], top: float, width: float) -> None:
 
 
 def _patch(parts: Sequence[Part], index: int, corner: tuple[float, float], wide: float, high: float) -> Any:
-    """Return a rectangle with the look of a part: what nothing explains is hollow and hatched."""
+    """Return a rectangle in the style of a part; the unexplained part is hollow and hatched."""
     own = colour(parts, index)
     if parts[index].kind == "rest":
         return Rectangle(

@@ -1,10 +1,10 @@
-"""What a diagnosis leaves behind, and the diagnosis as a process of its own, one of many.
+"""Write the results of a diagnosis to a folder; run as a module, diagnose one rig in its own process.
 
     python -m irt.report.diagnosed FOLDER OUT SEED
 
-FOLDER holds the rig's files in a folder ``rig``, and in a file ``path`` where the user has them. OUT gets
-``diagnosis.json``, ``model.toml``, a ``plausible-N.toml`` for each model that may be the true one,
-``report.html`` and the pictures.
+FOLDER holds the rig's files in a folder ``rig``, and their original path in a file ``path``. OUT receives
+``diagnosis.json``, ``model.toml``, a ``plausible-N.toml`` for each plausible model, ``report.html`` and the
+pictures.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from irt.rig import MOST_ROWS, Rig, load_rig
 
 
 @dataclass(frozen=True)
-class Left:
-    """What a diagnosis left for the design of the next run.
+class PlausibleModels:
+    """Results of a diagnosis that the design of the next run needs.
 
     Attributes
     ----------
     summary : str
-        The answer.
+        The summary of the diagnosis.
     noise : float
         Standard deviation of the tracker [board edges].
     models, probabilities : list
-        Models that may be the true one, the answer first, and how probable each is.
+        Plausible models, the reported one first, and their probabilities.
     """
 
     summary: str
@@ -44,36 +44,38 @@ class Left:
     probabilities: list[float]
 
 
-def load_plausible(folder: Path) -> Left:
-    """Read from the folder of a diagnosis which models may be the true one.
+def load_plausible(folder: Path) -> PlausibleModels:
+    """Read the plausible models from the folder of a diagnosis.
 
     Raises
     ------
     IrtError
-        If no diagnosis was written there, or it names no such models.
+        If the folder holds no diagnosis, or one without plausible models.
     """
     try:
         content = json.loads((folder / "diagnosis.json").read_bytes())
         named = [(str(one["model"]), float(one["probability"])) for one in content["plausible"]]
         summary, noise = str(content["summary"]), float(content["fit"]["noise"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise IrtError(f"{folder}: no diagnosis with plausible models: run irt diagnose again") from error
-    return Left(summary, noise, [load_model(folder / name) for name, _ in named], [one for _, one in named])
+        raise IrtError(f"{folder}: no diagnosis with plausible models; run irt diagnose again") from error
+    return PlausibleModels(
+        summary, noise, [load_model(folder / name) for name, _ in named], [one for _, one in named]
+    )
 
 
 def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, notes: Sequence[str] = ()) -> Path:
-    """Write model, page and numbers into a folder, and return the page's path.
+    """Write the models, the report and the numbers into a folder, and return the report's path.
 
     Parameters
     ----------
     folder : Path
-        One that is there.
+        An existing folder.
     rig : Rig
-        What was diagnosed.
+        The diagnosed rig.
     found : Diagnosis
-        The outcome.
+        The diagnosis.
     notes : sequence of str
-        What to say beside the warnings of the check.
+        Notes to show with the warnings of the check.
 
     Raises
     ------
@@ -88,7 +90,7 @@ def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, notes: Sequence[st
     for path in set(folder.glob("plausible-*.toml")) - {folder / name for name in names}:
         path.unlink()
     page = write_diagnosis_report(folder, rig, found, warnings)
-    # The numbers come last: where they are, the rest is whole.
+    # diagnosis.json comes last: its presence marks a complete result.
     stamped = all(recording.stamps is not None for recording in rig.recordings)
     content = {
         **found.as_dict(),
@@ -105,7 +107,7 @@ def write_diagnosis(folder: Path, rig: Rig, found: Diagnosis, notes: Sequence[st
 
 
 def main(words: Sequence[str]) -> int:
-    """Diagnose the one rig of a folder into another; return the exit status."""
+    """Diagnose the rig of one folder, write the results to another, and return the exit status."""
     folder, out, seed = Path(words[0]), Path(words[1]), int(words[2])
     try:
         path = Path((folder / "path").read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis: the marble before and after, where and when it is off, and what was tried."""
+"""Plots of a diagnosis: paths before and after, errors over the board and over time, ranked hypotheses."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ Array = NDArray[np.float64]
 
 #: Two-sided 95 % of a normal distribution, in standard deviations.
 _BAND = 1.96
-#: Dots and corners of lines beyond this number no longer change a picture, only its size.
+#: Most dots, and most vertices of a line; more would only enlarge the file.
 _MOST_DOTS = 300
 _MOST_CORNERS = 800
-#: Values of the error over time that one line shows.
+#: Bins of an error line over time.
 _BINS = 80
 #: Cells of the map along the long edge.
 _CELLS = 14
-#: Ends of the colours of the map, in multiples of the tracker noise.
+#: Bounds of the map's colours, in multiples of the tracker noise.
 _LEVELS = (0.0, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0)
-#: Evidence up to here is drawn in proportion, beyond it on a logarithmic scale.
+#: The evidence axis is linear up to this value and logarithmic beyond [nats].
 _LINEAR = 10.0
 #: A logarithmic axis of this span has enough ticks at the powers of ten.
 _MANY_TICKS = 20.0
-#: Letters above a panel.
+#: Most letters of a panel's title.
 _TITLE = 48
-#: Letters above a bar, and the fewest of an outcome that say something.
+#: Most letters above a bar, and the least of an outcome that are worth showing.
 _LINE, _SHORTEST = 62, 14
 
 
@@ -49,7 +49,7 @@ class Side:
     Attributes
     ----------
     label : str
-        A word beside its lines.
+        Label of its lines.
     colour : str
         One of `irt.report.style`.
     which : {"base", "final"}
@@ -79,7 +79,7 @@ class Side:
 
 
 def sides(diagnosis: Diagnosis) -> tuple[Side, ...]:
-    """Return what there is to compare: a model to which nothing was added has no after."""
+    """Return the simulators to compare; without added effects there is only one."""
     if not diagnosis.effects:
         return (Side("simulated", style.TUNED, "base"),)
     return Side("before", style.UNTUNED, "base"), Side("after", style.TUNED, "final")
@@ -93,11 +93,11 @@ def plot_board(path: PathLike, run: RunProof, model: Model, shown: Sequence[Side
     path : path
         ``.svg`` or ``.png`` file to write.
     run : RunProof
-        What was recorded and predicted.
+        Recorded and predicted positions.
     model : Model
-        Says where the rim is seen.
+        Gives the observed position of the rim.
     shown : sequence of Side
-        Whose paths, in this order.
+        Simulators whose paths are drawn, in this order.
 
     Raises
     ------
@@ -118,7 +118,7 @@ def plot_board(path: PathLike, run: RunProof, model: Model, shown: Sequence[Side
         seen = run.observed[np.isfinite(run.observed).all(axis=1)]
         if len(seen):
             axes.plot(*seen[0], "o", color=style.INK, ms=6, mfc=style.PAPER, zorder=6)
-            # On the side that the marble leaves free.
+            # On the side away from the path.
             up = seen[0, 1] >= seen[:, 1].mean()
             place = {"xytext": (0, 7 if up else -7), "va": "bottom" if up else "top", "zorder": 6}
             axes.annotate("start", seen[0], textcoords="offset points", ha="center", **place)
@@ -139,16 +139,15 @@ def plot_over_time(
     path : path
         ``.svg`` or ``.png`` file to write.
     run : RunProof
-        What was recorded and predicted.
+        Recorded and predicted positions.
     side : Side
-        Whose prediction.
+        Simulator whose prediction is drawn.
     noise : float
-        Standard deviation of the tracker [board edges]; the band is where 95 % of a perfect model's
-        differences lie.
+        Standard deviation of the tracker [board edges]; the band holds 95 % of a perfect model's residuals.
     limit : float
         The axes of the positions reach from ``-limit`` to ``limit`` [board edges].
     stamped : bool
-        Whether the time axis is in seconds; else it is in rows.
+        Whether the time axis is in seconds; otherwise it is in rows.
 
     Raises
     ------
@@ -156,20 +155,20 @@ def plot_over_time(
         If the file cannot be written.
     """
     dots, corners = thinned(len(run.times), _MOST_DOTS), thinned(len(run.times), _MOST_CORNERS)
-    times, unit = clock(run, stamped=stamped)
+    times, unit = time_axis(run, stamped=stamped)
     marble, off = side.marble(run), PERCENT * side.residual(run)
     with style.drawing(path, style.WIDTH, 5.2) as figure:
         panels = figure.subplots(4, sharex=True, height_ratios=(2, 1, 2, 1))
-        for axis, (axes, apart) in enumerate(zip(panels[::2], panels[1::2], strict=True)):
+        for axis, (axes, below) in enumerate(zip(panels[::2], panels[1::2], strict=True)):
             axes.plot(times[dots], run.observed[dots, axis], ".", color=style.RECORDED)
             axes.plot(times[corners], marble[corners, axis], color=side.colour, zorder=3)
             axes.set(ylabel=f"{'xy'[axis]}  [edges]", ylim=(-limit, limit))
             axes.yaxis.set_major_locator(MaxNLocator(5, symmetric=True))
             band = PERCENT * _BAND * noise
-            apart.axhspan(-band, band, color=style.FAINT, lw=0)
-            apart.plot(times[corners], off[corners, axis], color=side.colour, lw=1.0)
-            apart.set_ylabel("residual  [%]")
-            apart.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
+            below.axhspan(-band, band, color=style.FAINT, lw=0)
+            below.plot(times[corners], off[corners, axis], color=side.colour, lw=1.0)
+            below.set_ylabel("residual  [%]")
+            below.yaxis.set_major_locator(MaxNLocator(3, symmetric=True))
         panels[0].set_title(side.label, color=side.colour, fontweight="bold")
         panels[0].set_title("• recorded", color=style.RECORDED, loc="right")
         panels[-1].set(xlabel=unit, xlim=(times[0], times[-1]))
@@ -179,21 +178,21 @@ def plot_over_time(
 def plot_push(
     path: PathLike, push: NeededPush, shown: Sequence[Side], row_s: float, *, stamped: bool
 ) -> None:
-    """Draw the push that a recording needs beyond the simulator over time, with bands of 95 %.
+    """Draw the push missing in the simulator over time, with 95 % bands.
 
-    `path`, `stamped` and errors as of `plot_over_time`.
+    `path`, `stamped` and errors as in `plot_over_time`.
 
     Parameters
     ----------
     push : NeededPush
         The push of a recording.
     shown : sequence of Side
-        Of which simulators, in this order.
+        The simulators, in this order.
     row_s : float
-        What a row lasts in the simulation [s]: without stamps pushes are in millimetres a row squared.
+        Duration of a row in the simulation [s]; without stamps pushes are in millimetres per row squared.
     """
     corners = thinned(len(push.times), _MOST_CORNERS)
-    times, label = clock(push, stamped=stamped)
+    times, label = time_axis(push, stamped=stamped)
     size, unit = (1.0, "m/s²") if stamped else (1000.0 * row_s**2, "mm/row²")
     with style.drawing(path, style.WIDTH, 3.6) as figure:
         panels = figure.subplots(2, sharex=True)
@@ -214,26 +213,26 @@ def plot_push(
         figure.align_ylabels(panels)
 
 
-def clock(run: RunProof | NeededPush, *, stamped: bool) -> tuple[Array, str]:
-    """Return the time axis of a run, (n,), and its label: seconds where stamps give them, else rows."""
+def time_axis(run: RunProof | NeededPush, *, stamped: bool) -> tuple[Array, str]:
+    """Return the time axis of a run, (n,), and its label: seconds if there are stamps, else rows."""
     return (run.times, "time  [s]") if stamped else (np.arange(len(run.times), dtype=np.float64), "row")
 
 
 def plot_map(path: PathLike, runs: Sequence[RunProof], model: Model, side: Side, noise: float) -> None:
-    """Draw where on the board predictions are off: the root mean square in each cell, in units of the noise.
+    """Draw the RMS error in each cell of the board, in multiples of the tracker noise.
 
     Parameters
     ----------
     path : path
         ``.svg`` or ``.png`` file to write.
     runs : sequence of RunProof
-        What was recorded and predicted.
+        Recorded and predicted positions.
     model : Model
-        Says where the rim is seen.
+        Gives the observed position of the rim.
     side : Side
-        Whose predictions.
+        Simulator whose predictions are drawn.
     noise : float
-        Standard deviation of the tracker [board edges]; where a model is perfect, all cells are at 1.
+        Standard deviation of the tracker [board edges]; all cells of a perfect model are at 1.
 
     Raises
     ------
@@ -266,14 +265,14 @@ def plot_map(path: PathLike, runs: Sequence[RunProof], model: Model, side: Side,
 
 
 def cell_means(runs: Sequence[RunProof], side: Side, edges: Sequence[Array], noise: float) -> Array:
-    """Return the root mean square of residuals in each cell of the board, in units of the noise.
+    """Return the RMS of the residuals in each cell of the board, in multiples of the noise.
 
     Parameters
     ----------
     runs : sequence of RunProof
-        What was recorded and predicted.
+        Recorded and predicted positions.
     side : Side
-        Whose predictions.
+        Simulator whose predictions are evaluated.
     edges : (a + 1,) and (b + 1,) array
         Bounds of the cells along x and y [board edges].
     noise : float
@@ -282,7 +281,7 @@ def cell_means(runs: Sequence[RunProof], side: Side, edges: Sequence[Array], noi
     Returns
     -------
     (a, b) masked array
-        Cells in which no marble was seen are masked.
+        Cells without an observation are masked.
     """
     places = np.concatenate([run.observed for run in runs])
     squares = np.concatenate([(side.residual(run) ** 2).mean(axis=1) for run in runs])
@@ -302,22 +301,22 @@ def plot_errors(
     top: float,
     stamped: bool = True,
 ) -> None:
-    """Draw how far off predictions are over time, one panel a run, on one logarithmic scale.
+    """Draw the prediction error over time, one panel per run, on a shared logarithmic scale.
 
     Parameters
     ----------
     path : path
         ``.svg`` or ``.png`` file to write.
     runs : sequence of RunProof
-        What was recorded and predicted.
+        Recorded and predicted positions.
     shown : sequence of Side
-        Whose predictions.
+        Simulators whose errors are drawn.
     noise : float
         Standard deviation of the tracker [board edges].
     top : float
-        Upper end of the axes [% of the edge], for pictures to be compared.
+        Upper end of the axes [% of the edge], so that several figures can be compared.
     stamped : bool
-        Whether the time axes are in seconds; else they are in rows.
+        Whether the time axes are in seconds; otherwise they are in rows.
 
     Raises
     ------
@@ -328,7 +327,7 @@ def plot_errors(
     with style.drawing(path, style.WIDTH, 0.6 + 1.25 * len(runs)) as figure:
         panels = figure.subplots(len(runs), squeeze=False, sharey=True)[:, 0]
         for axes, run in zip(panels, runs, strict=True):
-            times, unit = clock(run, stamped=stamped)
+            times, unit = time_axis(run, stamped=stamped)
             make_logarithmic(axes)
             axes.axhline(floor, **FLOOR)
             for side in shown:
@@ -344,11 +343,10 @@ def plot_errors(
 
 
 def binned_error(run: RunProof, side: Side, times: Array | None = None) -> tuple[Array, Array]:
-    """Return the mean of |x| and |y| over stretches of a run, (m,) times and errors [% of the edge].
+    """Return the error averaged over x, y and bins of rows: (m,) times and errors [% of the edge].
 
-    Times are those given, (n,), else the run's [s].
-
-    Single rows of a good model are as likely near zero as not, which a logarithmic scale would blow up.
+    `times` has shape (n,); the default is the run's own times [s]. Binning is needed because single rows of a
+    good model come arbitrarily close to zero, which a logarithmic scale would exaggerate.
     """
     error = PERCENT * np.abs(side.residual(run)).mean(axis=1)
     parts = np.array_split(np.arange(len(error)), min(_BINS, max(1, len(error) // 3)))
@@ -358,7 +356,7 @@ def binned_error(run: RunProof, side: Side, times: Array | None = None) -> tuple
 
 
 def highest_error(runs: Sequence[RunProof], shown: Sequence[Side]) -> float:
-    """Return the highest point of all lines of `plot_errors` [% of the edge], 0 where nothing was seen."""
+    """Return the highest point of all lines of `plot_errors` [% of the edge], 0 without observations."""
     lines = [binned_error(run, side)[1] for run in runs for side in shown]
     return float(np.nanmax(np.concatenate(lines), initial=0.0))
 
@@ -371,7 +369,7 @@ def plot_ranking(
     *,
     span: tuple[float, float],
 ) -> None:
-    """Draw the evidence for hypotheses over the base model: gain less penalty, as bars.
+    """Draw the log evidence of hypotheses over the base model as bars: gain minus penalty.
 
     Parameters
     ----------
@@ -380,11 +378,11 @@ def plot_ranking(
     candidates : sequence of Candidate
         From top to bottom.
     answer : set of names
-        The hypothesis that is the answer.
+        The reported hypothesis.
     ties : collection of sets of names
-        Hypotheses that are as good.
+        Hypotheses that explain the recordings as well.
     span : (float, float)
-        Least and most evidence that the axis holds, for pictures to be compared.
+        Smallest and largest evidence on the axis, so that several figures can be compared.
 
     Raises
     ------
@@ -397,7 +395,7 @@ def plot_ranking(
         for place, one in enumerate(candidates):
             tied = frozenset(one.effects) in ties
             colour = style.TUNED if tied or frozenset(one.effects) == answer else style.MUTED
-            # A tie is hollow: as long as the answer's bar, and not the answer.
+            # A tie is hollow, to distinguish it from the answer.
             look = {"fc": style.PAPER, "ec": colour, "lw": 1.2} if tied else {"color": colour}
             axes.barh(place, evidence_for(one), height=0.34, **look)
             _label_bar(axes, place, one, colour)
@@ -410,7 +408,7 @@ def plot_ranking(
 
 
 def _label_bar(axes: Any, place: int, one: Candidate, colour: str) -> None:
-    """Write above a bar what it is, what became of it, and how long it is."""
+    """Label a bar with its hypothesis, outcome and evidence."""
     look = {"textcoords": "offset points", "va": "bottom", "xycoords": axes.get_yaxis_transform()}
     evidence = f"{evidence_for(one):+,.0f}".replace("-", "\N{MINUS SIGN}")
     name = style.shortened(together(one.effects), _LINE - len(evidence) - 3)
@@ -422,17 +420,17 @@ def _label_bar(axes: Any, place: int, one: Candidate, colour: str) -> None:
 
 
 def evidence_for(one: Candidate) -> float:
-    """Return the evidence for a hypothesis over the base model: the logarithm of odds."""
+    """Return the log evidence of a hypothesis over the base model (log posterior odds)."""
     return one.gain - one.penalty
 
 
 def thinned(count: int, most: int) -> NDArray[np.int64]:
-    """Return at most so many of ``count`` rows, evenly, the first and the last among them."""
+    """Return at most `most` of `count` row numbers, evenly spaced, with the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
 def _make_symmetric_log(axes: Any, least: float, most: float) -> None:
-    """Give the axes a width that is in proportion near zero and logarithmic beyond, with plain numbers."""
+    """Make the x axis linear near zero and logarithmic beyond, with plain numbers."""
     axes.set_xscale("symlog", linthresh=_LINEAR, linscale=0.6)
     low, high = min(0.0, least), max(_LINEAR, most)
     ticks = [0.0, *(sign * 10.0**power for power in range(1, 9) for sign in (-1, 1))]
@@ -455,6 +453,6 @@ def _label_ends(axes: Any, run: RunProof, shown: Sequence[Side], floor: float) -
 
 
 def _mean(values: Array) -> float:
-    """Return the mean of the values that are there, NaN where none is."""
+    """Return the mean of the finite values, NaN if there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else float("nan")

@@ -1,4 +1,4 @@
-"""The page of a diagnosis: what the simulator leaves out, how sure that is, and what to do next."""
+"""HTML report of a diagnosis: missing physics, certainty, held-out errors, next step."""
 
 from __future__ import annotations
 
@@ -51,13 +51,13 @@ from irt.report.words import (
 )
 from irt.rig import Rig
 
-#: Least noise that pictures are scaled by [board edges]: about 3 um, which no tracker sees.
+#: Lower bound of the noise that scales plots [board edges]: about 3 um, below any tracker's noise.
 _LEAST_NOISE = 1e-5
-#: Runs that get a picture of their own.
+#: Most runs with their own plots.
 _MOST_RUNS = 8
-#: Kinds of findings of which the first stands at the top of the page, and the p-value above which none does.
-_TELLING, _CLEAR = ("region", "regime", "stage"), 0.05
-#: Bars of hypotheses of one and of more effects.
+#: Kinds of findings shown at the top of the page, and the largest p-value of a finding shown there.
+_TOP_KINDS, _CLEAR = ("region", "regime", "stage"), 0.05
+#: Most bars in each ranking of hypotheses.
 _MOST_BARS = 12
 
 
@@ -70,18 +70,18 @@ def write_diagnosis_report(
     Parameters
     ----------
     folder : path
-        Made where it is missing.
+        Created if missing.
     rig : Rig
-        What was diagnosed.
+        The diagnosed rig.
     diagnosis : Diagnosis
-        The outcome.
+        The diagnosis.
     warnings : sequence of str
-        What a check of the recordings warned of.
+        Warnings of a check of the recordings.
 
     Raises
     ------
     IrtError
-        If an argument is of another type, or a file cannot be written.
+        If an argument has the wrong type, or a file cannot be written.
     """
     arguments.instance("rig", rig, Rig)
     arguments.instance("diagnosis", diagnosis, Diagnosis)
@@ -107,7 +107,7 @@ def _title(diagnosis: Diagnosis) -> str:
 
 
 class _Report:
-    """Collects what the template shows; pictures go into a folder."""
+    """Collects the content of the template, and writes its pictures into a folder."""
 
     def __init__(self, folder: Path, rig: Rig, diagnosis: Diagnosis) -> None:
         self.folder, self.rig, self.diagnosis = folder, rig, diagnosis
@@ -119,11 +119,11 @@ class _Report:
         self.floor = mean_absolute(diagnosis.noise)
 
     def stated(self, name: str, value: Parameter, unit: str) -> tuple[str, Parameter, str]:
-        """Return a parameter's name, value and unit, in rows instead of seconds where those are unknown."""
+        """Return a parameter's name, value and unit, in rows if the recordings have no stamps."""
         return (name, value, unit) if self.stamped else in_rows(name, value, unit, self.row_s)
 
     def answer(self) -> dict[str, Any]:
-        """Return the first screen."""
+        """Return the content of the first screen."""
         return {
             "diagnosis": self.diagnosis,
             "compared": len(self.shown) > 1,
@@ -143,15 +143,15 @@ class _Report:
         }
 
     def _budget(self) -> Picture | None:
-        """Draw where the base model's error goes."""
+        """Draw the error budget of the base model."""
         found = bars(self.diagnosis, None if self.stamped else self.row_s)
         if not found:
             return None
         path = self.folder / "budget.svg"
         plot_budget(path, found)
         caption = (
-            "Where the squared error of the five parameters on held-out runs goes, from left to right in the "
-            "order of the key."
+            "Error budget: parts of the five-parameter model's squared error on held-out runs, from left to "
+            "right in the order of the key."
         )
         shares = "; ".join(
             f"{bar.title}: {', '.join(f'{part.name} {share(part.share)}' for part in bar.parts)}"
@@ -160,18 +160,18 @@ class _Report:
         return Picture(path, caption, f"{caption} {_capital(shares)}.")
 
     def motion(self) -> dict[str, Any]:
-        """Return the marble in motion, and the run that is hardest to predict as plots."""
+        """Return the animation, and plots of the run with the largest error."""
         diagnosis, shown = self.diagnosis, self.shown
         if not diagnosis.runs:
             return {"animation": None}
-        # The run that shows best what was left out comes first.
+        # The run with the largest error before the correction comes first.
         runs = sorted(diagnosis.runs, key=lambda run: -_or_zero(run.base_mae))
         stills, over_time = [], []
         for side in shown:
             path = self.folder / f"path-{side.label}.svg"
             plot_board(path, runs[0], diagnosis.model, [side])
             stills.append(Picture(path, f"{runs[0].recording}, {side.label}, from above."))
-        # Without an after there is room for a second run.
+        # If no effects were added, there is room for a second run.
         for number, run in enumerate(runs[: 3 - len(shown)], start=1):
             limit = 1.05 * _reach(run, shown)
             for side in shown:
@@ -187,7 +187,7 @@ class _Report:
         return {"animation": animation, "stills": stills, "over_time": over_time}
 
     def findings(self) -> dict[str, Any]:
-        """Return what was named, the proof, and where the simulator is off."""
+        """Return the named effects, the held-out errors, and where residuals exceed noise."""
         diagnosis = self.diagnosis
         known = {one.name: one for one in effects()}
         return {
@@ -205,7 +205,7 @@ class _Report:
         }
 
     def details(self) -> dict[str, Any]:
-        """Return what it takes to check the answer, and to repeat it."""
+        """Return the ranked hypotheses, the parameters, the notes and the settings."""
         diagnosis, rig = self.diagnosis, self.rig
         rows = sum(len(recording.knobs) for recording in rig.recordings)
         names = ", ".join(recording.name for recording in rig.recordings)
@@ -228,7 +228,7 @@ class _Report:
         }
 
     def _effect(self, one: NamedEffect, known: dict[str, EffectInfo]) -> dict[str, Any]:
-        """Return what the page says of one effect."""
+        """Return the content of the section on one effect."""
         info, row_s = known.get(one.name), None if self.stamped else self.row_s
         content: dict[str, Any] = {
             "effect": one,
@@ -260,7 +260,7 @@ class _Report:
         return pictures
 
     def _maps(self) -> Iterator[Picture]:
-        """Draw where on the board predictions are off."""
+        """Draw the error over the board."""
         for side in self.shown:
             path = self.folder / f"map-{side.label}.svg"
             plot_map(path, self.diagnosis.runs, self.diagnosis.model, side, self.noise)
@@ -271,7 +271,7 @@ class _Report:
             yield Picture(path, caption)
 
     def _push(self) -> list[Picture]:
-        """Draw the push that the simulator lacks, of the recording that needs most of it."""
+        """Draw the missing push of the recording in which it is largest."""
         pushes = self.diagnosis.pushes
         if not pushes:
             return []
@@ -279,13 +279,13 @@ class _Report:
         path = self.folder / "push.svg"
         plot_push(path, most, self.shown, self.row_s, stamped=self.stamped)
         caption = (
-            f"{most.recording}: the acceleration that the marble needs beyond the simulator's, as all rows "
-            "show it; bands hold 95 %. Where physics is complete, they hold zero."
+            f"{most.recording}: acceleration of the marble that is missing in the simulator, estimated from "
+            "all rows, with 95 % bands. Where the physics is complete, the bands contain zero."
         )
         return [Picture(path, caption)]
 
     def _errors(self) -> Iterator[Picture]:
-        """Draw the errors over time, as many pictures beside each other as there are maps above them."""
+        """Draw the errors over time, in as many columns as there are maps."""
         shown, runs = self.shown, self.diagnosis.runs[:_MOST_RUNS]
         top = 1.3 * max(highest_error(runs, shown), 2 * PERCENT * mean_absolute(self.noise))
         for number in range(min(len(shown), len(runs))):
@@ -294,12 +294,12 @@ class _Report:
             yield Picture(path, "Error along each run, on a logarithmic scale.")
 
     def _rankings(self, tried: Sequence[Candidate]) -> list[Picture]:
-        """Draw the hypotheses in the order of their evidence, those of one effect and those of several."""
+        """Draw the hypotheses by evidence, those of one effect and those of several separately."""
         if not tried:
             return []
         answer, ties = answers(self.diagnosis)
         evidence = [evidence_for(one) for one in tried]
-        # One scale for both pictures, so that bars can be compared.
+        # Both plots share one scale, so that bars can be compared.
         span = min(evidence), max(evidence)
         pictures = []
         for name, title, group in (
@@ -317,14 +317,14 @@ class _Report:
 
 
 def _least(diagnosis: Diagnosis) -> tuple[float, str]:
-    """Return the error that no model can go below [board edges], and what makes it."""
+    """Return the lower bound of any model's error [board edges], and its sources in words."""
     if diagnosis.remains is None:
         return mean_absolute(diagnosis.noise), "tracker noise"
     return diagnosis.remains.floor_of_the_log, "tracker noise and unknown start states"
 
 
 def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
-    """Return the errors before and after, the least possible, and the share that is explained."""
+    """Return the errors before and after, the least possible error, and the explained share."""
     edge = rig.board.edge_x_m
     floor, floor_is = _least(diagnosis)
     before, after = _errors_of(diagnosis)
@@ -347,28 +347,28 @@ def _key_figures(rig: Rig, diagnosis: Diagnosis) -> list[tuple[str, str]]:
 
 
 def _added(diagnosis: Diagnosis) -> str:
-    """Return what the final model has more than the base model."""
+    """Return the additions of the final model to the base model, in words."""
     if any(one.name == UNLISTED for one in diagnosis.effects):
         return "the learned correction"
     return listed(plain(one.name) for one in diagnosis.effects)
 
 
 def _errors_of(diagnosis: Diagnosis) -> tuple[float, float]:
-    """Return the errors before and after: on held-out runs where there are some, else of the fit."""
+    """Return the errors before and after: on held-out runs if there are any, else of the fit."""
     if diagnosis.is_held_out:
         return diagnosis.base_heldout_mae, diagnosis.final_heldout_mae
     return diagnosis.base_mae, diagnosis.final_mae
 
 
 def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
-    """Yield how far the answer can be trusted, in sentences."""
+    """Yield sentences on the certainty of the answer."""
     tried = [one for one in diagnosis.candidates if one.effects]
     if not diagnosis.effects:
         if tried:
             number = counted(len(tried), "hypothesis", "hypotheses")
             yield f"None of the {number} is supported by the recordings."
         if diagnosis.power:
-            yield "A small effect may still be present: the table of detectable sizes says how small."
+            yield "A small effect may still be present; see the table of detectable sizes."
     tied = False
     named = [one for one in diagnosis.effects if one.name != UNLISTED]
     if named:
@@ -379,7 +379,7 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
             tied = True
             others = listed((plain(name) for name in one.confusable_with), "or")
             yield (
-                f"Not certain: {others} instead of {plain(one.name)} explains these recordings as well. "
+                f"Not unique: {others} instead of {plain(one.name)} explains these recordings as well. "
                 f"{one.reason}"
             )
     answer, ties = answers(diagnosis)
@@ -404,20 +404,21 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
             for one in diagnosis.effects
         )
         yield (
-            f"Chosen once more without each run in turn, from the most probable sets: {chosen}. A set that "
-            f"was chosen without a run predicts it to {percent(diagnosis.nested_heldout_mae)} of the edge."
+            f"When each run in turn is left out of the selection among the most probable sets, the selection "
+            f"contains {chosen}. The selected sets predict the run left out with an error of "
+            f"{percent(diagnosis.nested_heldout_mae)} of the edge."
         )
     elif diagnosis.effects and not tied:
-        yield "Not proved: there were no held-out runs."
+        yield "Not validated: there were no held-out runs."
 
 
 def _with_ties(one: NamedEffect) -> str:
-    """Return an effect and those that do as well: they share a probability."""
+    """Return an effect with its ties, which share its probability."""
     return listed(map(plain, [one.name, *one.confusable_with]), "or")
 
 
 def _explanation(diagnosis: Diagnosis) -> str:
-    """Return how much of the error the answer explains, in a sentence."""
+    """Return a sentence on the share of the error that the answer explains."""
     floor, floor_is = _least(diagnosis)
     before, after = (percent(error) for error in _errors_of(diagnosis))
     part = explained(*_errors_of(diagnosis), floor)
@@ -431,7 +432,7 @@ def _explanation(diagnosis: Diagnosis) -> str:
         )
     if math.isnan(part):
         return (
-            f"{where} the error was near the least possible before: {before} of the edge, and {after} after."
+            f"{where} the error was near the least possible already: {before} of the edge, and {after} after."
         )
     return (
         f"{where} the error falls from {before} to {after} of the edge: {share(part)} of what exceeds "
@@ -440,27 +441,27 @@ def _explanation(diagnosis: Diagnosis) -> str:
 
 
 def _patterns(diagnosis: Diagnosis) -> list[str]:
-    """Return on what the residuals depend, where no effect of the catalogue explains them."""
+    """Return what unexplained residuals depend on; empty unless the verdict is "unlisted"."""
     found: dict[str, str] = {}
     if diagnosis.verdict == "unlisted":
         for finding in diagnosis.where:
-            if finding.p_value < _CLEAR and finding.kind in _TELLING:
+            if finding.p_value < _CLEAR and finding.kind in _TOP_KINDS:
                 found.setdefault(finding.kind, finding.what)
     return list(found.values())
 
 
 def _repeats(diagnosis: Diagnosis) -> bool:
-    """Whether residuals of the base model are known to depend on something that comes back."""
+    """Whether residuals of the base model depend on something that repeats from run to run."""
     return bool(diagnosis.effects) or (diagnosis.remains is not None and diagnosis.remains.repeats)
 
 
 def _is_formula(note: str) -> bool:
-    """Whether a note is the formula of a learned correction, which has its own place."""
+    """Whether a note is the formula of a learned correction, which is shown separately."""
     return note.startswith(LEARNED)
 
 
 def answers(diagnosis: Diagnosis) -> tuple[frozenset[str], set[frozenset[str]]]:
-    """Return the answer, and the sets that tie with it: as they are, or with one named effect replaced."""
+    """Return the answer, and the sets that tie with it, as they are or with one named effect replaced."""
     named = frozenset(one.name for one in diagnosis.effects)
     ties = {named - {one.name} | {other} for one in diagnosis.effects for other in one.confusable_with}
     ties |= {frozenset(one.name for one in other.effects) for other in diagnosis.indistinguishable}
@@ -468,7 +469,7 @@ def answers(diagnosis: Diagnosis) -> tuple[frozenset[str], set[frozenset[str]]]:
 
 
 def _reach(run: RunProof, shown: Sequence[Side]) -> float:
-    """Return how far a run goes from the centre, recorded or predicted [board edges]."""
+    """Return the largest distance of a run from the centre, recorded or predicted [board edges]."""
     marbles = [run.observed, *(side.marble(run) for side in shown)]
     farthest = max(float(np.nanmax(np.abs(marble), initial=0.0)) for marble in marbles)
     return min(max(farthest, 0.05), 1.0)

@@ -1,4 +1,4 @@
-"""Tables of a diagnosis' page."""
+"""Tables of the diagnosis report."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ MOST_CANDIDATES = 80
 #: Probability below which an effect is not listed.
 LEAST_PROBABLE = 0.01
 
-#: Turns a parameter's name, value and unit into what can be stated: without stamps that is in rows.
+#: Converts a parameter's name, value and unit for display; without stamps, to rows.
 Stated = Callable[[str, Parameter, str], tuple[str, Parameter, str]]
 
 
 def indistinguishable(diagnosis: Diagnosis, stated: Stated) -> Table | None:
-    """Return the models that explain the recordings as well, with the values that they need for it."""
+    """Return the models that explain the recordings as well, with their fitted values."""
     if not diagnosis.indistinguishable:
         return None
     return Table(
-        "The first model is the one of this page; the others are as likely",
+        "The first model is the one of this report; the others are as likely",
         ["effects", "fitted values", *PARAMETERS],
         [
             [
@@ -60,7 +60,7 @@ def indistinguishable(diagnosis: Diagnosis, stated: Stated) -> Table | None:
 
 
 def _values(one: Effect, stated: Stated) -> str:
-    """Return the values of an effect in a few digits; a learned correction has too many for a line."""
+    """Return the values of an effect as text; a learned correction has too many for one line."""
     if one.name == UNLISTED:
         return "in model.toml"
     unit = {parameter.name: parameter.unit for parameter in effect(one.name).parameters}
@@ -81,14 +81,14 @@ def values(one: NamedEffect, info: EffectInfo, stated: Stated) -> Table | None:
         rows.append([labelled(shown, unit), with_interval(value), *known])
     return Table(
         "Fitted value and 95 % interval, given that the named physics is right",
-        ["parameter", "value", "search range", "what it is"],
+        ["parameter", "value", "search range", "description"],
         rows,
         words=(3,),
     )
 
 
 def _searched(parameter: EffectParameter, stated: Stated) -> str:
-    """Return where a search looked for a parameter."""
+    """Return the search range of a parameter."""
     if parameter.is_choice:
         return parameter.searched
     ends = (stated("", Parameter(end), parameter.unit)[1].value for end in (parameter.low, parameter.high))
@@ -96,7 +96,7 @@ def _searched(parameter: EffectParameter, stated: Stated) -> str:
 
 
 def runs(diagnosis: Diagnosis, *, stamped: bool) -> Table:
-    """Return the errors on each run, held out where there are several."""
+    """Return the errors of each run, held out if there are several runs."""
     compared = bool(diagnosis.effects)
     every = [
         (
@@ -125,7 +125,7 @@ def runs(diagnosis: Diagnosis, *, stamped: bool) -> Table:
 
 
 def where(diagnosis: Diagnosis) -> Table | None:
-    """Return where residuals of the base model stand out."""
+    """Return the places where residuals of the base model exceed noise, None if there are none."""
     if not diagnosis.where:
         return None
     kinds = list(dict.fromkeys(one.kind for one in diagnosis.where))
@@ -142,7 +142,7 @@ def where(diagnosis: Diagnosis) -> Table | None:
 
 
 def power(diagnosis: Diagnosis, stated: Stated) -> Table | None:
-    """Return which sizes of which effects these recordings would have shown."""
+    """Return the smallest detectable size of each effect."""
     if not diagnosis.power:
         return None
     rows = []
@@ -179,7 +179,7 @@ def parameters(diagnosis: Diagnosis) -> Table:
 
 
 def candidates(diagnosis: Diagnosis) -> Table | None:
-    """Return every hypothesis with its numbers, for those who want to check the ranking."""
+    """Return all hypotheses with gain, penalty, probability and outcome."""
     if not diagnosis.candidates:
         return None
     rows: Sequence[Sequence[str]] = [
@@ -193,9 +193,9 @@ def candidates(diagnosis: Diagnosis) -> Table | None:
         for one in diagnosis.candidates[:MOST_CANDIDATES]
     ]
     return Table(
-        "Gain: log-likelihood over the base model [nats], each beside the random push that suits it best. "
+        "Gain: log-likelihood over the base model [nats], each with the random push that fits it best. "
         "Penalty: for the additional parameters, and for the choice from the catalogue. Probability: of this "
-        "set among all that were scored",
+        "set among all scored sets",
         ["hypothesis", "gain", "penalty", "probability", "outcome"],
         rows,
         words=(4,),
@@ -203,13 +203,13 @@ def candidates(diagnosis: Diagnosis) -> Table | None:
 
 
 def inclusion(diagnosis: Diagnosis) -> Table | None:
-    """Return how probable it is of each effect that it is at work, the most probable first."""
+    """Return the probability that each effect acts, the most probable first."""
     known = {name: chance for name, chance in diagnosis.inclusion.items() if chance > LEAST_PROBABLE}
     if not known:
         return None
     return Table(
-        "Probability of each effect that it is at work: the sum over all sets that contain it. Effects below "
-        "1 % are not listed",
+        "Probability that an effect acts: the sum over all sets that contain it. Effects below 1 % are not "
+        "listed",
         ["effect", "probability", "in the answer"],
         [
             [plain(name), probability(chance), _part_of_the_answer(name, diagnosis)]
@@ -219,7 +219,7 @@ def inclusion(diagnosis: Diagnosis) -> Table | None:
 
 
 def _part_of_the_answer(name: str, diagnosis: Diagnosis) -> str:
-    """Say what the answer makes of an effect."""
+    """Return the role of an effect in the answer."""
     for one in diagnosis.effects:
         if one.name == name:
             return "named"

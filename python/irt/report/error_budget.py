@@ -1,4 +1,4 @@
-"""Where the base model's error goes, as the page, the terminal and the pictures of the docs say it."""
+"""The error budget of the base model in words, for the report, the terminal and the docs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from irt.report.words import percent, plain, share
 
 Kind = Literal["effect", "tracker", "rest"]
 
-#: Shares of the squared error below this are too small for a sentence about where they come from.
+#: Smallest share of the squared error whose origin is discussed.
 _NOTHING = 0.005
-#: Where the remainder arises, by `Remains.stage`.
+#: Origin of the remaining error, by `Remains.stage`.
 _STAGES = {
-    "board": "It arises on the board, between impacts: a random push there makes the recordings likelier.",
-    "contact": "It arises at the rim: rebounds that differ by chance make the recordings likelier.",
+    "board": "It arises on the board, between impacts: a random push there increases the likelihood.",
+    "contact": "It arises at the rim: random rebounds increase the likelihood.",
 }
 
 
@@ -28,11 +28,11 @@ class Part:
     Attributes
     ----------
     name : str
-        In words.
+        Label.
     kind : {"effect", "tracker", "rest"}
-        What it is.
+        Source of the error.
     share : float
-        Of the squared error, from 0 to 1.
+        Share of the squared error, from 0 to 1.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Bar:
     Attributes
     ----------
     title : str
-        How far ahead was predicted.
+        The prediction horizon.
     parts : tuple of Part
         From left to right; their shares add up to 1.
     """
@@ -62,9 +62,9 @@ def bars(diagnosis: Diagnosis, row_s: float | None = None) -> list[Bar]:
     Parameters
     ----------
     diagnosis : Diagnosis
-        Its `budget` is empty where nothing was held out.
+        Its `budget` is empty if nothing was held out.
     row_s : float, optional
-        How long a row lasts [s], where recordings have no stamps: horizons are stated in rows then.
+        Duration of a row [s] if recordings have no stamps; horizons are then given in rows.
     """
     horizons = dict.fromkeys(one.horizon_s for one in diagnosis.budget)
     return [
@@ -81,7 +81,7 @@ def bars(diagnosis: Diagnosis, row_s: float | None = None) -> list[Bar]:
 
 
 def remainder(diagnosis: Diagnosis) -> Iterator[str]:
-    """Yield in sentences what remains beyond the effects and the tracker; nothing where none was held out."""
+    """Yield sentences on the error that neither effects nor tracker explain; none if nothing was held out."""
     found = diagnosis.remains
     if found is None:
         return
@@ -92,16 +92,16 @@ def remainder(diagnosis: Diagnosis) -> Iterator[str]:
         if found.repeats:
             yield "It depends on something that repeats, so a better model could still explain it."
         elif found.stage is not None:
-            yield "It was not found to depend on anything that repeats from run to run."
+            yield "No dependence on anything that repeats from run to run was found."
         else:
             yield (
-                "A fit to all runs leaves little but noise: this comes from outliers of the tracker, and "
-                "from parameters that the other runs leave uncertain."
+                "The residuals of a fit to all runs are close to noise. This error comes from tracker "
+                "outliers, and from parameters that the other runs leave uncertain."
             )
     if found.floor_of_the_log > 0.0:
         yield (
-            f"A perfect simulator would still be off by {percent(found.floor_of_the_log)} of the edge: the "
-            "tracker's noise, and start states that are not known better."
+            f"Even a perfect simulator would have an error of {percent(found.floor_of_the_log)} of the edge, "
+            "from tracker noise and uncertain start states."
         )
 
 
@@ -110,7 +110,7 @@ def _amount(diagnosis: Diagnosis, found: Remains) -> str:
     if found.share < _NOTHING:
         return f"Less than 1 % of the squared error on held-out runs comes from anything but {beyond}."
     return (
-        f"{share(found.share)} of the base model's squared error on held-out runs comes from something else "
+        f"{share(found.share)} of the base model's squared error on held-out runs comes from sources other "
         f"than {beyond}."
     )
 

@@ -1,4 +1,4 @@
-"""What a learned correction consists of: its terms, their wavelengths and widths."""
+"""The terms of a learned correction, with their wavelengths and widths."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from irt.report.words import in_rows, quantity, scaled, with_interval
 
 Array = NDArray[np.float64]
 
-#: What a profile multiplies, by the parameter of the first slot: title, unit, units of it in one of SI.
+#: Amplitudes of a profile, by the parameter of the first slot: title, unit, units per SI unit.
 PARTS = {
     "push_1_x_m_per_s2": ("push along x", "mm/s²", 1e3),
     "push_1_y_m_per_s2": ("push along y", "mm/s²", 1e3),
@@ -26,7 +26,7 @@ PARTS = {
     "gear_1_x": ("change of the gear about x", "%", 1e2),
     "gear_1_y": ("change of the gear about y", "%", 1e2),
 }
-#: What a profile depends on: name, unit, units of it in one of SI, power of the second in it.
+#: Variables of a profile: name, unit, units per SI unit, power of the second in the unit.
 VARIABLES = {
     "position": ("position", "mm", 1e3, 0),
     "velocity": ("velocity", "mm/s", 1e3, -1),
@@ -35,10 +35,10 @@ VARIABLES = {
     "time": ("time since row 0", "s", 1.0, 1),
     "way": ("path length since row 0", "mm", 1e3, 0),
 }
-#: Speed at which drags and pushes to the side are stated [m/s]; the engine's effect has it in its powers.
+#: Speed at which drags and lateral pushes are given [m/s], the reference of the engine's power laws.
 REFERENCE_SPEED = 0.1
 _MODE = "mode of the board"
-#: Shapes of a width; lines, bowls and saddles have none.
+#: Shapes with a width; lines, bowls and saddles have none.
 _OF_A_WIDTH = ("step", "bell", "ridge", "spot")
 
 
@@ -51,14 +51,14 @@ class LearnedTerm:
     shape : str
         One of `irt.diagnosis.basis.SHAPES`.
     vectors : dict
-        By which the values of each variable are multiplied to make the phase; keys of `VARIABLES`.
+        Phase per unit of each variable; keys of `VARIABLES`.
     phase, across : float
-        What is added to the phase, and to the second phase of a spot or a saddle [rad].
+        Offset of the phase, and of the second phase of a spot or a saddle [rad].
     amplitudes : dict
-        What the profile is multiplied by, without zeros, with intervals; keys of `PARTS`.
+        Nonzero amplitudes with intervals; keys of `PARTS`.
     size : Parameter or None
         Wavelength of a wave, width of a step, bell, ridge or spot [SI unit of its variable]; with an
-        interval where a single value sets it. Lines, bowls and saddles have no size.
+        interval if a single value determines it. Lines, bowls and saddles have no size.
     """
 
     shape: str
@@ -70,11 +70,11 @@ class LearnedTerm:
 
     @property
     def variable(self) -> str:
-        """What it depends on; of several variables the first."""
+        """The variable that it depends on; the first if there are several."""
         return next(iter(self.vectors), "position")
 
     def at(self, values: Array) -> Array:
-        """Return the profile where its variable has (n, c) values, all others zero, (n,)."""
+        """Return the profile, (n,), at (n, c) values of its variable, with all other variables zero."""
         vector = self.vectors.get(self.variable, np.zeros(values.shape[1]))
         phases = values @ vector + self.phase
         if self.shape not in ROUND:
@@ -83,7 +83,7 @@ class LearnedTerm:
 
 
 def learned_terms(parameters: Mapping[str, Parameter]) -> list[LearnedTerm]:
-    """Return the profiles of a learned correction that act, from its parameters by name."""
+    """Return the profiles of a learned correction with nonzero amplitudes, from its parameters by name."""
     values = cleared({name: parameter.value for name, parameter in parameters.items()})
     terms = []
     for slot in range(1, PROFILES + 1):
@@ -115,7 +115,7 @@ def learned_terms(parameters: Mapping[str, Parameter]) -> list[LearnedTerm]:
 
 
 def _size(shape: str, components: Sequence[Parameter]) -> Parameter | None:
-    """Return the wavelength or the width of a profile whose phase grows so fast."""
+    """Return the wavelength or the width of a profile from the components of its phase vector."""
     if not components or shape not in ("wave", *_OF_A_WIDTH):
         return None
     phase = 2.0 * np.pi if shape == "wave" else 1.0
@@ -128,7 +128,7 @@ def _size(shape: str, components: Sequence[Parameter]) -> Parameter | None:
 
 
 def laws(parameters: Mapping[str, Parameter]) -> Iterator[tuple[str, Parameter, Parameter]]:
-    """Yield the power laws of the speed that act: name, acceleration at 0.1 m/s [m/s²], power."""
+    """Yield the acting power laws of the speed: name, acceleration at 0.1 m/s [m/s²], power."""
     for name, title in (("drag", "drag against the motion"), ("side", "push to the left of the motion")):
         if parameters[f"{name}_strength"].value:
             yield title, parameters[f"{name}_strength"], parameters[f"{name}_power"]
@@ -142,10 +142,10 @@ def terms_table(one: NamedEffect, row_s: float | None) -> Table:
     one : NamedEffect
         The correction.
     row_s : float or None
-        How long a row lasts [s] where seconds are unknown: they are stated in rows then.
+        Duration of a row [s] if the recordings have no stamps; times are then given in rows.
     """
     return Table(
-        "Terms of the correction, with 95 % intervals. Over a width the phase grows by 1 rad",
+        "Terms of the correction, with 95 % intervals. The phase grows by 1 rad over a width",
         ["term", "depends on", "wavelength, width or period", "direction", "amplitude"],
         list(_rows(one, row_s)),
         words=(4,),
@@ -153,13 +153,13 @@ def terms_table(one: NamedEffect, row_s: float | None) -> Table:
 
 
 def described(one: NamedEffect, row_s: float | None) -> Iterator[str]:
-    """Yield one line for each term of a learned correction, as a terminal shows it."""
+    """Yield a line for each term of a learned correction, for the terminal."""
     for shape, depends, size, direction, amplitude in _rows(one, row_s):
         length = {"wave": "wavelength", _MODE: "period"}.get(shape, "width")
         known = {length: size, "direction": direction}
         details = [f"{name} {value}" for name, value in known.items() if value != "-"]
         line = f"{shape} over {', '.join([depends, *details])}: {amplitude}"
-        # Tables set an interval apart by a second space.
+        # Tables separate an interval by two spaces.
         yield line.replace("  ", " ")
 
 
@@ -190,7 +190,7 @@ def _rows(one: NamedEffect, row_s: float | None) -> Iterator[list[str]]:
 
 
 def _amplitude(part: str, value: Parameter, row_s: float | None) -> str:
-    """Return an amplitude with its unit; in rows without its interval, which is mostly the time scale's."""
+    """Return an amplitude with its unit; in rows without interval, which reflects mostly the time scale."""
     _, unit, factor = part_unit(part, row_s)
     shown = scaled(factor, value)
     return f"{with_interval(Parameter(shown.value) if 'row' in unit else shown)} {unit}"
@@ -201,7 +201,7 @@ def _speed(row_s: float | None) -> str:
 
 
 def variable_unit(variable: str, row_s: float | None) -> tuple[str, str, float]:
-    """Return a variable's name, the unit in which it is shown, and how many of it are in one of SI."""
+    """Return a variable's name, its display unit, and the number of display units per SI unit."""
     name, unit, factor, power = VARIABLES[variable]
     if row_s is None or not power:
         return name, unit, factor
@@ -209,7 +209,7 @@ def variable_unit(variable: str, row_s: float | None) -> tuple[str, str, float]:
 
 
 def part_unit(part: str, row_s: float | None) -> tuple[str, str, float]:
-    """Return what an amplitude is, the unit in which it is shown, and how many of it are in one of SI."""
+    """Return an amplitude's title, its display unit, and the number of display units per SI unit."""
     title, unit, factor = PARTS[part]
     if part == "brake_1_m_per_s2":
         title = f"{title} at {_speed(row_s)}"

@@ -1,4 +1,4 @@
-"""Pictures of a learned correction: its push over the board, the tilt, the speed, the time."""
+"""Plots of a learned correction over position, tilt, speed, time or path length."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from irt.rig import Rig
 
 Array = NDArray[np.float64]
 
-#: Samples for each radian of phase, enough for a smooth line; and least and most along an axis.
+#: Samples per radian of phase, enough for a smooth line; least and most samples along an axis.
 _PER_RADIAN, _LEAST, _MOST = 2.0, 24, 240
-#: Corners of a recorded path that are drawn over a map.
+#: Most vertices of a recorded path drawn over a map.
 _MOST_CORNERS = 300
-#: Variables with a value along x and one along y; a heading has its cosine and its sine.
+#: Variables with an x and a y component; a heading has its cosine and its sine.
 _PLANE = ("position", "velocity", "command")
 
 
@@ -46,15 +46,15 @@ def learned_pictures(
     Parameters
     ----------
     folder : Path
-        Where the pictures go.
+        Folder of the pictures.
     one : NamedEffect
         The correction.
     rig, diagnosis : Rig, Diagnosis
-        Where and how fast the marble was: a correction says nothing beyond.
+        Give the range of positions and speeds: outside it a correction is undetermined.
     row_s : float
-        How long a row lasts [s].
+        Duration of a row [s].
     stamped : bool
-        Whether seconds are known; else axes are in rows.
+        Whether axes are in seconds; otherwise they are in rows.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def learned_pictures(
             path = folder / f"learned-{variable}-{part.replace('_1_', '-').removesuffix('_m_per_s2')}.svg"
             title, unit, _ = part_unit(part, shown_row_s)
             name, _, _ = variable_unit(variable, shown_row_s)
-            caption = f"{title.capitalize()} over the {name} [{unit}], as learned."
+            caption = f"Learned {title} over the {name} [{unit}]."
             field = _Field(part, acting, variable, shown_row_s)
             if variable in _PLANE:
                 _plot_map(path, field, seen)
@@ -87,12 +87,12 @@ def learned_pictures(
     for law in laws(one.parameters):
         path = folder / f"learned-{law[0].split(maxsplit=1)[0]}.svg"
         _plot_law(path, law, seen.speed, shown_row_s)
-        pictures.append(Picture(path, f"{law[0].capitalize()} over the speed, as learned."))
+        pictures.append(Picture(path, f"Learned {law[0]} over the speed."))
     return pictures
 
 
 class _Seen:
-    """Where the recordings were, by variable of a correction [SI units]."""
+    """Ranges of the variables of a correction in the recordings [SI units]."""
 
     def __init__(self, rig: Rig, diagnosis: Diagnosis, row_s: float) -> None:
         edge, model = rig.board.edge_x_m, diagnosis.model
@@ -100,7 +100,7 @@ class _Seen:
         self.paths = [edge * run.observed for run in diagnosis.runs]
         speeds = [np.linalg.norm(np.diff(path, axis=0), axis=1) / row_s for path in self.paths]
         known = np.concatenate([speed[np.isfinite(speed)] for speed in speeds] or [np.zeros(0)])
-        # Differences of noisy places overstate the highest speeds.
+        # Differences of noisy positions overstate the highest speeds.
         self.speed = float(np.quantile(known, 0.99)) if len(known) else 0.1
         gears = [model.parameters[name].value for name in ("gear_x", "gear_y")]
         self.tilt = max(float(np.abs(one.knobs * gears).max(initial=0.0)) for one in rig.recordings)
@@ -109,7 +109,7 @@ class _Seen:
         self.way = max(lengths, default=0.1)
 
     def ends(self, variable: str) -> list[tuple[float, float]]:
-        """Return the ends of the axes over which a variable is drawn."""
+        """Return the limits of the axes of a variable."""
         if variable == "position":
             return [(-float(half), float(half)) for half in self.reach]
         if variable in ("velocity", "command"):
@@ -130,7 +130,7 @@ class _Field:
     row_s: float | None
 
     def at(self, values: Array) -> Array:
-        """Return it where the variable has (n, c) values, (n,) [the unit in which it is shown]."""
+        """Return the field, (n,), at (n, c) values of the variable [display unit]."""
         _, _, times = part_unit(self.part, self.row_s)
         return np.asarray(
             times * sum(term.amplitudes[self.part].value * term.at(values) for term in self.terms)
@@ -138,12 +138,12 @@ class _Field:
 
     @property
     def label(self) -> str:
-        """What an axis says."""
+        """Label of the axis."""
         title, unit, _ = part_unit(self.part, self.row_s)
         return f"{title}  [{unit}]"
 
     def samples(self, axis: int, low: float, high: float) -> Array:
-        """Return places along an axis, as many as the fastest of the terms needs."""
+        """Return sample points along an axis, dense enough for the fastest of the terms."""
         fastest = 0.0
         for term in self.terms:
             rates = np.abs(term.vectors.get(self.variable, np.zeros(2)))
@@ -155,7 +155,7 @@ class _Field:
 
 
 def _plot_map(path: Path, field: _Field, seen: _Seen) -> None:
-    """Draw a field as colours over a plane."""
+    """Draw a field as a colour map over a plane."""
     name, unit, factor = variable_unit(field.variable, field.row_s)
     places = [field.samples(axis, *ends) for axis, ends in enumerate(seen.ends(field.variable))]
     grid = np.stack(np.meshgrid(*places), axis=-1)
@@ -189,7 +189,7 @@ def _plot_map(path: Path, field: _Field, seen: _Seen) -> None:
 
 
 def _plot_line(path: Path, field: _Field, seen: _Seen) -> None:
-    """Draw a field as a line over a variable of one value."""
+    """Draw a field as a line over a scalar variable."""
     name, unit, factor = variable_unit(field.variable, field.row_s)
     ((low, high),) = seen.ends(field.variable)
     along = field.samples(0, low, high)
@@ -203,7 +203,7 @@ def _plot_line(path: Path, field: _Field, seen: _Seen) -> None:
 
 
 def _plot_law(path: Path, law: tuple[str, Parameter, Parameter], speed: float, row_s: float | None) -> None:
-    """Draw a power law over the speeds that were seen."""
+    """Draw a power law over the range of recorded speeds."""
     title, strength, power = law
     _, of, times = part_unit("push_1_x_m_per_s2", row_s)
     _, unit, factor = variable_unit("velocity", row_s)

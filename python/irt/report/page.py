@@ -1,7 +1,7 @@
-"""HTML pages from the templates beside this file: each page is one file that fetches nothing.
+"""Render HTML reports from the templates beside this file. A page is a single self-contained file.
 
 Templates hold the prose and the structure, ``page.css`` the style. Python supplies numbers, tables and
-pictures. jinja2 escapes every text.
+pictures. jinja2 escapes all text.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from irt.report import style, words
 
 #: Rows of a table that still fit on one printed page; longer tables may break between rows.
 _PRINTED_ROWS = 20
-#: What templates call on numbers and names.
+#: Filters of the templates.
 _FILTERS = (
     words.commands,
     words.counted,
@@ -37,16 +37,16 @@ _FILTERS = (
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture file that a page shows; it becomes a part of the page.
+    """A picture file that is embedded in a page.
 
     Attributes
     ----------
     path : Path
-        An SVG or PNG that `irt.report.style.drawing` wrote. No other picture of the page has its file name.
+        An SVG or PNG written by `irt.report.style.drawing`. File names are unique within a page.
     caption : str
-        What it shows.
+        The caption.
     spoken : str
-        The text for screen readers; the caption where it is empty.
+        The text for screen readers; the caption if it is empty.
     """
 
     path: Path
@@ -55,12 +55,12 @@ class Picture:
 
     @property
     def is_svg(self) -> bool:
-        """Whether it is drawn, not made of pixels."""
+        """Whether the picture is an SVG."""
         return self.path.suffix.lower() == ".svg"
 
     @property
     def data(self) -> str:
-        """Content of a PNG in base 64."""
+        """Content of a PNG in base64."""
         return base64.b64encode(self.path.read_bytes()).decode()
 
     @property
@@ -72,10 +72,10 @@ class Picture:
 
     @property
     def drawing(self) -> Markup:
-        """Content of an SVG inside its outermost element.
+        """Content of the SVG's root element.
 
-        Ids get the file's name as prefix, so that those of two pictures differ; colours become the CSS
-        variables of `irt.report.style.COLOURS`.
+        Ids are prefixed with the file's name to be unique within the page. Colours become the CSS variables
+        of `irt.report.style.COLOURS`.
         """
         prefix = re.sub(r"[^A-Za-z0-9]", "-", self.path.stem)
         svg = self.path.read_text(encoding="utf-8")
@@ -84,11 +84,11 @@ class Picture:
         svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.DOTALL)
         svg = re.sub(r'\bid="', f'id="{prefix}-', svg)
         svg = re.sub(r'(href="|url\()#', rf"\g<1>#{prefix}-", svg)
-        # A hundredth of a point is finer than any screen, and half the file.
+        # 0.01 points is finer than any screen and halves the file.
         svg = re.sub(r'\b(?:d|x|y)="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), svg)
         for role, colour in style.COLOURS.items():
             svg = svg.replace(colour, f"var(--{role})")
-        # matplotlib escapes every text that it writes.
+        # matplotlib escapes the text that it writes.
         return Markup(svg.strip())
 
 
@@ -99,15 +99,15 @@ class Table:
     Attributes
     ----------
     caption : str
-        What it shows, and in which unit.
+        Content and unit.
     header : sequence of str
-        One for each column; the first column names the rows.
+        Titles of the columns; the first column names the rows.
     rows : sequence of sequence of str
         Cells.
     total : bool
-        Whether the last row sums up the others.
+        Whether the last row is a total.
     words : collection of int
-        Columns of sentences instead of numbers.
+        Indices of columns with text instead of numbers.
     """
 
     caption: str
@@ -118,22 +118,23 @@ class Table:
 
     @property
     def is_long(self) -> bool:
-        """Whether it may break between rows when it is printed."""
+        """Whether the table may break between rows in print."""
         return len(self.rows) > _PRINTED_ROWS
 
 
 def render(template: str, /, *, scripts: Sequence[str] = (), **content: Any) -> str:
-    """Return a page.
+    """Return a page as HTML.
 
     Parameters
     ----------
     template : str
         Name of a file in ``templates``, one that extends ``page.html``.
     scripts : sequence of str
-        Names of scripts in ``templates``, run when the page is there. The page's policy allows these by their
-        hashes, and no others.
+        Names of scripts in ``templates``, run once the page has loaded. The page's content security policy
+        allows only these, by their hashes.
     content : mapping
-        What the template asks for; ``title`` at least. An absent name is an error, except in a test for it.
+        Variables of the template; at least ``title``. A missing variable is an error unless the template
+        tests for it.
     """
     codes = [_source(name) for name in scripts]
     return _templates().get_template(template).render(scripts=codes, style=_source("page.css"), **content)
@@ -152,7 +153,7 @@ def write_page(path: PathLike, template: str, /, *, scripts: Sequence[str] = (),
 
 @functools.cache
 def _templates() -> Environment:
-    """Return the templates with their filters: every text escaped, every unknown name an error."""
+    """Return the jinja2 environment: text is escaped, and undefined variables are errors."""
     environment = Environment(
         loader=PackageLoader("irt.report"),
         autoescape=True,
@@ -169,7 +170,7 @@ def _templates() -> Environment:
 
 
 def _source(name: str) -> str:
-    """Return a file of ``templates`` as it is."""
+    """Return the source of a file of ``templates``."""
     environment = _templates()
     assert environment.loader is not None
     return environment.loader.get_source(environment, name)[0]

@@ -1,6 +1,6 @@
-"""One picture a function: each draws arrays and results of this package into one SVG or PNG file.
+"""Plots of fits, paths, evaluations and training; each function writes one SVG or PNG file.
 
-Positions are in units of the board's long edge, errors in percent of it, as in the paper's figures.
+Positions are in units of the board's long edge and errors in percent of it, as in the paper's figures.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ _BY_ROLLOUT = ("irt+", "cma-es", "es", "direct")
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What one model says about one recording, and how to draw it.
+    """A model's prediction of a recording, with its label and colour.
 
     Attributes
     ----------
     label : str
-        One or two words beside the line.
+        Label of the line, one or two words.
     marble : (n, 2) array
-        Predicted positions [board edges], a row for each of the recording.
+        Predicted positions [board edges], one for each row of the recording.
     model : Model
-        Where it comes from.
+        The predicting model.
     colour : str
         One of `irt.report.style`.
     window_rows : (w,) int array
-        Rows in which the prediction begins anew; the line breaks there.
+        First rows of windows, where the prediction restarts and the line breaks.
     """
 
     label: str
@@ -61,7 +61,7 @@ class Prediction:
 
     @property
     def pieces(self) -> list[NDArray[np.int64]]:
-        """Rows that belong together, each stretch as an array."""
+        """Rows of each continuous piece of the prediction."""
         return np.split(np.arange(len(self.marble)), self.window_rows)
 
 
@@ -79,8 +79,8 @@ def plot_fit(
     predictions : sequence of Prediction
         Drawn in this order.
     limit : float, optional
-        Both axes reach from ``-limit`` to ``limit`` [board edges], for pictures to be compared; by default
-        each reaches as far as its data.
+        Both axes reach from ``-limit`` to ``limit`` [board edges], so that figures can be compared; by
+        default each axis fits its data.
 
     Raises
     ------
@@ -109,16 +109,16 @@ def plot_fit(
 
 
 def plot_tilt(path: PathLike, recording: Recording, predicted: Array) -> None:
-    """Draw the measured tilt as dots and the one that the commands predict as lines, over time.
+    """Draw the measured tilt as dots and the tilt predicted from commands as lines, over time.
 
     Parameters
     ----------
     path : path
         ``.svg`` or ``.png`` file to write.
     recording : Recording
-        One with a measured tilt.
+        A recording with a measured tilt.
     predicted : (n, 2) array
-        Angles about x and y [rad], a row for each of the recording.
+        Predicted angles about x and y [rad], one for each row of the recording.
 
     Raises
     ------
@@ -146,14 +146,14 @@ def plot_tilt(path: PathLike, recording: Recording, predicted: Array) -> None:
 def plot_paths(path: PathLike, panels: Sequence[tuple[Recording, Prediction]]) -> None:
     """Draw the board from above, two panels to a row: recorded dots, the predicted path, and the rim.
 
-    The rim stands where the model sees it: its observation scale stretches the picture.
+    The rim is drawn at its observed position, scaled by the model's observation scale.
 
     Parameters
     ----------
     path : path
         ``.svg`` or ``.png`` file to write.
     panels : sequence of (Recording, Prediction)
-        What to draw into each, row by row.
+        Content of each panel, row by row.
 
     Raises
     ------
@@ -185,9 +185,9 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
     path : path
         ``.svg`` or ``.png`` file to write.
     result : FitResult
-        Its first estimate, which the model comes from, stands out.
+        Its first estimate, which the model comes from, is highlighted.
     noise : float, optional
-        Standard deviation of the tracker [board edges]; draws the error that nothing can go below.
+        Standard deviation of the tracker [board edges]; draws the noise floor.
 
     Raises
     ------
@@ -196,7 +196,7 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
     """
     with style.drawing(path, style.WIDTH, 3.1) as figure:
         axes = figure.subplots()
-        # Before the first iteration there is a start; before the first rollout nothing is known.
+        # Iteration 0 is the start point; rollouts count from 1.
         first = int(result.method in _BY_ROLLOUT)
         for estimate in reversed(result.estimates):
             errors = PERCENT * np.array([iteration.mae for iteration in estimate.history])
@@ -222,16 +222,16 @@ def plot_history(path: PathLike, result: FitResult, *, noise: float | None = Non
 
 
 def plot_parameters(path: PathLike, result: FitResult) -> None:
-    """Draw how each parameter came to its value, from every start point (paper, Fig. 6).
+    """Draw each parameter over the iterations of a fit, from every start point (paper, Fig. 6).
 
-    Each axis is the range that was searched; a band is the 95 % interval of the final value.
+    Each axis spans the search range; the band is the 95 % interval of the final value.
 
     Parameters
     ----------
     path : path
         ``.svg`` or ``.png`` file to write.
     result : FitResult
-        Its first estimate, which the model comes from, stands out.
+        Its first estimate, which the model comes from, is highlighted.
 
     Raises
     ------
@@ -260,18 +260,18 @@ def plot_parameters(path: PathLike, result: FitResult) -> None:
 def plot_evaluation(
     path: PathLike, evaluation: Evaluation, recordings: Sequence[Recording], *, noise: float | None = None
 ) -> None:
-    """Draw how far a model is off over time, one panel a recording: in a free run and in windows.
+    """Draw a model's error over time, one panel per recording: in a free run and in windows.
 
     Parameters
     ----------
     path : path
         ``.svg`` or ``.png`` file to write.
     evaluation : Evaluation
-        What `irt.residual.evaluate` returned for these recordings.
+        The result of `irt.residual.evaluate` for these recordings.
     recordings : sequence of Recording
-        What was evaluated.
+        The evaluated recordings.
     noise : float, optional
-        Standard deviation of the tracker [board edges]; draws the error that nothing can go below.
+        Standard deviation of the tracker [board edges]; draws the noise floor.
 
     Raises
     ------
@@ -304,14 +304,14 @@ def plot_evaluation(
 
 
 def plot_loss(path: PathLike, training: ArrayLike, heldout: ArrayLike) -> None:
-    """Draw the loss of a network over the epochs of its training.
+    """Draw the loss of a network over the training epochs.
 
     Parameters
     ----------
     path : path
         ``.svg`` or ``.png`` file to write.
     training, heldout : (epochs,) array
-        Mean squared error of the normalised parameter difference, on the pairs it learns from and on others.
+        Mean squared error of the normalised parameter difference, on training and held-out pairs.
 
     Raises
     ------
@@ -333,7 +333,7 @@ def plot_loss(path: PathLike, training: ArrayLike, heldout: ArrayLike) -> None:
 
 
 def plot_likelihood(path: PathLike, losses: ArrayLike) -> None:
-    """Draw the loss of a network of IRT+ over the pools of simulations of its training.
+    """Draw the loss of an IRT+ network over the training pools.
 
     Parameters
     ----------
@@ -351,7 +351,7 @@ def plot_likelihood(path: PathLike, losses: ArrayLike) -> None:
     with style.drawing(path, style.WIDTH, 3.1) as figure:
         axes = figure.subplots()
         axes.plot(np.arange(1, len(values) + 1), values, color=style.TUNED)
-        # The first pools, of a network that knows nothing, would leave no room for the others.
+        # The high losses of the first pools would compress all others.
         axes.set_ylim(top=max(float(np.quantile(values, 0.97)), float(values[-1])) + 0.2)
         axes.set_xlabel("pool")
         axes.set_ylabel("negative log-likelihood  [nats]")
@@ -359,12 +359,12 @@ def plot_likelihood(path: PathLike, losses: ArrayLike) -> None:
 
 
 def mean_absolute(noise: float) -> float:
-    """Return the mean absolute error that Gaussian noise of this standard deviation makes by itself."""
+    """Return the mean absolute value of Gaussian noise of this standard deviation."""
     return float(noise * np.sqrt(2 / np.pi))
 
 
 def make_logarithmic(axes: Any) -> None:
-    """Give the axes a logarithmic height, with plain numbers at 1, 2 and 5."""
+    """Make the y axis logarithmic, with plain numbers at 1, 2 and 5."""
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -372,29 +372,29 @@ def make_logarithmic(axes: Any) -> None:
 
 
 def _weight(won: bool) -> dict[str, Any]:
-    """Return how a line is drawn that won, or did not."""
+    """Return the line style of the best start, or of the others."""
     return {"lw": 1.8, "zorder": 3} if won else {"lw": 0.9, "alpha": 0.7}
 
 
 def _last(values: Array) -> float:
-    """Return the last of the values that is none of the gaps."""
+    """Return the last finite value."""
     return float(values[np.isfinite(values)][-1])
 
 
 def _index(items: Sequence[object], item: object) -> int:
-    """Return where an item itself, not its equal, stands."""
+    """Return the index of an item, compared by identity."""
     return next(i for i, other in enumerate(items) if other is item)
 
 
 def _time(recording: Recording) -> tuple[Array, str]:
-    """Return the time axis, from 0, and its label."""
+    """Return the time axis, starting at 0, and its label."""
     if recording.stamps is None:
         return np.arange(len(recording.knobs), dtype=np.float64), "timestep"
     return recording.stamps - recording.stamps[0], "time  [s]"
 
 
 def _lost(recording: Recording) -> list[tuple[float, float]]:
-    """Return each stretch of time without a marble, half a row wider than its rows on either side."""
+    """Return each interval without a marble, extended by half a row on either side."""
     time, _ = _time(recording)
     half = 0.5 * float(np.median(np.diff(time)))
     edges = np.diff(np.concatenate([[False], ~recording.seen, [False]]).astype(int))
@@ -414,7 +414,7 @@ def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
     for rows in prediction.pieces:
         axes.plot(*prediction.marble[rows].T, color=prediction.colour)
     axes.plot(*recording.marble[0], "o", color=style.INK, ms=6, mfc=style.PAPER, zorder=4)
-    # On the side that the marble leaves free.
+    # On the side away from the path.
     up = recording.marble[0, 1] >= np.nanmean(recording.marble[:, 1])
     place = {"xytext": (0, 7 if up else -7), "va": "bottom" if up else "top"}
     axes.annotate("start", recording.marble[0], textcoords="offset points", ha="center", **place)
@@ -426,13 +426,13 @@ def _draw_path(axes: Any, recording: Recording, prediction: Prediction) -> None:
 
 
 def rim_of(model: Model) -> Array:
-    """Return where the inside of the rim is seen, half its length along x and y [board edges]."""
+    """Return the observed half-widths of the inside of the rim along x and y, (2,) [board edges]."""
     scale = model.parameters["observation_scale"].value
     return np.asarray(0.5 * scale * np.array([1.0, model.board.edge_y_m / model.board.edge_x_m]))
 
 
 def draw_rim(axes: Any, model: Model) -> None:
-    """Draw the inside of the rim with walls and holes, and dotted where a marble at the rim is seen."""
+    """Draw the rim's inside, walls and holes, and as a dotted line the limit of the marble's centre."""
     rim = rim_of(model)
     marble = 2 * rim[0] * model.marble.radius_m / model.board.edge_x_m
     outline: dict[str, Any] = {"ec": style.INK, "lw": 2.2, "joinstyle": "round"}

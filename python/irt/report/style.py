@@ -1,4 +1,4 @@
-"""How every picture of this package looks, and how it becomes a file."""
+"""Colours, fonts and file output of all plots."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 from irt.errors import IrtError
 from irt.files import PathLike, write_atomic
 
-# Every colour is one role and no two are equal: a page finds them in an SVG by their value and puts a CSS
-# variable in their place, which is how the same picture serves a light and a dark page. The four of the lines
-# are Okabe and Ito's, which colour-blind readers tell apart.
+# Each colour has one role and all values differ: pages replace each value in an SVG by a CSS variable, so
+# that one picture serves light and dark pages. The line colours are from Okabe and Ito's colour-blind-safe
+# palette.
 PAPER = "#ffffff"
 INK = "#1b1f24"
 MUTED = "#6e7781"
@@ -26,9 +26,9 @@ UNTUNED = "#d55e00"
 TUNED = "#0072b2"
 SECOND = "#009e73"
 THIRD = "#cc79a7"
-#: From least to most, of cells: cream to violet on paper; a dark page runs them from violet to cream.
+#: Sequential map of cells, from least to most: cream to violet; reversed on dark pages.
 HEAT = ("#fdebac", "#feb67c", "#fa7d5e", "#e24d66", "#b5367a", "#842681", "#57157e", "#251255")
-#: From most negative to most positive: blue over pale to orange; a dark page has the pale ones dark.
+#: Diverging map from most negative to most positive: blue, pale, orange; dark pages use dark for pale.
 DIVERGING = ("#0b4f7d", "#3a86b4", "#86bcd8", "#cfe4f0", "#fbe0cc", "#f2ab7c", "#d8692b", "#8f3a06")
 COLOURS = {
     "paper": PAPER,
@@ -44,7 +44,7 @@ COLOURS = {
     **{f"sign{letter}": colour for letter, colour in zip("abcdefgh", DIVERGING, strict=True)},
 }
 
-#: One column of a page [inches]: narrow enough to be read on a phone without zooming.
+#: Width of a plot [inches], readable on a phone without zooming.
 WIDTH = 4.7
 
 _FONT_SIZE = 9.0
@@ -72,7 +72,7 @@ _SETTINGS: Any = {
     "ytick.major.size": 0.0,
     "ytick.minor.size": 0.0,
     "text.color": INK,
-    # Names of files are written as they are, dollar signs and all.
+    # File names may contain dollar signs.
     "text.parse_math": False,
     "lines.linewidth": 1.6,
     "lines.solid_capstyle": "round",
@@ -80,7 +80,7 @@ _SETTINGS: Any = {
     "figure.facecolor": PAPER,
     "savefig.facecolor": PAPER,
     "savefig.dpi": 200,
-    # Text stays text: it can be searched, read aloud, and set in the page's own type.
+    # Text stays text, so that it can be searched, read aloud, and set in the page's font.
     "svg.fonttype": "none",
 }
 
@@ -89,25 +89,25 @@ _SETTINGS: Any = {
 def drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
     """Yield an empty figure, and write it to ``path`` when the block ends.
 
-    No state of matplotlib is left changed, and no display is needed. The same drawing gives the same bytes.
+    matplotlib's global state is restored, and no display is needed. The same drawing gives the same bytes.
 
     Parameters
     ----------
     path : path
-        Ends in ``.svg`` or ``.png``; replaced only by the whole new file.
+        Ends in ``.svg`` or ``.png``; replaced atomically.
     width, height : float
         Size [inches].
 
     Raises
     ------
     IrtError
-        If the ending is another, or the file cannot be written.
+        If the suffix is unknown, or the file cannot be written.
     """
     path = Path(path)
     kind = path.suffix.lower().removeprefix(".")
     if kind not in ("svg", "png"):
         raise IrtError(f"{path}: pictures are written as .svg or .png")
-    # The salt makes the ids inside an SVG a function of its name, instead of a random number.
+    # The salt makes the ids inside an SVG depend on its name, instead of a random number.
     with mpl.rc_context({**_SETTINGS, "svg.hashsalt": path.stem}):
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
@@ -118,14 +118,14 @@ def drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
 
 
 def label_ends(axes: Any, labels: Sequence[tuple[float, str, str]]) -> None:
-    """Write the name of each line to the right of the axes, at the height of its end, none over another.
+    """Label each line to the right of the axes, at the height of its end, without overlap.
 
     Call when the limits of the axes are final.
 
     Parameters
     ----------
     axes : matplotlib Axes
-        Where the lines are.
+        Axes of the lines.
     labels : sequence of (height, text, colour)
         Height in data coordinates.
     """
@@ -141,7 +141,7 @@ def label_ends(axes: Any, labels: Sequence[tuple[float, str, str]]) -> None:
 
 
 def shortened(name: str, most: int) -> str:
-    """Return a name of no more than so many letters: its middle gives way, for names differ at their ends."""
+    """Return a name of at most `most` letters, shortened in the middle because names differ at their ends."""
     if len(name) <= most:
         return name
     half = (most - 1) // 2
@@ -149,14 +149,14 @@ def shortened(name: str, most: int) -> str:
 
 
 def spread(heights: Sequence[float], sizes: Sequence[float]) -> list[float]:
-    """Return centres for labels of these sizes, as near to the heights as they can be without overlap.
+    """Return centres for labels of these sizes, as near to the heights as possible without overlap.
 
     Parameters
     ----------
     heights : sequence of float
-        Where the labels would like to be, rising.
+        Wanted centres of the labels, in ascending order.
     sizes : sequence of float
-        How much room each takes, in the same unit.
+        Height of each label, in the same unit.
     """
     blocks: list[tuple[float, float, int]] = []  # centre, size, number of labels
     for height, size in zip(heights, sizes, strict=True):

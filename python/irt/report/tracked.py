@@ -1,4 +1,4 @@
-"""From a video to a recording with its page: what ``irt track`` does, for Python."""
+"""Track a video, and write the recording and its report: `irt.track`, as behind ``irt track``."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ if TYPE_CHECKING:
     from irt.tracking.run import Question, Track
     from irt.tracking.source import Source
 
-#: The lens, in the folder of results.
+#: File of the lens calibration, in the folder of results.
 LENS = "camera.toml"
-#: Pictures a second of the overlay, where the source does not say.
+#: Frame rate of the overlay if that of the source is unknown [Hz].
 _OVERLAY_FPS = 30.0
 
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """What a video was turned into.
+    """A tracked video.
 
     Attributes
     ----------
     path : Path
-        The CSV file: a recording where commands are known, else the positions alone.
+        The CSV file: a recording if commands are known, else the positions only.
     page : Path
-        The page that shows how well the marble was seen.
+        The report on the quality of the track.
     track : Track
-        What was seen on each picture; `Track.stopped` says why it ended early, if it did.
+        The marble in each picture; `Track.stopped` gives the reason if tracking ended early.
     summary : Summary
-        What the track is worth.
+        Quality of the track.
     timed : Timed or None
-        The recording, where commands are known.
+        The recording, if commands are known.
     board : Board
-        What was tracked on.
+        Dimensions of the board.
     findings : tuple of Finding
-        What is wrong with axes, signs and units of the recording, by what the commands do to the marble.
+        Errors of axes, signs and units of the recording, inferred from the marble's response to the commands.
     """
 
     path: Path
@@ -60,7 +60,7 @@ class Tracked:
 
     @property
     def recording(self) -> Recording | None:
-        """The recording, where commands are known."""
+        """The recording; None if commands are unknown."""
         return None if self.timed is None else self.timed.recording
 
 
@@ -81,33 +81,33 @@ def track(
     publish: bool = False,
     progress: Progress | None = None,
 ) -> Tracked:
-    """Follow the marble through a video, and write the recording, an overlay, and a page.
+    """Track the marble in a video, and write the recording, an overlay video and a report.
 
     Parameters
     ----------
     video : str or path
         A video file, a folder of images, the number of a camera ("0"), or an address.
     out : path, optional
-        Folder for the results; default ``irt-track-NAME``, for a video ``NAME``.
+        Folder for the results; default ``irt-track-NAME`` for a video ``NAME``.
     commands : path, optional
-        CSV of the commands that were played, with their times in ``t_s``: the two clocks are aligned.
+        CSV of the played commands, with their times in ``t_s``; the two clocks are aligned.
     offset : float, optional
-        From the commands' clock to the video's [s]; default found by cross-correlation.
+        Offset from the commands' clock to the video's [s]; default by cross-correlation.
     rig : path, optional
-        A ``rig.toml`` or its folder, for the sizes of board and marble; default that of `out`, else the
-        paper's.
+        A ``rig.toml`` or its folder, with the sizes of board and marble; default that of `out`, or the
+        paper's sizes.
     lens : path, optional
-        The camera's calibration; default ``camera.toml`` of `out`, where it is.
+        Lens calibration of the camera; default ``camera.toml`` of `out`, if present.
     corners : sequence of 4 (x, y), optional
         The board's corners in the first picture [pixels], clockwise from least x, greatest y.
     marble : sequence of (x, y)
-        Where the marble is in the first picture [pixels]; default learned from what moves.
+        Position of the marble in the first picture [pixels]; default learned from motion.
     colour : (blue, green, red), optional
         The marble's colour, 0 to 255; default learned.
     fps : float, optional
-        Pictures a second, where the file is wrong.
+        Pictures per second, if those of the file are wrong.
     seconds : float, optional
-        Stop after so long.
+        Stop after this time [s].
     publish : bool
         Publish each position on ``/marble/position``, for ROS 2 nodes.
     progress : callable, optional
@@ -116,8 +116,8 @@ def track(
     Raises
     ------
     IrtError
-        If the video cannot be read, the board or the marble is not found, or the commands do not belong to
-        it. What was seen until then is kept, and the message says where.
+        If the video cannot be read, the board or the marble is not found, or the commands do not match the
+        video. Positions found before the error are kept, and the message gives their path.
     """
     from irt.tracking.source import open_source  # noqa: PLC0415  # OpenCV loads only where it is used
 
@@ -153,7 +153,7 @@ def track(
 
 @contextmanager
 def _kept(partial: Path) -> Iterator[None]:
-    """Say where the positions of a run are that could not be finished; remove them once they are saved."""
+    """Add the path of partial positions to an error; remove them if the block succeeds."""
     try:
         yield
     except IrtError as error:
@@ -162,7 +162,7 @@ def _kept(partial: Path) -> Iterator[None]:
         if len(partial.read_text(encoding="utf-8").splitlines()) < 2:
             partial.unlink()
             raise
-        raise IrtError(f"{error}; the positions seen until then are kept in {partial}") from error
+        raise IrtError(f"{error}; the positions found before are kept in {partial}") from error
     partial.unlink(missing_ok=True)
 
 
@@ -180,7 +180,7 @@ def _follow(
     publish: bool,
     progress: Progress | None,
 ) -> Track:
-    """Follow the marble, with an overlay video and the sheet of the least sure pictures."""
+    """Track the marble; write an overlay video and a sheet of the least certain pictures."""
     from irt.tracking.overlay import ContactSheet, Overlay  # noqa: PLC0415
     from irt.tracking.run import follow, prepare  # noqa: PLC0415
 
@@ -208,7 +208,7 @@ def _follow(
 
 
 def _saved(found: Track, commands: Commands | None, path: Path, offset: float | None) -> Timed | None:
-    """Write the recording, or the positions alone."""
+    """Write the recording, or only the positions."""
     from irt.tracking.recorded import laid_on, save_positions, save_timed  # noqa: PLC0415
 
     if commands is None:
@@ -220,7 +220,7 @@ def _saved(found: Track, commands: Commands | None, path: Path, offset: float | 
 
 
 def _axes(recording: Recording, board: Board, ball: Marble) -> tuple[Finding, ...]:
-    """Return what is wrong with the axes of a recording, as where the picture is upside down or mirrored."""
+    """Return errors of the axes of a recording, such as an upside-down or mirrored picture."""
     from irt.checking.run import axes_and_units  # noqa: PLC0415
 
     rig = Rig.from_recordings([recording], board=board, marble=ball, start="moving")
@@ -237,7 +237,7 @@ def _described(
     stamps: str,
     findings: tuple[Finding, ...],
 ) -> Tracked:
-    """Write what is known of a track beside it."""
+    """Write the metadata and the report of a track beside it."""
     from irt.report.tracking_report import write_tracking_report  # noqa: PLC0415
     from irt.tracking.recorded import save_metadata, summarise  # noqa: PLC0415
 
@@ -258,7 +258,7 @@ def _question(
     marble: Sequence[tuple[float, float]],
     colour: tuple[float, float, float] | None,
 ) -> Question:
-    """Return what is asked, with the folder's calibration."""
+    """Return the input of the tracker, with the folder's calibration."""
     from irt.tracking.calibration import load_lens  # noqa: PLC0415
     from irt.tracking.geometry import Size  # noqa: PLC0415
     from irt.tracking.run import Question  # noqa: PLC0415
@@ -289,7 +289,7 @@ def _triple(values: tuple[float, float, float]) -> tuple[float, float, float]:
 
 
 def _sizes(named: PathLike | None, folder: Path) -> tuple[Board, Marble]:
-    """Return the sizes of board and marble: of a rig that was named, of the folder's, or the paper's."""
+    """Return the sizes of board and marble: of the given rig, of the folder's rig, or the paper's."""
     settings = folder / "rig.toml" if named is None else Path(named)
     if settings.is_dir():
         settings /= "rig.toml"
@@ -305,7 +305,7 @@ def _publisher() -> Any:
 
 
 def _facts(video: str, commands: PathLike | None, timed: Timed | None) -> dict[str, Any]:
-    """Return what the track was made from."""
+    """Return the inputs of the track."""
     facts: dict[str, Any] = {"video": video}
     if timed is not None:
         facts["commands"] = str(commands)

@@ -1,4 +1,4 @@
-"""The page of a track: how reliable, how precise and how regular the positions are."""
+"""HTML report of a track: detection, precision, timing and geometry."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from irt.tracking.run import Track
 
 Array = NDArray[np.float64]
 
-#: Stretches without a marble that are listed.
+#: Most gaps that are listed.
 _LISTED = 12
 
 
@@ -33,18 +33,18 @@ def write_tracking_report(
     facts: Mapping[str, Any],
     edge_m: float,
 ) -> Path:
-    """Write ``NAME-report.html`` and its pictures into a folder that holds the sheet, and return its path.
+    """Write ``NAME-report.html`` and its pictures into the folder of a track, and return its path.
 
     Parameters
     ----------
     folder : path
-        Where the track's files are.
+        Folder of the track's files.
     track, summary : Track, Summary
         Positions, and their quality.
     timed : Timed or None
-        The recording, where commands are known.
+        The recording, if commands are known.
     facts : mapping
-        What the track was made from.
+        Inputs of the track.
     edge_m : float
         The board's long edge [m].
 
@@ -73,11 +73,11 @@ def write_tracking_report(
 
 
 def _lead(summary: Summary, edge_m: float) -> str:
-    """Return the answer in two sentences."""
+    """Return the summary of the track."""
     noise = f"{summary.noise * summary.pixels_per_edge:.2f} pixels, {millimetres(summary.noise, edge_m)}"
     return (
         f"The marble was found in {summary.seen:,} of {counted(summary.pictures, 'picture')}. The noise of "
-        f"its position is {noise} on the board. Where the tracker was not sure, the row is empty."
+        f"its position is {noise} on the board. Rows in which the tracker was uncertain are empty."
     )
 
 
@@ -100,7 +100,7 @@ def _figures(summary: Summary, edge_m: float) -> list[tuple[str, str]]:
 
 
 def _path(folder: Path, track: Track) -> list[Picture]:
-    """Draw the marble's path, over the board and over time."""
+    """Draw the marble's path over the board and over time."""
     over = folder / f"{track.name}-board.svg"
     half_x, half_y = track.scene.size.along_x / 2, track.scene.size.along_y / 2
     with style.drawing(over, style.WIDTH, 4.0) as figure:
@@ -127,7 +127,7 @@ def _path(folder: Path, track: Track) -> list[Picture]:
 
 
 def _confidence(folder: Path, track: Track) -> list[Picture]:
-    """Draw the tracker's confidence, beside the pictures in which it was lowest."""
+    """Draw the tracker's confidence over time, and show the pictures with the lowest."""
     path = folder / f"{track.name}-confidence.svg"
     with style.drawing(path, style.WIDTH, 2.4) as figure:
         axes = figure.subplots()
@@ -161,32 +161,33 @@ def _lost(track: Track) -> Table | None:
 
 
 def _timing(track: Track, summary: Summary, timed: Timed | None) -> dict[str, str]:
-    """Return how regular the stamps are, and how commands and pictures were aligned."""
+    """Return the regularity of the stamps and the alignment of commands and pictures."""
     gaps = summary.gaps
     facts = {
-        "pictures": f"every {1000 * gaps.interval:.2f} ms, give or take {1000 * gaps.jitter:.2f} ms",
-        "dropped": f"{counted(gaps.dropped, 'picture')}; the longest interval: {1000 * gaps.longest:.1f} ms",
-        "shown twice": f"{counted(gaps.repeated, 'picture')}, left empty",
+        "interval": f"{1000 * gaps.interval:.2f} ms, jitter {1000 * gaps.jitter:.2f} ms",
+        "dropped": f"{counted(gaps.dropped, 'picture')}; longest interval {1000 * gaps.longest:.1f} ms",
+        "repeated": f"{counted(gaps.repeated, 'picture')}, left empty",
         "search": f"near the expected position in {percent(float(track.in_window.mean()))} of the pictures",
     }
     if timed is not None:
         facts["rows"] = f"{len(timed.recording.knobs):,}, from {timed.recording.seen.sum():,} positions"
-        facts["commands"] = f"{timed.offset:.4f} s from their clock to the video's"
+        facts["commands"] = f"offset {timed.offset:.4f} s from their clock to the video's"
         if timed.alignment is not None:
             found = timed.alignment
             facts["commands"] = (
-                f"{found.offset:.4f} s from their clock to the video's, standard error {found.error:.4f} s; "
-                f"they explain {percent(found.explained)} of the accelerations. This includes the rig's delay"
+                f"offset {found.offset:.4f} s from their clock to the video's, standard error "
+                f"{found.error:.4f} s, including the rig's delay; they explain {percent(found.explained)} of "
+                "the accelerations"
             )
     return facts
 
 
 def _geometry(track: Track, summary: Summary, edge_m: float) -> dict[str, str]:
-    """Return how pixels became positions."""
+    """Return the geometry that converts pixels to positions."""
     scale = summary.pixels_per_edge
     facts = {
         "corners": track.scene.found_by,
-        "board": f"{scale:.1f} pixels along the long edge, {1000 * edge_m / scale:.3f} mm to a pixel",
+        "board": f"{scale:.1f} pixels along the long edge, {1000 * edge_m / scale:.3f} mm per pixel",
         "marble": f"{2 * summary.radius_px:.1f} pixels across",
         "height of the marble": summary.height,
         "tilt of the board": summary.tilt,
@@ -194,7 +195,7 @@ def _geometry(track: Track, summary: Summary, edge_m: float) -> dict[str, str]:
     if summary.lens_px is not None:
         facts["lens"] = f"calibrated; residual {summary.lens_px:.2f} pixels"
     else:
-        facts["lens"] = "not calibrated: four corners fit any board, so their error is unknown"
+        facts["lens"] = "not calibrated: four corners fit exactly, so their error is unknown"
     return facts
 
 
@@ -206,7 +207,7 @@ def _shade_lost(axes: Any, track: Track) -> None:
 
 
 def _stretches(track: Track) -> list[tuple[int, int]]:
-    """Return the longest stretches without a position, in the order of the run."""
+    """Return first row and length of the longest gaps, in the order of the run."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~track.seen, [False]]).astype(np.int8)))
     runs = [(int(first), int(end - first)) for first, end in zip(edges[::2], edges[1::2], strict=True)]
     return sorted(sorted(runs, key=lambda run: -run[1])[:_LISTED])

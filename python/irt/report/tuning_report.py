@@ -1,4 +1,4 @@
-"""The page that a tuning leaves behind: how well the simulator fits now, and how far to trust it."""
+"""HTML report of a tuning: errors, parameters with intervals, convergence."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ _COLOURS = (style.TUNED, style.SECOND, style.THIRD)
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """One model on one rig.
+    """A model and its evaluation.
 
     Attributes
     ----------
     name : str
-        "untuned", or the method that tuned it.
+        "untuned", or the tuning method.
     model : Model
-        The simulator.
+        The model.
     evaluation : Evaluation
-        How it does on the recordings it is judged by.
+        Its errors on the recordings it is judged by.
     colour : str
-        Of its lines.
+        Colour of its lines.
     """
 
     name: str
@@ -60,7 +60,7 @@ class Contender:
 
     @property
     def windowed(self) -> bool:
-        """Whether windows count: a marble in motion has left its first state behind long before the end."""
+        """Whether the error is that of windows, as for recordings that start in motion."""
         return self.model.start == "moving" and self.evaluation.windowed is not None
 
     @property
@@ -69,11 +69,11 @@ class Contender:
         return self._mae(self.evaluation)
 
     def run_mae(self, run: int) -> float:
-        """Return the mean absolute error on one recording [board edges]; NaN where no window fits."""
+        """Return the mean absolute error on one recording [board edges]; NaN if no window fits."""
         return self._mae(self.evaluation.runs[run])
 
     def prediction(self, run: int, label: str | None = None) -> Prediction:
-        """Return what the model says about one of the recordings."""
+        """Return the model's prediction of one of the recordings."""
         of_run = self.evaluation.runs[run]
         label = label or self.name
         if not self.windowed:
@@ -88,7 +88,7 @@ class Contender:
 
 
 def untuned(rig: Rig) -> Model:
-    """Return the model of a rig of which nothing is known but the ranges: each parameter in the middle."""
+    """Return the untuned model of a rig, each parameter in the middle of its range."""
     return Model.from_rig(rig, {name: sum(rig.ranges[name]) / 2 for name in PARAMETERS})
 
 
@@ -108,24 +108,24 @@ def write_tuning_report(
     Parameters
     ----------
     folder : path
-        Made where it is missing.
+        Created if missing.
     rig : Rig
-        What the models were tuned to.
+        The rig that the models were tuned to.
     results : sequence of FitResult
-        One for each method; the first is the one the page is about, the others are second opinions.
+        One for each method; the first is the main result, the others are shown for comparison.
     heldout : Rig, optional
-        Recordings that no method saw, to judge by.
+        Held-out recordings to evaluate on.
     title : str
         Heading of the page.
     settings : mapping
-        What someone needs to do the same again, by name; versions are added.
+        Settings that reproduce the result, by name; versions are added.
     warnings : sequence of str
-        What a check of the recordings warned of.
+        Warnings of a check of the recordings.
 
     Raises
     ------
     IrtError
-        If an argument is of another type, or a file cannot be written.
+        If an argument has the wrong type, or a file cannot be written.
     """
     arguments.instance("rig", rig, Rig)
     results = arguments.listed("results", results, FitResult)
@@ -143,7 +143,7 @@ def write_tuning_report(
     if has_marble:
         answer = lead(shown, unseen, tracker_noise(segments(heldout or rig)))
     else:
-        answer = "No marble was seen in these recordings, so only the path from command to tilt was tuned."
+        answer = "These recordings contain no marble, so only the response of the tilt to commands was tuned."
     path = folder / "report.html"
     write_page(
         path,
@@ -165,14 +165,14 @@ def write_tuning_report(
 
 
 def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) -> str:
-    """Return the answer in two sentences: how much tuning reduced the error, and whether physics is missing.
+    """Return the summary in two sentences: the reduction of the error, and whether physics is missing.
 
     Parameters
     ----------
     shown : sequence of Contender
         Untuned and tuned models on the recordings they were tuned to, untuned first.
     unseen : sequence of Contender
-        The same on recordings held out, or empty.
+        The same on held-out recordings, or empty.
     noise : float
         Standard deviation of the tracker [board edges].
     """
@@ -187,7 +187,7 @@ def lead(shown: Sequence[Contender], unseen: Sequence[Contender], noise: float) 
         verdict = "the model explains nearly all that can be explained"
     else:
         verdict = (
-            "the rest is physics that the model lacks, or parameters that are not right yet. Try irt diagnose"
+            "the rest comes from physics missing in the model, or from wrong parameters. Try irt diagnose"
         )
     return f"{answer}. Tracker noise alone gives {percent(floor)}: {verdict}."
 
@@ -197,7 +197,7 @@ def _from_to(before: Contender, after: Contender) -> str:
 
 
 def compare(first: Contender, second: Contender) -> str:
-    """Return which of two models predicts better, in a sentence; less than 5 % apart is a draw."""
+    """Return a sentence on which of two models predicts better; errors within 5 % count as equal."""
     better, worse = sorted((first, second), key=lambda contender: contender.mae)
     if worse.mae < 1.05 * better.mae:
         return (
@@ -211,7 +211,7 @@ def compare(first: Contender, second: Contender) -> str:
 
 
 def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Contender]:
-    """Return the untuned model of a rig and the tuned ones, with their errors on the recordings judged."""
+    """Return the untuned and the tuned models of a rig, evaluated on the recordings of `judged`."""
     models = [("untuned", untuned(rig), style.UNTUNED)]
     for result, colour in zip(results, _COLOURS, strict=False):
         models.append((TITLES.get(result.method, result.method), result.model, colour))
@@ -221,7 +221,7 @@ def _contend(rig: Rig, judged: Rig, results: Sequence[FitResult]) -> list[Conten
 
 
 def _fit(folder: Path, rig: Rig, contenders: Sequence[Contender]) -> dict[str, Any]:
-    """Return the pictures before and after, of one recording."""
+    """Return the pictures of one recording, untuned and tuned."""
     run = next(run for run, recording in enumerate(rig.recordings) if recording.has_marble)
     recording = rig.recordings[run]
     predictions = [contenders[0].prediction(run), contenders[1].prediction(run, "tuned")]
@@ -246,7 +246,7 @@ def _fit(folder: Path, rig: Rig, contenders: Sequence[Contender]) -> dict[str, A
 
 
 def _tilt(folder: Path, rig: Rig, tuned: Contender) -> dict[str, Any] | None:
-    """Return the predicted tilt beside the measured one, of the recording with the largest error."""
+    """Return the tilt errors, and a plot of the recording with the largest tilt error."""
     measured = [
         (recording, run.tilt_prediction, run.tilt, run.played)
         for recording, run in zip(rig.recordings, tuned.evaluation.runs, strict=True)
@@ -283,7 +283,7 @@ def _tilt(folder: Path, rig: Rig, tuned: Contender) -> dict[str, Any] | None:
 
 
 def _heldout(folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> dict[str, Any]:
-    """Return the errors of the models on recordings that they were not tuned to."""
+    """Return the errors of the models on held-out recordings."""
     tuned = contenders[1]
     stretches = segments(heldout)
     rows, pictures = [], []
@@ -310,7 +310,7 @@ def _heldout(folder: Path, heldout: Rig, contenders: Sequence[Contender]) -> dic
 
 
 def _from_what(contender: Contender) -> str:
-    """Return what a prediction is made from, in words."""
+    """Return the initial state and inputs of a prediction, in words."""
     if contender.windowed:
         return f"in {contender.evaluation.windows}, each from the state estimated on the rows before it"
     return "from the first position and the commands alone"
@@ -335,7 +335,7 @@ def _parameters(results: Sequence[FitResult]) -> Table:
 
 
 def _effect_rows(results: Sequence[FitResult]) -> Iterator[list[str]]:
-    """Yield a row for each parameter of the effects that some method fitted."""
+    """Yield a row for each parameter of the effects fitted by at least one method."""
     for name in dict.fromkeys(name for result in results for name in result.effects):
         for known in effect(name).parameters:
             fitted = [result.effects.get(name, {}).get(known.name) for result in results]
@@ -349,7 +349,7 @@ def _names(results: Sequence[FitResult]) -> list[str]:
 
 
 def _attributed(results: Sequence[FitResult], said: Sequence[Sequence[str]]) -> list[str]:
-    """Return what each method says, with its name where the methods differ."""
+    """Return the sentences of all methods, prefixed with the method's name if they differ."""
     if all(sentences == said[0] for sentences in said):
         return list(said[0])
     return [
@@ -360,7 +360,7 @@ def _attributed(results: Sequence[FitResult], said: Sequence[Sequence[str]]) -> 
 
 
 def _history(folder: Path, rig: Rig, results: Sequence[FitResult]) -> list[Picture]:
-    """Draw how each method came to its answer."""
+    """Draw the convergence of each method."""
     noise = tracker_noise(segments(rig))
     histories, evolutions = [], []
     for result, name in zip(results, _names(results), strict=True):
@@ -380,5 +380,5 @@ def _history(folder: Path, rig: Rig, results: Sequence[FitResult]) -> list[Pictu
 
 
 def _count(contender: Contender, thing: str = "recording") -> str:
-    """Return how many recordings a model is judged by, in words."""
+    """Return the number of recordings a model is judged by, in words."""
     return counted(len(contender.evaluation.runs), thing)

@@ -1,4 +1,4 @@
-"""Numbers and names as the pages write them."""
+"""Formatting of numbers and names for reports and the terminal."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from markupsafe import Markup
 from irt import display
 from irt.model import Parameter
 
-#: Units of the parameters that have one.
+#: Units of the parameters; others are dimensionless.
 UNITS = {"time_scale": "1/240 s"}
 
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -35,7 +35,7 @@ def millimetres(error: float, edge_m: float) -> str:
 
 
 def change(before: float, after: float) -> str:
-    """Return how much smaller or larger an error became: as "32 times smaller" in symbols."""
+    """Return the change of an error as text, such as "32× smaller"."""
     if not before > 0 or not after > 0:
         return "-"
     if before < _EQUAL * after:
@@ -56,7 +56,7 @@ def explained(before: float, after: float, floor: float) -> float:
     Returns
     -------
     float
-        From 0 to 1; NaN where the error before was at the floor already.
+        From 0 to 1; NaN if the error before was at the floor already.
     """
     if not before > _EQUAL * floor:
         return math.nan
@@ -64,20 +64,20 @@ def explained(before: float, after: float, floor: float) -> float:
 
 
 def duration(rows: int, seconds: float | None = None) -> str:
-    """Return how long something lasts: in seconds where stamps give them, else in rows.
+    """Return a duration as text: in seconds if there are stamps, else in rows.
 
     Parameters
     ----------
     rows : int
         Number of rows.
     seconds : float, optional
-        The same by the recording's stamps [s]; None without stamps.
+        Duration by the recording's stamps [s]; None without stamps.
     """
     return counted(rows, "row") if seconds is None else f"{seconds:.1f}{_NO_BREAK}s"
 
 
 def share(part: float) -> str:
-    """Return a share of a whole as text: in whole percent, except where that would say all or nothing."""
+    """Return a share as text: in whole percent, but never rounded to 0 or 100 %."""
     if part >= 0.995:
         return _percentage(f"{math.floor(1000 * part) / 10:.4g}")
     return _percentage("< 1" if 0.0 < part < 0.005 else f"{100 * part:.0f}")
@@ -91,7 +91,7 @@ def commands(text: str) -> Markup:
 
 
 def probability(chance: float) -> str:
-    """Return a probability as text: percent, never rounded to certainty or to impossibility."""
+    """Return a probability as text: in percent, never rounded to 0 or 100 %."""
     if chance > 0.999:
         return _percentage("> 99.9")
     if chance < 0.001:
@@ -100,77 +100,77 @@ def probability(chance: float) -> str:
 
 
 def in_rows(name: str, value: Parameter, unit: str, row_s: float) -> tuple[str, Parameter, str]:
-    """Return a parameter's name, value and unit, seconds replaced by rows.
+    """Return a parameter's name, value and unit, with seconds converted to rows.
 
-    Without stamps an interval of such a value is mostly that of the time scale, so it is left out.
+    The interval is dropped, because without stamps it reflects mostly that of the time scale.
 
     Parameters
     ----------
     name : str
-        Such as "delay_s" or "rate_per_s": the unit in it is replaced too.
+        Such as "delay_s" or "rate_per_s"; its unit suffix is replaced too.
     value : Parameter
         In SI units.
     unit : str
         Such as "s", "m/s²" or "rad s/m".
     row_s : float
-        How long a row lasts [s].
+        Duration of a row [s].
     """
     renamed, number, changed = display.in_rows(name, value.value, unit, row_s)
     return (name, value, unit) if changed == unit else (renamed, Parameter(number), changed)
 
 
 def with_interval(parameter: Parameter) -> str:
-    """Return a value and its 95 % interval as text, to the digits that the interval leaves meaning."""
+    """Return a value and its 95 % interval as text, to significant digits."""
     return display.interval(parameter.value, parameter.low, parameter.high)
 
 
 def quantity(value: float, unit: str) -> str:
-    """Return a value of a few digits with its unit."""
+    """Return a value with three digits and its unit as text."""
     return f"{value:.3g}{_NO_BREAK}{unit}" if unit else f"{value:.3g}"
 
 
 def labelled(name: str, unit: str) -> str:
-    """Return the name of a parameter with its unit, as tables head a row."""
+    """Return the name of a parameter with its unit, as a table header."""
     return f"{name} [{unit}]" if unit else name
 
 
 def scaled(factor: float, value: Parameter) -> Parameter:
-    """Return a value and its interval in another unit, of which there are so many in one of its own."""
+    """Return a value and its interval multiplied by a factor."""
     if value.low is None or value.high is None:
         return Parameter(factor * value.value)
     return Parameter(factor * value.value, factor * value.low, factor * value.high)
 
 
 def p_value(probability: float) -> str:
-    """Return a p-value to one digit."""
+    """Return a p-value as text, with one significant digit."""
     if math.isnan(probability):
         return "-"
     return "< 0.000001" if probability < 1e-6 else f"{float(f'{probability:.1g}'):f}".rstrip("0")
 
 
 def plain(name: str) -> str:
-    """Return a name of the catalogue as words."""
+    """Return a catalogue name with spaces instead of underscores."""
     return name.replace("_", " ")
 
 
 def together(names: Sequence[str]) -> str:
-    """Return effects that are added at once, as one hypothesis."""
+    """Return a set of effects, as one hypothesis, as text."""
     return " + ".join(plain(name) for name in names) or "nothing added"
 
 
 def listed(items: Iterable[str], last: str = "and") -> str:
-    """Return items as a sentence lists them."""
+    """Return items as an enumeration, such as "a, b and c"."""
     *others, final = items
     return f"{', '.join(others)} {last} {final}" if others else final
 
 
 def counted(count: int, thing: str, plural: str = "") -> str:
-    """Return a number of things, in words; a plural without s is given."""
+    """Return a count with its noun; `plural` is for nouns without a plural in -s."""
     return f"{count:,} {thing if count == 1 else plural or f'{thing}s'}"
 
 
 def versions(*others: str) -> dict[str, str]:
-    """Return what the numbers were computed with: these packages besides our own, numpy and scipy."""
+    """Return the versions of Python and of our own package, numpy, scipy and the given packages."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("labsim-irt", "numpy", "scipy", *others))
     return {
         "versions": f"{packages}, Python {platform.python_version()}",
@@ -187,5 +187,5 @@ def _ratio(value: float) -> str:
 
 
 def _round(value: float) -> int:
-    """Return a number to two digits."""
+    """Return a number rounded to two significant digits."""
     return round(float(f"{value:.2g}"))

@@ -1,4 +1,4 @@
-"""The next run to record: what best tells hypotheses apart, and then sharpens their parameters."""
+"""Design the next run to record: separate hypotheses, then sharpen their parameters."""
 
 from __future__ import annotations
 
@@ -43,28 +43,28 @@ class Suggestion:
     commands : (n, 2) array
         Knob angles [rad].
     start : (2,) array
-        Where the marble rests at row 0 [board edges].
+        Position of the resting marble at row 0 [board edges].
     stamps : (n,) array or None
-        Time of each row [s] where the rig's recordings have stamps.
+        Time of each row [s]; None if the rig's recordings have no stamps.
     family : str
         Kind of excitation, in words.
     separation : tuple of Separation
         One for each pair of models.
     information, random_information : float
-        Mutual information between what the run will show and which model is true [nats], and that of a run
-        like those recorded.
+        Mutual information between the run and the true model [nats], and the same for a run like those
+        recorded.
     doubt : float
-        The entropy of the models' probabilities, the most that a run can give [nats].
+        Entropy of the models' probabilities, the upper bound of `information` [nats].
     gain, random_gain : float
-        What the run tells about the first model's parameters [nats], and what one like those recorded does.
+        Information gain on the first model's parameters [nats], and the same for a run like those recorded.
     remaining : dict
-        Interval of each parameter of the first model after the run over that before it.
+        Ratio of each parameter interval of the first model after the run to that before it.
     at_wall : float
-        Share of rows in which the marble is expected at a wall.
+        Expected share of rows with the marble at a wall.
     tried : int
-        Excitations that were compared.
+        Number of excitations compared.
     sentences : tuple of str
-        What to record and why, in plain words.
+        What to record and why, in sentences.
     """
 
     commands: Array
@@ -98,7 +98,7 @@ class Suggestion:
         return display.page("The next run to record", display.items(self.sentences))
 
     def save(self, path: PathLike) -> None:
-        """Write the commands as a CSV file ready to play, the start in row 0.
+        """Write the commands as a CSV file ready to play, with the marble's start in row 0.
 
         Raises
         ------
@@ -121,31 +121,32 @@ def suggest(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Suggestion:
-    """Design the run that best tells models apart, and then sharpens their parameters.
+    """Design the run that best separates models, and then sharpens their parameters.
 
     Parameters
     ----------
     rig : Rig or path
-        Its recordings, or those in its folder, say what the knobs can do, how long runs are, where they
-        start, and how well the models' parameters are known.
+        The recordings set the limits of the knobs, the length and the start of the run, and how well the
+        models' parameters are known.
     models : Model or sequence of Model
-        Those that may be true, as a diagnosis finds `plausible`; with one alone its parameters are sharpened.
+        The plausible models, such as `plausible` of a diagnosis; for a single model its parameters are
+        sharpened.
     noise : float, optional
         The tracker's standard deviation [board edges]; by default that of the recordings.
     probabilities : sequence of float, optional
-        How probable each model is; by default all are alike.
+        Probability of each model; by default all are equal.
     seed : int
-        Of all draws. The same seed gives the same bits for any number of threads.
+        Random seed. The same seed gives the same bits for any number of threads.
     threads : int, optional
-        Of the engine; default one for each core.
+        Threads of the engine; by default one per core.
     progress : callable, optional
         Called with (done, total, text).
 
     Raises
     ------
     IrtError
-        If there is no model, the noise is none, probabilities are not as many as models or not above 0, or
-        the recordings never moved a knob.
+        If there is no model, the noise is not positive, `probabilities` has the wrong length or values, or no
+        recording moves a knob.
     """
     rig = as_rig(rig).on_bare_board().of_marbles()
     models = arguments.listed("models", [models] if isinstance(models, Model) else models, Model)
@@ -161,7 +162,7 @@ def suggest(
     stamped = stamped_time_scale(rig)
     limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
     if not limits.amplitude.any():
-        raise IrtError(f"{rig.path}: no recording moves a knob, so that nothing shows how far one may turn")
+        raise IrtError(f"{rig.path}: no recording moves a knob, so the range of the knobs is unknown")
     cut = segments(rig)
     criterion = Criterion(
         hypotheses=tuple(
@@ -178,7 +179,7 @@ def suggest(
 
 
 def _probabilities(probabilities: Sequence[float] | None, count: int) -> Array:
-    """Return the probabilities of some models, one in sum."""
+    """Return normalised probabilities of the models."""
     chances = np.ones(count) if probabilities is None else np.asarray(probabilities, dtype=np.float64)
     if chances.shape != (count,) or not (np.isfinite(chances) & (chances > 0.0)).all():
         raise IrtError(f"probabilities: expected {count} numbers above 0, one for each model")
@@ -188,7 +189,7 @@ def _probabilities(probabilities: Sequence[float] | None, count: int) -> Array:
 def _suggestion(
     criterion: Criterion, limits: Limits, found: Found, recorded: Sequence[Excitation]
 ) -> Suggestion:
-    """Return what was found, judged with the engine's own updates beside runs like those recorded."""
+    """Return the suggestion for the best run, compared with runs like those recorded."""
     run, hypotheses = found.best, criterion.hypotheses
     best, random = criterion.worth([run]), criterion.worth(recorded)
     separation = tuple(

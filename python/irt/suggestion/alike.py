@@ -1,4 +1,4 @@
-"""Whether two models predict the same whatever is played: the one refitted to what the other does."""
+"""Check whether two models make the same predictions: refit one to the predictions of the other."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from irt.suggestion.hypothesis import Hypothesis
 Array = NDArray[np.float64]
 
 _COMMON = len(PARAMETERS)
-#: What may be left between models that are alike: this share of the tracker's noise, or rounding [edges].
+#: Largest difference between models that count as alike: a share of the tracker's noise, or rounding [edges].
 _ALIKE, _ROUNDED = 0.01, 2e-5
-#: With updates this many times finer a command that comes late and a picture that is old give one path; the
-#: engine's own are so long that where in an update a command falls makes a difference.
+#: Refinement of the time step at which a late command and an old picture give the same path. At the engine's
+#: own step, the phase of a command within the step makes a difference.
 _FINER = 16
 
 
 def alike(criterion: Criterion, rig: Rig, pair: tuple[int, int], runs: Sequence[Excitation]) -> bool:
-    """Whether the second hypothesis of a pair, refitted without noise, does what the first does in all runs.
+    """Whether the second hypothesis of a pair, refitted without noise, reproduces the first in all runs.
 
-    Slopes alone cannot tell: two models may lie far apart along what recordings leave open.
+    Linearised predictions do not suffice, because two models may be far apart along unidentified directions.
     """
     first, second = (criterion.hypotheses[index] for index in pair)
     own = first.paths(runs, finer=_FINER, threads=criterion.threads)
     renamed = replace(second, values=np.append(first.values[:_COMMON], _renamed(first, second)))
     left = own - renamed.paths(runs, finer=_FINER, threads=criterion.threads)
-    # The median: a marble that all but reaches a wall may be on either side in one run, whatever the physics.
+    # The median, because rounding decides whether a marble just reaches a wall in a single run.
     same = float(np.median(np.sqrt((left**2).mean(axis=1)))) < _ROUNDED
     return same or _refits(criterion, rig, first, second, runs)
 
@@ -45,7 +45,7 @@ def alike(criterion: Criterion, rig: Rig, pair: tuple[int, int], runs: Sequence[
 def _refits(
     criterion: Criterion, rig: Rig, first: Hypothesis, second: Hypothesis, runs: Sequence[Excitation]
 ) -> bool:
-    """Whether a refit of the second to what the first predicts of runs leaves nothing."""
+    """Whether a refit of the second hypothesis to the predictions of the first has no residuals."""
     paths = first.expected(runs, criterion.step_s, threads=criterion.threads).paths
     rows = len(runs[0].commands)
     stamps = criterion.stamps(rows)
@@ -62,7 +62,7 @@ def _refits(
         held=second.held,
         threads=criterion.threads,
     )
-    # From its own values, and from where the first one is: the way along what is left open may be long.
+    # From its own values and from those of the first, which may be far along unidentified directions.
     points = np.stack([second.values, np.append(first.values[:_COMMON], second.values[_COMMON:])])
     refitted = [np.concatenate(at.residuals) for at in problem.refine(points, iterations=30)]
     least = min(float(np.sqrt(np.nanmean(residual**2))) for residual in refitted)
@@ -70,7 +70,7 @@ def _refits(
 
 
 def _renamed(first: Hypothesis, second: Hypothesis) -> Array:
-    """Return values of the second one's effects, from the first one's where those have the same units."""
+    """Return values of the second model's effects, taken from the first where parameters have equal units."""
     rest = dict(zip(first.names[_COMMON:], first.values[_COMMON:].tolist(), strict=True))
     found = dict(zip(second.names[_COMMON:], second.values[_COMMON:].tolist(), strict=True))
     for name in [name for name in found if name in rest]:
@@ -85,6 +85,6 @@ def _renamed(first: Hypothesis, second: Hypothesis) -> Array:
 
 
 def _units(name: str, values: Container[str]) -> dict[str, str]:
-    """Return the units of those of an effect's parameters that have values, by ``effect.parameter``."""
+    """Return the units of an effect's parameters in `values`, by ``effect.parameter``."""
     units = {f"{name}.{one.name}": one.unit for one in effect(name).parameters}
     return {key: unit for key, unit in units.items() if key in values}

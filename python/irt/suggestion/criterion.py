@@ -1,24 +1,24 @@
-"""How much a run would tell: between hypotheses, and about their parameters.
+"""Expected information of a run: between hypotheses, and about their parameters.
 
-A difference between two predictions counts only where neither the tracker's noise nor a refit explains it. To
-first order around hypotheses that recordings know with covariance C, and with slopes J of a new run, that is
+A difference between two predictions counts only if neither the tracker's noise nor a refit explains it. To
+first order around hypotheses with posterior covariances C, and with the Jacobians J of a new run, that is
 
     d' (S + J_a C_a J_a' + J_b C_b J_b')^-1 d,
 
-d the difference, S the tracker's variance and what linear slopes do not foresee. A run that ends in chaos has
-a large S where it does, and gains nothing there. What stays of d row by row, after the best move of all
-parameters and of the start, is judged by the likelihood that fits are judged by, Student's t: a few rows that
-differ wildly count no more than they do there.
+where d is the difference, and S the variance of the tracker and of nonlinear deviations. S is large where a
+run becomes chaotic, so such rows contribute nothing. The residuals of d after the best change of all
+parameters and of the start are scored by Student's t, the likelihood of the fits, so that few rows with large
+differences do not dominate.
 
-A run is worth the mutual information between what it will show and which hypothesis is true. From the nats
-D_ij between two hypotheses, whose probabilities are w, its lower bound by Chernoff's distances is
+The value of a run is the mutual information between its outcome and the true hypothesis. With D_ij the
+evidence [nats] between two hypotheses and w their probabilities, its lower bound by Chernoff distances is
 
     -sum_i w_i log sum_j w_j exp(-a^2 D_ij / 4)
 
-(Kolchinsky and Tracey, "Estimating mixture entropy with pairwise distances", Entropy 19, 2017), between none
-and the entropy of w: a pair that one run separates anyway is worth no more for being separated twice. How far
-two hypotheses lie apart is known to about its own size: a is standard normal, and the mean of the exponential
-(1 + D_ij / 2)^-1/2. With a = 1 a run that just suffices would be as good as one with evidence to spare.
+(Kolchinsky and Tracey, "Estimating mixture entropy with pairwise distances", Entropy 19, 2017). It lies
+between 0 and the entropy of w, so separating a pair further adds nothing once it is separated. D_ij itself is
+uncertain by about its own size: a is standard normal, and the mean of the exponential is (1 + D_ij / 2)^-1/2.
+With a = 1, a run that barely suffices would be worth as much as one with ample evidence.
 """
 
 from __future__ import annotations
@@ -38,32 +38,33 @@ from irt.suggestion.hypothesis import Expected, Hypothesis
 
 Array = NDArray[np.float64]
 
-#: The worth of a nat about parameters beside one about which hypothesis is true.
+#: Weight of a nat about parameters relative to a nat about the true hypothesis.
 _SHARPEN = 0.02
-#: What a single step along an open direction must change to count, over the tracker's noise.
+#: Smallest change by a step along an unidentified direction that counts, relative to the tracker's noise.
 _FAINT = 0.5
-#: Rollouts that are simulated together, at most: more would fill the memory.
+#: Most rollouts that are simulated together, limited by memory.
 _TOGETHER = 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class Worth:
-    """What each of e runs would tell of m hypotheses, p pairs of them.
+    """Expected information of e runs about m hypotheses and their p pairs.
 
     Attributes
     ----------
     distance : (e, p) array
-        Root mean square of what refits leave of the difference of two predictions, over the noise expected.
+        RMS difference of two predictions after refits, relative to the expected noise.
     nats : (e, p) array
-        Evidence expected between the two hypotheses of a pair.
+        Expected evidence between the two hypotheses of a pair [nats].
     gain : (e, m) array
-        What a run tells about the parameters of each hypothesis [nats].
-    remaining : (e, f) array
-        Standard deviation of each of n parameters of the first hypothesis over that known so far.
+        Information gain on the parameters of each hypothesis [nats].
+    remaining : (e, n) array
+        Ratio of the standard deviation of each parameter of the first hypothesis after the run to that
+        before.
     at_wall : (e,) array
         Share of rows with the marble at a wall.
     walls_matter : bool
-        Whether a hypothesis is about walls.
+        Whether a hypothesis contains an effect of walls.
     """
 
     distance: Array
@@ -74,14 +75,14 @@ class Worth:
     walls_matter: bool
 
     def information(self, probabilities: Array, alike: NDArray[np.bool_]) -> Array:
-        """Return the mutual information between each run and which hypothesis is true [nats], (e,).
+        """Return the mutual information between each run and the true hypothesis [nats], (e,).
 
         Parameters
         ----------
         probabilities : (m,) array
-            Of the hypotheses.
+            Probabilities of the hypotheses.
         alike : (p,) bool array
-            Pairs that predict the same in all runs.
+            Whether a pair makes the same predictions in all runs.
         """
         count = len(probabilities)
         overlap = np.ones((len(self.gain), count, count))
@@ -91,27 +92,27 @@ class Worth:
         return np.asarray(-np.log(overlap @ probabilities) @ probabilities)
 
     def score(self, probabilities: Array, alike: NDArray[np.bool_]) -> Array:
-        """Return what makes one run better than another, (e,); what is given is as of `information`."""
+        """Return the score of each run, (e,); arguments as in `information`."""
         worth = self.information(probabilities, alike) + _SHARPEN * self.gain @ probabilities
         return np.asarray(worth if self.walls_matter else worth * (1.0 - self.at_wall))
 
 
 @dataclass(frozen=True, eq=False)
 class Criterion:
-    """Judges runs.
+    """Evaluates the expected information of runs.
 
     Attributes
     ----------
     hypotheses : tuple of Hypothesis
-        The first is the one whose parameters are told about.
+        The hypotheses; parameters of the first are reported.
     probabilities : (m,) array
-        Of the m hypotheses, one in sum.
+        Probabilities of the m hypotheses, with sum 1.
     noise : float
         The tracker's standard deviation [board edges].
     time_scale : float or None
-        What stamps say, as a model's ``time_scale``.
+        The ``time_scale`` given by stamps.
     threads : int or None
-        Of the engine.
+        Threads of the engine.
     """
 
     hypotheses: tuple[Hypothesis, ...]
@@ -122,20 +123,20 @@ class Criterion:
 
     @property
     def step_s(self) -> float | None:
-        """Time of a row [s] where stamps tell it."""
+        """Duration of a row [s]; None without stamps."""
         return None if self.time_scale is None else self.time_scale * SUBSTEP_S
 
     def stamps(self, rows: int) -> Array | None:
-        """Return the time of each row (n,) [s] where the rig's recordings have stamps."""
+        """Return the time of each row (n,) [s]; None without stamps."""
         return None if self.step_s is None else np.arange(rows, dtype=np.float64) * self.step_s
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Pairs of hypotheses."""
+        """Index pairs of hypotheses."""
         return list(combinations(range(len(self.hypotheses)), 2))
 
     def worth(self, runs: Sequence[Excitation]) -> Worth:
-        """Return what runs of one length would tell."""
+        """Return the expected information of runs of equal length."""
         widest = max(2 * len(one.deviations) + 7 for one in self.hypotheses)
         at_once = max(1, _TOGETHER // widest)
         parts = [self._worth(runs[first : first + at_once]) for first in range(0, len(runs), at_once)]
@@ -144,23 +145,23 @@ class Criterion:
         return Worth(**joined, walls_matter=parts[0].walls_matter)
 
     def _worth(self, runs: Sequence[Excitation]) -> Worth:
-        told = [one.expected(runs, self.step_s, threads=self.threads) for one in self.hypotheses]
-        compared = [self._compared(told[a], told[b]) for a, b in self.pairs]
+        expected = [one.expected(runs, self.step_s, threads=self.threads) for one in self.hypotheses]
+        compared = [self._compared(expected[a], expected[b]) for a, b in self.pairs]
         distance, nats = (np.array([one[i] for one in compared]).reshape(-1, len(runs)).T for i in range(2))
         learnt = [
-            self._learnt(hypothesis, one) for hypothesis, one in zip(self.hypotheses, told, strict=True)
+            self._learnt(hypothesis, one) for hypothesis, one in zip(self.hypotheses, expected, strict=True)
         ]
         return Worth(
             distance=distance,
             nats=nats,
             gain=np.stack([gain for gain, _ in learnt], axis=1),
             remaining=learnt[0][1],
-            at_wall=np.mean([one.at_wall for one in told], axis=0),
+            at_wall=np.mean([one.at_wall for one in expected], axis=0),
             walls_matter=any(effect(name).of_rims for one in self.hypotheses for name in one.effects),
         )
 
     def _compared(self, one: Expected, other: Expected) -> tuple[Array, Array]:
-        """Return distance and nats between two hypotheses for each run, (e,) each."""
+        """Return distance and evidence [nats] between two hypotheses for each run, (e,) each."""
         difference = one.paths - other.paths
         scale = np.sqrt(self.noise**2 + one.variance + other.variance)
         slopes = np.concatenate([one.slopes, other.slopes], axis=1) / scale[:, None]
@@ -172,18 +173,18 @@ class Criterion:
         return np.asarray(np.sqrt((left**2).mean(axis=1))), nats
 
     def _learnt(self, hypothesis: Hypothesis, one: Expected) -> tuple[Array, Array]:
-        """Return nats about the parameters (e,), and how much of each deviation remains (e, n)."""
+        """Return the information gain [nats] (e,), and the remaining share of each deviation (e, n)."""
         count = len(hypothesis.deviations)
         slopes = one.slopes.copy()
-        # Along what recordings leave open a step is repeated many times over, and with it what whole updates
-        # make of an impact: a search would hunt for that.
+        # Steps along unidentified directions are scaled up, and with them the time discretisation of impacts,
+        # which the search would otherwise exploit.
         repeated = np.where(hypothesis.steps < 1.0, 1.0 / hypothesis.steps, 0.0)
         faint = _FAINT * self.noise * repeated[:, None]
         known = slopes[:, :count]
         slopes[:, :count] = np.sign(known) * np.maximum(np.abs(known) - faint, 0.0)
         slopes /= np.sqrt(self.noise**2 + one.variance)[:, None]
         covariance = np.linalg.inv(np.eye(slopes.shape[1]) + slopes @ slopes.swapaxes(1, 2))
-        # The start's place is no knowledge about the rig: its block is left out after the inverse.
+        # The start position is a nuisance parameter: its block is dropped after the inversion.
         covariance = covariance[:, :count, :count]
         gain = -0.5 * np.linalg.slogdet(covariance)[1]
         moves = hypothesis.deviations

@@ -1,4 +1,4 @@
-"""Excitations that a rig can play: families of them, each drawn from a row of numbers from 0 to 1."""
+"""Families of excitations within a rig's limits; each member is given by a vector of genes from 0 to 1."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from irt.rig import Rig
 
 Array = NDArray[np.float64]
 
-#: Numbers that an excitation is drawn from.
+#: Number of genes of an excitation.
 GENES = 48
-#: Those with a meaning of their own: axes, size, start, and two of a family's; the rest are levels or phases.
+#: Genes for axes, size, start, and two parameters of the family; the rest are levels or phases.
 _AXES, _SIZE, _START, _FIRST, _SECOND, _REST = range(6)
-#: Starts closer together than this are one place [board edges].
+#: Starts closer together than this count as the same position [board edges].
 _ONE_PLACE = 0.02
-#: Smallest and largest share of the largest knob angle that a drive uses, and that a creep uses.
+#: Smallest and largest amplitude of a drive, and of a creep, as a share of the largest knob angle.
 _DRIVE, _CREEP = (0.12, 1.0), (0.02, 0.35)
-#: Sines of a multisine.
+#: Number of sines of a multisine on each axis.
 _LINES = 5
-#: A change a row that is the largest but for rounding is within the limit.
+#: Tolerance of limits for rounding.
 _BELOW = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """What the recordings of a rig show that it can play.
+    """Limits of the commands, taken from the recordings of a rig.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class Limits:
     rows : int
         Length of a run.
     step_s : float or None
-        Time of a row [s], where stamps tell it.
+        Duration of a row [s]; None without stamps.
     starts : (k, 2) array
-        Where a run may start [board edges].
+        Possible start positions [board edges].
     unit : str
         Unit of the commands.
     """
@@ -55,9 +55,9 @@ class Limits:
 
     @classmethod
     def of(cls, rig: Rig, step_s: float | None) -> Limits:
-        """Return what the recordings of a rig show, a row lasting so long [s] if that is known."""
+        """Return the limits of a rig's recordings with rows of duration `step_s` [s], if known."""
         knobs = [recording.knobs for recording in rig.recordings]
-        # At rest the knobs are level before row 0, so that the first command is a change too.
+        # At rest the knobs are level before row 0, so the first command is a change too.
         before = [np.zeros((1, 2)) if rig.start == "rest" else one[:1] for one in knobs]
         changes = [np.diff(one, axis=0, prepend=zero) for one, zero in zip(knobs, before, strict=True)]
         return cls(
@@ -69,16 +69,16 @@ class Limits:
         )
 
     def lasting(self, rows: float) -> str:
-        """Return how long so many rows are, in words: without stamps nobody knows the seconds."""
+        """Return the duration of a number of rows as text, in seconds or, without stamps, in rows."""
         return f"{rows:.0f} rows" if self.step_s is None else f"{rows * self.step_s:.2g} s"
 
     def kept(self, wanted: Array) -> Array:
-        """Return the commands (n, 2) that come nearest to those wanted: level at first, within all limits."""
+        """Return the nearest commands (n, 2) to those wanted that start level and respect all limits."""
         commands = np.zeros_like(wanted)
         for axis in range(2):
             limit, rate = float(self.amplitude[axis]), float(self.rate[axis]) * _BELOW
             at = 0.0
-            # Plain numbers: each row hangs on the one before, and arrays of two are slow.
+            # Plain numbers, because each row depends on the one before and small arrays are slow.
             for row, aim in enumerate(wanted[1:, axis].tolist(), start=1):
                 at = min(max(min(max(aim, -limit), limit), at - rate), at + rate)
                 commands[row, axis] = at
@@ -92,15 +92,15 @@ class Excitation:
     Attributes
     ----------
     family : str
-        Its kind, in one word or two.
+        Name of its family.
     words : str
-        What it looks like, in words that follow "play".
+        Its description, to follow the word "play".
     commands : (n, 2) array
         Knob angles [rad].
     start : (2,) array
-        Where the marble rests at row 0 [board edges].
+        Position of the resting marble at row 0 [board edges].
     genes : (g,) array
-        What it was drawn from; none of a run that was recorded.
+        Its genes; empty for a recorded run.
     """
 
     family: str
@@ -111,12 +111,12 @@ class Excitation:
 
 
 def draw(family: str, genes: Array, limits: Limits) -> Excitation:
-    """Return the member of a family that `GENES` numbers from 0 to 1 stand for."""
+    """Return the member of a family with the given genes, (GENES,) numbers from 0 to 1."""
     axes = int(3 * genes[_AXES] * _BELOW)
     low, high = _CREEP if family == "creep" else _DRIVE
     size = low * (high / low) ** genes[_SIZE]
     shape, words = FAMILIES[family](genes, limits)
-    # A gene of 1 belongs to the last of the choices.
+    # A gene of 1 selects the last of the choices.
     start = limits.starts[int(len(limits.starts) * genes[_START] * _BELOW)]
     used = np.array([[1.0, 1.0], [1.0, 0.0], [0.0, 1.0]])[axes]
     commands = limits.kept(shape * used * size * limits.amplitude)
@@ -128,14 +128,14 @@ def draw(family: str, genes: Array, limits: Limits) -> Excitation:
 
 
 def as_recorded(rig: Rig, limits: Limits) -> list[Excitation]:
-    """Return runs of the kind that was recorded: each recording and its mirror images, cut to one length."""
+    """Return runs like those recorded: each recording and its mirror images, cut to equal length."""
     found = []
     for recording in rig.recordings:
         knobs = np.zeros((limits.rows, 2))
         played = recording.knobs[: limits.rows]
         knobs[: len(played)], knobs[len(played) :] = played, played[-1]
         if rig.start == "moving":
-            # Played from rest, the first command would be a jump that the rig has not shown.
+            # Played from rest, the first command would be a jump beyond the recorded rates.
             knobs = limits.kept(knobs)
         for signs in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)):
             # A turn about x drives along y, and the other way round.
@@ -146,7 +146,7 @@ def as_recorded(rig: Rig, limits: Limits) -> list[Excitation]:
 
 
 def _starts(rig: Rig) -> Array:
-    """Return the places where recordings start and the centre, or the one place where all start, (k, 2)."""
+    """Return the start positions of the recordings and the centre, or the one common start, (k, 2)."""
     seen = np.array([recording.marble[0] for recording in rig.recordings])
     middle = np.median(seen, axis=0)
     if np.abs(seen - middle).max() > _ONE_PLACE:
@@ -162,7 +162,7 @@ def _multisine(genes: Array, limits: Limits) -> tuple[Array, str]:
     weights = genes[_REST + 2 * _LINES : _REST + 4 * _LINES]
     time = np.arange(limits.rows)[:, None] / limits.rows
     sines = weights * np.sin(2.0 * np.pi * cycles * time + phases)
-    # Lines of the two knobs interleave: what one axis does to the other shows at frequencies of its own.
+    # The frequencies of the two knobs interleave, so that cross-axis responses are distinct.
     shape = np.stack([sines[:, ::2].sum(axis=1), sines[:, 1::2].sum(axis=1)], axis=1)
     shortest, longest = limits.lasting(limits.rows / highest), limits.lasting(limits.rows / lowest)
     words = f"a sum of sines with periods from {shortest} to {longest}"
@@ -193,7 +193,7 @@ def _chirp(genes: Array, limits: Limits) -> tuple[Array, str]:
 
 def _reversals(genes: Array, limits: Limits) -> tuple[Array, str]:
     hold = _hold(genes[_FIRST], limits)
-    # Forth, back, back, forth: the marble comes to rest where it began.
+    # Forth, back, back, forth, so that the marble comes to rest at its start.
     pattern = np.array([1.0, -1.0, -1.0, 1.0])
     number = np.arange(limits.rows) // hold
     later = int(4 * genes[_SECOND] * _BELOW)
@@ -222,7 +222,7 @@ def _coast(genes: Array, limits: Limits) -> tuple[Array, str]:
     number, within = np.divmod(np.arange(limits.rows), push + rest)
     levels = 2.0 * genes[_REST:] - 1.0
     half = len(levels) // 2
-    # The way that the first push has opened is taken back by the second.
+    # The second push of each pair cancels the displacement of the first.
     signs = np.where(number % 2 == 0, 1.0, -1.0)
     shape = np.stack([levels[number // 2 % half], levels[half + number // 2 % half]], axis=1)
     shape = shape * (signs * (within < push))[:, None]
@@ -236,7 +236,7 @@ def _hold(gene: float, limits: Limits) -> int:
     return max(2, round(2.0 * float((limits.rows / 8.0) ** gene)))
 
 
-#: How each family turns its numbers into a shape (n, 2) within -1 and 1, and into words.
+#: Function of each family from genes and limits to a shape (n, 2) within -1 and 1, and a description.
 FAMILIES: dict[str, Callable[[Array, Limits], tuple[Array, str]]] = {
     "multisine": _multisine,
     "steps": _steps,

@@ -1,4 +1,4 @@
-"""A model and how well a rig's recordings know it: what it predicts of a run, and how surely."""
+"""A model with its uncertainty from a rig's recordings, and its linearised predictions of new runs."""
 
 from __future__ import annotations
 
@@ -19,35 +19,35 @@ from irt.suggestion.excitations import Excitation
 
 Array = NDArray[np.float64]
 
-#: Standard deviation of a uniform draw from a range: what is known where recordings tell nothing.
+#: Standard deviation of a uniform distribution over a range, the prior of unidentified parameters.
 _UNKNOWN = 1.0 / np.sqrt(12.0)
-#: Moves up to this share of a parameter's value multiply it, larger ones are added.
+#: Steps up to this share of a parameter's value are multiplicative, larger steps additive.
 _PROPORTIONAL = 0.5
-#: Parameters are moved by their standard deviation, between these shares of their ranges.
+#: Parameters are moved by their standard deviation, limited to these shares of their ranges.
 _LEAST, _MOST = 1e-6, 0.05
-#: How far a marble that is laid down by hand lies from where it should [board edges].
+#: Standard deviation of the position of a marble placed by hand [board edges].
 PLACED = 0.01
-#: Further draws of whatever an effect draws at random.
+#: Additional random draws of stochastic effects.
 _SEEDS = 2
-#: Share of the way to the wall at which a marble may start.
+#: Largest distance of a start from the centre, as a share of the distance to the wall.
 _INSIDE = 0.99
-#: A marble this close to a wall is at it [m].
+#: Largest distance to a wall at which a marble counts as at the wall [m].
 _AT_WALL_M = 0.001
 
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """What a hypothesis expects of e runs of n rows.
+    """Predictions of a hypothesis for e runs of n rows.
 
     Attributes
     ----------
     paths : (e, 2n) array
         Positions [board edges].
     slopes : (e, f + 2, 2n) array
-        Their change for one standard deviation along each of f directions of the parameters, and for the
-        start's place along x and y.
+        Change of the positions for one standard deviation along each of f directions of the parameters, and
+        of the start position along x and y [board edges].
     variance : (e, 2n) array
-        What lies beyond slopes: curvature, chaos, and what effects draw at random [board edges squared].
+        Variance beyond the linearisation: curvature, chaos and random draws of effects [board edges squared].
     at_wall : (e,) array
         Share of rows with the marble at a wall.
     """
@@ -60,24 +60,24 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A model, and how surely recordings know its n parameters.
+    """A model, and the uncertainty of its n parameters.
 
     Attributes
     ----------
     model : Model
-        The simulator.
+        The model.
     names : tuple of str
-        Of the parameters: the five, then ``effect.parameter``.
+        Names of the parameters: the five, then ``effect.parameter``.
     values : (n,) array
         The parameters.
     deviations : (f, n) array
-        Independent moves of the parameters, each of one standard deviation, in their own units.
+        Independent moves of the parameters of one standard deviation each, in their own units.
     steps : (f,) array
-        Share of each move by which slopes are taken.
+        Share of each move used as finite-difference step.
     allowed : (n, 2) array
         The values that physics allows.
     held : dict
-        Values of parameters that no recording is asked about, by effect and name.
+        Values of parameters that are held fixed, by effect and name.
     """
 
     model: Model
@@ -99,9 +99,9 @@ class Hypothesis:
         time_scale: float | None,
         threads: int | None,
     ) -> Hypothesis:
-        """Return a model with what segments of a rig's recordings tell about it."""
+        """Return a model with the uncertainty given by segments of a rig's recordings."""
         held = _held(model)
-        # The model's own board: a diagnosis may have found that the marble grips it otherwise than assumed.
+        # The model's own board: a diagnosis may have found another friction than assumed.
         problem = Problem.of(
             replace(model, start=rig.start),
             segments,
@@ -122,11 +122,11 @@ class Hypothesis:
         if not np.isfinite(values).all():
             missing = problem.names[int(np.flatnonzero(~np.isfinite(values))[0])]
             raise IrtError(f"{missing} has no value, and no neutral one; give one")
-        told = problem.inform(values, noise)
-        widths = np.ptp(problem.ranges, axis=1)[told.free]
-        deviation = np.clip(np.nan_to_num(told.deviation, nan=np.inf), _LEAST, _UNKNOWN)
+        curvature = problem.inform(values, noise)
+        widths = np.ptp(problem.ranges, axis=1)[curvature.free]
+        deviation = np.clip(np.nan_to_num(curvature.deviation, nan=np.inf), _LEAST, _UNKNOWN)
         deviations = np.zeros((len(deviation), len(values)))
-        deviations[:, told.free] = told.directions * deviation[:, None] * widths
+        deviations[:, curvature.free] = curvature.directions * deviation[:, None] * widths
         return cls(
             model=model,
             names=problem.names,
@@ -143,16 +143,16 @@ class Hypothesis:
         return tuple(one.name for one in self.model.effects)
 
     def expected(self, runs: Sequence[Excitation], step_s: float | None, *, threads: int | None) -> Expected:
-        """Return what is expected of runs of one length.
+        """Return the predictions for runs of equal length.
 
         Parameters
         ----------
         runs : sequence of Excitation
-            Of n rows each.
+            Runs of n rows each.
         step_s : float or None
-            Time of a row [s] where stamps tell it.
+            Duration of a row [s]; None without stamps.
         threads : int or None
-            Of the engine.
+            Threads of the engine.
         """
         moves = self.deviations * self.steps[:, None]
         ahead, back = self._room(moves), self._room(-moves)
@@ -168,10 +168,10 @@ class Hypothesis:
         up, down = paths[:, 1 : count + 1], paths[:, count + 1 : 2 * count + 1]
         of_start = paths[:, 2 * count + 1 : 2 * count + 5]
         of_seeds = paths[:, 2 * count + 5 :] - centre[:, None]
-        # Where friction or a delay cannot fall below zero, a slope is taken from one side.
+        # One-sided differences where a parameter such as friction or a delay is at its bound.
         both = ((ahead == 1.0) & (back == 1.0))[:, 0]
         slopes = (up - down) / np.maximum((ahead + back) * self.steps[:, None], 1e-9)
-        # A jump beside what is left open would pass for a slope, and count as often as its step is repeated.
+        # Scaled like the slopes, so that a jump along an unidentified direction does not pass for a slope.
         bent = ((0.5 * (up + down) - centre[:, None]) / self.steps[:, None])[:, both]
         bent_by_start = 0.5 * (of_start[:, :2] + of_start[:, 2:]) - centre[:, None]
         variance = (bent**2).sum(axis=1) + (bent_by_start**2).sum(axis=1) + (of_seeds**2).mean(axis=1)
@@ -184,7 +184,7 @@ class Hypothesis:
         )
 
     def paths(self, runs: Sequence[Excitation], *, finer: int = 1, threads: int | None) -> Array:
-        """Return the paths of runs, (e, 2n), with updates so many times finer than the engine's."""
+        """Return the paths of runs, (e, 2n), with a time step `finer` times smaller than the engine's."""
         alone = self._simulated(
             runs,
             self.values[None],
@@ -197,9 +197,9 @@ class Hypothesis:
         return alone[:, 0]
 
     def _moved(self, moves: Array) -> Array:
-        """Return the parameters after each of (f, n) moves, their logarithms in proportion.
+        """Return the parameters after each of (f, n) moves, which are linear in the logarithms.
 
-        The symmetries of the motion multiply: along them logarithms stay exact, however far a move goes.
+        The symmetries of the motion are multiplicative, so linear moves of logarithms follow them exactly.
         """
         share = np.divide(moves, self.values, out=np.full_like(moves, np.inf), where=self.values != 0.0)
         small = np.abs(share) < _PROPORTIONAL
@@ -250,7 +250,7 @@ class Hypothesis:
         return paths.reshape(len(runs), len(varied), -1)
 
     def _reach(self) -> Array:
-        """How far from the centre the marble is seen at most, (2,) [board edges]."""
+        """Return the largest observed |x| and |y| of the marble, (2,) [board edges]."""
         board, radius = self.model.board, self.model.marble.radius_m
         room = np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius
         scale = self.values[PARAMETERS.index("observation_scale")]
@@ -262,10 +262,10 @@ class Hypothesis:
 
 
 def _held(model: Model) -> dict[str, dict[str, float]]:
-    """Return the parameters of effects that are no unknowns.
+    """Return the parameters of effects that are held fixed.
 
-    What a model leaves out is neutral; and what was learned of physics without a name has more parameters
-    than recordings could tell apart.
+    Parameters without a value are held at their neutral values. All parameters of a learned correction are
+    held, because recordings cannot identify so many.
     """
     found: dict[str, dict[str, float]] = {}
     for one in model.effects:

@@ -1,4 +1,4 @@
-"""Looking for the best excitation: draws from all families, then trials around the best of them."""
+"""Search for the best excitation: random draws from all families, then local search around the best."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from irt.suggestion.excitations import FAMILIES, GENES, Excitation, Limits, draw
 
 Array = NDArray[np.float64]
 
-#: Excitations drawn of each family.
+#: Excitations drawn from each family.
 _DRAWN = 60
-#: Best ones that are improved, rounds of that, and trials of each in a round.
+#: Excitations improved in each round, number of rounds, and trials per excitation and round.
 _PARENTS, _ROUNDS, _TRIALS = 6, 8, 12
-#: How far trials go from their parent in the first round; in each further round less.
+#: Standard deviation of a trial's genes from its parent in the first round, and its factor per round.
 _SPREAD, _NARROWER = 0.15, 0.7
-#: Pairs that no draw tells apart by more nats than this may be alike: so many runs find that out.
+#: Pairs with less evidence than this in all draws [nats] are tested for being alike, on this number of runs.
 _SUSPECT, _RUNS = 30.0, 6
 
 
@@ -33,13 +33,13 @@ class Found:
     Attributes
     ----------
     best : Excitation
-        The one to play.
+        The excitation to play.
     tried : int
-        How many were compared.
+        Number of excitations compared.
     most_nats : (p,) array
-        Largest evidence that any gave between the hypotheses of each pair.
+        Largest expected evidence between the hypotheses of each pair [nats].
     alike : (p,) bool array
-        Pairs that predict the same whatever is played.
+        Whether a pair makes the same predictions for any commands.
     """
 
     best: Excitation
@@ -50,18 +50,18 @@ class Found:
 
 @dataclass(eq=False)
 class Search:
-    """A search among what a rig can play.
+    """A search over the excitations that a rig can play.
 
     Attributes
     ----------
     criterion : Criterion
-        What makes one excitation better than another.
+        The score of excitations.
     rig : Rig
-        What is excited.
+        The rig.
     limits : Limits
-        What it can play.
+        Limits of the commands.
     seed : int
-        Of all draws.
+        Random seed.
     progress : callable or None
         Called with (done, total, text).
     """
@@ -76,7 +76,7 @@ class Search:
     _alike: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
     def run(self, recorded: Sequence[Excitation]) -> Found:
-        """Search among all families, and runs like those recorded."""
+        """Search all families and runs like those recorded."""
         rng = np.random.default_rng(self.seed)
         pairs = len(self.criterion.pairs)
         self._most, self._alike, self._tried = np.zeros(pairs), np.zeros(pairs, dtype=bool), 0
@@ -105,9 +105,9 @@ class Search:
         worth = self.criterion.worth(runs)
         if done == 0:
             for index, pair in enumerate(self.criterion.pairs):
-                telling = np.argsort(-worth.nats[:, index], kind="stable")[:_RUNS]
-                if worth.nats[telling[0], index] < _SUSPECT:
-                    chosen = [runs[one] for one in telling]
+                best = np.argsort(-worth.nats[:, index], kind="stable")[:_RUNS]
+                if worth.nats[best[0], index] < _SUSPECT:
+                    chosen = [runs[one] for one in best]
                     self._alike[index] = alike(self.criterion, self.rig, pair, chosen)
         self._tried += len(runs)
         self._most = np.maximum(self._most, np.where(self._alike, 0.0, worth.nats.max(axis=0)))
@@ -115,6 +115,6 @@ class Search:
 
 
 def _varied(genes: Array, spread: float, rng: np.random.Generator) -> Array:
-    """Return genes, a third of them moved; at 0 and 1 they turn back."""
+    """Return genes with a random third of them moved, reflected at 0 and 1."""
     moved = genes + np.where(rng.random(GENES) < 1 / 3, spread * rng.normal(size=GENES), 0.0)
     return np.asarray(np.clip(1.0 - np.abs(1.0 - np.abs(moved)), 0.0, 1.0))

@@ -1,4 +1,4 @@
-"""What a run would tell between two models."""
+"""The expected separation of two models by a run."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Separation:
-    """What the suggested run would tell between two hypotheses.
+    """Expected separation of two hypotheses by the suggested run.
 
     Attributes
     ----------
     first, second : tuple of str
-        Their effects.
+        Effects of the two hypotheses.
     distance : float
-        Root mean square, over the run, of how far the two differ after refits, over the noise expected.
+        RMS difference of the two predictions after refits, relative to the expected noise.
     nats : float
-        Evidence expected between them.
+        Expected evidence between the two [nats].
     random_distance, random_nats : float
-        The same of a run like those recorded, on average.
+        The same for a run like those recorded, on average.
     most_nats : float
-        The largest evidence that any excitation tried would give.
+        Largest expected evidence of all excitations tried [nats].
     alike : bool
-        Whether the two, refitted, predict the same whatever is played.
+        Whether the two, refitted, make the same predictions for any commands.
     """
 
     first: tuple[str, ...]

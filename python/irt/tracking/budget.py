@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.tracking.appearance import Appearance
 from irt.tracking.geometry import Pose, Size
 from irt.tracking.run import Scene
 
@@ -14,8 +15,11 @@ Array = NDArray[np.float64]
 
 #: How well a marble's radius is known (standard deviation, as a share), and with it the height of its middle.
 RADIUS = 0.03
-#: How well rims show a marble's middle at best, as a share of its radius: what rays scatter by.
-RIM = 0.03
+#: How well rims show a marble's middle, as a share of its radius and in pixels: their error in 31 path-traced
+#: runs (`docs/experiments.md`).
+RIM, RIM_PX = 0.02, 0.25
+#: Rims that are farther from the middle of what is covered may be wrong by that much [radii].
+DISAGREE = 0.14
 #: By what share places are too far out without a lens: a radius over the height of a camera 0.7 m above.
 TOO_FAR_OUT = 0.01
 
@@ -26,8 +30,8 @@ class Budget:
 
     Attributes
     ----------
-    corners : float or None
-        Of the board's corners; unknown where they were given.
+    corners : float
+        Of the board's corners.
     lens : float or None
         Of the calibration; unknown without one.
     height : float
@@ -40,7 +44,7 @@ class Budget:
         From picture to picture.
     """
 
-    corners: float | None
+    corners: float
     lens: float | None
     height: float
     tilt: float | None
@@ -64,7 +68,7 @@ class Budget:
     @property
     def unknown(self) -> tuple[str, ...]:
         """Names of the parts that are not known."""
-        return tuple(name for name in ("corners", "lens", "tilt") if getattr(self, name) is None)
+        return tuple(name for name in ("lens", "tilt") if getattr(self, name) is None)
 
     @property
     def total(self) -> float:
@@ -72,16 +76,14 @@ class Budget:
         return float(np.sqrt(sum(value**2 for value in self.parts.values())))
 
 
-def error_budget(
-    scene: Scene, corners_mm: float | None, noise: float, edge_mm: float, pixels: float
-) -> Budget:
+def error_budget(scene: Scene, corners_mm: float, noise: float, edge_mm: float, pixels: float) -> Budget:
     """Return what adds to the error of a place.
 
     Parameters
     ----------
     scene : Scene
         As learned, its run followed.
-    corners_mm : float or None
+    corners_mm : float
         Standard error of the corners [mm].
     noise : float
         Standard deviation of positions [board edges].
@@ -91,7 +93,7 @@ def error_budget(
         To a board edge, at the middle of the board.
     """
     appearance = scene.learned.appearance
-    marble = edge_mm * max(appearance.apart, RIM * appearance.radius) / pixels
+    marble = edge_mm * _middle_px(appearance) / pixels
     if not isinstance(scene.geometry, Pose):
         out = TOO_FAR_OUT * _spread(scene.size) * edge_mm
         return Budget(corners_mm, None, out, None, marble, edge_mm * noise)
@@ -105,6 +107,12 @@ def error_budget(
     height = edge_mm * RADIUS * scene.size.radius * float(np.sqrt(np.mean(slopes**2)))
     lens = edge_mm * scene.geometry.lens.error_px / pixels
     return Budget(corners_mm, lens, height, tilt, marble, edge_mm * noise)
+
+
+def _middle_px(appearance: Appearance) -> float:
+    """Return the standard error of the marble's middle in its picture [pixels]."""
+    error = float(np.hypot(RIM * appearance.radius, RIM_PX))
+    return max(error, appearance.apart) if appearance.apart > DISAGREE * appearance.radius else error
 
 
 def _places(size: Size) -> Array:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
+from irt.tracking.appearance import Match
 from irt.tracking.background import ROUNDS, Underlay
 from irt.tracking.blob_detector import Box, seek
 from irt.tracking.colour import ColourModel, shades_of
@@ -59,6 +60,8 @@ SIZES = (1.0, 0.75, 1.35)
 STIFF = 0.05
 #: A disc of this confidence is a view that the marble's looks are learned from.
 VIEW = 0.6
+#: How far a marble is followed back from one picture of the sample to the one before, in radii.
+BACK = 3.0
 #: A chance of a shadow from here on is refused: one run in a thousand may be refused in vain.
 SHADOW = 0.999
 
@@ -359,9 +362,28 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
             "what moves on the board is a shadow, and what throws it does not stand out: say where the "
             "marble is in the first picture (--marble X,Y), or take one of a colour that the board lacks"
         )
-    first = next(((one.x, one.y) for index, one in clear if index == 0), None)
+    first = _first(pictures, clear, tracker)
     usual = float(np.median([one.confidence for _, one in matches]))
     return replace(learned, first=first, usual=usual, shadow=shadow)
+
+
+def _first(
+    pictures: Sequence[Picture], clear: Sequence[tuple[int, Match]], tracker: Tracker
+) -> tuple[float, float] | None:
+    """Return where the marble is in the first picture, followed back from the first clear sight of it."""
+    if len(clear) < 2:
+        return None
+    (first, here), (second, after) = sorted(clear, key=lambda one: one[0])[:2]
+    step = np.array([here.x - after.x, here.y - after.y]) / (second - first)
+    for index in range(first - 1, -1, -1):
+        # The board has moved beneath: each match finds more of how far.
+        for _ in range(ROUNDS):
+            found = tracker.match(pictures[index], here.x + step[0], here.y + step[1])
+        way = np.array([found.x - here.x, found.y - here.y])
+        if found.confidence < VIEW or np.hypot(*way) > BACK * tracker.learned.radius:
+            return None
+        here, step = found, way
+    return here.x, here.y
 
 
 def _view(picture: Picture, rim: Rim, under: Underlay, noise: float, scale: Scale) -> View:

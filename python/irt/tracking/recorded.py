@@ -165,8 +165,8 @@ class Summary:
         Of the marble.
     noise : float
         Standard deviation of a position [board edges].
-    corners_mm : float or None
-        Standard error of the board's corners, None where they were given [mm].
+    corners_mm : float
+        Standard error of the board's corners [mm].
     shadow : float
         The chance that a shadow was followed, from 0 to 1; a half where the board has no texture.
     budget : Budget
@@ -199,7 +199,7 @@ class Summary:
     pixels_per_edge: float
     radius_px: float
     noise: float
-    corners_mm: float | None
+    corners_mm: float
     shadow: float
     budget: Budget
     disagree: float
@@ -248,12 +248,12 @@ def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summar
     )
     if scene.markers is not None:
         tilt = f"measured in each picture by {len(scene.markers.places)} markers on the board"
-        if scene.markers.missed:
-            tilt += f", but for {scene.markers.missed} pictures, which take that of the one before"
     elif scene.edges is not None:
         tilt = "measured in each picture by the board's sides"
-        if scene.edges.missed:
-            tilt += f", but for {scene.edges.missed} pictures, which take that of the one before"
+    elif scene.texture is not None:
+        tilt = "measured in each picture by the grain and the lines on the board"
+    if scene.shows_tilt is not None and scene.shows_tilt.missed:
+        tilt += f", but for {scene.shows_tilt.missed} pictures, which take that of the one before"
     noise_rad = scene.tilt_noise
     if noise_rad is not None:
         tilt += (
@@ -263,9 +263,7 @@ def summarise(track: Track, noise: float, edge_mm: float, stamps: str) -> Summar
     middle = np.array([[0.0, 0.0], [0.01, 0.0]])
     ends = geometry.pixels(middle)
     pixels = 100.0 * float(np.hypot(*(ends[1] - ends[0])))
-    corners_mm = None
-    if not np.isnan(scene.corners_px):
-        corners_mm = edge_mm * _largest(scene.corners_px, corners_px) / pixels
+    corners_mm = edge_mm * _largest(scene.corners_px, corners_px) / pixels
     return Summary(
         pictures=len(track.stamps),
         seen=int(track.seen.sum()),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
+from irt.tracking.board_texture import BoardTexture
 from irt.tracking.corners import TwoBoardsError, checked, find_corners, ordered
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
@@ -37,6 +38,8 @@ EARLY = 4
 LOOKED_AT = 10
 #: A picture that differs from the one before by less than this share of what is usual is that one again.
 SAME = 0.05
+#: Standard error of corners given in whole pixels [pixels].
+GIVEN_PX = float(np.sqrt(2.0 / 12.0))
 #: Every so many pixels are compared for that.
 SPARSE = 7
 
@@ -74,7 +77,7 @@ class Scene:
     corners : (4, 2) array
         Of the level board [pixels].
     corners_px : float
-        Standard error of the corners that were found, NaN where they were given [pixels].
+        Standard error of the corners, of whole pixels where they were given [pixels].
     found_by : str
         How the corners were found, in words.
     geometry : Plane or Pose
@@ -83,6 +86,8 @@ class Scene:
         Those on the board, where they tell its tilt.
     edges : BoardEdges or None
         The board's sides, where they show its tilt.
+    texture : BoardTexture or None
+        What is on the board, where it alone shows the tilt.
     sides : BoardEdges or None
         The board's sides, where they are clear.
     learned : Learned
@@ -98,6 +103,7 @@ class Scene:
     geometry: Geometry
     markers: Markers | None
     edges: BoardEdges | None
+    texture: BoardTexture | None
     sides: BoardEdges | None
     learned: Learned
     usual_change: float
@@ -105,8 +111,12 @@ class Scene:
     @property
     def tilt_noise(self) -> Array | None:
         """Standard error (2,) of the measured tilt about x and y [rad], None where it is not measured."""
-        board = self.markers or self.edges
-        return None if board is None else board.tilt_noise()
+        return None if self.shows_tilt is None else self.shows_tilt.tilt_noise()
+
+    @property
+    def shows_tilt(self) -> Markers | BoardEdges | BoardTexture | None:
+        """What shows the board's tilt."""
+        return self.markers or self.edges or self.texture
 
     def tracker(self) -> Tracker:
         """Return a tracker for this board."""
@@ -137,7 +147,7 @@ class Track:
         Where the search of a window was enough.
     tilt : (n, 2) array
         The board's angles about x and y [rad] by the right-hand rule, from their mean where its sides show
-        them, from the first picture where markers do; NaN where they were not measured.
+        them, from the first picture where markers or its texture do; NaN where they were not measured.
     away : tuple of (first, count)
         Stretches of pictures in which the board is not where it was; their positions are NaN.
     stopped : str
@@ -182,7 +192,7 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
             f"{height}: calibrate with this resolution"
         )
     progress(1, 3, "the board")
-    corners, found_by = _corners(pictures, question)
+    corners, found_by, mean = _corners(pictures, question)
     size = question.size
     edges = None if question.corners is not None else _sides(pictures, corners, lens)
     if edges is not None:
@@ -200,15 +210,24 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     return Scene(
         size,
         corners,
-        np.nan if edges is None else edges.error_px,
+        GIVEN_PX if edges is None else edges.error_px,
         found_by,
         geometry,
         markers if markers.enough else None,
         edges if follows else None,
+        None if follows or markers.enough else _texture(pictures, geometry, size, mean=mean),
         edges if edges is not None and edges.clear else None,
         learned,
         _usual_change(pictures),
     )
+
+
+def _texture(pictures: list[Picture], geometry: Geometry, size: Size, *, mean: bool) -> BoardTexture | None:
+    """Return what is on the board, where that shows its tilt before a calibrated lens."""
+    if not isinstance(geometry, Pose):
+        return None
+    texture = BoardTexture(pictures, geometry, size, mean=mean)
+    return texture if texture.shows else None
 
 
 def _sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardEdges:
@@ -220,10 +239,10 @@ def _sides(pictures: list[Picture], corners: Array, lens: Lens | None) -> BoardE
     return early if early.clear else edges
 
 
-def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
-    """Return the level board's corners, and how they were found."""
+def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, bool]:
+    """Return the board's corners, how they were found, and whether in the mean of the pictures."""
     if question.corners is not None:
-        return checked(question.corners, question.size), "given"
+        return checked(question.corners, question.size), "given", False
     first, middle = pictures[0], np.median(np.stack(pictures), axis=0).astype(np.uint8)
     ways = (
         (first, False, "found in the first picture"),
@@ -235,14 +254,14 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str]:
     for picture, by_colour, words in ways:
         try:
             found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
-            return ordered(found, question.size), words
+            return ordered(found, question.size), words, picture is middle
         except TwoBoardsError:
             raise
         except IrtError as error:
             reasons.append(error)
         marked = corners_by_markers(first) if len(reasons) == 1 else None
         if marked is not None:
-            return marked, "the outer corners of markers 0 to 3"
+            return marked, "the outer corners of markers 0 to 3", False
     raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
 
 
@@ -347,7 +366,7 @@ class Follower:
         if last is not None and sighting.confirms is not None:
             before = Seen.of(last.frame, sighting.confirms, last.geometry, last.tilt, repeated=last.repeated)
             self._rows[-1] = before.row
-        board = self.scene.markers or self.scene.edges
+        board = self.scene.shows_tilt
         measured = None if board is None else board.follow(picture)
         self._geometry = measured or self._geometry
         if self.scene.sides is not None and len(self._rows) % LOOKED_AT == 0:

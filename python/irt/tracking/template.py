@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 #: Rounds of laying views over each other, and of learning from them.
 ROUNDS = 5
+#: From levels to light, as in sRGB. A lens blurs light: the steepest change of levels is on the dark side.
+POWER = 2.2
 #: Views that fit less well than this show something before the marble.
 FITS = 0.5
 #: Scatters at which a view's pixel begins to lose its say.
@@ -115,7 +117,8 @@ def learn_appearance(views: Sequence[View], radius: float, expected: float, nois
         moved = moved - np.median((moved - centres)[trust > 0], axis=0)
         centres = np.where(trust[:, None] > 0, moved, centres)
     covers = stack.coverage(trust, noise).sized(radius, expected)
-    dx, dy, found = _disc(stack.mean(trust), stack.mean_board(trust), covers, noise)
+    usual, without = _light(stack.mean(trust)), _light(stack.mean_board(trust))
+    dx, dy, found = _disc(usual, without, covers, noise)
     scales = np.array([view.scale for view in views])
     centres = centres + np.outer(scales, [dx, dy])
     appearance = _Stack.of(views, centres, found).appearance(trust, found, noise)
@@ -227,8 +230,13 @@ def _cut(layers: Values, centre: tuple[float, float], half: int, scale: float) -
     return np.asarray(cut, dtype=np.float32)
 
 
+def _light(levels: Values) -> Values:
+    """Return the light that makes levels, full light as 255."""
+    return np.asarray(255.0 * (np.clip(levels, 0.0, 255.0) / 255.0) ** POWER, dtype=np.float32)
+
+
 def _disc(mean: Values, without: Values, covers: Laid, noise: float) -> tuple[float, float, float]:
-    """Return the marble's own disc in the usual picture: its middle from that of the picture, its radius.
+    """Return the marble's own disc in the usual light: its middle from that of the picture, its radius.
 
     All in pixels. It begins where the board is covered, and in the picture's middle; the disc is taken
     that rims and what is covered miss less. Two things set the marble off from its shadow. A shadow has

@@ -19,6 +19,11 @@ Picture = NDArray[np.uint8]
 #: Confidence that a marble has within a radius of where it is expected, and elsewhere. What is dark and large
 #: enough, such as a finger over the board, has a half of a steel marble's.
 NEAR, FAR = 0.5, 0.7
+#: Confidence that is enough from picture to picture without a break: beside a wall, or where the light is
+#: another, a marble has less than usual for long. A finger that takes its place has less.
+HELD = 0.6
+#: Within so many radii of its last place, where it is held so.
+STEP = 1.0
 #: A marble was clear so few pictures ago if it is expected anywhere.
 FRESH = 4
 #: Of a marble that is seen well, over its usual one: then nothing else is looked for, and it tells where the
@@ -125,6 +130,7 @@ class Tracker:
         self._clear = max(CLEAR * learned.usual, FAR)
         self._last: list[tuple[int, float, float]] = []
         self._waiting: list[tuple[int, Match]] = []
+        self._before: tuple[int, float, float] | None = None
         self._count = -1
 
     def expect(self, x: float, y: float) -> None:
@@ -141,7 +147,7 @@ class Tracker:
             if found is not None:
                 away = np.hypot(found.x - expected[0], found.y - expected[1])
                 sharp = away < self.learned.radius and self._count - self._last[-1][0] <= FRESH
-                if found.confidence >= (NEAR if sharp else FAR):
+                if found.confidence >= (NEAR if sharp else HELD if self._goes_on(found) else FAR):
                     return self._accept(found, in_window=True)
         return self._anywhere(picture, tried)
 
@@ -188,6 +194,13 @@ class Tracker:
         confirms = Sighting(near[0][1].x, near[0][1].y, near[0][1].confidence, False) if near else None
         return self._accept(found, in_window=False, confirms=confirms)
 
+    def _goes_on(self, one: Match) -> bool:
+        """Return whether a match is where the marble was in the picture before."""
+        if self._before is None or self._before[0] != self._count - 1:
+            return False
+        _, x, y = self._before
+        return float(np.hypot(one.x - x, one.y - y)) < STEP * self.learned.radius
+
     def _sharp(self, one: Match) -> bool:
         return one.spread < SHARP * self.learned.radius
 
@@ -196,6 +209,7 @@ class Tracker:
             before = [one for one in self._last[-1:] if one[0] < self._count]
             self._last = [*before, (self._count, found.x, found.y)]
         self._waiting = []
+        self._before = self._count, found.x, found.y
         return Sighting(found.x, found.y, found.confidence, in_window, confirms)
 
     def _expected(self) -> tuple[float, float, float] | None:
@@ -219,7 +233,8 @@ class Tracker:
         """Add what is like the marble in a box of the picture, but for what was tried."""
         near = CLOSE * self.learned.radius
         for x, y in self.learned.finder.places(picture, box, most):
-            if all(np.hypot(x - one.x, y - one.y) > near for one in tried):
+            # A match that was given up says nothing of the place where it was.
+            if all(np.hypot(x - one.x, y - one.y) > near for one in tried if one.confidence > 0.0):
                 tried.append(self.match(picture, x, y))
 
     def everywhere(self, picture: Picture, tried: list[Match] | None = None) -> list[Match]:

@@ -1,4 +1,4 @@
-"""The choice between this machine and a cluster."""
+"""Choose between local processes and a cluster."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from irt.workers import Workers
 
 
 def make_workers(jobs: int | None = None, cluster: str | None = None) -> Workers:
-    """Return who runs processes: so many at a time on this machine, or the Ray cluster at an address.
+    """Return workers: `jobs` local processes at a time, or the Ray cluster at an address.
 
     Parameters
     ----------
     jobs : int, optional
-        On this machine; by default one for each core.
+        Number of local processes; by default one per core.
     cluster : str, optional
-        As Ray takes it; "auto" for one that this machine belongs to.
+        Address of a Ray cluster; "auto" for the cluster that this machine belongs to.
 
     Raises
     ------

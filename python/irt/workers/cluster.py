@@ -1,4 +1,4 @@
-"""Work on an existing Ray cluster: the same processes, on other machines, with the same answers."""
+"""Run jobs on an existing Ray cluster: the same processes as locally, with the same results."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from irt.workers import Files
 from irt.workers.processes import run_module
 
 _HOST = re.compile(r"(?:ray://)?(?P<host>[^:/]+):(?P<port>\d+)")
-#: Longest that a cluster may take to open its door (s); Ray itself waits for minutes.
+#: Timeout of the connection to a cluster [s]; Ray itself waits for minutes.
 _PATIENCE_S = 5.0
 
 
 class RayWorkers:
     """Runs processes on a Ray cluster, one core each.
 
-    The cluster's machines need this package. Whatever else a cluster asks for, such as a token, is for
-    Ray's own settings to say.
+    This package must be installed on the cluster's machines. Other requirements of a cluster, such as a
+    token, are set through Ray's own configuration.
 
     Parameters
     ----------
     address : str
-        Of the cluster, as Ray takes it; "auto" for one that this machine belongs to.
+        Address of the cluster; "auto" for the cluster that this machine belongs to.
 
     Raises
     ------
@@ -40,7 +40,7 @@ class RayWorkers:
 
         self._ray: Any = ray
         if not ray.is_initialized():
-            _knock(address)
+            _check_reachable(address)
             try:
                 ray.init(address=address, log_to_driver=False, logging_level="error")
             except (ConnectionError, RuntimeError, ValueError) as error:
@@ -49,8 +49,8 @@ class RayWorkers:
     def each(
         self, module: str, inputs: Mapping[str, Files], words: Sequence[str] = ()
     ) -> Generator[tuple[str, Files]]:
-        """Yield (name, files written) as work gets done; Ctrl-C takes back what has not begun."""
-        # A module that is run needs nothing but the files: no object of this process travels.
+        """Yield (name, files written) for each completed job; Ctrl-C cancels the others."""
+        # Jobs exchange only files, so no Python objects are serialised.
         work = self._ray.remote(run_module).options(num_cpus=1, max_retries=3)
         tasks = {work.remote(module, files, tuple(words)): name for name, files in inputs.items()}
         left = list(tasks)
@@ -63,8 +63,8 @@ class RayWorkers:
                 self._ray.cancel(task, force=True)
 
 
-def _knock(address: str) -> None:
-    """Raise at once where nobody listens at the host and port of an address, if it names any."""
+def _check_reachable(address: str) -> None:
+    """Raise at once if the host and port of an address, if given, do not accept connections."""
     place = _HOST.fullmatch(address)
     if place is None:
         return

@@ -1,4 +1,4 @@
-"""Work to processes: each gets a copy of the files that it may see, in a fresh folder; files come back."""
+"""Run modules in local processes, each on a copy of its input files in a fresh folder."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from pathlib import Path
 from irt.errors import IrtError
 from irt.workers import FAILED, Files
 
-#: What a process inherits from the environment: where programs and packages are, and no more.
+#: Environment variables that a process inherits: locations of programs and packages only.
 _INHERITED = ("PATH", "PYTHONPATH", "LD_LIBRARY_PATH", "HOME", "LANG", "LC_ALL", "SYSTEMROOT", "TMPDIR")
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Longest that a process may take (s).
+#: Timeout of a process [s].
 PATIENCE_S = 3600.0
 
 
 def run_module(
     module: str, files: Mapping[str, bytes], words: Sequence[str] = (), started: Started | None = None
 ) -> Files:
-    """Run ``python -m module FOLDER OUT WORDS`` on files in a fresh folder, and return what it wrote.
+    """Run ``python -m module FOLDER OUT WORDS`` on files in a fresh folder, and return the files it wrote.
 
-    Where it fails, the files are one, ``failed.json``, with its last words.
+    If the process fails, the only file is ``failed.json`` with the last line of its error output.
 
     Parameters
     ----------
     module : str
-        Full name.
+        Full name of the module.
     files : mapping of name to bytes
-        What the process may see; a name may hold a folder.
+        Input files; a name may include a folder.
     words : sequence of str
-        Arguments that follow those two.
+        Further arguments.
     started : Started, optional
-        Is told of the process, to be able to end it.
+        Registry of the process, through which it can be ended.
     """
-    # What the process is told of places is the same every time, and so are the words of an answer.
+    # Relative paths are the same in every run, so messages that contain them are too.
     with tempfile.TemporaryDirectory(prefix="irt-") as place:
         folder, out = Path(place) / "rig", Path(place) / "out"
         for path in (folder, out):
@@ -56,7 +56,7 @@ def run_module(
 
 
 class Started:
-    """The processes that run, so that they, and no others, can be ended."""
+    """Registry of running processes, to end exactly those."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -64,7 +64,7 @@ class Started:
         self._stopped = False
 
     def start(self, command: Sequence[str], place: str) -> subprocess.Popen[str]:
-        """Start a process, unless all were ended."""
+        """Start a process, unless `stop` was called."""
         with self._lock:
             if self._stopped:
                 raise IrtError("stopped")
@@ -83,12 +83,12 @@ class Started:
             return process
 
     def ended(self, process: subprocess.Popen[str]) -> None:
-        """Forget a process that has ended."""
+        """Remove a process that has ended."""
         with self._lock:
             self._running.discard(process)
 
     def stop(self) -> None:
-        """End all that run, and let no other start."""
+        """End all running processes, and prevent further starts."""
         with self._lock:
             self._stopped = True
             for process in self._running:
@@ -96,12 +96,12 @@ class Started:
 
 
 class LocalWorkers:
-    """Runs so many processes at a time on this machine.
+    """Runs processes on this machine.
 
     Parameters
     ----------
     jobs : int
-        How many.
+        Number of processes at a time.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -110,7 +110,7 @@ class LocalWorkers:
     def each(
         self, module: str, inputs: Mapping[str, Files], words: Sequence[str] = ()
     ) -> Generator[tuple[str, Files]]:
-        """Yield (name, files written) as work gets done; Ctrl-C ends the processes first."""
+        """Yield (name, files written) for each completed job; Ctrl-C ends the processes first."""
         started = Started()
         with ThreadPoolExecutor(self._jobs) as pool:
             tasks: dict[Future[Files], str] = {
@@ -125,13 +125,13 @@ class LocalWorkers:
 
 
 def environment() -> dict[str, str]:
-    """Return what a process is told by its environment: one thread, and where programs and packages are."""
+    """Return the environment of a process: one thread, and the locations of programs and packages."""
     kept = {name: os.environ[name] for name in _INHERITED if name in os.environ}
-    # The process starts in another folder, where a relative path leads nowhere.
+    # The process starts in another folder, so relative paths must be resolved here.
     paths = [str(Path(__file__).resolve().parents[2])]
     paths += [str(Path(one).resolve()) for one in kept.get("PYTHONPATH", "").split(os.pathsep) if one]
-    told = {"PYTHONPATH": os.pathsep.join(dict.fromkeys(paths)), "MPLBACKEND": "agg"}
-    return {**kept, **told, **dict.fromkeys(_ONE_THREAD, "1")}
+    own = {"PYTHONPATH": os.pathsep.join(dict.fromkeys(paths)), "MPLBACKEND": "agg"}
+    return {**kept, **own, **dict.fromkeys(_ONE_THREAD, "1")}
 
 
 def files_of(folder: Path, pattern: str = "*") -> Files:
@@ -140,7 +140,7 @@ def files_of(folder: Path, pattern: str = "*") -> Files:
 
 
 def _run(command: Sequence[str], place: str, started: Started) -> str | None:
-    """Run a process; return its last words where it failed."""
+    """Run a process; return the last line of its error output if it failed, else None."""
     process = started.start(command, place)
     try:
         _, said = process.communicate(timeout=PATIENCE_S)

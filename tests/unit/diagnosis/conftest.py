@@ -1,4 +1,4 @@
-"""A case with whatever is planted in it."""
+"""Cases with planted effects."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,10 +20,10 @@ Plant = Callable[..., Case]
 
 @pytest.fixture
 def plant() -> Plant:
-    """Return what makes a case of runs with hidden effects, under sums of sinusoids.
+    """Return a function that makes a case of runs with planted effects, driven by sums of sinusoids.
 
-    Of knobs that are `pushed` the recordings hold the commands, which they followed but for a random
-    angle in each row, as a share of the largest command.
+    With `pushed`, the knobs deviate from the recorded commands by a random angle in each row, given as a
+    share of the largest command.
     """
 
     def planted(

@@ -1,4 +1,4 @@
-"""The answer in plain words."""
+"""Summary and suggestion of a diagnosis."""
 
 from pathlib import Path
 
@@ -16,57 +16,57 @@ def effect(name="backlash", ties=()):
 
 
 def test_the_answer_names_effect_value_and_gain():
-    told = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
+    text = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
     for words in ("backlash", "width_x 0.031 rad", "0.2 %", "4 %", "0.08 %"):
-        assert words.lower() in told.lower()
+        assert words.lower() in text.lower()
 
 
 def test_without_stamps_values_are_in_rows():
     late = NamedEffect("delay", "timing", {"delay_s": Parameter(0.2)}, {"delay_s": "s"}, 0.04, 0.002)
     settings = {"noise": 0.001, "before": 0.04, "after": 0.002, "heldout": True}
-    assert "Delay (delay 0.2 s)" in summary([late], **settings)
-    assert "Delay (delay 2.5 rows)" in summary([late], **settings, row_s=0.08)
+    assert "delay (delay 0.2 s)" in summary([late], **settings)
+    assert "delay (delay 2.5 rows)" in summary([late], **settings, row_s=0.08)
 
 
 def test_a_tie_is_said():
-    told = summary([effect("delay", ("latency",))], noise=0.001, before=0.04, after=0.002, heldout=True)
-    assert "do not tell delay from latency" in told
+    text = summary([effect("delay", ("latency",))], noise=0.001, before=0.04, after=0.002, heldout=True)
+    assert "do not distinguish delay from latency" in text
 
 
 def test_one_recording_is_fitted_and_not_predicted():
-    told = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=False)
-    assert "held out" not in told
-    assert "the only recording is fitted" in told
-    assert "held out" not in summary([], noise=0.001, before=0.001, after=0.001, heldout=False)
+    text = summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=False)
+    assert "held-out" not in text
+    assert "the error on the only recording falls" in text
+    assert "held-out" not in summary([], noise=0.001, before=0.001, after=0.001, heldout=False)
 
 
 def test_a_mismatch_that_nothing_explains_is_not_called_sufficient():
-    told = summary([], noise=0.001, before=0.04, after=0.04, heldout=True, explained=False)
-    assert "No physics is missing" not in told
-    assert "Nothing that is known explains" in told
+    text = summary([], noise=0.001, before=0.04, after=0.04, heldout=True, explained=False)
+    assert "no missing physics" not in text
+    assert "No known effect explains" in text
 
 
-def test_a_name_that_leaves_much_is_told_as_what_it_is():
+def test_a_name_that_leaves_much_is_reported_as_such():
     text = summary(
         [effect()], noise=0.001, before=0.04, after=0.02, heldout=True, explained=False, leaves=True
     )
-    assert "More than noise is not explained" in text
-    assert "not explained" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
+    assert "Errors beyond noise remain" in text
+    assert "remain" not in summary([effect()], noise=0.001, before=0.04, after=0.002, heldout=True)
 
 
-def test_what_was_learned_is_told_by_what_it_depends_on():
+def test_what_was_learned_is_described_by_its_variables():
     values = {one.name: one.neutral for one in catalogue.effect(UNLISTED).parameters}
     values |= {"push_1_x_m_per_s2": 0.1, "wave_1_x_per_m": 90.0, "drag_strength": 0.2}
     learned = NamedEffect(
         UNLISTED, "force", {name: Parameter(value) for name, value in values.items()}, {}, 0.04, 0.002
     )
-    told = summary([learned], noise=0.001, before=0.04, after=0.002, heldout=True)
-    assert "depends on position and speed was left out" in told
-    assert "rate_1" not in told
+    text = summary([learned], noise=0.001, before=0.04, after=0.002, heldout=True)
+    assert "depends on position and speed:" in text
+    assert "rate_1" not in text
 
 
 def test_nothing_missing_claims_no_more_than_was_shown():
-    assert "that these recordings could show" in summary(
+    assert "They reveal no missing physics" in summary(
         [], noise=0.001, before=0.001, after=0.001, heldout=True
     )
 

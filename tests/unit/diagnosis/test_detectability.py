@@ -1,4 +1,4 @@
-"""What recordings are said to show, they show."""
+"""Detectable sizes are detected."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from irt.diagnosis.selection import Selection
 
 
 def least(case):
-    """Return the smallest sizes that a case without effects would show; infinite where none would."""
+    """Return the smallest detectable sizes in a case without effects; infinite if not detectable."""
     scores = Scores(case)
     found = detectability(scores, scores.base())
     assert all(one.least is None or 0.0 < one.least <= one.largest for one in found)
@@ -25,7 +25,7 @@ def test_more_recordings_show_smaller_effects(plant):
     assert not names & {"delay_jitter", "unlisted"}
     shown = [one for one in many if np.isfinite(many[one])]
     assert len(shown) > 0.5 * len(many)
-    # Other start states, and what is random, make a difference of a step of the ladder.
+    # Other start states and noise change the result by a step of the ladder.
     assert sum(many[one] <= few[one] for one in many) > 0.9 * len(many)
     assert sum(many[one] < 0.9 * few[one] for one in shown) > 0.3 * len(shown)
 

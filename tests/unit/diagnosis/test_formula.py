@@ -1,4 +1,4 @@
-"""What was learned without a name, as a formula."""
+"""The formula of a learned correction."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Runs that begin in motion are predicted in short stretches, each with a start state of its own to find."""
+"""Runs that start in motion are predicted in short windows with individual start states."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +11,7 @@ from irt.engine import rollouts
 from irt.recording import Recording
 from irt.rig import Board, Marble, Rig
 
-#: A plate seen at 5 Hz, whose ball goes fast: what the first rows tell of its speed is rough.
+#: A plate seen at 5 Hz, whose ball goes fast: its speed estimated from the first rows is inaccurate.
 TRUTH = (0.9, 0.95, 2e-3, 48.0, 1.0)
 RANGES = {
     "gear_x": (0.2, 2.0),
@@ -43,7 +43,7 @@ def case() -> Case:
 
 
 def loss(case: Case, effects: tuple[str, ...], values: np.ndarray, iterations: int) -> float:
-    """Return the loss that a descent from these values leads to, as least squares count it [nats]."""
+    """Return the loss after a descent from these values, as counted by least squares [nats]."""
     (found,) = case.problem(effects).refine(values[None], iterations=iterations)
     residuals = np.concatenate([one.ravel() for one in found.residuals])
     return float(2.5 * np.log1p((residuals / case.noise) ** 2 / 4.0).sum())

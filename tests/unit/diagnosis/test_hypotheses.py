@@ -1,4 +1,4 @@
-"""Which effects recordings are asked for, and what its size is."""
+"""The searched effects and their size parameters."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Intervals hold what was planted, and no effect is named whose size may as well be none."""
+"""Intervals contain the planted values, and effects whose interval contains zero are not named."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ SLOWED = (0.06, 0.05, 4e-4, 20.0, 1.0)
 
 
 def parameters(case):
-    """Return the intervals of the drag that was planted in a case, fitted from near the truth."""
+    """Return the intervals of a planted drag, fitted from near the truth."""
     scores = Scores(case)
     base = scores.base()
     values = np.append(base.top.values, 0.5)[None]
@@ -42,7 +42,7 @@ def test_intervals_hold_what_was_planted(plant, pushed):
             if name in TRUTH and one.low is not None
         ]
     assert len(held) == 8 * 5
-    # Of 40 intervals of 95 % fewer than 32 hold the truth in one of 10,000 tries; those of a rig are alike.
+    # Fewer than 32 of 40 independent intervals contain the truth with a probability of 1e-4.
     assert sum(held) >= 32
     assert np.median(widths) < (0.5 if pushed else 0.15)
 

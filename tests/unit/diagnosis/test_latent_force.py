@@ -1,4 +1,4 @@
-"""What the leftover of a fit depends on."""
+"""The variable that the residuals of a fit depend on."""
 
 import pytest
 

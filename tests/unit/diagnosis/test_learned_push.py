@@ -1,4 +1,4 @@
-"""Physics that the catalogue does not have: found in the remainder, and learned inside the simulator."""
+"""Physics outside the catalogue is found in the residuals and learned inside the simulator."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from irt.diagnosis.score import Scores
 
 
 def quiet(_text: str) -> None:
-    """Say nothing."""
+    """Ignore progress."""
 
 
 def wave(**changes):
@@ -31,7 +31,7 @@ def likeliest(case):
 
 
 def learned(case):
-    """Return the five parameters alone, and with what is learned beside them."""
+    """Return the five-parameter model, without and with a learned correction."""
     base = Scores(case).base()
     return base, learn(base, quiet)
 

@@ -1,4 +1,4 @@
-"""Where the base model and recordings disagree."""
+"""Locating the residuals of the base model."""
 
 from irt.diagnosis.locate import locate
 

@@ -1,4 +1,4 @@
-"""The push that a set of effects needs, and what it depends on."""
+"""The missing push of a set of effects, and the variables that it depends on."""
 
 import numpy as np
 import pytest
@@ -50,7 +50,7 @@ def test_a_push_that_never_repeats_depends_on_nothing(plant):
     found = [
         Needed(Scores(plant(runs=4, seed=seed, stamped=True, pushed=0.1)).base()).p_value for seed in range(6)
     ]
-    # One in twenty is below 0.05 by chance.
+    # By chance 1 of 20 p-values is below 0.05.
     assert sorted(found)[1] > 0.05
     assert min(found) > 0.0
 
@@ -62,7 +62,7 @@ def test_the_push_of_a_table_that_is_not_level_is_found_in_every_row(plant):
     found = smoothed(one)
     push, deviation = (np.concatenate(each)[:, 0] for each in (found.push, found.push_deviation))
     seen = np.isfinite(push)
-    # Gears, friction and what walls leave uncertain make up for a part.
+    # Gears, friction and uncertain rebounds compensate for a part.
     wanted = 5.0 / 7.0 * GRAVITY * bias
     mean = np.average(push[seen], weights=deviation[seen] ** -2)
     assert 0.4 * wanted < mean < 1.1 * wanted

@@ -1,4 +1,4 @@
-"""A recording has no part in the choice that predicts it."""
+"""A recording does not influence the selection that predicts it."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
 
 @pytest.fixture
 def two(plant):
-    """The five parameters, and the planted drag beside them."""
+    """The five-parameter model, and the model with the planted drag."""
     scores = Scores(plant([DRAG], runs=3, rows=60, stamped=True))
     base = scores.base()
     begin = np.append(base.top.values, 0.5)[None]
@@ -21,7 +21,7 @@ def two(plant):
 
 
 class Judged(Validation):
-    """Recordings held out, with log posteriors that a test gives."""
+    """A validation with log posteriors given by a test."""
 
     def __init__(self, scores):
         super().__init__()

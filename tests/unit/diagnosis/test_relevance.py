@@ -1,4 +1,4 @@
-"""What is named is distinct from none, and recordings held out are predicted worse without it."""
+"""Named effects are nonzero, and held-out errors increase without them."""
 
 import pytest
 
@@ -33,7 +33,7 @@ def test_every_effect_that_is_kept_is_lost_without(plant):
 
 @pytest.mark.slow
 def test_an_effect_that_does_not_matter_is_not_kept(plant):
-    """A tilt that moves the marble by one noise is seen, and predicts no recording better."""
+    """A tilt with an effect of one noise is detected, but does not improve predictions."""
     bias = {"name": "tilt_bias", "bias_x_rad": 3e-6, "bias_y_rad": 0.0}
     best, relevance = judged(plant([DELAY, bias], runs=5, stamped=True))
     kept, immaterial = relevance.kept(best)

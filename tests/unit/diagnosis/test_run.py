@@ -1,4 +1,4 @@
-"""What a diagnosis promises: a verdict, a budget, a proof, and the same answer each time."""
+"""The verdict, error budget, held-out errors and reproducibility of a diagnosis."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ RIGS = {
 
 @pytest.fixture(scope="module")
 def diagnosed():
-    """Return what diagnoses a rig of `RIGS`, once."""
+    """Return a function that diagnoses a rig of `RIGS` once."""
     known = {}
 
     def of(name, plant):
@@ -75,7 +75,7 @@ def test_the_budget_adds_up_at_each_horizon(diagnosed, plant, name):
         assert set(shares) == {TRACKER, REST, *(one.name for one in found.effects)}
         assert all(0.0 <= share <= 1.0 for share in shares.values())
         assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
-    # What remains is the same number.
+    # `remains` holds the same number.
     (rest,) = [one.share for one in found.budget if (one.what, one.horizon_s) == (REST, None)]
     assert found.remains.share == rest
 
@@ -115,7 +115,7 @@ def test_the_proof_is_that_of_the_recordings(diagnosed, plant, name):
         assert one.final_mae == pytest.approx(np.nanmean(errors), rel=0.05)
     assert found.final_heldout_mae == pytest.approx(np.mean([one.final_mae for one in found.runs]))
     assert found.base_heldout_mae == pytest.approx(np.mean([one.base_mae for one in found.runs]))
-    # What is clear is chosen without any one of the recordings, too.
+    # Clear effects are also selected without any single recording.
     assert all(one.chosen_again == 1.0 for one in found.effects)
     assert found.nested_heldout_mae == pytest.approx(found.final_heldout_mae, rel=0.05)
     assert all(0.0 <= chance <= 1.0 for chance in found.inclusion.values())
@@ -130,7 +130,7 @@ def test_what_never_repeats_remains_on_the_board(diagnosed, plant):
     assert not remains.repeats
     nothing = diagnosed("nothing", plant).remains
     assert nothing.stage is None
-    # Of noise that tracks noise little can be won: the five parameters are at the floor of the log.
+    # The errors of the five parameters are at the noise floor.
     assert nothing.floor_of_the_log > 0.5 * diagnosed("nothing", plant).base_heldout_mae
 
 
@@ -155,7 +155,7 @@ def test_spread_of_delays_is_stated_and_not_simulated(diagnosed, plant):
     assert set(one.parameters) == {"sd_s", "mean_s"}
     assert 0.5 < one.parameters["sd_s"].value / 0.08 < 2.0
     assert [each.name for each in found.model.effects] == ["delay", "lag"]
-    assert any("in the place of lag" in note for note in found.notes)
+    assert any("replace lag in model.toml" in note for note in found.notes)
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def test_a_model_predicts_its_own_twins_as_well_as_noise_allows(plant):
     case = plant(stamped=True)
     model = case.fit().model
     twins = twins_of(case.rig, model, 2e-3, 0)
-    # The start is a row that noise has moved as well.
+    # The observed start contains noise too.
     assert evaluate(model, twins).mae == pytest.approx(2e-3 * np.sqrt(2.0) * np.sqrt(2.0 / np.pi), rel=0.15)
     for twin, recording in zip(twins, case.rig.recordings, strict=True):
         np.testing.assert_array_equal(twin.knobs, recording.knobs)

@@ -1,4 +1,4 @@
-"""What an effect promises before it is fitted."""
+"""The screened gain of effects before they are fitted."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def screened(case):
 def test_the_effect_that_acts_promises_about_most(plant, name, values):
     case = plant([{"name": name, **values}], runs=6, stamped=True)
     promises = screened(case).promises(ASKED)
-    # A late board looks somewhat like a picture that turns with the tilt.
+    # A lagging board resembles a picture that rotates with the tilt.
     assert name in [one.name for one in promises[:2]]
     (own,) = [one for one in promises if one.name == name]
     assert own.gain > 15.0
@@ -37,7 +37,7 @@ def test_the_effect_that_acts_promises_about_most(plant, name, values):
 
 def test_where_nothing_acts_no_effect_promises_much(plant):
     best = screened(plant(stamped=True)).promises(ASKED)[0]
-    # Of a handful of parameters noise is worth half a nat each.
+    # Noise gains about half a nat per parameter.
     assert best.gain < 12.0
 
 
@@ -73,6 +73,6 @@ def test_draws_stay_within_what_physics_allows_and_are_the_same_for_a_seed(name)
         if one.is_choice:
             assert set(column) <= set(one.choices)
         else:
-            # Sizes go down to where there is next to none.
+            # Sizes include negligible ones.
             assert (column >= min(one.low, one.neutral)).all()
             assert (column <= max(one.high, one.neutral)).all()

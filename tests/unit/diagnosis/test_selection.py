@@ -1,4 +1,4 @@
-"""The most probable set of effects is the one that was planted, beside any push."""
+"""The most probable set of effects is the planted one, with and without a random push."""
 
 from dataclasses import replace
 
@@ -19,16 +19,16 @@ DELAY = {"name": "delay", "delay_s": 0.15}
 DRAG = {"name": "viscous_drag", "rate_per_s": 0.8}
 LAG = {"name": "lag", "time_constant_s": 0.15}
 PARALLAX = {"name": "parallax", "height_m_per_rad": 0.4}
-#: Share of the largest command by which knobs are off at random: a push on the marble.
+#: Random deviation of the knobs as a share of the largest command, which pushes the marble.
 PUSHED = 0.05
 
 
 def quiet(_text: str) -> None:
-    """Say nothing."""
+    """Ignore progress."""
 
 
 def select(case):
-    """Return scores, and what a search among all effects comes to."""
+    """Return the scores and the posterior of a search over all effects."""
     scores = Scores(case)
     return scores, Selection(scores, hypotheses(), quiet).run()
 
@@ -52,7 +52,7 @@ def test_what_is_planted_is_selected_beside_any_push(plant, planted, pushed):
     chances = posterior.probabilities(())
     assert all(chances[name] > 0.9 for name in names)
     assert all(0.0 <= chance <= 1.0 for chance in chances.values())
-    # A random push is needed where there is one.
+    # Cases with a random push need one in the model.
     assert (scores.push(best) > config.SURE) is (pushed > 0.0)
     for one in planted:
         for name, value in one.items():
@@ -72,7 +72,7 @@ def test_an_uneven_board_is_no_bump(plant, pushed):
     assert set(best.effects) == {MAP, "delay"}
     found = np.array([best.values[f"{MAP}.{name}"] for name in slopes])
     wanted = np.array(list(slopes.values()))
-    # Pushes that differ from row to row hide the finer waves.
+    # Random pushes in each row hide fine waves.
     assert np.corrcoef(found, wanted)[0, 1] > (0.8 if pushed else 0.98)
 
 
@@ -128,7 +128,7 @@ def test_the_push_that_a_set_needs_shrinks_with_the_right_effect(plant):
     found = scores.ascend(("delay",), promise.starts, noise, base.top.states, iterations=25)
     best = max(found, key=lambda one: one.score)
     assert best.score > base.score + 20.0
-    # A tracker that errs for long would explain a late board about as well as a push.
+    # Correlated tracker noise would explain a lagging board about as well as a push.
     lasts = [PUSH, PULL, LASTING]
     assert scores.loss_without(best, lasts) < 0.5 * scores.loss_without(base, lasts)
 
@@ -138,7 +138,7 @@ def test_an_effect_more_costs_its_choice(plant):
     prices = [scores.price(effects) for effects in ((), ("lag",), ("lag", "bump"))]
     assert prices[0] == 0.0
     assert prices[0] < prices[1] < prices[2]
-    # Their mean and their spread.
+    # Mean and spread count separately.
     assert scores.price(["delay_jitter"]) == scores.price(["delay", "lag"])
 
 

@@ -1,4 +1,4 @@
-"""Threads of the libraries below a diagnosis."""
+"""Thread limits of BLAS during a diagnosis."""
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -10,7 +10,7 @@ def blas_threads():
     return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
 
 
-@pytest.mark.skipif(not blas_threads(), reason="no library of matrices here that tells its threads")
+@pytest.mark.skipif(not blas_threads(), reason="no BLAS library here reports its threads")
 def test_matrices_get_one_thread_and_theirs_back_afterwards(plant):
     seen = set()
 

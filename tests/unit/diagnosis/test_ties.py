@@ -1,4 +1,4 @@
-"""Effects that do as well in the place of another are ties, and others are not."""
+"""Effects that explain recordings as well in place of another are ties; others are not."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from irt.diagnosis.ties import exchanged, reason, ties
 
 
 def tied(case, asked=None):
-    """Return the answer, and what ties with each of its effects; by default all effects are asked about."""
+    """Return the answer and the ties of its effects; by default all effects are searched."""
     posterior = Selection(Scores(case), asked or hypotheses(), lambda _: None).run()
     return posterior.best, ties(posterior, posterior.best)
 
@@ -28,7 +28,7 @@ def test_a_late_command_ties_with_a_late_picture(plant, planted):
     (tie,) = [one for one in found if {one.name, one.instead} == names]
     assert tie.name == best.effects[0]
     assert "lamp" in reason(best, tie)
-    # Both are as late.
+    # Both have the same delay.
     late = [one.values[f"{one.effects[0]}.{one.effects[0]}_s"] for one in (best, tie.scored)]
     assert late[0] == pytest.approx(late[1], abs=0.01)
 
@@ -36,14 +36,14 @@ def test_a_late_command_ties_with_a_late_picture(plant, planted):
 @pytest.mark.slow
 def test_a_push_does_not_distinguish_them(plant):
     planted = {"name": "latency", "latency_s": 0.15}
-    # Of a board that is not level a late picture shows another start than a late command.
+    # On a board that is not level, a late picture and a late command show different starts.
     bias = {"name": "tilt_bias", "bias_x_rad": 0.003, "bias_y_rad": -0.002}
     names = {"delay", "latency"}
     asked = [*sorted(names), "tilt_bias", "lag", "bump"]
     best, found = tied(plant([planted, bias], runs=5, stamped=True, pushed=0.1), asked)
     assert names.intersection(best.effects)
     (tie,) = [one for one in found if {one.name, one.instead} == names]
-    assert "a push that never repeats" in reason(best, tie)
+    assert "the random push hides" in reason(best, tie)
 
 
 def test_of_sets_about_as_probable_one_name_stands_in_the_place_of_another(plant):

@@ -1,4 +1,4 @@
-"""A recording that is held out has no part in the fit that predicts it."""
+"""A held-out recording does not influence the fit that predicts it."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ def fitted(case):
 
 
 def with_marble(one, index, marble):
-    """Return a set, as it is, of recordings one of which saw the marble somewhere else."""
+    """Return a set in a case where one recording has other marble positions."""
     runs = list(one.case.rig.recordings)
     runs[index] = replace(runs[index], marble=marble)
     rig = replace(one.case.rig, recordings=tuple(runs))
@@ -42,7 +42,7 @@ def test_what_was_seen_of_a_recording_has_no_part_in_the_fit_that_predicts_it(pl
     np.testing.assert_array_equal(before.values[1], after.values[1])
     np.testing.assert_array_equal(before.runs[1].prediction, after.runs[1].prediction)
     assert after.runs[1].mae > 3.0 * before.runs[1].mae
-    # The other fits do see it.
+    # The other fits include it.
     assert not np.array_equal(before.values[0], after.values[0])
     assert not np.array_equal(before.values[2], after.values[2])
 
@@ -52,7 +52,7 @@ def test_recordings_held_out_are_predicted_as_well_as_noise_allows(plant):
     held = Validation().of(one)
     assert held.is_proof
     assert held.values.shape == (5, len(one.names))
-    # The tracker's error in a row, and that of the start.
+    # The tracker's errors in a row and in the start.
     assert held.mae < 2.0 * np.sqrt(2.0 / np.pi) * one.case.noise
     base = Validation().of(Scores(one.case).base())
     assert base.mae > 2.0 * held.mae

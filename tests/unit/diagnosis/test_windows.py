@@ -1,4 +1,4 @@
-"""What a fit leaves over in short windows, beside what noise does."""
+"""Residuals of a fit in short windows, compared with noise."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ PARALLAX = {"name": "parallax", "height_m_per_rad": 0.4}
 
 
 def misfit(case):
-    """Return the squares that are left, and the range of those that noise leaves."""
+    """Return the sum of squared residuals, and the range of that of nulls."""
     misfits, nulls = Windows(case.fit()).squared(99, 0, case.noise)
     return misfits.sum(), nulls.sum(axis=1)
 
@@ -35,7 +35,7 @@ def test_windows_are_cut_from_the_recordings(plant):
         np.testing.assert_array_equal(one.knobs, recording.knobs[own])
         np.testing.assert_allclose(one.place + one.residual, recording.marble[own], atol=1e-12)
         np.testing.assert_array_equal(one.turned[:, 0], one.turn)
-        # A command of some rows ago was the one before that of a row less ago.
+        # Histories of successive rows overlap.
         np.testing.assert_array_equal(one.turned[1:, 1], one.turned[:-1, 0])
 
 

@@ -1,4 +1,4 @@
-"""Where the tilt was measured, the actuator and the board are fitted by themselves."""
+"""With a measured tilt, the actuator and the board are fitted separately."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def test_tilt_alone_is_enough_for_the_actuator(recordings) -> None:
     effects = {one.name: one.parameters for one in result.model.effects}
     np.testing.assert_allclose(result.model.values[:2], VALUES[:2], rtol=0.03)
     assert effects["delay"]["delay_s"] == pytest.approx(0.07, abs=0.01)
-    assert any("No marble was seen" in note for note in result.notes)
+    assert any("No recording has both a moving marble" in note for note in result.notes)
     evaluation = evaluate(result.model, without_marble(recordings))
     assert evaluation.free_run is None
     assert evaluation.played is None

@@ -1,4 +1,4 @@
-"""Values where the marble is also pushed at random: one-step predictions, and effects beside the push."""
+"""One-step predictions and fits of effects with a random push."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from irt.model import Effect
 from irt.segments import segments
 
 TRUTH = np.array([0.06, 0.05, 0.0004, 20.0, 1.05])
-#: White and lasting error of the tracker, how long that lasts, push, push that lasts and how long,
-#: restitution, start velocity.
+#: White and correlated noise of the tracker with its correlation time, white and correlated push with its
+#: correlation time, restitution, start velocity.
 NOISE = np.array([1e-3, 1e-5, 0.1, 1e-5, 1e-3, 0.2, 0.1, 0.0, 0.0, 0.1])
 
 

@@ -71,9 +71,9 @@ def some_flat(flat, seed, count=24):
     )
 
 
-def furthest(told, moves):
-    """How far (m, n) moves of the logarithms get before a value is 1, or next to nothing."""
-    room = np.where(moves > 0.0, -np.log(told.values), np.log(told.values / 1e-4))
+def furthest(info, moves):
+    """Return how far (m, n) moves of logarithms go until a value reaches 1, or 1e-4."""
+    room = np.where(moves > 0.0, -np.log(info.values), np.log(info.values / 1e-4))
     return (room / np.maximum(np.abs(moves), 1e-12)).min(axis=1, keepdims=True)
 
 
@@ -82,10 +82,10 @@ def furthest(told, moves):
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1))
 def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
     """An effect has dozens of parameters, and most of its directions may be flat."""
-    told = some_flat(flat, seed)
-    low, high = intervals(told)
-    moves = np.random.default_rng(seed).standard_normal((20, flat)) @ told.directions[:flat] / told.values
-    reached = told.values * np.exp(0.999 * furthest(told, moves) * moves)
+    info = some_flat(flat, seed)
+    low, high = intervals(info)
+    moves = np.random.default_rng(seed).standard_normal((20, flat)) @ info.directions[:flat] / info.values
+    reached = info.values * np.exp(0.999 * furthest(info, moves) * moves)
     assert (reached >= low - 1e-3).all()
     assert (reached <= high + 1e-3).all()
 
@@ -94,11 +94,11 @@ def test_intervals_hold_what_many_flat_directions_reach(flat, seed):
 @settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_intervals_of_one_flat_direction_end_where_it_does(seed):
-    told = some_flat(1, seed)
-    moves = np.stack([told.directions[0], -told.directions[0]]) / told.values
-    ends = told.values * np.exp(furthest(told, moves) * moves)
-    known = np.array([told.margin(axis) for axis in np.eye(len(told.values))])
-    low, high = intervals(told)
+    info = some_flat(1, seed)
+    moves = np.stack([info.directions[0], -info.directions[0]]) / info.values
+    ends = info.values * np.exp(furthest(info, moves) * moves)
+    known = np.array([info.margin(axis) for axis in np.eye(len(info.values))])
+    low, high = intervals(info)
     np.testing.assert_allclose(low, np.maximum(ends.min(axis=0) - known, 0.0), atol=1e-3)
     np.testing.assert_allclose(high, np.minimum(ends.max(axis=0) + known, 1.0), atol=1e-3)
 
@@ -148,14 +148,14 @@ def test_a_parameter_that_nothing_shows_is_named_alone():
     assert low[1] == pytest.approx(0.0, abs=1e-4)
     assert high[1] == pytest.approx(0.1)
     assert unidentifiable(flat, low, high) == (
-        "These recordings do not tell gear_y: anything from 0 to 0.1 fits as well.",
+        "These recordings do not identify gear_y: any value from 0 to 0.1 fits equally well.",
     )
 
 
-def test_two_parameters_that_cannot_be_told_apart():
+def test_two_parameters_that_cannot_be_separated():
     flat = information([[0.6, 0.0, 0.8, 0.0, 0.0]], half_width=1e-4)
     (sentence,) = unidentifiable(flat, *intervals(flat))
-    assert "do not tell gear_x and rolling_friction apart" in sentence
+    assert "do not separate gear_x and rolling_friction" in sentence
     assert "gear_y" not in sentence
 
 
@@ -164,14 +164,14 @@ def test_a_symmetry_and_something_else():
     sentences = unidentifiable(flat, *intervals(flat))
     assert len(sentences) == 2
     assert "square root" in sentences[0]
-    assert "do not tell observation_scale" in sentences[1]
+    assert "do not identify observation_scale" in sentences[1]
 
 
 def test_nothing_known():
     flat = information(np.eye(5))
     low, high = intervals(flat)
     assert unidentifiable(flat, low, high) == (
-        "These recordings say next to nothing about any parameter; did the marble move?",
+        "These recordings contain next to no information on any parameter; did the marble move?",
     )
     np.testing.assert_allclose(low, ENDS[:, 0], atol=1e-3)
     np.testing.assert_allclose(high, ENDS[:, 1])
@@ -258,4 +258,4 @@ def test_an_effects_parameter_that_nothing_shows_may_be_anywhere():
     low, high = intervals(flat)
     np.testing.assert_allclose([low[5], high[5]], [-0.01, 0.01])
     (sentence,) = unidentifiable(flat, low, high)
-    assert "do not tell tilt_bias.bias_x_rad: anything from -0.01 to 0.01" in sentence
+    assert "do not identify tilt_bias.bias_x_rad: any value from -0.01 to 0.01" in sentence

@@ -108,8 +108,8 @@ def test_what_is_held_at_neutral_is_no_part_of_what_comes_back(planted):
     (other,) = apart.refine(np.array([[*TRUTH, 0.1, 0.0, 0.0, 0.0]]))
     assert one.values.shape == (8,)
     np.testing.assert_allclose(other.values[5:7], list(lag.values()), rtol=0.1)
-    told = tied.inform(one.values, 1e-3)
-    np.testing.assert_array_equal(told.free, [0, 1, 2, 4, 5, 6, 7])
+    curvature = tied.inform(one.values, 1e-3)
+    np.testing.assert_array_equal(curvature.free, [0, 1, 2, 4, 5, 6, 7])
 
 
 @pytest.mark.parametrize(
@@ -163,12 +163,12 @@ def test_windows_know_how_the_marble_was_turned_before_them(planted):
     effect = Effect("eccentric_marble", HEAVY | {"follows_path": 0.0})
     rig = planted(2, moving=True, effects=[{"name": effect.name, **effect.parameters}])
     truth = np.array([[*TRUTH, *effect.parameters.values()]])
-    told = Problem.of(rig, segments(rig, 1.0), effects=[effect])
-    standing = [(*rest, np.zeros_like(path), tilt) for *rest, path, tilt in told.asked["recordings"]]
-    untold = replace(told, asked={**told.asked, "recordings": standing})
+    with_path = Problem.of(rig, segments(rig, 1.0), effects=[effect])
+    standing = [(*rest, np.zeros_like(path), tilt) for *rest, path, tilt in with_path.asked["recordings"]]
+    without_path = replace(with_path, asked={**with_path.asked, "recordings": standing})
     left = [
         max(float(np.abs(one).max()) for one in problem.judge(truth)[0].residuals)
-        for problem in (told, untold)
+        for problem in (with_path, without_path)
     ]
     assert left[0] < 0.05 * left[1]
     assert left[1] > 1e-3

@@ -1,4 +1,4 @@
-"""Answers of the engine that outlive an interruption."""
+"""The cache of the engine's answers survives an interruption."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ ANSWER = {
 
 
 class Engine:
-    """Counts how often it is asked, and can be interrupted."""
+    """Counts its calls, and can be interrupted."""
 
     def __init__(self):
         self.asked = 0

@@ -205,7 +205,7 @@ def test_a_bag_of_another_program_is_refused(tmp_path: Path) -> None:
     with pytest.raises(IrtError, match=r"no rig\.toml"):
         import_bags([Bag(config="").save(tmp_path / "other.mcap")], tmp_path / "rig")
     empty = Bag().save(tmp_path / "empty.mcap")
-    with pytest.raises(IrtError, match="nothing was played"):
+    with pytest.raises(IrtError, match="contains no played file"):
         import_bags([empty], tmp_path / "rig")
 
 

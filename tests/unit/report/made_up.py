@@ -83,7 +83,7 @@ def make_candidates(verdict):
         outcome = "explains less" if verdict == "missing" else "no better than the base model"
         outcome, probability = outcome if effects else "the base model", 0.0
         if verdict == "missing" and effects in (("backlash",), ("delay",)):
-            gain, outcome = scale, "named" if effects == ("backlash",) else "does as well"
+            gain, outcome = scale, "named" if effects == ("backlash",) else "equally good"
             probability = 0.62 if effects == ("backlash",) else 0.38
         penalty = 6.2 * len(effects)
         candidates.append(Candidate(effects, {}, gain, penalty, probability, outcome))

@@ -31,7 +31,7 @@ def browser():
 
 @pytest.fixture
 def opened(browser, reports):
-    """Open a report; whatever is fetched besides it or said in the console fails the test."""
+    """Open a report; any other request and any console message fails the test."""
     contexts = []
 
     def open_page(verdict="missing", **settings):

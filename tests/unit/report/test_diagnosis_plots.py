@@ -97,7 +97,7 @@ def test_board_shows_what_was_recorded_and_every_prediction(tmp_path, proof, dia
     assert {"before", "after", "• recorded", "start"} <= set(texts(drawn.figure))
 
 
-def test_ranking_tells_answer_tie_and_the_rest_apart(tmp_path, drawn):
+def test_ranking_marks_the_answer_and_its_ties(tmp_path, drawn):
     tried = [
         candidate(905.0, "delay", outcome="as good as backlash"),
         candidate(900.0, "backlash", outcome="named"),

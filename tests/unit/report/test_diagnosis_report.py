@@ -108,16 +108,16 @@ def test_first_screen_says_how_often_the_choice_comes_back(missing, diagnosis_of
     count = len(diagnosis.runs)
     sure = spaced(answer(missing)["How sure is this?"])
     assert (
-        f"Chosen once more without each run in turn, from the most probable sets: backlash or delay {count}"
-        in sure
+        "When each run in turn is left out of the selection among the most probable sets, the selection "
+        f"contains backlash or delay {count}" in sure
     )
-    assert f"predicts it to {spaced(percent(diagnosis.nested_heldout_mae))} of the edge" in sure
+    assert f"an error of {spaced(percent(diagnosis.nested_heldout_mae))} of the edge" in sure
 
 
 def test_a_tie_stands_at_the_top_with_its_reason(missing, diagnosis_of):
     (one,) = diagnosis_of("missing").effects
     sure = answer(missing)["How sure is this?"]
-    assert "Not certain: delay instead of backlash explains these recordings as well." in sure
+    assert "Not unique: delay instead of backlash explains these recordings as well." in sure
     assert one.reason in sure
 
 
@@ -145,25 +145,25 @@ def test_an_effect_and_each_hypothesis_have_their_probability(missing):
 
 
 def test_effects_that_were_considered_are_listed_by_their_probability(missing, reports):
-    (table,) = re.findall(r"Probability of each effect.*?</table>", spaced(missing), re.DOTALL)
+    (table,) = re.findall(r"Probability that an effect acts.*?</table>", spaced(missing), re.DOTALL)
     assert re.findall(r'<th scope="row">(.*?)</th><td>(.*?)</td><td>(.*?)</td>', table) == [
         ("backlash", "62 %", "named"),
         ("delay", "38 %", "ties with backlash"),
         ("lag", "3.4 %", "not named"),
     ]
-    assert "Probability of each effect" not in reports["sufficient"].read_text(encoding="utf-8")
+    assert "Probability that an effect acts" not in reports["sufficient"].read_text(encoding="utf-8")
 
 
 def test_the_error_budget_is_drawn_and_read_aloud_before_the_answers(missing):
-    label = re.search(r'aria-label="(Where the squared error.*?)"', spaced(missing))[1]
-    assert missing.index("Where the squared error") < missing.index('<dl class="answers">')
+    label = re.search(r'aria-label="(Error budget: parts.*?)"', spaced(missing))[1]
+    assert missing.index("Error budget: parts") < missing.index('<dl class="answers">')
     assert "Whole runs: backlash 99.6 %, tracker noise < 1 %, not explained < 1 %" in unescape(label)
     # The recordings have no stamps.
     assert "12 rows ahead: backlash 55 %, tracker noise 35 %, not explained 10 %" in unescape(label)
 
 
 def test_the_push_that_was_missing_is_drawn_where_one_was(missing, reports):
-    needed = "the acceleration that the marble needs beyond the simulator"
+    needed = "acceleration of the marble that is missing in the simulator"
     assert needed in spaced(missing)
     assert needed not in spaced(reports["sufficient"].read_text(encoding="utf-8"))
 
@@ -172,9 +172,9 @@ def test_what_remains_is_said_with_its_stage_and_the_floor_of_the_log(reports, d
     remains = spaced(answer(reports["unlisted"].read_text(encoding="utf-8"))["What remains?"])
     assert "40 % of the base model&#39;s squared error" in remains
     assert "on the board, between impacts" in remains
-    assert "not found to depend on anything that repeats" in remains
+    assert "No dependence on anything that repeats" in remains
     floor = diagnosis_of("unlisted").remains.floor_of_the_log
-    assert f"still be off by {spaced(percent(floor))} of the edge" in remains
+    assert f"would have an error of {spaced(percent(floor))} of the edge" in remains
     assert "Less than 1 %" in spaced(answer(reports["missing"].read_text())["What remains?"])
 
 
@@ -229,10 +229,10 @@ def test_everything_of_the_diagnosis_is_on_the_page(page, verdict, diagnosis_of)
     diagnosis = diagnosis_of(verdict)
     text = Tags(page).text
     notes = [note.removeprefix(LEARNED).removesuffix(".") for note in diagnosis.notes]
-    told = [*diagnosis.unidentifiable, *notes, diagnosis.suggestion, "irt diagnose rig --out out"]
-    told += [finding.what for finding in diagnosis.where]
-    told += PARAMETERS
-    for sentence in told:
+    texts = [*diagnosis.unidentifiable, *notes, diagnosis.suggestion, "irt diagnose rig --out out"]
+    texts += [finding.what for finding in diagnosis.where]
+    texts += PARAMETERS
+    for sentence in texts:
         assert sentence in text
     assert "nan" not in text.lower()
     assert "inf " not in text
@@ -286,11 +286,11 @@ def test_animation_holds_the_runs_to_four_digits(missing, diagnosis_of):
     data = json.loads(DATA.search(missing)[1])
     runs = sorted(diagnosis_of("missing").runs, key=lambda run: -run.base_mae)
     assert data["series"] == ["recorded", "before", "after"]
-    for told, run in zip(data["runs"], runs, strict=True):
-        np.testing.assert_allclose(told["t"], run.times, atol=5.1e-4)
-        np.testing.assert_allclose(told["after"], run.final, atol=5.1e-5)
-        assert [row for row, place in enumerate(told["recorded"]) if place is None] == [30, 31, 32, 33]
-        assert told["worst"] == np.nanargmax(np.abs(run.base - run.observed).mean(axis=1))
+    for shown, run in zip(data["runs"], runs, strict=True):
+        np.testing.assert_allclose(shown["t"], run.times, atol=5.1e-4)
+        np.testing.assert_allclose(shown["after"], run.final, atol=5.1e-5)
+        assert [row for row, place in enumerate(shown["recorded"]) if place is None] == [30, 31, 32, 33]
+        assert shown["worst"] == np.nanargmax(np.abs(run.base - run.observed).mean(axis=1))
 
 
 def test_still_pictures_stand_in_for_the_animation(missing):
@@ -365,7 +365,7 @@ def test_rows_and_runs_without_a_prediction_are_left_out(tmp_path, labyrinth, di
     assert "<td>-</td>" in page
 
 
-def test_little_to_tell_makes_a_short_page(tmp_path, labyrinth, diagnosis_of):
+def test_few_findings_make_a_short_page(tmp_path, labyrinth, diagnosis_of):
     bare = replace(
         diagnosis_of("sufficient"),
         where=(),

@@ -82,7 +82,11 @@ def test_the_same_parts_have_the_same_colour_in_each_bar(tmp_path, diagnosis, dr
     ("remains", "said", "unsaid"),
     [
         (Remains(0.3, "contact", False, 0.002), "It arises at the rim", "on the board"),
-        (Remains(0.3, "board", True, 0.002), "a better model could still explain it", "not found to depend"),
+        (
+            Remains(0.3, "board", True, 0.002),
+            "a better model could still explain it",
+            "No dependence on anything",
+        ),
         (Remains(0.3, None, False, 0.002), "the other runs leave uncertain", "It arises"),
         (Remains(0.001, "board", False, 0.002), "Less than 1 %", "It arises"),
     ],
@@ -91,7 +95,7 @@ def test_what_remains_in_sentences(diagnosis, remains, said, unsaid):
     text = " ".join(remainder(replace(diagnosis, remains=remains)))
     assert said in text
     assert unsaid not in text
-    assert "still be off by 0.20" in text
+    assert "would have an error of 0.20" in text
 
 
 def test_nothing_remains_to_be_said_where_nothing_was_held_out(diagnosis):

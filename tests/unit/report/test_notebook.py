@@ -1,4 +1,4 @@
-"""Results show themselves in a notebook: tables of HTML, pictures of matplotlib."""
+"""Notebook display of results: HTML tables and matplotlib pictures."""
 
 import struct
 from html.parser import HTMLParser

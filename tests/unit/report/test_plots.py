@@ -27,7 +27,7 @@ def lines(axes, colour):
 
 
 def shaded(axes):
-    """The stretches shaded from top to bottom."""
+    """The intervals shaded from top to bottom."""
     boxes = [patch for patch in axes.patches if to_hex(patch.get_facecolor()) == style.FAINT]
     assert all(isinstance(box, Polygon | Rectangle) for box in boxes)
     extents = [box.get_path().transformed(box.get_patch_transform()).get_extents() for box in boxes]

@@ -64,7 +64,7 @@ def test_lead_says_when_physics_may_be_missing(contender):
     text = lead([before, after], [before, worse], 1e-3)
     held_out = f"on 2 held-out recordings: {percent(before.mae)} of the board's edge untuned, "
     assert f"{held_out}{percent(worse.mae)} tuned. " in text
-    assert "physics that the model lacks" in text
+    assert "physics missing in the model" in text
 
 
 def test_lead_admits_that_tuning_did_not_help(contender):

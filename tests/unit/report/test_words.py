@@ -36,7 +36,7 @@ NO_BREAK = "\N{NO-BREAK SPACE}"
         (2.0, "200 %"),
     ],
 )
-def test_errors_are_told_in_two_digits(error, text):
+def test_errors_are_given_in_two_digits(error, text):
     assert percent(error) == text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
@@ -72,7 +72,7 @@ def test_values_keep_the_digits_that_their_interval_leaves(parameter, text):
         (Parameter(20.0, -math.inf, math.inf), "20  (not identifiable)"),
     ],
 )
-def test_open_intervals_are_told_in_words(parameter, text):
+def test_open_intervals_are_given_in_words(parameter, text):
     assert with_interval(parameter) == text
 
 

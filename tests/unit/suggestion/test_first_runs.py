@@ -1,4 +1,4 @@
-"""The first runs: within their limits, of every family, and enough to identify what they drive."""
+"""The first runs respect the limits, cover every family, and identify the five parameters."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_planted_parameters_are_recovered_from_them(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"rows": 23}, "at least 24 rows, and this has 23"),
+        ({"rows": 23}, "at least 24 rows, found 23"),
         ({"runs": 0}, "runs: expected at least 1"),
         ({"amplitude": 0.0}, "amplitude: expected a number above 0"),
         ({"step_s": float("nan")}, "step_s: expected a number above 0"),

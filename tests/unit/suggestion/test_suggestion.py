@@ -61,7 +61,7 @@ def lag_or_delay(lagging: Rig) -> tuple[Model, Model]:
 
 
 @pytest.fixture(scope="module")
-def told(lagging: Rig, lag_or_delay: tuple[Model, Model]) -> Suggestion:
+def suggestion(lagging: Rig, lag_or_delay: tuple[Model, Model]) -> Suggestion:
     return suggest(lagging, lag_or_delay, NOISE, threads=1)
 
 
@@ -74,17 +74,24 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_lag_is_told_from_a_delay_several_times_better_than_by_runs_as_recorded(told: Suggestion) -> None:
-    [pair] = told.separation
+def test_a_lag_is_separated_from_a_delay_several_times_better_than_by_runs_as_recorded(
+    suggestion: Suggestion,
+) -> None:
+    [pair] = suggestion.separation
     assert (pair.first, pair.second, pair.alike) == (("lag",), ("delay",), False)
     assert pair.nats > 4.0 * pair.random_nats
     assert pair.distance > 2.0 * pair.random_distance
-    assert told.random_information < told.information <= told.doubt == pytest.approx(np.log(2.0))
-    assert "Told apart: lag from delay." in told.sentences[2]
+    assert (
+        suggestion.random_information
+        < suggestion.information
+        <= suggestion.doubt
+        == pytest.approx(np.log(2.0))
+    )
+    assert "Separated: lag and delay." in suggestion.sentences[2]
 
 
 @pytest.mark.slow
-def test_what_is_promised_is_what_refits_find(lagging: Rig, lag_or_delay, told: Suggestion) -> None:
+def test_what_is_promised_is_what_refits_find(lagging: Rig, lag_or_delay, suggestion: Suggestion) -> None:
     def against_delay(new: Recording) -> float:
         more = dataclasses.replace(lagging, recordings=(*lagging.recordings, new))
         losses = []
@@ -95,12 +102,12 @@ def test_what_is_promised_is_what_refits_find(lagging: Rig, lag_or_delay, told: 
         return losses[1] - losses[0]
 
     recorded = as_recorded(lagging, Limits.of(lagging, None))[5]
-    suggested = against_delay(played("new", told.commands, (LAG,), told.start))
+    suggested = against_delay(played("new", suggestion.commands, (LAG,), suggestion.start))
     random = against_delay(played("new", recorded.commands, (LAG,), recorded.start))
-    assert suggested > random + 0.5 * told.separation[0].nats
+    assert suggested > random + 0.5 * suggestion.separation[0].nats
 
 
-def test_viscous_is_told_from_quadratic_drag() -> None:
+def test_viscous_is_separated_from_quadratic_drag() -> None:
     viscous, quadratic = (
         Effect("viscous_drag", {"rate_per_s": 0.15}),
         Effect("quadratic_drag", {"coefficient_per_m": 2.0}),
@@ -111,11 +118,11 @@ def test_viscous_is_told_from_quadratic_drag() -> None:
 
 
 @pytest.mark.usefixtures("quick")
-def test_no_drive_tells_a_delay_from_a_latency_and_other_means_are_named() -> None:
+def test_no_drive_separates_a_delay_from_a_latency_and_other_means_are_named() -> None:
     rig = rig_with(DELAY)
     other = Model.from_rig(
         rig,
-        # As far along what the recordings leave open as another fit may end.
+        # As far along an unidentified direction as another fit may end.
         np.array(VALUES) * [1.1, 1.1, 1.1, 1.1**-0.5, 1.0],
         effects=[Effect("latency", {"latency_s": 0.08 * 1.1**-0.5})],
         time_step="continuous",
@@ -125,7 +132,7 @@ def test_no_drive_tells_a_delay_from_a_latency_and_other_means_are_named() -> No
     assert pair.alike
     assert pair.most_nats == 0.0
     text = " ".join(found.sentences)
-    assert "No drive of the knobs tells delay from latency" in text
+    assert "No commands separate delay and latency" in text
     assert "a lamp in the camera's view" in text
     assert "sharpens the parameters" in text
 
@@ -147,7 +154,7 @@ def test_bad_probabilities(lagging: Rig, lag_or_delay: tuple[Model, Model], chan
 
 
 @pytest.mark.usefixtures("quick")
-def test_two_fits_of_the_same_physics_are_not_told_apart() -> None:
+def test_two_fits_of_the_same_physics_are_not_separated() -> None:
     rig = rig_with()
     moved = Model.from_rig(
         rig, np.array(VALUES) * [1.05, 1.05, 1.05, 1.05**-0.5, 1.0], time_step="continuous"
@@ -167,15 +174,15 @@ def test_with_one_model_its_parameters_are_sharpened() -> None:
     assert "sharpens the parameters" in found.sentences[-1]
 
 
-def test_limits_are_those_of_the_recordings(lagging: Rig, told: Suggestion) -> None:
+def test_limits_are_those_of_the_recordings(lagging: Rig, suggestion: Suggestion) -> None:
     limits = Limits.of(lagging, None)
     knobs = np.array([one.knobs for one in lagging.recordings])
     np.testing.assert_array_equal(limits.amplitude, np.abs(knobs).max(axis=(0, 1)))
-    assert told.commands.shape == (ROWS, 2)
-    assert (np.abs(told.commands) <= limits.amplitude).all()
-    assert (np.abs(np.diff(told.commands, axis=0, prepend=0.0)) <= limits.rate).all()
-    np.testing.assert_array_equal(told.start, [0.0, 0.0])
-    assert "in the centre" in told.sentences[0]
+    assert suggestion.commands.shape == (ROWS, 2)
+    assert (np.abs(suggestion.commands) <= limits.amplitude).all()
+    assert (np.abs(np.diff(suggestion.commands, axis=0, prepend=0.0)) <= limits.rate).all()
+    np.testing.assert_array_equal(suggestion.start, [0.0, 0.0])
+    assert "in the centre" in suggestion.sentences[0]
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -243,7 +250,7 @@ def test_the_seed_decides_and_the_number_of_threads_does_not(lagging: Rig, lag_o
 
 
 @pytest.mark.usefixtures("quick")
-def test_progress_is_told(lagging: Rig, lag_or_delay) -> None:
+def test_progress_is_reported(lagging: Rig, lag_or_delay) -> None:
     calls: list[tuple[int, int, str]] = []
     suggest(lagging, lag_or_delay[:1], NOISE, threads=1, progress=lambda *call: calls.append(call))
     assert [done for done, _, _ in calls] == list(range(len(calls)))

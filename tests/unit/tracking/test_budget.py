@@ -55,12 +55,20 @@ def test_a_wrong_tilt_moves_places_by_what_is_said(pose: Pose) -> None:
 
 
 def test_parts_add_up_and_unknown_ones_are_named(pose: Pose) -> None:
-    found = error_budget(scene(pose), None, 0.001, EDGE_MM, 330.0)
-    assert found.marble == pytest.approx(0.5 * EDGE_MM / 330.0)
-    assert found.unknown == ("corners",)
+    still = scene(pose, apart=1.5)
+    still.tilt_noise = None
+    found = error_budget(still, 0.1, 0.001, EDGE_MM, 330.0)
+    assert found.marble == pytest.approx(1.5 * EDGE_MM / 330.0)
+    assert found.unknown == ("tilt",)
     assert next(iter(found.parts)) == "marble"
     assert found.total == pytest.approx(np.sqrt(sum(one**2 for one in found.parts.values())))
     assert replace(found, noise=1.0).total > found.total
+
+
+def test_rims_are_believed_until_what_is_covered_disagrees(pose: Pose) -> None:
+    near, nearer = (error_budget(scene(pose, apart), 0.1, 0.0, EDGE_MM, 330.0).marble for apart in (0.9, 0.1))
+    assert near == nearer
+    assert error_budget(scene(pose, 1.3), 0.1, 0.0, EDGE_MM, 330.0).marble > 2.0 * near
 
 
 def test_without_a_lens_height_is_a_guess_and_lens_and_tilt_are_unknown() -> None:

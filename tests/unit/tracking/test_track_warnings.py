@@ -13,14 +13,14 @@ from irt.cli.track import _warnings
     ("corners_mm", "shadow", "disagree", "said"),
     [
         (0.2, 0.0, 0.09, []),
-        (None, 0.04, 0.0, []),
+        (0.3, 0.04, 0.13, []),
         (0.8, 0.0, 0.0, ["corners are uncertain by 0.8 mm"]),
-        (None, 0.5, 0.0, ["50 % that this is the marble's shadow"]),
-        (0.2, 0.0, 0.3, ["rim and what it covers disagree by 0.30 radii"]),
+        (0.3, 0.5, 0.0, ["50 % that this is the marble's shadow"]),
+        (0.2, 0.0, 0.15, ["edge and its filled area disagree by 0.15 radii"]),
         (4.0, 0.2, 0.0, ["corners are uncertain by 4.0 mm", "20 % that this is the marble's shadow"]),
     ],
 )
-def test_warnings(corners_mm: float | None, shadow: float, disagree: float, said: list[str]) -> None:
+def test_warnings(corners_mm: float, shadow: float, disagree: float, said: list[str]) -> None:
     lines = _warnings(
         SimpleNamespace(corners_mm=corners_mm, shadow=shadow, disagree=disagree, away=(), still=())
     )

@@ -8,8 +8,8 @@ from rendered import CORNERS, HEIGHT, MARBLE, RADIUS, WIDTH, path, rendered
 
 from irt.tracking.blob_detector import Box
 from irt.tracking.geometry import Plane, Size
-from irt.tracking.learning import learn, scale_of
-from irt.tracking.tracker import Tracker
+from irt.tracking.learning import _first, learn, scale_of
+from irt.tracking.tracker import FAR, Tracker
 
 SIZE = Size(1.0, 0.8, RADIUS / 178)
 PLANE = Plane.of(CORNERS, SIZE)
@@ -85,3 +85,28 @@ def test_what_is_dark_and_covers_the_marble_is_no_dim_marble(tracker: Tracker) -
         picture = rendered(seed=60 + index)
         picture[35:110, 45 : 100 + index] = np.array(MARBLE) * 0.4
         assert not tracker.see(picture).seen
+
+
+def test_a_marble_at_rest_that_is_less_sure_for_long_is_held(tracker: Tracker) -> None:
+    """Where it lies at a wall, less of it may be as usual for more pictures than a glance lasts."""
+    for index in range(6):
+        tracker.see(rendered((60.0, 70.0), seed=80 + index))
+    held = []
+    for index in range(20):
+        picture = rendered((60.0, 70.0), seed=90 + index)
+        # A part of the marble has another colour.
+        picture[64:77, 63:68] = (60, 90, 60)
+        held.append(tracker.see(picture))
+    assert max(one.confidence for one in held) < FAR
+    assert all(one.seen for one in held)
+    assert np.abs([[one.x - 60.0, one.y - 70.0] for one in held]).max() < 0.5
+
+
+def test_the_first_place_is_followed_back_from_the_first_clear_one(learned) -> None:
+    """A marble that leaves a spot of its own colour is not found there, but it is followed to it."""
+    places = [(60.0 + 2.0 * index, 70.0) for index in range(6)]
+    pictures = [rendered(place, seed=index) for index, place in enumerate(places)]
+    tracker = Tracker(learned, scale_of(PLANE, learned.finder.middle))
+    clear = [(index, tracker.match(pictures[index], *places[index])) for index in (4, 5)]
+    assert _first(pictures, clear, tracker) == pytest.approx(places[0], abs=0.3)
+    assert _first(pictures, clear[:1], tracker) is None

@@ -24,7 +24,7 @@ TRUTH = [[0.06, 0.05, 4e-4, 15.0, 1.03]]
 
 @pytest.fixture(scope="module")
 def local_ray() -> Iterator[str]:
-    """Start a Ray cluster of two cores on this machine, whatever other cluster it may belong to."""
+    """Start a Ray cluster of two cores on this machine, independent of any other cluster."""
     ray = pytest.importorskip("ray", reason="ray is an optional package: labsim-irt[cluster]")
     with warnings.catch_warnings():
         # Ray's own: how it starts and ends processes.
@@ -69,17 +69,17 @@ def test_a_cluster_diagnoses_the_same_bit_for_bit(local_ray: str, rigs, module: 
             name: {"path": name.encode(), **{f"rig/{file}": data for file, data in files.items()}}
             for name, files in inputs.items()
         }
-    told = {}
+    results = {}
     for workers in (LocalWorkers(2), RayWorkers(local_ray)):
         answers = dict(workers.each(module, inputs, ["7"] if "report" in module else []))
-        # What is measured in seconds is in these, and the same nowhere.
+        # These files contain wall times, which differ.
         for files in answers.values():
             for name in ("seconds.json", "diagnosis.json", "report.html"):
                 files.pop(name, None)
-        told[type(workers).__name__] = answers
-    assert told["RayWorkers"] == told["LocalWorkers"]
-    assert list(told["RayWorkers"]["broken"]) == ["failed.json"]
-    assert "model.toml" in told["RayWorkers"]["whole"]
+        results[type(workers).__name__] = answers
+    assert results["RayWorkers"] == results["LocalWorkers"]
+    assert list(results["RayWorkers"]["broken"]) == ["failed.json"]
+    assert "model.toml" in results["RayWorkers"]["whole"]
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_a_drive_read_back_is_the_same_drive(tmp_path):
     assert np.array_equal(again.runs[0].start_velocity, STAMPED.runs[0].start_velocity)
 
 
-def test_a_worker_that_fails_is_told():
+def test_a_worker_that_fails_is_reported():
     class Broken:
         def each(self, module, inputs, words=()):
             yield "0", {FAILED: b'{"error": "no room"}'}

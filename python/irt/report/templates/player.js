@@ -1,5 +1,5 @@
 "use strict";
-// Plays the runs of a diagnosis. The page stands without it: the still pictures are shown until it has run.
+// Plays the runs of a diagnosis. The page works without it: still pictures are shown until this script has run.
 (() => {
   const root = document.getElementById("animation");
   const data = JSON.parse(document.getElementById("animation-data").textContent);
@@ -7,7 +7,7 @@
   const play = find(".play"), slider = find(".time"), clock = find(".clock");
   const chosen = find(".run"), speed = find(".speed");
   const calm = window.matchMedia("(prefers-reduced-motion: reduce)");
-  const PIECES = 12; // of a trail, each fainter than the next
+  const PIECES = 12; // segments of a trail, fading towards its tail
   const CALM_STEP_S = 0.5;
 
   const actors = data.series.map((name) => ({
@@ -58,7 +58,7 @@
     });
   }
 
-  // As everywhere on the page: the mean of |x| and |y|, in percent of the edge.
+  // The mean of |x| and |y|, in percent of the edge, as elsewhere on the page.
   function apart(a, b) {
     return a && b ? `${(50 * (Math.abs(a[0] - b[0]) + Math.abs(a[1] - b[1]))).toFixed(2)} %` : "not seen";
   }
@@ -78,7 +78,7 @@
     slider.setAttribute("aria-valuetext", `${clock.textContent} of ${moment(run.t[run.t.length - 1], run.t.length - 1)}`);
   }
 
-  // Without stamps nobody knows what a second is: the clock counts rows.
+  // Without stamps the duration of a row is unknown, so the clock counts rows.
   function moment(time, row) {
     return data.stamped ? `${(time - run.t[0]).toFixed(1)} s` : `row ${run.rows[row]}`;
   }
