@@ -1,8 +1,8 @@
-"""Measure this project's engines and fits beside those of others, in one run, into ``target/peers.json``.
+"""Compare this project's engines and fits with those of others in one run, into ``target/peers.json``.
 
     python benches/compare.py && python benches/write_table.py
 
-Wants the packages of ``benches/requirements.txt``; what is missing is left out and said to be.
+Needs the packages of ``benches/requirements.txt``; missing ones are skipped and listed.
 """
 
 import argparse
@@ -18,7 +18,7 @@ from peers import fit_task, fits, growth, throughput
 from peers.workload import PAPER_ROLLOUTS, spread, substeps
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Name on the page, and distribution that has the version.
+#: Name on the page, and distribution for the version.
 PACKAGES = {
     "PyBullet": "pybullet",
     "MuJoCo": "mujoco",
@@ -29,12 +29,12 @@ PACKAGES = {
 
 
 def progress(text: str) -> None:
-    """Say on stderr how far the run is."""
+    """Print progress to stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
 def versions() -> dict[str, str]:
-    """Return the version of every peer that is installed."""
+    """Return the versions of installed peers."""
     installed = {}
     for name, package in PACKAGES.items():
         try:
@@ -45,10 +45,10 @@ def versions() -> dict[str, str]:
 
 
 def measure(rounds: int, starts: int, largest: int) -> dict[str, Any]:
-    """Measure everything; return the samples themselves, as JSON takes them."""
+    """Run all measurements; return the raw samples as JSON content."""
     busy = busy_cores()
     absent: dict[str, dict[str, str]] = {"engines": {}, "fits": {}}
-    # First, while this process is small: a child's peak memory counts from what its parent holds.
+    # First, while this process is small, because a child's peak memory includes its parent's.
     grown = growth.measure(largest, progress)
     engines = throughput.contenders(absent["engines"])
     speeds = throughput.measure(engines, rounds, progress)
@@ -69,7 +69,7 @@ def measure(rounds: int, starts: int, largest: int) -> dict[str, Any]:
 
 def main() -> None:
     """Measure, and write the samples."""
-    parser = argparse.ArgumentParser(description="Measure engines and fits beside those of others.")
+    parser = argparse.ArgumentParser(description="Compare engines and fits with those of others.")
     parser.add_argument("--rounds", type=int, default=9, help="repetitions of each engine (default: 9)")
     parser.add_argument("--starts", type=int, default=10, help="start points of each fit (default: 10)")
     parser.add_argument(

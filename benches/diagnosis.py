@@ -2,11 +2,11 @@
 
     .venv/bin/python benches/diagnosis.py ../shared/rigs --out diagnosed
 
-A rig is a folder of recordings ``train-*.csv``, which a diagnosis sees, and ``test-*.csv``, which it does
-not. ``labels.json`` beside them is read only after all answers are written: ``kind`` (an effect, two,
-``none``, ``outliers`` or ``unlisted_...``), the errors ``base`` and ``oracle`` on the test runs, the
-``truth``, and perhaps what is ``left_over`` besides, which an answer may name or not. A rig that has its
-answer already is not diagnosed again.
+A rig is a folder of recordings ``train-*.csv``, which the diagnosis uses, and ``test-*.csv``, which it does
+not. ``labels.json`` beside the rigs is read only after all answers are written. It contains ``kind`` (an
+effect, two effects, ``none``, ``outliers`` or ``unlisted_...``), the errors ``base`` and ``oracle`` on the
+test runs, the ``truth``, and optionally ``left_over`` physics, which an answer may name or not. Existing
+answers are reused.
 """
 
 from __future__ import annotations
@@ -32,29 +32,29 @@ from irt.files import write_atomic
 from irt.residual import free_run_error
 
 NOTHING = ("none", "outliers")
-#: What other labels call our parameters, and the factor to our unit.
+#: Names of parameters in other labels, and the factor to this project's unit.
 ALIASES = {
     "rolling_friction": ("c_rr", 1.0),
     "time_scale": ("dt", 240.0),
     "observation_scale": ("scale", 1.0),
 }
-#: What a map of slopes, or a sticky board, that is left over may be taken for.
+#: Effects that resemble a left-over map of slopes or a sticky board.
 LIKE = {
     "slope_map": {"slope_map", "bump", "board_warp", "point_field"},
     "static_friction": {"static_friction", "stribeck"},
 }
-#: What a diagnosis calls physics that it cannot name: neither right nor false.
+#: Names of a diagnosis for unknown physics, which are neither right nor false.
 NAMELESS = "unlisted"
-#: The most that the truth's error is of the base model's where there is a gap to close.
+#: Largest ratio of the truth's error to the base model's for a rig with a gap.
 GAP = 0.9
-#: Bands of how far effects move the path by themselves [tracker noises].
+#: Bands of the change of the path by a single effect [tracker noises].
 BANDS = (3.0, 10.0, 30.0, math.inf)
-#: The fewest inclusion probabilities of a decile from which a share of true ones says anything.
+#: Minimum number of inclusion probabilities in a decile for a share of true ones.
 ENOUGH = 20
 
 
 def main() -> None:
-    """Answer, then score."""
+    """Diagnose, then score."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("rigs", type=Path)
     parser.add_argument("--out", type=Path, default=Path("diagnosed"))
@@ -95,7 +95,7 @@ def answer(rigs: Path, out: Path, seed: int, threads: int | None, name: str) -> 
 
 
 def diagnosed(rig: irt.Rig, folder: Path, seed: int, threads: int | None) -> dict[str, Any]:
-    """Diagnose a rig; write ``model.toml`` and, last, ``diagnosis.json``, and return what that says."""
+    """Diagnose a rig; write ``model.toml`` and, last, ``diagnosis.json``, and return its content."""
     began, spent = time.perf_counter(), cpu_seconds()
     found = irt.diagnose(rig, seed=seed, threads=threads)
     said = {
@@ -109,7 +109,7 @@ def diagnosed(rig: irt.Rig, folder: Path, seed: int, threads: int | None) -> dic
 
 
 def cpu_seconds() -> float:
-    """Return the processor time of this process so far, with all its threads and its children that ended."""
+    """Return the CPU time of this process so far, with its threads and ended children."""
     return sum(os.times()[:4])
 
 
@@ -153,22 +153,21 @@ def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> dict[str, 
 def compared(
     hidden: Sequence[str], named: Mapping[str, Collection[str]], left_over: Sequence[str] = ()
 ) -> tuple[list[str], list[str]]:
-    """Return which hidden effects are named, and which names are false.
+    """Return the named hidden effects, and the false names.
 
     Parameters
     ----------
     hidden : sequence of str
         The truth.
     named : mapping
-        By each name of an answer the effects among which it leaves the choice. A name stands for one hidden
-        effect at most.
+        By each name of an answer, the effects tied with it. A name matches at most one hidden effect.
     left_over : sequence of str
-        What is hidden besides: names of what is like it are neither right nor false.
+        Additional hidden physics; names of similar effects are neither right nor false.
     """
     stands_for: dict[str, str] = {}
 
     def stand(effect: str, asked: set[str]) -> bool:
-        """Find a name for an effect: its own, or else one that may leave another effect to its own name."""
+        """Match an effect to its own name, or to a tied one by reassigning another effect."""
         for name in sorted(named, key=lambda name: name != effect):
             if effect in named[name] and name not in asked:
                 asked.add(name)
@@ -184,7 +183,7 @@ def compared(
 
 
 def intervals(said: dict[str, Any], truth: dict[str, Any]) -> dict[str, bool]:
-    """Return for each parameter, of the base and of effects rightly named, whether its interval holds."""
+    """Return whether the intervals of the base and of rightly named effects contain the truth."""
     held = {}
     for name, one in said["parameters"].items():
         alias, factor = ALIASES.get(name, (name, 1.0))
@@ -215,7 +214,7 @@ def summary(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def is_right(row: dict[str, Any]) -> bool:
-    """Return whether an answer is what the label says, without a tie or a false name."""
+    """Return whether an answer equals the label, without a tie or a false name."""
     if row["kind"][0] in NOTHING:
         return bool(row["verdict"] == "sufficient")
     if row["kind"][0].startswith(NAMELESS):
@@ -224,7 +223,7 @@ def is_right(row: dict[str, Any]) -> bool:
 
 
 def figures(rows: list[dict[str, Any]]) -> dict[str, str]:
-    """Return the figures of scored rigs, by what they say; none where no rig has a say."""
+    """Return the figures of scored rigs by name; those without rigs are left out."""
     nothing = [row for row in rows if row["kind"][0] in NOTHING]
     unlisted = [row for row in rows if row["kind"][0].startswith(NAMELESS)]
     hidden = [row for row in rows if row not in nothing and row not in unlisted]
@@ -257,7 +256,7 @@ def figures(rows: list[dict[str, Any]]) -> dict[str, str]:
 
 
 def by_size(rows: list[dict[str, Any]]) -> dict[str, str]:
-    """Return for bands of how far effects move the path by themselves how many are named."""
+    """Return the shares of named effects, by bands of their own change of the path."""
     moves = [(moved, name in row["right"]) for row in rows for name, moved in row["moves"].items()]
     return {
         f"several at once: named of {low:g} to {high:g} noises": _share(
@@ -268,7 +267,7 @@ def by_size(rows: list[dict[str, Any]]) -> dict[str, str]:
 
 
 def calibration(rows: list[dict[str, Any]]) -> dict[str, str]:
-    """Return for each decile of inclusion probabilities, where there are enough, how many were true."""
+    """Return the share of true effects for each decile of inclusion probabilities with enough of them."""
     pairs = [pair for row in rows for pair in row["inclusion"].values()]
     found = {}
     for decile in range(10):

@@ -1,9 +1,9 @@
-"""How well a tuned model predicts runs that it has not seen: each run of a rig is held out in turn.
+"""Leave-one-run-out errors of tuned models on a rig.
 
     python benches/held_out_runs.py my-rig --window 1 --effect delay --effect lag --effect tilt_bias
 
-prints the mean absolute error of the marble in windows, predicted from the commands and, where the tilt was
-measured, with the measured tilt played; and of the tilt that the commands predict. All are means over runs.
+prints mean absolute errors over windows, averaged over runs: of the marble predicted from the commands and,
+with measured tilt, from that tilt; and of the tilt predicted from the commands.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main() -> None:
 
 
 def held_out(rig: Rig, index: int, args: argparse.Namespace) -> Evaluation:
-    """Evaluate on one run what all others were tuned to."""
+    """Tune to all other runs, and evaluate on one run."""
     others = tuple(one for i, one in enumerate(rig.recordings) if i != index)
     effects = [Effect(name, {}) for name in args.effect]
     model = least_squares(replace(rig, recordings=others), effects=effects, starts=args.starts).model
@@ -50,7 +50,7 @@ def held_out(rig: Rig, index: int, args: argparse.Namespace) -> Evaluation:
 
 
 def errors(evaluation: Evaluation) -> list[float]:
-    """Return the errors in the order of `COLUMNS`, NaN where there is none."""
+    """Return the errors in the order of `COLUMNS`, NaN for missing ones."""
     marble = [np.nan if one is None else one.mae for one in (evaluation.windowed, evaluation.played)]
     tilt = evaluation.tilt
     angles = [None, None] if tilt is None else [tilt.mae_x_rad, tilt.mae_y_rad]

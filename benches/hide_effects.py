@@ -1,15 +1,15 @@
-"""Make rigs with hidden effects, as `benches/diagnosis.py` takes them, by an engine that no fit uses.
+"""Make rigs with hidden effects for `benches/diagnosis.py`, with an engine that no fit uses.
 
     .venv/bin/python benches/hide_effects.py hidden --rigs 100 --nulls 0.3 --effects 1 1 2 --seed 1
     .venv/bin/python benches/hide_effects.py crowded --engine mujoco --effects 3 4 --push 0.05 0.1 --left-over
 
-A fit runs on the rolling engine; recordings are simulated by another one (rapier in 3-D, or MuJoCo), so in
-a null rig the engines differ too. Magnitudes are drawn log-uniformly from what shows at all to the end of
-the catalogue's range, noise from 0.2 to 0.6 mm, most of it white. With ``--push`` the board is besides
-turned by white noise that no recording holds, with ``--left-over`` it is uneven and sticky.
+A fit runs on the rolling engine; recordings are simulated by another one (rapier in 3-D, or MuJoCo), so that
+the engines differ in null rigs too. Magnitudes are drawn log-uniformly from the smallest detectable size to
+the end of the catalogue's range; noise is 0.2 to 0.6 mm, mostly white. ``--push`` turns the board by
+unrecorded white noise; ``--left-over`` makes it uneven and sticky.
 
-The label's `oracle` is the error of the hidden effects themselves, started from the row 0 that the tracker
-saw, as every prediction is: without the push, and on a board without the physics left over.
+The label's `oracle` is the error of a simulation with the hidden effects, from the tracked row 0 like every
+prediction, without the push and the left-over physics.
 """
 
 from __future__ import annotations
@@ -36,27 +36,27 @@ Array = NDArray[np.float64]
 ROWS, TRAIN, TEST = 120, 8, 4
 #: Long edge of the board [m].
 EDGE_M = 0.276
-#: Smallest size drawn, as a share of the largest, and by how much an effect moves the path [noises].
+#: Smallest size as a share of the largest, and smallest change of the path by an effect [noises].
 SMALLEST, SHOWS = 0.05, 3.0
-#: What recordings draw, delays that differ above all, is none of what a fit draws: that counts from 0.
+#: First seed of random effects in recordings, such as delay jitter; seeds of fits count from 0.
 DRAWS = 1_000_000
-#: Kinds of tracker noise, and how often each is drawn: white; a tenth of its samples five times as large;
-#: each sample carrying on half of the one before.
+#: Kinds of tracker noise with their weights: white; heavy-tailed, with a tenth of the samples five times as
+#: large; coloured, with an autocorrelation of a half.
 NOISE = {"white": 0.6, "heavy": 0.2, "coloured": 0.2}
-#: Standard deviation of each of 14 modes of a board that is uneven besides [rad]: together about half of what
-#: holds a marble up; with ten times as much, the truth explains nothing.
+#: Standard deviation of each of 14 modes of an uneven board [rad]: together about half of the slope that
+#: holds a marble; with ten times as much the truth explains nothing.
 SLOPE = 1e-4
-#: How much more tilt a sticky marble needs to start than to roll on.
+#: Ratio of the tilt to start to the tilt to roll on, for a sticky board.
 STICKY = (1.5, 3.0)
 
 
 class World(Protocol):
-    """What moves marbles: a module with these."""
+    """Interface of a simulator module."""
 
     KNOWN: frozenset[str]
     """Names of the effects that it can simulate."""
     CHOICES: dict[str, dict[str, float]]
-    """By effect and parameter, the only answers to yes or no that it can simulate."""
+    """By effect and parameter, the values of switches that it can simulate."""
 
     def simulate(
         self,
@@ -69,26 +69,26 @@ class World(Protocol):
     ) -> Array:
         """Return observed positions (n, rows, 2) [board edges] of parameters (5,) under knobs (n, rows, 2).
 
-        `start` (n, 2) is where marbles are seen in row 0, by default the centre; `seeds` (n,) are of
-        effects that draw.
+        `start` (n, 2) are observed positions in row 0, by default the centre; `seeds` (n,) are for random
+        effects.
         """
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is hidden in a rig.
+    """Hidden physics of a rig.
 
     Attributes
     ----------
     engine : str
-        What simulates: "rapier" or "mujoco".
+        The simulator, "rapier" or "mujoco".
     effects : int
-        How many effects act at once.
+        Number of simultaneous effects.
     push : float
-        Standard deviation of a turn of the knobs that is recorded nowhere, another in each row, as a share
-        of a run's largest command.
+        Standard deviation of unrecorded turns of the knobs, independent in each row, as a share of a run's
+        largest command.
     left_over : bool
-        Whether the board is uneven and sticky besides.
+        Whether the board is also uneven and sticky.
     """
 
     engine: str = "rapier"
@@ -126,9 +126,9 @@ def main() -> None:
 def recipes(
     rigs: int, nulls: float, common: Recipe, effects: Sequence[int], push: Sequence[float]
 ) -> list[Recipe]:
-    """Return what to hide in each rig: the rigs take turns at numbers of effects and at pushes.
+    """Return the hidden physics of each rig, cycling through numbers of effects and pushes.
 
-    Every 1/nulls-th rig hides nothing.
+    Every 1/nulls-th rig has none.
     """
     empty = [int((index + 1) * nulls) > int(index * nulls) for index in range(rigs)]
     return [
@@ -143,7 +143,7 @@ def recipes(
 
 
 def read_labels(rigs: Path) -> dict[str, Any]:
-    """Return the labels of the rigs in a folder that are there already, by their names."""
+    """Return the labels of existing rigs in a folder, by name."""
     path = rigs / "labels.json"
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return found
@@ -156,16 +156,16 @@ def write_labels(rigs: Path, labels: dict[str, Any]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """A rig before anything is hidden in it, and how it is driven.
+    """A rig without hidden physics, and its commands.
 
     Attributes
     ----------
     world : World
-        What moves the marble.
+        The simulator.
     values : (5,) array
         The parameters.
     knobs : (runs, rows, 2) array
-        Commands as they are recorded [rad].
+        Recorded commands [rad].
     noise : float
         Standard deviation of the tracker [board edges].
     """
@@ -192,7 +192,7 @@ class Setting:
     def simulate(
         self, effects: Sequence[dict[str, Any]], knobs: Array | None = None, start: Array | None = None
     ) -> Array:
-        """Return paths (n, rows, 2) [board edges], of other commands than its own if there are any."""
+        """Return paths (n, rows, 2) [board edges], under other commands if given."""
         knobs = self.knobs if knobs is None else knobs
         seeds = DRAWS + np.arange(len(knobs))
         return self.world.simulate(self.values, knobs, effects, start=start, seeds=seeds)
@@ -200,7 +200,7 @@ class Setting:
     def effects(
         self, count: int, random: np.random.Generator
     ) -> tuple[list[dict[str, Any]], dict[str, float]]:
-        """Draw effects, and how far each moves the path by itself [noises]; fewer if too little shows."""
+        """Draw effects, with the change of the path by each [noises]; fewer if too few are detectable."""
         names = [info.name for info in hypothetical() if info.name in self.world.KNOWN]
         plain = self.simulate([])
         effects: list[dict[str, Any]] = []
@@ -257,7 +257,7 @@ def hide(folder: Path, recipe: Recipe, random: np.random.Generator) -> dict[str,
 
 
 def _left_over(random: np.random.Generator, effects: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Draw an uneven board, and a sticky one, unless that is what is hidden."""
+    """Draw an uneven and sticky board, except physics that is hidden anyway."""
     slopes = {one.name: float(random.normal(scale=SLOPE)) for one in effect("slope_map").parameters}
     rest = [
         {"name": "slope_map", **slopes},
@@ -268,7 +268,7 @@ def _left_over(random: np.random.Generator, effects: Sequence[dict[str, Any]]) -
 
 
 def _noise(kind: str, random: np.random.Generator) -> Array:
-    """Draw tracker noise (TRAIN + TEST, ROWS, 2) of unit standard deviation, but for its outliers."""
+    """Draw tracker noise (TRAIN + TEST, ROWS, 2) of unit standard deviation without its outliers."""
     drawn = random.normal(size=(TRAIN + TEST, ROWS, 2))
     if kind == "heavy":
         drawn[random.random(drawn.shape) < 0.1] *= 5.0
@@ -305,15 +305,15 @@ def _drive(random: np.random.Generator, amplitude: float) -> Array:
                 * np.sin(2 * np.pi * random.uniform(0.5, 6.0) * rows / ROWS + random.uniform(0, 6))
                 for _ in range(4)
             ]
-            told = np.sum(waves, axis=0)
+            command = np.sum(waves, axis=0)
         elif kind == 1:
-            told = np.repeat(random.uniform(-1.0, 1.0, ROWS), random.integers(5, 20))[:ROWS]
+            command = np.repeat(random.uniform(-1.0, 1.0, ROWS), random.integers(5, 20))[:ROWS]
         elif kind == 2:
-            told = np.sin(2 * np.pi * (0.5 + 3.0 * rows / ROWS) * rows / ROWS)
+            command = np.sin(2 * np.pi * (0.5 + 3.0 * rows / ROWS) * rows / ROWS)
         else:
-            told = random.choice([-1.0, 1.0]) * np.sin(2 * np.pi * random.uniform(1.0, 3.0) * rows / ROWS)
-        told = told * np.minimum(1.0, rows / 4.0)
-        return np.asarray(amplitude * told / max(np.abs(told).max(), 1e-9))
+            command = random.choice([-1.0, 1.0]) * np.sin(2 * np.pi * random.uniform(1.0, 3.0) * rows / ROWS)
+        command = command * np.minimum(1.0, rows / 4.0)
+        return np.asarray(amplitude * command / max(np.abs(command).max(), 1e-9))
 
     quiet = random.random(2) < [0.15, 0.15]
     return np.stack(

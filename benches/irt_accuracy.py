@@ -1,11 +1,11 @@
-"""Measure IRT as the paper's experiment 1 does, on many random pairs, and print a Markdown table.
+"""Measure the accuracy of IRT on many random pairs, as in the paper's experiment 1; print a Markdown table.
 
     python benches/irt_accuracy.py > table.md
 
 Targets and start points are drawn uniformly from the paper's ranges and simulated under the paper's drive.
 State errors are mean absolute errors in percent of the board's long edge, parameter errors in percent of the
-ranges, each with its standard error over the trials. Beside the shipped network stands one trained here in
-the paper's own way: 10,000 pairs, always the same, at a constant learning rate, without noise.
+ranges, each with its standard error over the trials. The shipped network is compared with one trained here as
+in the paper: 10,000 fixed pairs, a constant learning rate, no noise.
 """
 
 import argparse
@@ -70,7 +70,7 @@ class Trials:
 
 
 def table(columns: dict[str, tuple[Array, Array]]) -> Iterator[str]:
-    """Yield the table's lines: a row for each iteration, two columns for each way to tune."""
+    """Yield the table's lines: a row for each iteration, two columns for each method."""
     yield "| iteration | " + " | ".join(f"{name}: state | parameters" for name in columns) + " |"
     yield "| ---: |" + " ---: | ---: |" * len(columns)
     for row, iteration in enumerate(ITERATIONS):
@@ -84,7 +84,7 @@ def with_error(errors: Array) -> str:
 
 
 def describe(name: str, file: NetworkFile) -> str:
-    """Return what a network is and how well it learned."""
+    """Return a description of a network with its loss."""
     about = file.metadata
     return (
         f"- {name}: {int(about['pairs']):,} pairs, {about['epochs']} epochs, "

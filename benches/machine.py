@@ -1,4 +1,4 @@
-"""Where something was measured, and what else went on there."""
+"""Description and load of the machine of a measurement."""
 
 import datetime
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 
 
 def machine() -> str:
-    """Name the processor, its cores and the day, for the line under a table."""
+    """Return processor, date and number of cores, for the line under a table."""
     model = platform.processor() or platform.machine()
     if shutil.which("lscpu"):
         fields = json.loads(subprocess.check_output(["lscpu", "--json"]))["lscpu"]
@@ -20,7 +20,7 @@ def machine() -> str:
 
 
 def busy_cores(seconds: float = 2.0) -> float:
-    """Return how many cores work while this process sleeps; 0 where the system does not tell."""
+    """Return the number of busy cores while this process sleeps; 0 if the system does not report it."""
     stat = Path("/proc/stat")
     if not stat.exists():
         return 0.0
@@ -31,6 +31,6 @@ def busy_cores(seconds: float = 2.0) -> float:
 
 
 def _ticks(stat: Path) -> tuple[int, int]:
-    """Return the time of all cores since boot, and how much of it they idled or waited [ticks]."""
+    """Return the time of all cores since boot, and their idle and waiting time [ticks]."""
     user, nice, system, idle, waiting, *others = map(int, stat.read_text().split("\n", 1)[0].split()[1:9])
     return user + nice + system + idle + waiting + sum(others), idle + waiting

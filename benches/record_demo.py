@@ -3,8 +3,8 @@
     python benches/record_demo.py
 
 writes `python/irt/data/demo-rig`. The commands are those of `irt drive`. The board's drive has slack about
-both axes, which a simulator of five parameters lacks, so that there is something to diagnose. The same
-PyBullet gives the same bytes.
+both axes, which a simulator of five parameters lacks, as something to diagnose. The same PyBullet version
+gives the same bytes.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ SOLVER_ITERATIONS = 100
 
 @dataclass(frozen=True)
 class Truth:
-    """What a tuning should find."""
+    """The true parameters."""
 
     gear_x: float = 0.038
     gear_y: float = 0.068
@@ -59,7 +59,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class Run:
-    """One recording: what the knobs do, where the marble starts, and what the tracker gets wrong.
+    """A recording: commands, start position, and errors of the tracker.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Run:
     lost : tuple of int
         Rows in which the tracker sees no marble.
     outliers : dict
-        Row to the offset [board edges] of something else the tracker took for the marble.
+        Offset [board edges] of a false detection, by row.
     """
 
     name: str
@@ -155,7 +155,7 @@ def simulate(truth: Truth, knobs: FloatArray, start_m: tuple[float, float]) -> F
 def observe(
     truth: Truth, run: Run, positions_m: FloatArray, noise_m: float, rng: np.random.Generator
 ) -> FloatArray:
-    """What the tracker reports of positions (n, 2) [m]: board edges, to the six digits it prints."""
+    """Return tracked positions of (n, 2) [m]: board edges, to the six printed digits."""
     noisy_m = positions_m + rng.normal(0.0, noise_m, positions_m.shape)
     seen = noisy_m / EDGES_M[0] * truth.observation_scale
     for row, offset in run.outliers.items():

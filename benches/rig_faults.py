@@ -1,4 +1,4 @@
-"""Writes the table of faults: what was injected, how it ended, how fast the arms came to rest.
+"""Write the table of faults: injection, outcome, and time to rest of the arms.
 
 python benches/rig_faults.py [--together 1] [--out faults.md]
 """
@@ -18,7 +18,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "rig"))
 
-# It lies beside the tests that use it.
+# The module is beside the tests that use it.
 from faults import FAULTS  # type: ignore[import-not-found]  # noqa: E402
 
 _INSIDE = 'ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
@@ -60,7 +60,7 @@ def row(name: str, what: str, found: dict[str, Any]) -> str:
         return f"| {name} | {what} | {why if why.startswith('stopped') else f'refused: {why}'} | | |"
     rest = 1e3 * (found["stopped"] - found["injected"] + found["ramp_s"])
     ramp = f"{1e3 * found['ramp_s']:.0f} ms from {found['rate_before']:.2f} rad/s"
-    after = f"{rest:.0f} ms" if rest > 0.0 else ""  # a clock that was set tells no times
+    after = f"{rest:.0f} ms" if rest > 0.0 else ""  # no valid times after a clock step
     return f"| {name} | {what} | `{found['code']}`: {found['why']} | {ramp} | {after} |"
 
 

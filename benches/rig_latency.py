@@ -1,8 +1,8 @@
-"""Measures the rig's loop beside its twin: late ticks, the way into the bag, and messages lost.
+"""Measure the rig's loop with its twin: late ticks, latency into the bag, and lost messages.
 
     python benches/rig_latency.py [--seconds 600] [--tracker-hz 60] [--fifo 50]
 
-Everything runs in a network namespace of its own, which takes root. Prints a row of rig/README.md's table.
+Runs in a private network namespace, which requires root. Prints a row of rig/README.md's table.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ kill $twin; exit $status
 def prepare(folder: Path, seconds: float, tracker_hz: int) -> None:
     text = (ROOT / "rig" / "example" / "rig.toml").read_text(encoding="utf-8")
     text = text.replace("allow_arming = false", "allow_arming = true")
-    # A tick that comes late is counted here, and stops nothing.
+    # Here a late tick is counted and does not stop the rig.
     text = text.replace("overrun_s = 0.05", "overrun_s = 2.0").replace("joints_s = 0.1", "joints_s = 2.0")
     text = text.replace("tracker_s = 0.3", "tracker_s = 2.0").replace("stamp_s = 0.5", "stamp_s = 2.0")
     text = text.replace("tracking_error_s = 0.1", "tracking_error_s = 2.0")
@@ -57,7 +57,7 @@ def prepare(folder: Path, seconds: float, tracker_hz: int) -> None:
 
 
 def points(bag: Path) -> tuple[int, int]:
-    """Return how many points are in a bag, and how many are missing between the first and the last."""
+    """Return the number of points in a bag, and of missing ones between the first and the last."""
     stamps = []
     with bag.open("rb") as stream:
         for _, _, message in make_reader(stream).iter_messages(topics=["/marble/position"]):

@@ -1,11 +1,10 @@
-"""Measure the tracker beside other ways to find a ball, on rendered runs, into ``target/tracking.json``.
+"""Compare the tracker with other ball detectors on rendered runs, into ``target/tracking.json``.
 
     python benches/track.py && python benches/write_table.py
 
-What the sets hold is in `tracking.sets`. The runs that are reported begin at number 300 (``--first``): the
-tracker was made on others. Processor time on one core. Wants trackpy of ``benches/requirements.txt``, and
-cyclonedds for the time from a picture to its published point; without them these are left out, which the
-table says.
+The sets are described in `tracking.sets`. Reported runs begin at number 300 (``--first``); the tracker was
+developed on others. CPU time on one core. Needs trackpy of ``benches/requirements.txt``, and cyclonedds for
+the time from a picture to its published point; without them these are left out, as the table says.
 """
 
 from __future__ import annotations
@@ -39,21 +38,21 @@ Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = Size(1.0, EDGES_M[1] / EDGES_M[0], RADIUS_M / EDGES_M[0])
 OURS = "irt track"
-#: A position farther off is false, in radii of the marble; so is any where nothing is seen of it.
+#: Distance, in radii of the marble, above which a position is false; so is any position of a hidden marble.
 FALSE_RADII = 1.0
 #: A marble is visible if this share of it is.
 VISIBLE = 0.75
-#: Pictures of which the others are told where the marble is.
-TOLD = 10
-#: Every so many pictures are searched as a whole, too, for the time that it takes.
+#: Number of pictures for which the others get the marble's position.
+GIVEN = 10
+#: Interval of pictures that are also searched as a whole, to time it.
 WHOLE_EVERY = 20
-#: Where points are published while measuring.
+#: Topic of the published points.
 TOPIC, DOMAIN = "/bench/marble/position", 87
 
 
 @dataclass
 class Score:
-    """What one way did on one run; times in seconds."""
+    """Scores of one method on one run; times in seconds."""
 
     name: str
     set: str
@@ -89,7 +88,7 @@ class Score:
 
 
 class Taker:
-    """Takes pictures as `irt track --publish` does, and the time that each costs."""
+    """Processes pictures like `irt track --publish`, with the time of each."""
 
     def __init__(
         self, tracker: Tracker, pose: Pose, score: Score, publish: Callable[..., None] | None
@@ -97,7 +96,7 @@ class Taker:
         self._tracker, self._pose, self._score, self._publish = tracker, pose, score, publish
 
     def see(self, picture: Picture) -> tuple[float, float]:
-        """Return the marble's middle [pixels]."""
+        """Return the marble's centre [pixels]."""
         start, wall = time.process_time(), time.perf_counter()
         found = self._tracker.see(picture)
         (self._score.window if found.in_window else self._score.lost).append(time.process_time() - start)
@@ -109,12 +108,12 @@ class Taker:
 
 
 def progress(text: str) -> None:
-    """Say on stderr how far the run is."""
+    """Print progress to stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
 def publisher(absent: dict[str, str]) -> Callable[..., None] | None:
-    """Return what publishes a point, None where it cannot."""
+    """Return a publisher of points; None if unavailable."""
     try:
         from irt.tracking.live import Publisher  # noqa: PLC0415
 
@@ -131,7 +130,7 @@ def run_clip(
     absent: dict[str, str],
     publish: Callable[..., None] | None,
 ) -> list[Score]:
-    """Return the scores of all ways on one run."""
+    """Return the scores of all methods on one run."""
     scene = SETS[name](clip, options.rows)
     frames = [scene.frame(index) for index in range(options.rows)]
     pictures = [picture for picture, _ in frames]
@@ -142,7 +141,7 @@ def run_clip(
     _count(score, _ours(scene, pictures, score, publish), pictures, truths, visible)
     scores = [score]
     few = slice(0, options.others)
-    for rival, way in rivals(pictures[:TOLD], truths[:TOLD], radius, _box(scene), absent).items():
+    for rival, way in rivals(pictures[:GIVEN], truths[:GIVEN], radius, _box(scene), absent).items():
         score = Score(rival, name, clip, radius)
         _count(score, way.see, pictures[few], truths[few], visible[few])
         scores.append(score)
@@ -159,7 +158,7 @@ def _box(scene: Scene) -> Box:
 def _ours(
     scene: Scene, pictures: list[Picture], score: Score, publish: Callable[..., None] | None
 ) -> Callable[[Picture], tuple[float, float]]:
-    """Return what sees the marble, after it has learned of a run as `irt track` does."""
+    """Return the tracker, prepared on a run like `irt track`."""
     lens = Lens(scene.view.matrix, scene.view.distortion, (scene.view.width, scene.view.height), 0.0)
     sample = [pictures[one] for one in np.linspace(0, len(pictures) - 1, SAMPLE).astype(int)]
     try:
@@ -195,7 +194,7 @@ def _count(
 
 def main() -> None:
     """Measure, and write the scores."""
-    parser = argparse.ArgumentParser(description="Measure the tracker beside other ways to find a ball.")
+    parser = argparse.ArgumentParser(description="Compare the tracker with other ball detectors.")
     parser.add_argument("--clean", type=int, default=6, help="runs of the clean set (default: 6)")
     parser.add_argument("--hard", type=int, default=14, help="runs of the hard set (default: 14)")
     parser.add_argument("--first", type=int, default=300, help="number of the first run (default: 300)")

@@ -1,9 +1,9 @@
-"""Score the tracker on path-traced runs that `render_traced.py` has rendered, beside its peers.
+"""Score the tracker and its peers on path-traced runs of `render_traced.py`.
 
     python benches/render_traced.py --out DIR 0 1 2 3 4 5 6 7 && python benches/track_traced.py DIR
 
-Prints one line for each run and way. Corners are found, except on boards with a rim: there a user gives those
-of the first picture to the pixel, because a picture does not say which outline is the board's. The peers
+Prints one line for each run and method. Corners are detected, except on boards with a rim: there those of the
+first picture are given to the pixel, because a picture does not show which outline is the board's. The peers
 (`tracking.rivals`) are given the marble's colour, its size and the true corners.
 """
 
@@ -32,14 +32,14 @@ from tracking.view import turned
 
 Array = NDArray[np.float64]
 MM = 1000.0 * EDGES_M[0]
-#: A position farther off than this is another thing [radii].
+#: Distance above which a position is of another object [radii].
 WRONG_RADII = 1.0
-#: Pictures of which the peers are given the marble's place.
+#: Number of pictures for which the peers get the marble's position.
 GIVEN = 10
 
 
 class Run:
-    """A rendered run: where its pictures are, and what is true."""
+    """A rendered run: its pictures and the truth."""
 
     def __init__(self, folder: Path) -> None:
         self.name = folder.name
@@ -59,7 +59,7 @@ class Run:
         self.source = open_source(str(next(folder.glob("run*"))), 30.0)
 
     def question(self, clue: Clue) -> Question:
-        """Return what a user asks."""
+        """Return the command-line arguments."""
         first = self.poses[0].project(np.column_stack([self.size.corners, np.zeros(4)]))
         given = tuple((round(x), round(y)) for x, y in first) if self.rim else None
         return Question(self.size, self.lens, given, clue)
@@ -83,7 +83,7 @@ def _rms(values: Array) -> float:
 
 
 def ours(run: Run, way: str, clue: Clue) -> str:
-    """Return what `irt track` does with a run."""
+    """Return the result of `irt track` on a run."""
     try:
         scene = prepare(run.source, run.question(clue), lambda *_: None)
         with tempfile.TemporaryDirectory() as folder:
@@ -104,7 +104,7 @@ def ours(run: Run, way: str, clue: Clue) -> str:
 
 
 def peers(run: Run) -> Iterator[str]:
-    """Yield what each peer does that is given the colour."""
+    """Yield the result of each peer, which gets the colour."""
     pictures = [frame.picture for frame in run.source.frames()]
     width, height = run.lens.size
     ways = rivals(pictures[:GIVEN], run.pixels[:GIVEN], run.radius_px, Box(0, 0, width, height), {})

@@ -1,14 +1,14 @@
-"""Write what was measured into docs/benchmarks.md, between ``<!-- bench:NAME -->`` and ``<!-- /bench -->``.
+"""Write measurements into docs/benchmarks.md, between ``<!-- bench:NAME -->`` and ``<!-- /bench -->``.
 
-Run by ``make bench``. NAME says what stands there:
+Run by ``make bench``. The blocks by NAME:
 
 - ``engine``: every benchmark under ``target/criterion``, with the median of its samples, their spread, and
-  substeps per second where it counts them;
+  substeps per second if it counts them;
 - ``effects``: criterion's group of that name, each effect in multiples of its benchmark ``base``;
-- ``peers``, ``growth``, ``fit``: what ``compare.py`` has measured;
-- ``tracking``: what ``track.py`` has.
+- ``peers``, ``growth``, ``fit``: measurements of ``compare.py``;
+- ``tracking``: measurements of ``track.py``.
 
-A block for which nothing was measured keeps what it says.
+A block without measurements is not changed.
 """
 
 import argparse
@@ -32,7 +32,7 @@ CRITERION = {"engine": engine_table, "effects": effects_table}
 
 
 def tables(names: set[str], criterion: Path, peers: Path, tracking: Path) -> dict[str, str]:
-    """Return the text of each of the named blocks that was measured."""
+    """Return the texts of the named blocks with measurements."""
     timings, where = read_timings(criterion), machine()
     found = {name: table(timings, where) for name, table in CRITERION.items() if name in names}
     if names & PEERS.keys() and peers.exists():
@@ -44,7 +44,7 @@ def tables(names: set[str], criterion: Path, peers: Path, tracking: Path) -> dic
 
 
 def fill(page: str, texts: dict[str, str]) -> str:
-    """Return a page with the blocks replaced that there are texts for."""
+    """Return a page with the blocks of these texts replaced."""
 
     def block(found: re.Match[str]) -> str:
         text = texts.get(found["name"])
@@ -55,7 +55,7 @@ def fill(page: str, texts: dict[str, str]) -> str:
 
 def main() -> int:
     """Replace the tables of the page; return the exit status."""
-    parser = argparse.ArgumentParser(description="Write what was measured into a page as tables.")
+    parser = argparse.ArgumentParser(description="Write measurements into a page as tables.")
     parser.add_argument(
         "--criterion", type=Path, default=ROOT / "target" / "criterion", help="criterion's results"
     )

@@ -1,11 +1,10 @@
-"""Measure the diagnosis by all yardsticks: make fresh rigs, diagnose them, score; one table.
+"""Measure the diagnosis on all sets: make new rigs, diagnose them, score; one table.
 
     OMP_NUM_THREADS=1 .venv/bin/python benches/yardstick.py measured --seed 7 --jobs 2
     .venv/bin/python benches/yardstick.py quick --share 0.1 --only nulls-mujoco several-rapier
 
-Every rig and every answer stays in the folder, and the same command goes on where it was stopped. The rigs of
-`../shared`, practice and real ones, are left out where they are not there. With ``--beside`` the
-table has a second column of figures: those of another folder, measured before.
+Rigs and answers stay in the folder, and the same command resumes an interrupted run. Missing practice and
+real rigs of `../shared` are left out. ``--beside`` adds a column with the figures of another folder.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ PUSHES = (0.05, 0.1, 0.2)
 
 @dataclass(frozen=True)
 class Rigs:
-    """A set of rigs to be made: how many, what acts in all of them, and effects and pushes in turns."""
+    """A set of generated rigs: number, common settings, and numbers of effects and pushes in turn."""
 
     count: int
     common: Recipe
@@ -60,7 +59,7 @@ PRACTICE = "practice"
 
 @dataclass(frozen=True)
 class Real:
-    """A real rig: runs to learn from, runs to prove on, and the windows that count [s]."""
+    """A real rig: training runs, held-out runs, and length of the windows [s]."""
 
     train: tuple[str, ...]
     test: tuple[str, ...]
@@ -72,7 +71,7 @@ REAL = {
     "ball-table": Real(("run-1", "run-2", "run-3", "run-4"), ("run-5", "run-6"), 2.0),
 }
 
-#: Calls a function with each of many things, and yields what it returns.
+#: Calls a function with each of many arguments, and yields the results.
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
@@ -109,14 +108,14 @@ def main() -> None:
 
 
 def _figures(out: Path) -> dict[str, dict[str, str]]:
-    """Return what was measured in a folder before, by set and figure."""
+    """Return earlier figures of a folder, by set and figure."""
     path = out / "figures.json"
     found: dict[str, dict[str, str]] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
     return found
 
 
 class _Alone:
-    """What a pool of processes does, in this one."""
+    """The `map` of a pool of processes, in this process."""
 
     def __enter__(self) -> _Alone:
         return self
@@ -132,7 +131,7 @@ def _name(seed: int, index: int) -> str:
 
 
 def made(rigs: Path, wanted: Sequence[Recipe], seed: int, each: Each) -> None:
-    """Make the rigs that are not there yet, and write their labels."""
+    """Make missing rigs, and write their labels."""
     labels = read_labels(rigs)
     missing = [(index, recipe) for index, recipe in enumerate(wanted) if _name(seed, index) not in labels]
     for name, label in each(partial(_hidden, rigs, seed), missing):
@@ -170,7 +169,7 @@ def practice(out: Path, share: float, threads: int | None, each: Each) -> dict[s
 
 
 def real(out: Path, name: str, threads: int | None) -> dict[str, dict[str, str]]:
-    """Diagnose a real rig from some of its runs, their measured tilt left out; return its figures."""
+    """Diagnose a real rig from its training runs without measured tilt; return its figures."""
     folder, plan = SHARED / "real" / name, REAL[name]
     if not folder.is_dir():
         print(f"{name}: left out, as there is no {folder}", flush=True)

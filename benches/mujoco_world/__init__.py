@@ -1,10 +1,10 @@
 """A steel marble on a plate on two hinges, moved by MuJoCo: a world of `hide_effects`.
 
 It shares no physics with the engines of this project. The plate really turns, in Euler angles about x, then
-about y; marble, plate and four rims meet with friction along, about and across their contacts (condim 6,
-elliptic cones). Effects act where they are in a laboratory: on the way from command to hinge, as forces on
-the marble, as coefficients of its contacts, in the camera. What they do is written here once more, from
-their equations in ``docs/effects.md``.
+about y; marble, plate and four rims have contacts with sliding, spinning and rolling friction (condim 6,
+elliptic cones). Effects act as in a laboratory: between command and hinge, as forces on the marble, as
+coefficients of its contacts, in the camera. They are implemented again from their equations in
+``docs/effects.md``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ KNOWN = frozenset(
     ["delay", "delay_jitter", "clock_drift", "latency", *TURNS, *TILTS, *FORCES, *FACTORS]
 ) | frozenset([*OF_MARBLE, *OF_RIMS, *SEEN])
 
-#: The answers to yes or no that it can simulate: no marble's heavy side follows its path.
+#: Values of switches that it can simulate: no heavy side follows the path.
 CHOICES = {"eccentric_marble": {"follows_path": 0.0}}
 
 

@@ -1,4 +1,4 @@
-"""What acts on a marble: forces by where and how it moves, and factors of its rolling resistance."""
+"""Forces on a marble by position and velocity, and factors of its rolling resistance."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from irt.rig import Board, Marble
 Array = NDArray[np.float64]
 Values = Mapping[str, float]
 Hidden = Mapping[str, Values]
-#: A force over the mass (n, 2) [m/s²] by places (n, 2) [m] and velocities along the board (n, 2) [m/s].
+#: A force per mass (n, 2) [m/s²] from positions (n, 2) [m] and velocities along the board (n, 2) [m/s].
 Force = Callable[[Array, Array], Array]
 #: A factor (n,) by these and by the push along the board (n,) [rolling resistances].
 Factor = Callable[[Array, Array, Array], Array]
 
 GRAVITY = 9.81
-#: What a force at the centre of a rolling sphere has to be for each unit of its acceleration.
+#: Ratio of a force per mass at the centre of a rolling sphere to its acceleration.
 ROLLING = 7.0 / 5.0
-#: How far beneath the board what attracts a marble lies [m].
+#: Depth of an attracting point below the board [m].
 DEPTH_M = 0.03
-#: Half the width over which a patch's friction passes into the board's [m].
+#: Half width of a patch's edge [m].
 HALF_RIM_M = 1e-3
-#: A marble below this speed is at rest [m/s]: contacts creep.
+#: Speed below which a marble is at rest [m/s]; contacts creep.
 REST_M_PER_S = 3e-4
 #: Half waves along x and along y of a map of slopes, by the names of its parameters.
 MODES = {f"slope_{i}{j}": (i, j) for i in range(5) for j in range(5) if 0 < i + j < 5}
@@ -86,7 +86,7 @@ def _dragged(values: Values) -> Force:
 
 
 def heavy_side(values: Values) -> Array:
-    """Return where the centre of mass of a marble is, for good (3,) [radii]."""
+    """Return the constant centre of mass of a marble (3,) [radii]."""
     if values.get("follows_path", 1.0) > 0.0:
         raise ValueError("eccentric_marble: a heavy side that follows the path is not simulated here")
     phase, lean = values["phase_rad"], values["lean_rad"]
@@ -114,7 +114,7 @@ def _slow(values: Values) -> Factor:
 
 
 def _between(factor: float, inside: Array) -> Array:
-    """Return a factor where a distance inside a border [m] is positive, with a soft edge."""
+    """Return a factor for positive distances inside a border [m], with a soft edge."""
     return 1.0 + (factor - 1.0) * np.clip(0.5 + 0.5 * inside / HALF_RIM_M, 0.0, 1.0)
 
 
@@ -165,7 +165,7 @@ def _grained(values: Values) -> Factor:
     return law
 
 
-#: What rolling resistance is multiplied by.
+#: Factors of the rolling resistance.
 FACTORS: dict[str, Callable[[Values], Factor]] = {
     "stribeck": _slow,
     "friction_patch": _patch,

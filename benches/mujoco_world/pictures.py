@@ -1,4 +1,4 @@
-"""Where a camera sees marbles."""
+"""The camera: observed positions of marbles."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Hidden = Mapping[str, Values]
 
 #: Square of the distance beyond which a lens bends no more [edges²], and the nearest that a camera comes.
 OUTSIDE, NEAREST = 0.5, 0.05
-#: Rounds in which a place is found from its picture; each comes nearer by a factor of two at least.
+#: Iterations from a picture to a position; each halves the error at least.
 ROUNDS = 60
 
 
 def see(places: Array, tilt: Array, edges_per_m: float, hidden: Hidden) -> Array:
-    """Return where marbles at places (..., 2) [m] are seen [board edges] on a tilted board (..., 2) [rad]."""
+    """Return observed positions [board edges] of marbles at (..., 2) [m] on a tilted board (..., 2) [rad]."""
     seen = places * edges_per_m
     for name, change in SEEN.items():
         if name in hidden:
@@ -29,7 +29,7 @@ def see(places: Array, tilt: Array, edges_per_m: float, hidden: Hidden) -> Array
 
 
 def place_of(seen: Array, tilt: Array, edges_per_m: float, hidden: Hidden) -> Array:
-    """Return the places (..., 2) [m] of marbles that are seen there [board edges]."""
+    """Return the positions (..., 2) [m] of marbles with these observed positions [board edges]."""
     places = seen / edges_per_m
     for _ in range(ROUNDS):
         places = places + (seen - see(places, tilt, edges_per_m, hidden)) / edges_per_m
@@ -60,7 +60,7 @@ def _shifted(values: Values, seen: Array, _: Array) -> Array:
     return np.asarray(seen + np.array([values["x_edges"], values["y_edges"]]))
 
 
-#: What a camera does, in the order in which light meets it.
+#: Effects of the camera, in the order of the light path.
 SEEN: dict[str, Callable[[Values, Array, Array], Array]] = {
     "parallax": _beside,
     "perspective": _inclined,

@@ -1,1 +1,1 @@
-"""What `benches/compare.py` measures: this project's engines and fits beside others, one file each."""
+"""Engines and fits for `benches/compare.py`, one file each."""

@@ -8,7 +8,7 @@ import numpy as np
 from peers.fit_task import Trace, from_unit, to_unit
 from peers.workload import Array
 
-#: Initial step in shares of the ranges, and the most candidates of one start.
+#: Initial step in shares of the ranges, and maximum number of candidates of one start.
 SIGMA, CANDIDATES = 0.3, 4000
 
 

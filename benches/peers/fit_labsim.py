@@ -12,14 +12,14 @@ from peers.workload import BOARD, MARBLE, Array
 
 
 def fit(trace: Trace, start: Array, seed: int) -> None:
-    """Fit once, from start points of its own; the clock stops when it is done, intervals and all."""
+    """Fit once from its own start points; the time includes the intervals."""
     del start
     parameters, trace.rollouts = run(trace.task, seed)
     trace.reach(float(trace.task.error(trace.task.predict(parameters[None]))[0]))
 
 
 def run(task: Task, seed: int) -> tuple[Array, int]:
-    """Return the parameters (5,) that the fit ends at, and the rollouts it took."""
+    """Return the fitted parameters (5,) and the number of rollouts."""
     result = least_squares(rig_of(task), seed=seed)
     return result.model.values, result.rollouts
 

@@ -8,7 +8,7 @@ from scipy.optimize import least_squares
 from peers.fit_task import LOW, NOISE, Trace, from_unit, to_unit
 from peers.workload import Array
 
-#: Difference step, as a share of a parameter's range, and the most evaluations of one start.
+#: Difference step, as a share of a parameter's range, and maximum number of evaluations of one start.
 STEP, EVALUATIONS = 1e-4, 200
 TIME_SCALE = 3
 
@@ -24,7 +24,7 @@ def fit(trace: Trace, start: Array, seed: int) -> None:
         return np.asarray((predicted[0] - observed).ravel())
 
     def jacobian(unit: Array) -> Array:
-        # Inwards, and in equally many physics steps: a step more would look like a jump.
+        # Inwards, and with the same number of physics steps, because another number would look like a jump.
         step = np.where(unit < 0.5, STEP, -STEP)
         points = from_unit(np.vstack([unit, unit + np.diag(step)]))
         count = max(1, round(float(points[0, TIME_SCALE])))

@@ -1,7 +1,7 @@
 """`mujoco.sysid`, MuJoCo's own system identification, over MuJoCo's rollouts.
 
-Its optimiser, parameters and residuals are used as they are. What it cannot know comes in by the two hooks it
-has for that: a rollout that turns gravity with the knobs, and a residual in board edges.
+Its optimiser, parameters and residuals are used unchanged. Two of its hooks add the labyrinth: a rollout that
+turns gravity with the knobs, and a residual in board edges.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def fit(trace: Trace, start: Array, seed: int) -> None:
     parameters = ParameterDict()
     for name, value, low, high in zip(PARAMETERS, start, LOW, HIGH, strict=True):
         parameters.add(Parameter(name, value, low, high))
-    # The optimiser prints an account of each iteration, and `optimize` does not pass on that it should not.
+    # The optimiser prints each iteration, and `optimize` has no option to silence it.
     with ThreadPoolExecutor(THREADS) as pool, redirect_stdout(io.StringIO()):
         residuals = _Residuals(trace, pool)
         optimize(
@@ -47,7 +47,7 @@ def fit(trace: Trace, start: Array, seed: int) -> None:
 
 
 class _Residuals:
-    """sysid's residuals over all recordings, with the trace told of every prediction."""
+    """sysid's residuals over all recordings, which reports every prediction to the trace."""
 
     def __init__(self, trace: Trace, pool: ThreadPoolExecutor) -> None:
         self._trace, self._pool, self._simulations = trace, pool, Simulations()
@@ -84,7 +84,7 @@ class _Residuals:
     def _roll_out(self, *, control_signal: Any, initial_states: Any, param_dicts: Any, **_: Any) -> list[Any]:
         """Simulate one recording with each of the parameter sets."""
         points = [parameters.as_vector() for parameters in param_dicts]
-        # Equally many physics steps at all points of a difference.
+        # The same number of physics steps at all points of a difference.
         count = max(1, round(float(points[0][TIME_SCALE])))
         paths = list(self._pool.map(self._one, points, control_signal, [count] * len(points)))
         self._predicted += paths
@@ -115,7 +115,7 @@ class _Residuals:
 
 
 def spec_with_knobs_and_camera() -> mujoco.MjSpec:
-    """Return the labyrinth with what sysid reads of recordings: knobs as inputs, a camera as sensor."""
+    """Return the labyrinth for sysid: knobs as inputs, a camera as sensor."""
     spec = mujoco.MjSpec.from_string(model_xml())
     (joint,) = spec.joints
     for name in ("knob_x", "knob_y"):

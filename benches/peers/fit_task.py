@@ -1,7 +1,7 @@
-"""One fitting problem for every method: eight recordings, five unknown parameters, and the clock.
+"""The common fitting problem of all methods: eight recordings, five unknown parameters, and the clock.
 
-All methods but this project's are told the start state; a run ends as soon as a prediction is as good as the
-best fit to within 1 %, or when the method gives up.
+All methods except this project's get the start state. A run ends when a prediction is within 1 % of the best
+fit, or when the method ends.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ RECORDINGS, ROWS = 8, 120
 NOISE = 0.001
 TRUTH = np.array([0.038, 0.068, 0.0004, 16.0, 1.06])
 LOW, HIGH = np.array([RANGES[name] for name in PARAMETERS]).T
-#: Periods in a recording of the sines on each knob. Slow ones send the marble to the rim again and again.
+#: Numbers of periods per recording of the sines on each knob; slow ones cause many rim impacts.
 DRIVES = {
     "off the rim": ((3, 4, 5, 7), (3, 4, 6, 8)),
     "with rim impacts": ((1, 2, 4, 7), (1, 3, 5, 6)),
 }
-#: A fit has arrived where its error is this many times that of the best fit.
+#: Ratio to the best fit's error at which a fit has arrived.
 CLOSE, ARRIVED = 1.1, 1.01
 
 
 class Arrival(Exception):  # noqa: N818 - it is no error to arrive
-    """The prediction is good enough: the run is over."""
+    """Raised when a prediction is good enough, to end the run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +66,14 @@ class Task:
 
 @dataclass
 class Trace:
-    """What a run has cost so far, and when it came close.
+    """Cost of a run so far, and times of its milestones.
 
     Attributes
     ----------
     rollouts : int
         Simulated recordings.
     error : float
-        The smallest root mean square error met [board edges].
+        The smallest root mean square error so far [board edges].
     close, arrived : (float, int) or None
         Seconds and rollouts until the error was within 10 % and 1 % of the best fit's.
     """
@@ -86,7 +86,7 @@ class Trace:
     began: float = field(default_factory=time.perf_counter)
 
     def note(self, predicted: Array) -> None:
-        """Take notice of predictions (k, 8, 120, 2).
+        """Record predictions (k, 8, 120, 2).
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Trace:
             raise Arrival
 
     def reach(self, error: float) -> None:
-        """Take notice of an error [board edges]."""
+        """Record an error [board edges]."""
         self.error = min(self.error, error)
         now = (self.seconds, self.rollouts)
         if self.close is None and self.error <= CLOSE * self.task.floor:
@@ -114,7 +114,7 @@ class Trace:
 
 
 class Method(Protocol):
-    """One way to fit. It tells the trace of every prediction, and may leave by `Arrival`."""
+    """A method. It reports every prediction to the trace, and may end by `Arrival`."""
 
     def __call__(self, trace: Trace, start: Array, seed: int) -> None:
         """Fit from the start point (5,)."""

@@ -1,4 +1,4 @@
-"""The race of the fits: the same recordings, the same start points, in turns."""
+"""Comparison of fits on the same recordings and start points, in turns."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 
 from peers.fit_task import HIGH, LOW, Arrival, Method, Task, Trace, make_task
 
-#: Of this project first; name on the page, and module of this package.
+#: Name on the page, and module of this package; this project first.
 METHODS = {
     "labsim least_squares": "fit_labsim",
     "scipy least_squares": "fit_scipy",
     "pycma": "fit_cma",
     "mujoco.sysid": "fit_sysid",
 }
-#: Half a minute a run: the first few start points are enough.
+#: Methods of half a minute per run, which use only the first few start points.
 FEWER = {"mujoco.sysid": 3}
 SEED = 0
 
@@ -34,9 +34,9 @@ class Run:
     start : int
         Number of the start point.
     seconds, rollouts
-        Until it ended, by success or not.
+        Time and rollouts until its end, by success or not.
     error : float
-        The smallest root mean square error met [board edges].
+        The smallest root mean square error [board edges].
     close, arrived : (float, int) or None
         Seconds and rollouts until within 10 % and 1 % of the best fit's error.
     """
@@ -70,7 +70,7 @@ class Race:
 
 
 def methods(absent: dict[str, str]) -> dict[str, Method]:
-    """Return every method that runs here; say in `absent` why others do not."""
+    """Return all available methods; `absent` gets the reasons for the others."""
     found = {}
     for name, module in METHODS.items():
         try:

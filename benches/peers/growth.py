@@ -1,4 +1,4 @@
-"""How time and memory of the rolling engine grow with the number of rollouts, streamed in chunks."""
+"""Time and memory of the rolling engine over the number of rollouts, streamed in chunks."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from irt.engine import rollouts
 from peers.workload import drive, spread
 
-#: Rollouts simulated at a time: 32 MB of positions.
+#: Rollouts per chunk: 32 MB of positions.
 CHUNK = 20_000
 WARM_UP = 1000
-#: A size is timed once if it has this many rollouts, smaller ones more often.
+#: Number of rollouts from which a size is timed once; smaller ones are timed more often.
 ENOUGH, MOST_REPEATS = 1_000_000, 5
 
 
@@ -26,9 +26,9 @@ class Growth:
     Attributes
     ----------
     rollouts : int
-        How many.
+        Their number.
     seconds : list of float
-        Of each repetition, on every core.
+        Time of each repetition, on all cores.
     peak_mib : list of float
         Largest resident memory of a process that did nothing else [MiB].
     """

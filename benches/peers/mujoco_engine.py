@@ -1,4 +1,4 @@
-"""MuJoCo through `mujoco.rollout`, at the fastest setting whose marble rolls as it should.
+"""MuJoCo through `mujoco.rollout`, with the fastest settings for which the marble rolls correctly.
 
 Lengths are in marble radii and masses in marbles: MuJoCo takes a rolling friction coefficient, which is a
 length, for at least 1e-5, more than this marble's in metres. Gravity acts as an applied force, the one input
@@ -86,7 +86,7 @@ def forces(parameters: Array, commands: Array, count: int) -> Array:
 
 
 class Simulation:
-    """A model with room to simulate in; one for each thread."""
+    """A model with its data; one for each thread."""
 
     def __init__(self) -> None:
         self.model = mujoco.MjModel.from_xml_string(model_xml())
@@ -108,7 +108,7 @@ class Simulation:
 
 
 class Simulations(local):
-    """A simulation for each thread that asks."""
+    """A simulation for each thread."""
 
     def __init__(self) -> None:
         self.one = Simulation()
@@ -117,8 +117,8 @@ class Simulations(local):
 class MuJoCo:
     """MuJoCo in one or more threads.
 
-    `rollout`'s own threads want rollouts of equal length, which those of the paper are not; as it gives the
-    interpreter's lock away, Python's threads do as well.
+    `rollout`'s own threads need rollouts of equal length, which the paper's are not. Since it releases the
+    interpreter lock, Python threads work as well.
     """
 
     name = "MuJoCo"

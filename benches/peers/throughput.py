@@ -1,4 +1,4 @@
-"""How many substeps a second each engine does on the paper's rollouts, and that they are the same ones."""
+"""Substeps per second of each engine on the paper's rollouts, with a check that the paths agree."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from irt.engine import Engine
 from peers.labsim_engine import Labsim
 from peers.workload import BOARD, MARBLE, Array, Contender, drive, gentle, spread, substeps
 
-#: Engines of others: the class, and its module in this package.
+#: Other engines: class and module in this package.
 OTHERS = {"PyBullet": "pybullet_engine", "MuJoCo": "mujoco_engine"}
 OWN: tuple[Engine, ...] = ("rapier", "rolling")
 THREADS = (1, 2)
 GENTLE_ROLLOUTS = 16
-#: How far the mean path may be from the rolling engine's, off the rim [board edges].
+#: Tolerated mean distance from the rolling engine's path, off the rim [board edges].
 TOLERANCE = {"PyBullet": 3e-4, "MuJoCo": 1e-3, "rapier": 3e-4, "rolling": 0.0}
 
 
 class OtherPathError(Exception):
-    """An engine's marble goes another way, so its speed says nothing."""
+    """Raised when an engine's path differs, so that its speed is not comparable."""
 
 
 @dataclass(frozen=True)
 class Throughput:
-    """What one engine did with one number of threads.
+    """Measurement of one engine with one number of threads.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Throughput:
 
 
 def contenders(absent: dict[str, str]) -> list[Contender]:
-    """Set up every engine that runs here with each number of threads; say in `absent` why others do not."""
+    """Set up all available engines with each number of threads; `absent` gets the reasons for the others."""
     found: list[Contender] = []
     for name, module in OTHERS.items():
         try:
@@ -65,12 +65,12 @@ def contenders(absent: dict[str, str]) -> list[Contender]:
 
 
 def measure(engines: Sequence[Contender], rounds: int, progress: Callable[[str], None]) -> list[Throughput]:
-    """Time every engine in turn, `rounds` times over, so that a slow minute of the machine meets them all.
+    """Time all engines in turn, `rounds` times, so that a slow minute of the machine affects them all.
 
     Raises
     ------
     OtherPathError
-        If an engine's marble strays from the rolling engine's by more than the tolerance.
+        If an engine's path differs from the rolling engine's by more than the tolerance.
     """
     commands = drive()
     reference = _reference(engines)
@@ -86,7 +86,7 @@ def measure(engines: Sequence[Contender], rounds: int, progress: Callable[[str],
 
 
 def _compared(engine: Contender, reference: Array, progress: Callable[[str], None]) -> Throughput:
-    """See to it that an engine's gentle paths are the rolling engine's; return a result without times yet."""
+    """Check that an engine's gentle paths agree with the rolling engine's; return a result without times."""
     apart = np.abs(engine.simulate(gentle(GENTLE_ROLLOUTS), drive()) - reference)
     mean, largest = float(apart.mean()), float(apart.max())
     progress(f"{engine.name}, {engine.threads}: paths {mean:.1e} apart in the mean, {largest:.1e} at most")
@@ -100,7 +100,7 @@ def _compared(engine: Contender, reference: Array, progress: Callable[[str], Non
 
 
 def _reference(engines: Sequence[Contender]) -> Array:
-    """Return the rolling engine's gentle paths, and see to it that they keep off the rim."""
+    """Return the rolling engine's gentle paths; check that they stay off the rim."""
     rolling = next(engine for engine in engines if engine.name == "rolling")
     parameters = gentle(GENTLE_ROLLOUTS)
     paths = rolling.simulate(parameters, drive())

@@ -1,4 +1,4 @@
-"""The work that every engine is given: the paper's rollouts, and gentle ones to compare paths by."""
+"""Workload of all engines: the paper's rollouts, and gentle ones to compare paths."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 BOARD, MARBLE = Board(), Marble()
 GRAVITY = 9.81
-#: Substeps of a second, as a whole number for engines that count them.
+#: Substeps per second, as a whole number for engines that count them.
 SUBSTEPS_PER_S = round(1 / SUBSTEP_S)
 ROWS = 100
 #: Rollouts of one of the paper's pretraining sets: 10,000 pairs.
@@ -67,8 +67,8 @@ def substeps(parameters: Array) -> int:
 def gravity_in_board(parameters: Array, commands: Array) -> Array:
     """Return gravity (rows, 3) [m/s²] as the board sees it, of parameters (5,) under commands (rows, 2).
 
-    A board held still under a turning gravity is, at these tilts, as good as a turning board, and spares
-    engines with contacts the jolt of a board that is set from one tilt to the next.
+    At these tilts a fixed board under a turning gravity is equivalent to a turning board. It avoids jolts by
+    changes of the board's tilt in engines with contacts.
     """
     tilt_x, tilt_y = (parameters[:2] * commands).T
     along_x, along_y = np.cos(tilt_x) * np.sin(tilt_y), -np.sin(tilt_x)
@@ -76,7 +76,7 @@ def gravity_in_board(parameters: Array, commands: Array) -> Array:
 
 
 def observed(positions_m: Array, parameters: Array) -> Array:
-    """Return what a camera reports [board edges] of positions (rows, 2) [m] under parameters (5,)."""
+    """Return observed positions [board edges] of positions (rows, 2) [m] under parameters (5,)."""
     scale = parameters[PARAMETERS.index("observation_scale")]
     return np.asarray(positions_m / BOARD.edge_x_m * scale)
 

@@ -12,7 +12,7 @@ from table.words import Measured, duration, markdown, rate, significant
 
 Results = dict[str, Any]
 
-#: What speeds are told in multiples of.
+#: The reference of relative speeds.
 BASELINES = {"PyBullet": 2, "rapier": 2}
 #: Busy cores below which nothing else of note runs.
 IDLE = 0.2
@@ -142,7 +142,7 @@ def _fit_note(results: Results) -> str:
         f"Eight recordings of 120 rows, noise {noise:g} % of the edge, five parameters, random start points; "
         "times to a root mean square error within 10 % and 1 % of the best fit's, medians of the runs that "
         "got there. With restarts: time of all runs for each one that arrived. labsim draws start points of "
-        "its own, estimates the start states too, which the others are told, and is timed to "
+        "its own, estimates the start states too, which the others are given, and is timed to "
         "its end, intervals and all; the others stop on arrival. scipy and pycma run over labsim's rollouts, "
         "each Jacobian or population one batch; mujoco.sysid over MuJoCo's."
         f"{_absent(results['absent'], 'fits')} "

@@ -104,7 +104,7 @@ def _note(results: Results) -> str:
     return (
         "Errors are of the marble's middle, with their 95 % interval by drawing runs anew, without the false "
         "positions: those more than half a marble off, or given where all of it is hidden. Visible is a "
-        "marble of which three quarters are seen. The others are told its colour and size, its first places "
+        "marble of which three quarters are seen. The others are given its colour and size, its first places "
         "and the board's box, and see the first pictures of each run; the tracker learns and finds these. "
         "Medians of the processor time of a picture of 640 x 480 on one core, in the tracker's window and "
         f"over the whole board.{late}.{said}{absent} Measured on {results['machine']}{load}."

@@ -1,4 +1,4 @@
-//! How set points become messages to the arms, for each kind of driver.
+//! Backends: from set points to messages to the arms, for each kind of driver.
 
 use ros2_client::action::ActionClientQosPolicies;
 use ros2_client::qos::Durability;
@@ -15,10 +15,10 @@ use crate::recorder::{Channel, Recorder};
 use crate::safety::{Bounds, SetPoint};
 use crate::watch::Moment;
 
-/// Ticks from one goal to the next, where goals are sent.
+/// Ticks between goals, for backends that send goals.
 const GOAL_TICKS: u64 = 10;
 
-/// How far ahead of the arm a set point lies (s).
+/// Time by which a set point is ahead of the arm (s).
 const LEAD_S: f64 = 2.0 * TICK_S;
 
 /// A driver of one arm.
@@ -29,7 +29,7 @@ enum Driver {
     Action(Box<ActionClient<FollowGoal, FollowResult, FollowFeedback>>),
 }
 
-/// One arm: its driver, and what its messages carry.
+/// One arm: its driver, and the contents of its messages.
 struct Wrist {
     driver: Driver,
     command: String,
@@ -46,7 +46,7 @@ pub struct Backend {
     stopping: bool,
 }
 
-/// The topic on which an arm hears commands: of an action, that on which goals are asked for.
+/// The topic of an arm's commands; for an action, that of its goals.
 pub fn command_topic(kind: Kind, command: &str) -> String {
     match kind {
         Kind::Action => format!("{command}/_action/status"),
@@ -55,7 +55,7 @@ pub fn command_topic(kind: Kind, command: &str) -> String {
 }
 
 impl Backend {
-    /// Opens what the configuration names.
+    /// Opens the publishers and actions of the configuration.
     ///
     /// # Errors
     /// [`Error::Refused`] if DDS does not allow it.
@@ -97,13 +97,13 @@ impl Backend {
         })
     }
 
-    /// The first arm that nobody listens for.
+    /// The first arm without a subscriber.
     pub fn unheard(&self, link: &Link) -> Option<String> {
         let wrist = self.wrists.iter().find(|wrist| wrist.hearing(link) == 0)?;
         Some(wrist.command.clone())
     }
 
-    /// Sends set points, and records what was sent.
+    /// Sends set points and records the messages.
     ///
     /// # Errors
     /// [`Error::Refused`] if DDS does not take a message.
@@ -185,7 +185,7 @@ impl Wrist {
                 self.put(outlet, message, now, recorder)
             }
             Driver::Action(client) if goal_is_due => {
-                // The way to the next goal, and as much again should that one be late.
+                // Up to the next goal, and as long again in case that one is late.
                 let ahead = 2.0 * GOAL_TICKS as f64 * TICK_S;
                 let message = trajectory(&self.joint, point, bounds, ahead);
                 recorder.record(self.channel, now.nanos, now.nanos, &message);
@@ -214,7 +214,7 @@ impl Wrist {
     }
 }
 
-/// A short way that expires by itself: on from the set point for as long as `ahead`, then evenly slower to rest.
+/// A short trajectory that expires by itself: on from the set point for `ahead`, then a uniform slow-down to rest.
 fn trajectory(joint: &str, point: &SetPoint, bounds: &Bounds, ahead: f64) -> JointTrajectory {
     let at = |position: f64, velocity: f64, after: f64| JointTrajectoryPoint {
         positions: vec![position.clamp(bounds.low, bounds.high)],

@@ -1,4 +1,4 @@
-//! What is ready and what is not, as a table.
+//! The table of `rig check`: peers, matches, rates, clock offsets.
 
 use crate::backend::command_topic;
 use crate::config::Config;
@@ -7,23 +7,23 @@ use crate::motion::silence;
 use crate::station::Station;
 use crate::watch::Tally;
 
-/// How long messages are counted (s).
+/// Duration for which messages are counted (s).
 const COUNT_S: f64 = 2.0;
 
 /// A line of the table.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Line {
-    /// What is looked at.
+    /// The checked item.
     pub what: String,
-    /// Its topic, or what it is about.
+    /// Its topic or subject.
     pub of: String,
-    /// What was found.
+    /// The result.
     pub found: String,
     /// Whether it is ready.
     pub ready: bool,
 }
 
-/// Looks at every peer for some seconds.
+/// Checks every peer for some seconds.
 pub fn lines(station: &mut Station) -> Vec<Line> {
     let counted = listen_for(station, station.config.network.match_s.min(2.0));
     let begin = tallies(station);

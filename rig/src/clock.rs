@@ -1,4 +1,4 @@
-//! Time: a clock that no one sets for the loop, and the day's for stamps.
+//! Clocks: a monotonic one for the loop, and the wall clock for stamps.
 
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use crate::config::TICK_S;
 use crate::watch::Moment;
 
-/// A change of the day's time against the steady clock, from one tick to the next, that is no drift (s).
+/// Change of the wall clock against the monotonic clock between two ticks that counts as a clock step (s).
 const STEP_S: f64 = 0.02;
 
 /// Both clocks.
@@ -16,14 +16,14 @@ pub struct Clock {
 }
 
 impl Clock {
-    /// Begins now.
+    /// Starts now.
     pub fn new() -> Self {
         Self {
             begin: Instant::now(),
         }
     }
 
-    /// What both clocks show.
+    /// The time of both clocks.
     pub fn now(&self) -> Moment {
         let nanos = SystemTime::now()
             .duration_since(UNIX_EPOCH)
@@ -34,7 +34,7 @@ impl Clock {
         }
     }
 
-    /// The moment at which something happened that bears a stamp of this machine (ns since 1970).
+    /// The time of a stamp of this machine's wall clock (ns since 1970).
     pub fn at(&self, nanos: i64) -> Moment {
         let now = self.now();
         Moment {
@@ -44,16 +44,16 @@ impl Clock {
     }
 }
 
-/// The loop's 100 Hz: absolute deadlines, none of which is made up for.
+/// The loop's 100 Hz: absolute deadlines without catching up.
 #[derive(Debug)]
 pub struct Ticker {
     clock: Clock,
     next: f64,
-    /// How late each tick so far came (s): how many, how many by more than 2 ms, and the worst.
+    /// Statistics of the ticks' lateness (s): number of ticks, number more than 2 ms late, maximum.
     pub ticks: u64,
-    /// Ticks that came more than 2 ms late.
+    /// Number of ticks more than 2 ms late.
     pub late: u64,
-    /// The latest (s).
+    /// The maximum lateness (s).
     pub worst_s: f64,
     offset: Option<f64>,
 }
@@ -71,7 +71,7 @@ impl Ticker {
         }
     }
 
-    /// Sleeps until the next tick is due; returns when it is, and how late it is (s).
+    /// Sleeps until the next tick is due; returns its time and its lateness (s).
     pub fn wait(&mut self) -> (Moment, f64) {
         let ahead = self.next - self.clock.now().steady;
         if ahead > 0.0 {
@@ -90,7 +90,7 @@ impl Ticker {
         (now, late)
     }
 
-    /// By how much the day's time was set since the last tick (s), if it was.
+    /// Step of the wall clock since the last tick (s), if any.
     pub fn stepped(&mut self, now: Moment) -> Option<f64> {
         let offset = now.nanos as f64 / 1e9 - now.steady;
         let before = self.offset.replace(offset)?;

@@ -1,4 +1,4 @@
-//! A file of commands: what `irt suggest` writes, a recording, or one's own.
+//! Files of commands: from `irt suggest`, a recording, or written by hand.
 
 use std::fs;
 use std::path::Path;
@@ -7,16 +7,16 @@ use crate::config::{Config, TICK_S};
 use crate::error::{Error, Result};
 use crate::safety::{SetPoint, bounds};
 
-/// Knob angles, and when each begins to hold.
+/// Knob angles and their times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Commands {
-    /// About x and about y (rad), a pair a row.
+    /// About x and about y (rad), one pair per row.
     pub knobs: Vec<[f64; 2]>,
-    /// When each row begins (s), from zero.
+    /// Time of each row (s), from zero.
     pub begins: Vec<f64>,
-    /// How long the last row lasts (s).
+    /// Duration of the last row (s).
     pub last_s: f64,
-    /// Where row 0 says that the marble lies (board edges), if it does.
+    /// Start position in row 0 (board edges), if any.
     pub start: Option<[f64; 2]>,
 }
 
@@ -109,7 +109,7 @@ impl Commands {
         Ok(self)
     }
 
-    /// How long all of it takes (s).
+    /// Total duration (s).
     pub fn seconds(&self) -> f64 {
         self.begins[self.begins.len() - 1] + self.last_s
     }
@@ -128,7 +128,7 @@ impl Commands {
         )
     }
 
-    /// Refuses what the limits do not allow: angles outside the window, or ways that arms cannot follow.
+    /// Refuses commands beyond the limits: angles outside the window, or motions that the arms cannot follow.
     ///
     /// # Errors
     /// [`Error::Refused`] names the first row that cannot be played, and why.

@@ -1,4 +1,4 @@
-//! ROS 2 topics and services over DDS, on the networks that the configuration names and no other.
+//! ROS 2 topics and services over DDS, only on the configured network interfaces.
 
 use std::net::IpAddr;
 use std::thread;
@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::messages::{Message, TriggerRequest, TriggerResponse};
 use crate::watch::Moment;
 
-/// Messages that a subscription keeps until the loop takes them: a second at a kilohertz.
+/// Queue length of a subscription: one second at a kilohertz.
 const KEPT: usize = 1000;
 
 /// A node on the network.
@@ -26,20 +26,20 @@ pub struct Link {
     services: Services,
 }
 
-/// What another node asks this one to do.
+/// A service of this node.
 pub struct Trigger(ros2_client::Server<TriggerRequest, TriggerResponse>);
 
-/// What this node asks another one to do.
+/// A client of another node's service.
 pub struct Caller(ros2_client::Client<TriggerRequest, TriggerResponse>);
 
-/// What comes on a topic.
+/// A subscription.
 pub struct Inbox<M> {
     /// The topic.
     pub topic: String,
     subscription: Subscription<M>,
 }
 
-/// What goes out on a topic.
+/// A publisher.
 pub struct Outlet<M: Message> {
     /// The topic.
     pub topic: String,
@@ -50,7 +50,7 @@ fn broken(what: &str, error: &dyn std::fmt::Debug) -> Error {
     Error::refused(format!("{what}: {error:?}"))
 }
 
-/// What service requests and answers travel with: as ROS 2 has it.
+/// Quality of service of services, as in ROS 2.
 pub fn service_qos() -> QosProfile {
     QosProfile::publisher_default()
         .durability(Durability::Volatile)
@@ -61,13 +61,13 @@ fn topic_qos(reliability: Reliability, depth: usize) -> QosProfile {
     let qos = QosProfile::subscription_default().history(History::KeepLast { depth });
     match reliability {
         Reliability::BestEffort => qos,
-        // A full window of a reliable publisher must not hold the loop up.
+        // A full window of a reliable publisher must not block the loop.
         Reliability::Reliable => qos.reliability_reliable(WhenFull::Fail),
     }
 }
 
 impl Link {
-    /// A node of a name.
+    /// A node with this name.
     ///
     /// # Errors
     /// [`Error::Refused`] if an interface is not there or the network cannot be used.
@@ -122,7 +122,7 @@ impl Link {
             .map_err(|error| broken(name, &error))
     }
 
-    /// Hears a topic.
+    /// Subscribes to a topic.
     ///
     /// # Errors
     /// [`Error::Refused`] if DDS does not allow it.
@@ -143,7 +143,7 @@ impl Link {
         })
     }
 
-    /// Speaks on a topic.
+    /// Opens a publisher on a topic.
     ///
     /// # Errors
     /// [`Error::Refused`] if DDS does not allow it.
@@ -164,7 +164,7 @@ impl Link {
         })
     }
 
-    /// Answers a service of `std_srvs/Trigger`.
+    /// Offers a service of `std_srvs/Trigger`.
     ///
     /// # Errors
     /// [`Error::Refused`] if DDS does not allow it.
@@ -200,7 +200,7 @@ impl Link {
             .map_err(|error| broken(name, &error))
     }
 
-    /// How services travel.
+    /// Mapping of services to DDS topics.
     pub fn mapping(&self) -> ServiceMapping {
         match self.services {
             Services::Enhanced => ServiceMapping::Enhanced,
@@ -213,11 +213,11 @@ impl Link {
         &mut self.node
     }
 
-    /// How many publishers of other nodes there are on a topic, whether they match or not.
+    /// Number of other nodes' publishers on a topic, matching or not.
     pub fn publishers(&self, topic: &str) -> usize {
         let (name, own) = (format!("rt{topic}"), self.participant.guid().prefix);
         let writers = self.participant.discovered_writers();
-        // What this node announces comes back to it.
+        // This node's own announcements come back to it.
         let others = writers.iter().filter(|one| {
             one.publication_topic_data.topic_name == name
                 && one.writer_proxy.remote_writer_guid.prefix != own
@@ -225,26 +225,26 @@ impl Link {
         others.count()
     }
 
-    /// How many subscriptions of other nodes there are on a topic, whether they match or not.
+    /// Number of other nodes' subscriptions on a topic, matching or not.
     pub fn subscriptions(&self, topic: &str) -> usize {
         self.node.subscription_count(topic)
     }
 
-    /// How many publishers a subscription hears.
+    /// Number of matched publishers of a subscription.
     pub fn heard<M: Message>(&self, inbox: &Inbox<M>) -> usize {
         inbox.subscription.get_publisher_count(&self.node)
     }
 
-    /// How many subscriptions hear a publisher.
+    /// Number of matched subscriptions of a publisher.
     pub fn hearing<M: Message>(&self, outlet: &Outlet<M>) -> usize {
         outlet.publisher.get_subscription_count(&self.node)
     }
 }
 
 impl<M: Message> Inbox<M> {
-    /// Takes everything that has come, oldest first, each with the moment at which it did.
+    /// Takes all received messages, oldest first, each with its time of receipt.
     pub fn drain(&self, clock: Clock, mut take: impl FnMut(Moment, M)) {
-        // What cannot be read is no message; what follows it may be one.
+        // Unreadable data is skipped; the next message may be readable.
         for _ in 0..2 * KEPT {
             match self.subscription.take() {
                 Ok(Some((message, info))) => {
@@ -274,7 +274,7 @@ impl<M: Message> Outlet<M> {
 }
 
 impl Trigger {
-    /// Whether somebody asked; whoever did is told yes.
+    /// Whether a request has arrived; it is answered with success.
     pub fn asked(&self) -> bool {
         let mut asked = false;
         while let Ok(Some((id, _))) = self.0.receive_request() {
@@ -290,7 +290,7 @@ impl Trigger {
 }
 
 impl Caller {
-    /// Asks, and does not wait for an answer.
+    /// Sends a request and does not wait for the response.
     pub fn call(&self) {
         let _ = self.0.send_request(TriggerRequest::default());
     }

@@ -1,18 +1,18 @@
-//! The one error of the rig: each is one line that says what is wrong, where, and what to do.
+//! The error type of the rig: one line with problem, place and advice.
 
-/// Why a verb could not do what it was asked for.
+/// Why a verb failed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
-    /// Something that was asked for cannot be: a file, a value, a peer that is not there.
+    /// A request that cannot be fulfilled: a file, a value, a missing peer.
     #[error("{0}")]
     Refused(String),
     /// Several mistakes in one file, a line each.
     #[error("{}", .0.join("\nrig: "))]
     Mistakes(Vec<String>),
-    /// A motion was stopped, and why.
+    /// A motion was stopped, with the reason.
     #[error("stopped: {0}")]
     Stopped(String),
-    /// Bytes that make no sense.
+    /// Invalid bytes.
     #[error("{0}")]
     Broken(String),
 }

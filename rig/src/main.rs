@@ -2,7 +2,7 @@
 
 #![allow(
     clippy::neg_cmp_op_on_partial_ord,
-    reason = "an age that is no number is too old"
+    reason = "a NaN age counts as too old"
 )]
 
 mod backend;
@@ -62,7 +62,7 @@ struct Configured {
 
 #[derive(Subcommand)]
 enum Verb {
-    /// Say what is ready and what is not: peers, whether they match, rates, clock offsets
+    /// Check peers, whether they match, rates and clock offsets
     Check {
         #[command(flatten)]
         configured: Configured,
@@ -74,11 +74,11 @@ enum Verb {
         /// Folder for the bag
         #[arg(long, value_name = "DIR", default_value = "bags")]
         out: PathBuf,
-        /// Move the arms; without it all but that is done
+        /// Move the arms (default: dry run)
         #[arg(long)]
         arm: bool,
     },
-    /// Play a file of commands, and record it
+    /// Play a file of commands and record everything
     Play {
         /// CSV: `knob_x_rad`, `knob_y_rad`, and `t_s` or --period
         #[arg(value_name = "COMMANDS.csv")]
@@ -88,44 +88,44 @@ enum Verb {
         /// Folder for the bag
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
-        /// Seconds that a row lasts, where the file has no stamps
+        /// Duration of a row [s], for files without stamps
         #[arg(long, value_name = "S")]
         period: Option<f64>,
-        /// Move the arms; without it all but that is done
+        /// Move the arms (default: dry run)
         #[arg(long)]
         arm: bool,
     },
-    /// Hear and record, and command nothing
+    /// Record everything and command nothing
     Listen {
         #[command(flatten)]
         configured: Configured,
         /// Folder for the bag
         #[arg(long, value_name = "DIR", default_value = "bags")]
         out: PathBuf,
-        /// How long; until Ctrl-C where it is not said
+        /// Duration [s] (default: until Ctrl-C)
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
-    /// Stand in for the laboratory: arms, board, marble and tracker, simulated
+    /// Simulate the laboratory: arms, board, marble and tracker
     Twin {
         #[command(flatten)]
         configured: Configured,
         /// Any model.toml of irt, effects included
         #[arg(long, value_name = "MODEL")]
         model: PathBuf,
-        /// Of noise, delays and lost pictures
+        /// Seed of noise, delays and lost pictures
         #[arg(long, default_value_t = 0)]
         seed: u64,
-        /// How long; until Ctrl-C where it is not said
+        /// Duration [s] (default: until Ctrl-C)
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
-    /// Make a bag whole that was cut short
+    /// Recover a truncated bag
     Recover {
         /// A bag of this program, or any other MCAP file
         #[arg(value_name = "BAG")]
         bag: PathBuf,
-        /// Where to (default: BAG-recovered.mcap beside it)
+        /// Output file (default: BAG-recovered.mcap beside it)
         #[arg(long, value_name = "MCAP")]
         out: Option<PathBuf>,
     },
@@ -265,7 +265,7 @@ fn run_listen(path: &Path, out: &Path, seconds: Option<f64>) -> Result<()> {
         match station.hear(now, false) {
             Some(safety::Reason::Signal(_)) => break Ok(()),
             Some(safety::Reason::Recorder(what)) => break Err(Error::refused(what)),
-            // What would stop arms is only written down.
+            // Reasons that would stop arms are only recorded.
             Some(reason) => station.event(Level::Error, reason.code(), &reason.to_string()),
             None => (),
         }
@@ -290,11 +290,11 @@ fn run_listen(path: &Path, out: &Path, seconds: Option<f64>) -> Result<()> {
 }
 
 fn say(line: &str) {
-    // A reader that has gone is no reason to stop.
+    // A closed standard output does not stop the rig.
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
-/// How much of a file is played, on a terminal.
+/// Progress of a file of commands, on a terminal.
 struct Bar {
     seconds: f64,
     shown: Option<u64>,

@@ -1,4 +1,4 @@
-//! The ROS 2 messages that the rig speaks, and their definitions as bags carry them.
+//! The ROS 2 messages of the rig, and their definitions for bags.
 
 use byteorder::LittleEndian;
 use serde::de::DeserializeOwned;
@@ -32,12 +32,12 @@ pub fn to_cdr<M: Message>(message: &M) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// A moment, or how long something takes: `builtin_interfaces/Time` and `Duration`.
+/// A time or a duration: `builtin_interfaces/Time` and `Duration`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Time {
-    /// Whole seconds; since 1970 where it is a moment.
+    /// Whole seconds; since 1970 for a time.
     pub sec: i32,
-    /// What is left of them (ns).
+    /// Remaining nanoseconds.
     pub nanosec: u32,
 }
 
@@ -66,12 +66,12 @@ impl Time {
     }
 }
 
-/// When, and in which frame.
+/// Time and frame.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Header {
-    /// When it was.
+    /// The time.
     pub stamp: Time,
-    /// The frame of what follows.
+    /// The coordinate frame.
     pub frame_id: String,
 }
 
@@ -83,7 +83,7 @@ pub struct Point {
     pub z: f64,
 }
 
-/// Where the tracker sees the marble.
+/// The marble's tracked position.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct PointStamped {
     /// When the picture was taken.
@@ -92,12 +92,12 @@ pub struct PointStamped {
     pub point: Point,
 }
 
-/// Where joints are.
+/// Joint states.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointState {
-    /// When they were there.
+    /// Time of measurement.
     pub header: Header,
-    /// Which joints.
+    /// Names of the joints.
     pub name: Vec<String>,
     /// Angles (rad).
     pub position: Vec<f64>,
@@ -107,7 +107,7 @@ pub struct JointState {
     pub effort: Vec<f64>,
 }
 
-/// Where joints shall be, and when.
+/// A point of a trajectory.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointTrajectoryPoint {
     /// Angles (rad).
@@ -118,29 +118,29 @@ pub struct JointTrajectoryPoint {
     pub accelerations: Vec<f64>,
     /// Not used here.
     pub effort: Vec<f64>,
-    /// After the trajectory's beginning.
+    /// Time from the trajectory's start.
     pub time_from_start: Time,
 }
 
-/// A way for joints to go.
+/// A trajectory of joints.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointTrajectory {
-    /// When it begins; zero is at once.
+    /// Start time; zero starts at once.
     pub header: Header,
-    /// Which joints.
+    /// Names of the joints.
     pub joint_names: Vec<String>,
-    /// Where they shall be.
+    /// The points.
     pub points: Vec<JointTrajectoryPoint>,
 }
 
 /// A dimension of an array.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MultiArrayDimension {
-    /// What it counts.
+    /// Label.
     pub label: String,
-    /// How many.
+    /// Size.
     pub size: u32,
-    /// Entries from one to the next.
+    /// Stride.
     pub stride: u32,
 }
 
@@ -156,7 +156,7 @@ pub struct MultiArrayLayout {
 /// Numbers: to a group controller, the rates of its joints (rad/s).
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Float64MultiArray {
-    /// How they are laid out.
+    /// Layout.
     pub layout: MultiArrayLayout,
     /// The numbers.
     pub data: Vec<f64>,
@@ -206,7 +206,7 @@ impl JointVelocity {
     }
 }
 
-/// Yes or no: to the emergency stop, yes.
+/// A boolean; true on the e-stop topic stops the rig.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Bool {
     /// The answer.
@@ -216,42 +216,42 @@ pub struct Bool {
 /// A line of a log.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Log {
-    /// When it happened.
+    /// Time of the event.
     pub stamp: Time,
-    /// How bad it is: 20 information, 30 warning, 40 error.
+    /// Severity: 20 information, 30 warning, 40 error.
     pub level: u8,
-    /// Who says it.
+    /// Name of the sender.
     pub name: String,
-    /// What happened.
+    /// Text.
     pub msg: String,
     /// Not used here.
     pub file: String,
-    /// What kind of event it is.
+    /// Kind of the event.
     pub function: String,
     /// Not used here.
     pub line: u32,
 }
 
-/// Asks for something to happen.
+/// Request of `Trigger`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TriggerRequest {
-    /// ROS 2 gives a type without members this one.
+    /// Placeholder that ROS 2 adds to types without members.
     pub structure_needs_at_least_one_member: u8,
 }
 
-/// Whether it happened.
+/// Response of `Trigger`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TriggerResponse {
-    /// Whether it did.
+    /// Success.
     pub success: bool,
-    /// In words.
+    /// Message.
     pub message: String,
 }
 
-/// How far a joint may stray.
+/// Tolerance of a joint.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct JointTolerance {
-    /// Which joint.
+    /// The joint.
     pub name: String,
     /// By how much (rad).
     pub position: f64,
@@ -261,57 +261,57 @@ pub struct JointTolerance {
     pub acceleration: f64,
 }
 
-/// What `FollowJointTrajectory` is asked for: the seven fields of Humble, Jazzy and later.
+/// Goal of `FollowJointTrajectory`: the seven fields of Humble, Jazzy and later.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct FollowGoal {
-    /// The way.
+    /// The trajectory.
     pub trajectory: JointTrajectory,
     /// Of joints with several axes; not used here.
     pub multi_dof_trajectory: MultiDofTrajectory,
-    /// On the way.
+    /// Tolerances during the motion.
     pub path_tolerance: Vec<JointTolerance>,
     /// Not used here.
     pub component_path_tolerance: Vec<String>,
-    /// At the end.
+    /// Tolerances at the end.
     pub goal_tolerance: Vec<JointTolerance>,
     /// Not used here.
     pub component_goal_tolerance: Vec<String>,
-    /// After its end.
+    /// Time tolerance at the end.
     pub goal_time_tolerance: Time,
 }
 
-/// A way for joints with several axes: empty.
+/// A trajectory of joints with several axes: empty.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MultiDofTrajectory {
-    /// When it begins.
+    /// Start time.
     pub header: Header,
-    /// Which joints: none.
+    /// No joints.
     pub joint_names: Vec<String>,
     /// No points.
     pub points: Vec<u8>,
 }
 
-/// How `FollowJointTrajectory` ended.
+/// Result of `FollowJointTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FollowResult {
     /// Zero is success.
     pub error_code: i32,
-    /// In words.
+    /// Message.
     pub error_string: String,
 }
 
-/// How far `FollowJointTrajectory` is.
+/// Feedback of `FollowJointTrajectory`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct FollowFeedback {
-    /// When.
+    /// Time.
     pub header: Header,
-    /// Which joints.
+    /// Names of the joints.
     pub joint_names: Vec<String>,
-    /// Where they should be.
+    /// Desired positions.
     pub desired: JointTrajectoryPoint,
-    /// Where they are.
+    /// Actual positions.
     pub actual: JointTrajectoryPoint,
-    /// What is between the two.
+    /// Errors.
     pub error: JointTrajectoryPoint,
 }
 
@@ -411,7 +411,7 @@ mod tests {
         let mut expected = vec![
             0, 1, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3, 0, 0, 0, b'a', b'b', 0,
         ];
-        // Numbers of eight bytes begin at multiples of eight behind the header.
+        // Numbers of eight bytes are aligned to multiples of eight after the header.
         expected.resize(4 + 16, 0);
         for value in [1.0_f64, 0.0, -1.0] {
             expected.extend(value.to_le_bytes());

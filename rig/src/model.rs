@@ -1,4 +1,4 @@
-//! `model.toml`, as far as the stand-in laboratory needs it.
+//! `model.toml` for the simulated laboratory.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -113,17 +113,17 @@ impl Model {
         })
     }
 
-    /// Where the marble can be seen at most (board edges), along x and y.
+    /// Largest observed position (board edges), along x and y.
     pub fn reach(&self) -> [f64; 2] {
         self.rig
             .reach_m()
             .map(|reach| reach / self.rig.board.edge_x_m * self.parameters.observation_scale)
     }
 
-    /// The marble at rest at a place (board edges), for so many rows of so many seconds.
+    /// The marble at rest at a position (board edges), for `rows` rows of `row_s` seconds.
     ///
     /// # Errors
-    /// [`Error::Refused`] for what the engine refuses.
+    /// [`Error::Refused`] if the engine refuses the values.
     pub fn live(&self, start: [f64; 2], rows: (usize, f64), seed: u64) -> Result<Live> {
         let effects: Vec<EffectInstance<'_>> = self
             .effects

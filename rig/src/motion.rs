@@ -1,4 +1,4 @@
-//! The loop that moves arms: 100 times a second it hears, decides, commands and records.
+//! The 100 Hz loop that moves the arms: receive, decide, command, record.
 
 use std::path::Path;
 
@@ -13,35 +13,35 @@ use crate::safety::{Event, Inputs, Reason, Safety, SetPoint, State};
 use crate::station::{Level, Station};
 use crate::watch::Moment;
 
-/// Ticks from one look for other publishers to the next.
+/// Ticks between checks for other publishers.
 const LOOK_TICKS: u64 = 10;
 
-/// How long others are looked for before the arms are taken (s): Fast-DDS, which most laboratories speak, announces itself
-/// this often.
+/// Duration of the check for other publishers before the arms are taken (s): the announcement period of Fast-DDS, which
+/// most laboratories use.
 const LOOK_S: f64 = 3.0;
 
-/// How far from the level pose a file may begin (rad).
+/// Largest distance from the level pose at which a file may begin (rad).
 const NEAR_RAD: f64 = 0.02;
 
 /// Arms under command; in a dry run, all but the commands.
 pub struct Motion {
-    /// What is heard and recorded.
+    /// Subscriptions and recorder.
     pub station: Station,
     safety: Safety,
     backend: Option<Backend>,
     callers: Vec<Caller>,
     ticks: u64,
-    /// When the last tick was.
+    /// Time of the last tick.
     now: Moment,
     target: Option<[f64; 2]>,
     stop_called: bool,
 }
 
-/// What a motion came to.
+/// Result of a motion.
 pub struct Summary {
     /// The bag.
     pub written: Written,
-    /// Ticks of the loop, how many of them came more than 2 ms late, and the worst (s).
+    /// Ticks of the loop, the number more than 2 ms late, and the maximum lateness (s).
     pub loop_ticks: (u64, u64, f64),
 }
 
@@ -106,7 +106,7 @@ impl Motion {
         let seconds = self.station.config.network.match_s;
         let ticks = (seconds / TICK_S) as u64;
         let mut missing = String::new();
-        // Others that publish are known only after a while, and those that have just ended still are.
+        // Other publishers are discovered with a delay, and those that have just ended are still listed.
         let settled = (ticks - 1).min((LOOK_S / TICK_S) as u64);
         for tick in 0..ticks {
             let (now, _) = self.station.ticker.wait();
@@ -129,7 +129,7 @@ impl Motion {
         Err(Error::refused(format!("{missing} (waited {seconds} s)")))
     }
 
-    /// What is not there yet, in words.
+    /// Description of the first missing peer.
     fn missing(&self, now: Moment) -> Option<String> {
         let (station, times) = (&self.station, &self.station.config.timeouts);
         for (joint, (table, arm)) in station.joints.iter().zip(station.config.arms.both()) {
@@ -165,7 +165,7 @@ impl Motion {
         let config = &self.station.config;
         let arms = config.arms.both();
         arms.iter().find_map(|(_, arm)| {
-            // An action's server publishes its status itself; goals of others cannot be seen before they come.
+            // An action's server publishes its status itself; goals of other clients are not visible in advance.
             if config.backend.kind == crate::config::Kind::Action {
                 return None;
             }
@@ -183,12 +183,12 @@ impl Motion {
             .map_err(|reason| Error::refused(format!("{reason}; turn it back by hand")))?;
         let shown = format!("joints at {:.4} and {:.4} rad", measured[0], measured[1]);
         self.station.event(Level::Info, "armed", &shown);
-        // What peers took to come is no lateness of the loop.
+        // The wait for peers is not counted as lateness of the loop.
         self.station.ticker = Ticker::new(self.station.clock);
         Ok(())
     }
 
-    /// One tick: hear, decide, command, record.
+    /// One tick: receive, decide, command, record.
     fn tick(&mut self) {
         let (now, late_s) = self.station.ticker.wait();
         self.now = now;
@@ -235,7 +235,7 @@ impl Motion {
             .point(now, self.safety.state().name(), position, velocity);
     }
 
-    /// Writes down a change of state, and asks the drivers to stop as well.
+    /// Records a change of state, and calls the drivers' stop services.
     fn note(&mut self, before: &str) {
         let state = self.safety.state().clone();
         if state.name() != before {
@@ -292,7 +292,7 @@ impl Motion {
         self.until(|motion| *motion.safety.state() == State::Armed)
     }
 
-    /// Plays a file of commands, as the run of a name; `progress` is told how much of it is played.
+    /// Plays a file of commands, as the run of a name; `progress` receives the part played so far.
     ///
     /// # Errors
     /// [`Error::Refused`] if the arms are not level, [`Error::Stopped`] if it is stopped on the way.
@@ -338,10 +338,10 @@ impl Motion {
         self.home()
     }
 
-    /// Ends the bag, with what the motion came to in it.
+    /// Finishes the bag with the result of the motion.
     ///
     /// # Errors
-    /// What ended the motion, or what is wrong with the bag.
+    /// The error that ended the motion, or that of the bag.
     pub fn finish(mut self, outcome: Result<()>) -> Result<Summary> {
         let _ = self.safety.handle(Event::Disarm);
         let ticker = &self.station.ticker;
@@ -371,7 +371,7 @@ impl Motion {
     }
 }
 
-/// Why nothing valid comes on a topic.
+/// Why no valid message arrives on a topic.
 pub fn silence(there: usize, heard: usize, tally: &crate::watch::Tally) -> String {
     if tally.refused > 0 {
         return format!(

@@ -1,4 +1,4 @@
-//! The bag: everything said and heard, in one MCAP file that ROS 2 tools read, written by a thread of its own.
+//! The bag: all sent and received messages in one MCAP file for ROS 2 tools, written by a separate thread.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -16,13 +16,13 @@ use mcap::{Attachment, WriteOptions, Writer};
 use crate::error::{Error, Result};
 use crate::messages::{Message, to_cdr};
 
-/// A crash loses no more than this.
+/// Flush period: a crash loses no more than this.
 const FLUSH: Duration = Duration::from_millis(250);
 
-/// Messages that may wait for the disk: two minutes at a kilohertz.
+/// Queue length to the disk: two minutes at a kilohertz.
 const WAITING: usize = 1 << 17;
 
-/// What goes to the thread.
+/// A message to the writing thread.
 enum Item {
     Channel {
         id: u16,
@@ -41,12 +41,12 @@ enum Item {
     Flush(SyncSender<()>),
 }
 
-/// What a recording came to.
+/// Result of a recording.
 #[derive(Debug, Clone, Default)]
 pub struct Written {
     /// Messages in the bag.
     pub messages: u64,
-    /// From the loop's hand into the bag (µs), of the loop's own messages, sorted.
+    /// Latency from the loop into the bag (µs), of the loop's own messages, sorted.
     pub latencies_us: Vec<u32>,
 }
 
@@ -139,7 +139,7 @@ impl Recorder {
         Channel(id)
     }
 
-    /// Hands a message over, with the times (ns since 1970) at which it came or went and at which it was published.
+    /// Queues a message with the times (ns since 1970) of receipt or sending and of publication.
     pub fn record<M: Message>(
         &self,
         channel: Channel,
@@ -169,7 +169,7 @@ impl Recorder {
         }
     }
 
-    /// What goes wrong, if something does.
+    /// The writing thread's error, if any.
     pub fn failure(&self) -> Option<String> {
         let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
         let lost = self.lost.load(Ordering::Relaxed);
@@ -178,7 +178,7 @@ impl Recorder {
             .or_else(|| (lost > 0).then(|| format!("{lost} messages were lost")))
     }
 
-    /// Brings what was handed over to the disk, and waits for that.
+    /// Flushes all queued messages to the disk and waits for it.
     #[cfg(test)]
     pub fn flush(&self) {
         let (done, wait) = sync_channel(1);
@@ -205,7 +205,7 @@ impl Recorder {
     }
 }
 
-/// Writes what comes before all messages: configuration and facts.
+/// Writes the configuration and the facts, before all messages.
 fn begin(
     file: File,
     config: &str,
@@ -227,7 +227,7 @@ fn begin(
     Ok(writer)
 }
 
-/// What the system says of a file, or MCAP of what is in it.
+/// The text of an error of the file system or of MCAP.
 pub fn said(error: &mcap::McapError) -> String {
     match error {
         mcap::McapError::Io(error) => error.to_string(),
@@ -235,7 +235,7 @@ pub fn said(error: &mcap::McapError) -> String {
     }
 }
 
-/// A writer of bags as ROS 2 reads them: plain chunks, each written whole, so that a cut leaves the ones before.
+/// A writer of bags as ROS 2 reads them: plain chunks, each written at once, so that a truncated bag keeps the ones before.
 pub fn writer(file: File) -> mcap::McapResult<Writer<BufWriter<File>>> {
     WriteOptions::new()
         .profile("ros2")
@@ -245,7 +245,7 @@ pub fn writer(file: File) -> mcap::McapResult<Writer<BufWriter<File>>> {
         .create(BufWriter::new(file))
 }
 
-/// Writes until the loop lets go of its end, or something fails.
+/// Writes until the loop drops its end of the queue, or a write fails.
 fn write(
     mut writer: Writer<BufWriter<File>>,
     receiver: &Receiver<Item>,
@@ -317,7 +317,7 @@ fn take(
     Ok(written)
 }
 
-/// A path in a folder that no file has yet: `name.mcap`, `name-2.mcap`, and so on.
+/// An unused path in a folder: `name.mcap`, `name-2.mcap`, and so on.
 ///
 /// # Errors
 /// [`Error::Refused`] if the folder cannot be made.

@@ -1,4 +1,4 @@
-//! A bag that was cut short, made whole.
+//! Recovery of a truncated bag.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -11,7 +11,7 @@ use mcap::records::{MessageHeader, Record};
 use crate::error::{Error, Result};
 use crate::recorder;
 
-/// What was found in a bag.
+/// Result of a recovery.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recovered {
     /// The bag that was written.
@@ -20,7 +20,7 @@ pub struct Recovered {
     pub messages: u64,
     /// Time from its first to its last message (ns).
     pub nanos: u64,
-    /// Whether the bag was whole.
+    /// Whether the bag was complete.
     pub was_whole: bool,
 }
 
@@ -90,7 +90,7 @@ fn copy(bytes: &[u8], to: &Path) -> std::result::Result<Copied, String> {
         },
     };
     for record in records {
-        // What follows a record that is cut is lost.
+        // Data after a truncated record is lost.
         let Ok(record) = record else { break };
         match record {
             Record::Chunk { header, data } => {
@@ -249,7 +249,7 @@ mod tests {
             let cut = folder.0.join(format!("cut-{part}.mcap"));
             let length = (part * bytes.len() as f64) as usize;
             fs::write(&cut, &bytes[..length]).expect("it can be written");
-            let found = recover(&cut, None).expect("what is left can be read");
+            let found = recover(&cut, None).expect("the rest can be read");
             assert!(!found.was_whole);
             assert!(found.messages >= last, "{found:?}");
             last = found.messages;

@@ -1,4 +1,4 @@
-//! SIGINT and SIGTERM stop the arms before they end the program.
+//! SIGINT and SIGTERM: stop the arms, then end the program.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -14,7 +14,7 @@ const NAMES: [(i32, &str); 3] = [(SIGINT, "SIGINT"), (SIGTERM, "SIGTERM"), (SIGH
 pub struct Signals(Arc<AtomicUsize>);
 
 impl Signals {
-    /// Listens from now on.
+    /// Installs the handlers.
     ///
     /// # Errors
     /// [`Error::Refused`] if the system does not allow it.

@@ -1,4 +1,4 @@
-//! What is heard, looked at and recorded, whatever the verb.
+//! Subscriptions, checks and recording, shared by all verbs.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::safety::Reason;
 use crate::signals::Signals;
 use crate::watch::{JointWatch, MarbleWatch, Moment};
 
-/// How bad an event is.
+/// Severity of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
     /// It went as it should.
@@ -22,21 +22,21 @@ pub enum Level {
     Error = 40,
 }
 
-/// Ears, bag and clocks.
+/// Subscriptions, bag and clocks.
 pub struct Station {
-    /// What was configured.
+    /// Configuration.
     pub config: Config,
     /// Time.
     pub clock: Clock,
-    /// The loop's rhythm.
+    /// The loop's ticks.
     pub ticker: Ticker,
     /// The network.
     pub link: Link,
     /// The bag.
     pub recorder: Recorder,
-    /// What the tracker says.
+    /// Check of the tracker's points.
     pub marble: MarbleWatch,
-    /// What the joints say, about x and about y.
+    /// Checks of the joints about x and about y.
     pub joints: [JointWatch; 2],
     /// The topics of the joints, each once.
     pub joint_inboxes: Vec<(Inbox<JointState>, Channel)>,
@@ -54,7 +54,7 @@ impl Station {
     /// Joins the network as `rig`, and begins a bag in a folder.
     ///
     /// # Errors
-    /// [`Error::Refused`](crate::error::Error::Refused) if the network or the bag is not to be had.
+    /// [`Error::Refused`](crate::error::Error::Refused) if the network or the bag is unavailable.
     pub fn open(
         config: &Config,
         text: &str,
@@ -113,7 +113,7 @@ impl Station {
         })
     }
 
-    /// Takes what has come, records it, and returns the first reason to stop; the knobs are on their way or not.
+    /// Takes and records all received messages; returns the first reason to stop. The argument says whether the knobs move.
     pub fn hear(&mut self, now: Moment, moving: bool) -> Option<Reason> {
         let mut reasons: Vec<Reason> = Vec::new();
         let (clock, recorder) = (self.clock, &self.recorder);
@@ -149,14 +149,14 @@ impl Station {
         reasons.into_iter().next()
     }
 
-    /// Where the joints were last seen (rad), and how old the older of both is (s).
+    /// The last joint angles (rad), and the age of the older one (s).
     pub fn measured(&self, steady: f64) -> (Option<[f64; 2]>, f64) {
         let [x, y] = &self.joints;
         let angles = x.angle().zip(y.angle()).map(Into::into);
         (angles, x.age_s(steady).max(y.age_s(steady)))
     }
 
-    /// Writes down what happened.
+    /// Records an event.
     pub fn event(&self, level: Level, code: &str, message: &str) {
         let now = self.clock.now().nanos;
         let log = Log {
@@ -170,14 +170,14 @@ impl Station {
         self.recorder.record(self.events, now, now, &log);
     }
 
-    /// Writes down that a row of a file begins to hold (knob angles, rad).
+    /// Records the start of a row of a file (knob angles, rad).
     pub fn row(&self, now: Moment, run: &str, knobs: [f64; 2]) {
         let state = knob_state(now, run, knobs, Vec::new());
         self.recorder
             .record(self.rows, now.nanos, now.nanos, &state);
     }
 
-    /// Writes down where the knobs shall be (rad), how fast (rad/s), and in which state the rig is.
+    /// Records the knobs' set points (rad), their rates (rad/s), and the state of the rig.
     pub fn point(&self, now: Moment, state: &str, position: [f64; 2], velocity: [f64; 2]) {
         let state = knob_state(now, state, position, velocity.to_vec());
         self.recorder

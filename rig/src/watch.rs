@@ -1,4 +1,4 @@
-//! What cannot be right in what peers say, and how old what they said is.
+//! Plausibility checks and ages of the peers' messages.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -10,25 +10,25 @@ use crate::safety::Reason;
 /// A stamp may be ahead of this machine's clock by this much (s).
 const AHEAD_S: f64 = 0.05;
 
-/// When something came: seconds by a clock that no one sets, and nanoseconds since 1970.
+/// Time of receipt: seconds of the monotonic clock, and nanoseconds since 1970.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Moment {
-    /// By a clock that no one sets (s).
+    /// Monotonic clock (s).
     pub steady: f64,
     /// Since 1970 (ns).
     pub nanos: i64,
 }
 
-/// How many messages came, how many were refused, and how old their stamps were.
+/// Numbers of received and refused messages, and the age of their stamps.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Tally {
-    /// Messages that came.
+    /// Number of received messages.
     pub came: u64,
-    /// Messages that were refused, and why the last one was.
+    /// Number of refused messages.
     pub refused: u64,
-    /// Why the last one was refused.
+    /// Why the last refused message was refused.
     pub why: String,
-    /// The least age of a stamp as its message came (s): transport, and the clocks' difference.
+    /// Smallest age of a stamp at receipt (s): transport, and the clocks' difference.
     pub least_age_s: Option<f64>,
 }
 
@@ -39,7 +39,7 @@ impl Tally {
         age
     }
 
-    /// How old a message is (s), if its stamp can be right: neither too old nor ahead, and later than the one before.
+    /// Age of a message (s), if its stamp is plausible: neither too old nor in the future, and later than the previous one.
     fn fresh(
         &mut self,
         moment: Moment,
@@ -67,24 +67,24 @@ impl Tally {
     }
 }
 
-/// Looks at the marble's points.
+/// Checks the marble's points.
 #[derive(Debug, Clone)]
 pub struct MarbleWatch {
     tracker: Tracker,
     times: Timeouts,
-    /// What came.
+    /// Counts of messages.
     pub tally: Tally,
-    /// When the last valid point was seen, by its stamp.
+    /// Time of the last valid point, by its stamp.
     seen: Option<f64>,
     last: Option<(i64, [f64; 2])>,
-    /// Since when it lies at the same place to the last bit.
+    /// Time since when its position has not changed by a bit.
     same_since: Option<f64>,
     jumps: VecDeque<f64>,
     arrivals: VecDeque<f64>,
 }
 
 impl MarbleWatch {
-    /// Nothing has come yet.
+    /// No messages yet.
     pub fn new(config: &Config) -> Self {
         Self {
             tracker: config.tracker.clone(),
@@ -98,20 +98,20 @@ impl MarbleWatch {
         }
     }
 
-    /// How old the last valid point is (s), by its stamp; infinite before the first.
+    /// Age of the last valid point (s), by its stamp; infinite before the first.
     pub fn age_s(&self, steady: f64) -> f64 {
         self.seen.map_or(f64::INFINITY, |seen| steady - seen)
     }
 
-    /// Where the marble was last seen (board edges).
+    /// Last tracked position (board edges).
     pub fn position(&self) -> Option<[f64; 2]> {
         self.last.map(|(_, place)| place)
     }
 
-    /// Takes a point; the knobs are on their way or not.
+    /// Checks a point; the argument says whether the knobs move.
     ///
     /// # Errors
-    /// The reason to stop, where no tracker could say this.
+    /// The reason to stop, if the point is impossible.
     pub fn take(
         &mut self,
         moment: Moment,
@@ -201,24 +201,24 @@ impl MarbleWatch {
     }
 }
 
-/// Looks at one joint.
+/// Checks one joint.
 #[derive(Debug, Clone)]
 pub struct JointWatch {
     joint: String,
     fastest: f64,
     stamp_s: f64,
-    /// What came.
+    /// Counts of messages.
     pub tally: Tally,
     seen: Option<f64>,
     last: Option<(i64, f64)>,
 }
 
 impl JointWatch {
-    /// Nothing has come yet; `axis` is 0 about x, 1 about y.
+    /// No messages yet; `axis` is 0 about x, 1 about y.
     pub fn new(config: &Config, axis: usize) -> Self {
         Self {
             joint: config.arms.both()[axis].1.joint.clone(),
-            // Twice what it may be told, and some for noise: what is faster is no motion of ours.
+            // Twice the commanded limit, and a margin for noise: faster motion cannot come from the rig.
             fastest: 2.0 * config.limits.velocity_rad_s + 1.0,
             stamp_s: config.timeouts.stamp_s,
             tally: Tally::default(),
@@ -227,7 +227,7 @@ impl JointWatch {
         }
     }
 
-    /// How old the last valid angle is (s), by its stamp; infinite before the first.
+    /// Age of the last valid angle (s), by its stamp; infinite before the first.
     pub fn age_s(&self, steady: f64) -> f64 {
         self.seen.map_or(f64::INFINITY, |seen| steady - seen)
     }
@@ -237,10 +237,10 @@ impl JointWatch {
         self.last.map(|(_, angle)| angle)
     }
 
-    /// Takes a joint state, which may be of other joints.
+    /// Checks a joint state, which may be of other joints.
     ///
     /// # Errors
-    /// The reason to stop, where no joint could do this.
+    /// The reason to stop, if the motion is impossible.
     pub fn take(&mut self, moment: Moment, state: &JointState) -> Result<(), Reason> {
         let Some(index) = state.name.iter().position(|name| *name == self.joint) else {
             return Ok(());

@@ -1,4 +1,4 @@
-//! The binary as a user types it, where no peers are needed.
+//! The command line of the binary, for verbs that need no peers.
 
 use std::fs;
 use std::path::Path;

@@ -140,7 +140,7 @@ def test_a_few_rows_are_one_clear_line(irt, lab, tmp_path, rows):
 def test_many_runs_of_a_few_rows_are_one_clear_line_too(irt, lab, tmp_path):
     done = irt("tune", lab(rows=3, runs=6), "--out", tmp_path / "out")
     assert done.status == 1
-    assert "no run sees the marble in 8 rows" in done.err
+    assert "no run has 8 rows with the marble" in done.err
 
 
 @pytest.mark.slow

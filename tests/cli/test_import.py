@@ -67,7 +67,7 @@ def test_a_csv_with_swapped_tilt_is_put_right_and_said(
     assert "our tilt_x, sign turned; surely" in done.out
     assert 'tilt "alpha" moves x by +' in done.out
     assert "our tilt_y, sign kept; surely" in done.out
-    assert f"{truth.held.sum()} held at the last place" in done.out
+    assert f"{truth.held.sum()} held at the last position" in done.out
     assert f"{truth.jumped.sum()} with a jump of the tilt" in done.out
     recording = load_recording(rig / "log.csv")
     assert recording.tilt is not None
@@ -148,7 +148,7 @@ def test_a_replay(tmp_path: Path, truth: Truth, irt: Callable[..., Any]) -> None
     np.savez(tmp_path / "replay.npz", states=states, action=truth.commands, is_first=np.zeros(len(states)))
     done = irt("import", tmp_path / "replay.npz", "--out", tmp_path / "rig")
     assert done.status == 0, done.err
-    assert "a replay has no stamps: rows are taken to be 1/55 s apart" in done.out
+    assert "a replay has no stamps: rows are assumed to be 1/55 s apart" in done.out
     assert "rows 0.018" in done.out
     assert 'tilt "-alpha" moves x by +' in done.out
     (recording,) = load_rig(tmp_path / "rig").recordings
@@ -197,7 +197,7 @@ def test_only_commands_that_come_after_their_effect_are_moved(
         save_recording(tmp_path / f"{one.name}.csv", knobs, one.marble, one.stamps)
     done = irt("import", *sorted(tmp_path.glob("*.csv")), "--from", "csv", "--dry-run")
     assert done.status == 0, done.err
-    moved = re.search(r"clocks differ by at least ([0-9.]+) s; moved by so much", done.out)
+    moved = re.search(r"clocks differ by at least ([0-9.]+) s; corrected by this", done.out)
     assert (moved is not None) == (late_s > 0.0)
     if moved is not None:
         assert float(moved[1]) == pytest.approx(late_s, abs=0.05)
@@ -259,9 +259,9 @@ def two_kinds(table: dict[str, np.ndarray], words: list[str]) -> None:
         (other_time, "commands and states do not overlap in time"),
         (no_column, 'unknown column "alfa"; did you mean "alpha"'),
         (no_expression, '"abs(alpha)" is no expression'),
-        (millimetres, "of the places lie outside the board"),
-        (from_a_corner, "take 0.5 off where the origin is a corner"),
-        (no_stamps, "nothing says when rows were seen"),
+        (millimetres, "of the positions lie outside the board"),
+        (from_a_corner, "subtract 0.5 if the origin is a corner"),
+        (no_stamps, "no stamps of the rows"),
         (no_episode, "no column run for --episode"),
         (two_kinds, "map one pair"),
     ],

@@ -78,7 +78,7 @@ def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
 def test_under_the_papers_drive_it_works_at_once(irt, paper_rig, tmp_path, cache_folder):
     done = irt("tune", paper_rig, "--method", "irt", "--out", tmp_path / "out")
     assert "training" not in done.out
-    assert "The network is the one shipped for the paper's drive" in done.out
+    assert "The network is the shipped one for the paper's drive" in done.out
     assert not cache_folder.exists()
     before, after = re.search(r"free run +([0-9.]+) -> ([0-9.]+)", done.out).groups()
     assert float(after) < 1.0 < float(before)
@@ -165,7 +165,7 @@ def test_a_network_that_differences_came_from_predicts_nothing(irt, paper_rig, t
     words = ("--method", "direct", "--network", cache.SHIPPED, "--out", tmp_path / "out")
     done = irt("tune", paper_rig, *words)
     assert done.status == 1
-    assert "trained to tell difference, not parameters" in done.err
+    assert "trained to estimate difference, not parameters" in done.err
 
 
 @pytest.mark.parametrize(("method", "shipped"), [("irt+", cache.SHIPPED), ("irt", cache.SHIPPED_STEPS)])

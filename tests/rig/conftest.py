@@ -1,4 +1,4 @@
-"""The binary, and network namespaces in which nothing leaves the machine."""
+"""Fixtures: the rig's binary, and private network namespaces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 _INSIDE = 'ip link set lo up && ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
 
-#: Runs a command in a namespace of its own.
+#: Runs a command in its own namespace.
 Inside = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
@@ -30,7 +30,7 @@ def rig() -> Path:
 
 
 def _namespaces() -> list[str] | None:
-    """Return how a private network is made here, if it can be."""
+    """Return the command that creates a private network on this machine, if there is one."""
     for words in (["unshare", "-n", "-m"], ["unshare", "-r", "-n", "-m"]):
         command = [*words, "sh", "-c", _INSIDE, "_", "true"]
         if (
@@ -43,7 +43,7 @@ def _namespaces() -> list[str] | None:
 
 @pytest.fixture(scope="session")
 def inside() -> Inside:
-    """Run a command in network and mount namespaces of its own; skip where there can be none."""
+    """Run a command in its own network and mount namespaces; skip where they are not permitted."""
     words = _namespaces()
     if words is None:
         pytest.skip("private network namespaces (unshare -n, ip) are not permitted or not there")
@@ -65,6 +65,6 @@ def inside() -> Inside:
 
 @pytest.fixture(scope="session")
 def cyclone() -> None:
-    """Skip where the other vendor's DDS is missing."""
+    """Skip if Cyclone DDS is missing."""
     if importlib.util.find_spec("cyclonedds") is None:
         pytest.skip("cyclonedds is not installed (extra 'ros')")

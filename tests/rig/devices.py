@@ -1,4 +1,4 @@
-"""A tracker and a driver of two arms, each a process of its own, which misbehave on request.
+"""A tracker and a driver of two arms, in separate processes, with faults on request.
 
 ``python devices.py tracker`` and ``python devices.py arms LOG`` read requests from their standard input.
 """
@@ -28,7 +28,7 @@ JOINTS = ("left_wrist", "right_wrist")
 
 
 def requests() -> Callable[[], str | None]:
-    """Return what tells the next line of standard input, if there is one; its end ends the process."""
+    """Return a function that returns the next line of standard input, if any; "end" once closed."""
     lines: queue.Queue[str] = queue.Queue()
 
     def read() -> None:
@@ -48,7 +48,7 @@ def requests() -> Callable[[], str | None]:
 
 
 def beat(hz: float) -> Callable[[], None]:
-    """Return what sleeps until the next beat; one that is missed is not made up for."""
+    """Return a function that sleeps until the next beat; missed beats are not caught up on."""
     due = time.monotonic()
 
     def wait() -> None:
@@ -76,27 +76,27 @@ def tracker(*, reliable: bool) -> None:
 
 
 class Arm:
-    """A joint that goes where trajectories say, and a list of what it was told."""
+    """A joint that follows trajectories and logs the commands that it received."""
 
     def __init__(self, peer: Peer, side: str, joint: str) -> None:
         self.joint = joint
         self.states = peer.writer(f"/{side}/joint_states", JointState)
         self.commands = peer.reader(f"/{side}/joint_trajectory", JointTrajectory)
         self.way = [(0.0, 0.0)]
-        self.told: list[tuple[float, float, float]] = []
+        self.received: list[tuple[float, float, float]] = []
         self.lied = 0.0
 
     def hear(self) -> None:
         for message in self.commands.take(N=200):
             if not hasattr(message, "points"):
-                continue  # a publisher that has gone
+                continue  # a publisher that has ended
             now = time.monotonic()
             points = [
                 (now + one.time_from_start.sec + 1e-9 * one.time_from_start.nanosec, one.positions[0])
                 for one in message.points
             ]
             self.way = [(now, self.angle(now)), *points]
-            self.told.append((time.time(), points[0][1], message.points[0].velocities[0]))
+            self.received.append((time.time(), points[0][1], message.points[0].velocities[0]))
 
     def angle(self, now: float) -> float:
         before = [point for point in self.way if point[0] <= now] or [self.way[0]]
@@ -106,7 +106,7 @@ class Arm:
         (t0, a0), (t1, a1) = before[-1], after[0]
         return a0 + (a1 - a0) * (now - t0) / (t1 - t0) if t1 > t0 else a1
 
-    def tell(self, mode: str) -> None:
+    def report(self, mode: str) -> None:
         now, wall = time.monotonic(), time.time()
         angle = self.angle(now)
         if mode != "lie":
@@ -125,16 +125,16 @@ def arms(log: Path) -> None:
         for arm in both:
             arm.hear()
             if mode != "silent":
-                arm.tell(mode)
+                arm.report(mode)
         if mode == "intrude" and intruder is None:
             intruder = Peer().writer("/left/joint_trajectory", JointTrajectory)
             print("intruding", flush=True)
         wait()
-    log.write_text(json.dumps([arm.told for arm in both]))
+    log.write_text(json.dumps([arm.received for arm in both]))
 
 
 def points(count: int, hz: float) -> None:
-    """Send so many points at a rate, once somebody listens, each with its number as x."""
+    """Send points at a rate, once there is a subscriber, each with its number as x."""
     writer = Peer().writer("/marble/position", PointStamped)
     while not writer.get_publication_matched_status().current_count:
         time.sleep(0.02)

@@ -1,8 +1,8 @@
 // A tracker and the driver of two arms over Fast-DDS, the default of most ROS 2 laboratories.
 //
-// fastdds SECONDS: for so long, points on /marble/position at 60 Hz and joint states at 100 Hz go out, arms follow
-// what /left|right/joint_trajectory say. At its end: a line for each arm, how many trajectories came and the least and
-// the largest position told.
+// fastdds SECONDS: for this time, sends points on /marble/position at 60 Hz and joint states at 100 Hz; the arms follow
+// /left|right/joint_trajectory. At the end it prints a line for each arm: the number of received trajectories, and the
+// smallest and the largest commanded position.
 
 #include <algorithm>
 #include <chrono>
@@ -115,7 +115,7 @@ struct Arm {
             ++heard;
         }
     }
-    void tell() {
+    void report() {
         send(states, [this](Cdr& cdr) {
             const std::vector<double> none{0.0};
             cdr << std::vector<std::string>{joint} << std::vector<double>{angle} << none << none;
@@ -162,7 +162,7 @@ int main(int count, char** words) {
         std::this_thread::sleep_until(begun + std::chrono::milliseconds(10 * i));
         for (auto& arm : arms) {
             arm.hear();
-            arm.tell();
+            arm.report();
         }
         if (i % 5 < 3) {
             send(marble, [i](Cdr& cdr) { cdr << 0.05 * std::sin(0.01 * i) << 1e-4 * std::sin(1e4 * i) << 0.0; });

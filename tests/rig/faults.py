@@ -1,6 +1,6 @@
-"""The faults that are injected, and where each has to end.
+"""The injected faults, and the required reaction to each.
 
-``python faults.py FAULT FOLDER RIG``, in a namespace of its own, prints what became of one as JSON.
+``python faults.py FAULT FOLDER RIG``, in its own namespace, prints the outcome of one as JSON.
 """
 
 from __future__ import annotations
@@ -188,7 +188,7 @@ FAULTS = {
     "tracker frozen": Fault("the same place to the last bit", tracker_says("freeze"), stop="tracker_lies"),
     "tracker jumps": Fault("the marble 0.4 edges away and back", tracker_says("jump"), stop="tracker_lies"),
     "tracker floods": Fault("2400 points a second", tracker_says("flood"), stop="tracker_lies"),
-    "tracker NaN": Fault("positions that are no number", tracker_says("nan"), stop="tracker_silent"),
+    "tracker NaN": Fault("NaN positions", tracker_says("nan"), stop="tracker_silent"),
     "tracker old": Fault("stamps 3 s old", tracker_says("old"), stop="tracker_silent"),
     "joints stop": Fault("joint states stop, the driver lives", arms_say("silent"), stop="joints_silent"),
     "joints lie": Fault("joint states stay at their last value", arms_say("lie"), stop="tracking_error"),
@@ -227,7 +227,7 @@ FAULTS = {
     "not allowed": Fault(
         "arming is not allowed", only_play, refusal="allow_arming", config={"allow_arming": "false"}
     ),
-    "commands NaN": Fault("a command that is no number", commands_are_broken, refusal="row 6, knob_x_rad"),
+    "commands NaN": Fault("a NaN command", commands_are_broken, refusal="row 6, knob_x_rad"),
     "commands fast": Fault(
         "a step that arms cannot follow", commands_are_too_fast, refusal="behind as the row"
     ),

@@ -1,4 +1,4 @@
-"""A laboratory inside a network namespace of its own: peers, a fault, and what the rig made of it."""
+"""A laboratory in its own network namespace: peers, an injected fault, and the rig's reaction."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Laboratory:
         self.bags = folder / "bags"
 
     def write_commands(self, amplitude: float = 0.24, seconds: float = 12.0) -> None:
-        """Knobs that turn to and fro at an even rate: they are nearly always on their way."""
+        """Write commands of knobs that turn back and forth at a constant rate, with hardly any rest."""
         rows = ["step,t_s,knob_x_rad,knob_y_rad"]
         for i in range(int(seconds / 0.05)):
             t = 0.05 * i
@@ -115,7 +115,7 @@ class Laboratory:
 
     def peers(self, *, tracker: str = "reliable") -> None:
         self.tracker = self.peer("tracker", tracker)
-        self.arms = self.peer("arms", "told.json")
+        self.arms = self.peer("arms", "received.json")
 
     def play(self, *options: str) -> subprocess.Popen[str]:
         words = ("play", "run.csv", "--out", self.bags, "--arm", *options)
@@ -128,7 +128,7 @@ class Laboratory:
         peer.stdin.flush()
 
     def wait_for_motion(self, seconds: float = 30.0) -> None:
-        """Return once the bag says that the file is played, and some of it has been."""
+        """Return one second after the bag says that the file is being played."""
         end = time.monotonic() + seconds
         bag = self.bags / "run.mcap"
         while time.monotonic() < end:
@@ -150,7 +150,7 @@ class Laboratory:
 
 @dataclass(frozen=True)
 class Fault:
-    """What happens, which stop or refusal must follow, and what the configuration says otherwise."""
+    """An injected fault, the stop or refusal that must follow, and changes of the configuration."""
 
     what: str
     inject: Callable[[Laboratory], None]
@@ -161,7 +161,7 @@ class Fault:
 
 
 def run(fault: Fault, folder: Path, rig: Path) -> dict[str, Any]:
-    """Play, let a fault happen, and return what became of it."""
+    """Play, inject a fault, and return the outcome."""
     laboratory = Laboratory(folder, rig, **fault.config)
     try:
         began = time.time()
@@ -178,7 +178,7 @@ def run(fault: Fault, folder: Path, rig: Path) -> dict[str, Any]:
 
 
 def read(bag: Path, rig: Path) -> dict[str, Any]:
-    """Return when and why the bag says that the arms were stopped, and how they came to rest."""
+    """Return from a bag when and why the arms were stopped, and how they came to rest."""
     if not bag.exists():
         return {"bag": None}
     # Not beside it, where the disk may be full.
@@ -188,7 +188,7 @@ def read(bag: Path, rig: Path) -> dict[str, Any]:
     )
     events: list[tuple[str, str]] = []
     points: list[tuple[float, float]] = []
-    told: list[float] = []
+    sent: list[float] = []
     last, stop = 0.0, 0
     # In the order in which they were written: a clock may be set in between.
     for topic, logged, message in messages(whole):
@@ -199,7 +199,7 @@ def read(bag: Path, rig: Path) -> dict[str, Any]:
         elif topic == "/rig/setpoint":
             points.append((seconds(message.header.stamp), max(abs(rate) for rate in message.velocity)))
         elif topic.endswith("joint_trajectory") and stop:
-            told.append(abs(message.points[0].velocities[0]))
+            sent.append(abs(message.points[0].velocities[0]))
     codes = [code for code, _ in events]
     found: dict[str, Any] = {"bag": recovered.stdout.strip(), "codes": codes, "last": last}
     if stop:
@@ -214,14 +214,14 @@ def read(bag: Path, rig: Path) -> dict[str, Any]:
             "rate_before": points[stop - 2][1],
             "ramp_s": max(moving) - ramp[0][0] + 0.01 if moving else 0.0,
             "ramp_ticks": len(moving),
-            "rests": ramp[-1][1] == 0.0 and bool(told) and told[-1] == 0.0,
+            "rests": ramp[-1][1] == 0.0 and bool(sent) and sent[-1] == 0.0,
             "latched": any(code.startswith("latched:") for code in codes),
         }
     return found
 
 
 def messages(bag: Path):  # type: ignore[no-untyped-def]
-    """Yield topic, time of logging and message, read by what is not ours."""
+    """Yield topic, time of logging and message, read by an independent library."""
     with bag.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):

@@ -42,14 +42,14 @@ def test_another_reader_reads_the_bag(rig: Path, inside: Inside, tmp_path: Path)
     types = get_typestore(Stores.ROS2_HUMBLE)
     with Reader(tmp_path / "bags" / "listen.mcap") as reader:
         kinds = {connection.topic: connection.msgtype for connection in reader.connections}
-        told = [
+        texts = [
             types.deserialize_cdr(data, connection.msgtype).msg
             for connection, _, data in reader.messages()
             if connection.topic == "/rig/events"
         ]
     assert kinds["/marble/position"] == "geometry_msgs/msg/PointStamped"
     assert kinds["/left/joint_states"] == "sensor_msgs/msg/JointState"
-    assert told == ["listening", ""]
+    assert texts == ["listening", ""]
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ Inside = Callable[..., CompletedProcess[str]]
 
 pytestmark = pytest.mark.slow
 
-#: Starts tracker and arms, runs the rig with the words that follow, and waits for what the arms were told.
+#: Starts tracker and arms, runs the rig with the given arguments, and waits for the arms' received commands.
 PLAY = 'rig=$1 peer=$2; shift 2; "$peer" 14 & "$rig" "$@"; status=$?; wait $!; exit $status'
 
 
@@ -47,12 +47,12 @@ def test_tracker_and_arms_of_another_vendor_are_heard_and_hear(
     assert ran.returncode == 0, ran.stderr
     bag = load_bag(tmp_path / "bags" / "run.mcap")
     assert bag.measured is not None
-    told = [line.split() for line in ran.stdout.splitlines() if "_wrist" in line]
-    assert [words[0] for words in told] == ["left_wrist", "right_wrist"]
-    for words, positions in zip(told, bag.set_points.values.T, strict=True):
+    received = [line.split() for line in ran.stdout.splitlines() if "_wrist" in line]
+    assert [words[0] for words in received] == ["left_wrist", "right_wrist"]
+    for words, positions in zip(received, bag.set_points.values.T, strict=True):
         assert int(words[1]) > 400
         assert abs(float(words[3]) - float(words[2])) == pytest.approx(np.ptp(positions), rel=0.02)
-    # What the arms were told came back as joint states, and the marble's points came too.
+    # The arms' commands came back as joint states, and the marble's points arrived too.
     assert np.ptp(bag.measured.values, axis=0) == pytest.approx(
         np.ptp(bag.set_points.values, axis=0), rel=0.02
     )

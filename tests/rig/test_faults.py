@@ -1,4 +1,4 @@
-"""Each fault ends in its stop, or its refusal, before peers that are not ours: a tracker and two arms."""
+"""Each fault ends in its stop or its refusal, with an independent tracker and two independent arms."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Inside = Callable[..., CompletedProcess[str]]
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("cyclone")]
 
-#: How many laboratories run at once.
+#: Number of laboratories at once.
 TOGETHER = 4
 
 
@@ -33,7 +33,7 @@ def observe(fault: str, folder: Path, rig: Path, inside: Inside) -> dict[str, An
 
 
 def wrong(fault: Fault, found: dict[str, Any]) -> list[str]:
-    """Say what is not as it must be."""
+    """Return the failed checks."""
     checks = {f"it failed: {found.get('error')}": "error" not in found}
     if fault.killed:
         checks["all but the last second is in the bag"] = (
@@ -49,7 +49,7 @@ def wrong(fault: Fault, found: dict[str, Any]) -> list[str]:
     else:
         full = fault.stop == "recorder"
         checks |= {
-            "it is told": found.get("status") == 1 and fault.stop in found.get("err", ""),
+            "it is reported": found.get("status") == 1 and fault.stop in found.get("err", ""),
             f"for its reason: {found.get('code')}": full or found.get("code") == fault.stop,
             "it is latched": full or bool(found.get("latched")),
             "at rest": full or bool(found.get("rests")),
@@ -66,8 +66,8 @@ def test_each_fault_ends_in_its_stop_or_its_refusal(rig: Path, inside: Inside, t
             zip(FAULTS, pool.map(lambda name: observe(name, folders[name], rig, inside), FAULTS), strict=True)
         )
     failures = {name: wrong(FAULTS[name], one) for name, one in found.items()}
-    # Several laboratories at once keep a small machine busy, and a late process is a fault of its own: what
-    # was not as it must be is tried once more, by itself.
+    # Several laboratories at once keep a small machine busy, and a late process is a fault of its own. Failed
+    # ones are therefore repeated alone.
     again = {
         name: observe(name, folders[name].with_name(f"{folders[name].name}-again"), rig, inside)
         for name, what in failures.items()

@@ -1,4 +1,4 @@
-"""The whole story: a board with a concealed effect is played, recorded, imported, and diagnosed by name."""
+"""End to end: a simulated board with a concealed effect is played, recorded, imported and diagnosed."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ observation_scale = { value = 1.0 }
 """
 CONCEALED = '[[effects]]\nname = "backlash"\nwidth_x_rad = 0.05\nwidth_y_rad = 0.06\n'
 
-#: Starts the twin, waits for it, and runs the rig with the words that follow.
+#: Starts the twin, waits for it, and runs the rig with the given arguments.
 PLAY = """
 rig=$1 seed=$2; shift 2
 "$rig" twin --model model.toml --seed "$seed" & "$rig" "$@"
@@ -43,7 +43,7 @@ exit $status
 
 
 def configuration(backend: str) -> str:
-    """Return the example for another backend, allowed to move, on a machine that may be busy."""
+    """Return the example for another backend, with arming allowed and timeouts for a busy machine."""
     text = (ROOT / "rig" / "example" / "rig.toml").read_text(encoding="utf-8")
     for old, new in (
         ('kind = "trajectory"', f'kind = "{backend}"'),
@@ -98,10 +98,10 @@ def test_each_backend_moves_the_arms_as_the_file_says(
     ]
     assert np.ptp(bag.set_points.values, axis=0).min() > 0.1
     astray = np.abs(bag.measured.values[during] - np.column_stack(asked))
-    # At 0.35 rad/s a busy machine that is late by a tenth of a second is 0.035 rad astray, for a while.
+    # At 0.35 rad/s a busy machine that is late by a tenth of a second is off by 0.035 rad for a while.
     assert np.median(astray) < 0.03
     assert astray.max() < 0.1
-    # Level in the end, and the marble was seen throughout.
+    # Level at the end, and the marble was tracked throughout.
     assert np.abs(bag.measured.values[-1]).max() < 0.01
     assert bag.marble.stamps.size > 100
 
@@ -115,9 +115,9 @@ def test_a_concealed_effect_is_named(
         bags = list(pool.map(lambda run: play(rig, inside, folders[run], run), runs))
 
     assert main(["import", *map(str, bags), "--out", str(tmp_path / "rig")]) == 0
-    told = capsys.readouterr().out
-    assert told.count("measured knobs") == len(bags)
-    assert "tracker 59" in told or "tracker 60" in told or "tracker 58" in told
+    output = capsys.readouterr().out
+    assert output.count("measured knobs") == len(bags)
+    assert "tracker 59" in output or "tracker 60" in output or "tracker 58" in output
     recording = load_recording(tmp_path / "rig" / "run-3.csv")
     assert recording.stamps is not None
     assert recording.knobs.shape == (90, 2)

@@ -1,4 +1,4 @@
-//! Between numpy's arrays and the engine's slices.
+//! Conversions between numpy arrays and the engine's slices.
 
 use labsim::PerRollout;
 use labsim::error::Error;
@@ -21,7 +21,7 @@ pub(crate) fn rows<const N: usize>(array: &PyReadonlyArray2<'_, f64>) -> PyResul
         .collect())
 }
 
-/// The pairs of a `(n, rows, 2)` array, one rollout behind the other.
+/// The pairs of a `(n, rows, 2)` array, concatenated.
 pub(crate) fn pairs_of_each(array: &PyReadonlyArray3<'_, f64>) -> PyResult<Vec<[f64; 2]>> {
     let view = array.as_array();
     if view.shape()[2] != 2 {
@@ -34,7 +34,7 @@ pub(crate) fn pairs_of_each(array: &PyReadonlyArray3<'_, f64>) -> PyResult<Vec<[
         .collect())
 }
 
-/// Values that all rollouts share where there are enough for one only.
+/// Values that all rollouts share if there are only enough for one.
 pub(crate) fn shared_or_each<T>(values: &[T], length: usize, rollouts: usize) -> PerRollout<'_, T> {
     if values.len() == length && rollouts != 1 {
         PerRollout::Shared(values)
@@ -43,8 +43,7 @@ pub(crate) fn shared_or_each<T>(values: &[T], length: usize, rollouts: usize) ->
     }
 }
 
-/// The sequences of each rollout, of which only so many entries are its own: of the one that all share, or one behind
-/// the other.
+/// The sequences of each rollout without their padding: shared, or one for each rollout.
 pub(crate) fn beginnings<'a, T>(values: &'a [T], lengths: &Lengths) -> Vec<&'a [T]> {
     let shared = values.len() == lengths.padded;
     let own = |(rollout, &length): (usize, &usize)| {
@@ -54,13 +53,13 @@ pub(crate) fn beginnings<'a, T>(values: &'a [T], lengths: &Lengths) -> Vec<&'a [
     lengths.own.iter().enumerate().map(own).collect()
 }
 
-/// How long padded sequences are, and how much of them is each rollout's own.
+/// Length of padded sequences, and each rollout's length without padding.
 pub(crate) struct Lengths {
     padded: usize,
     own: Vec<usize>,
 }
 
-/// Checks how many of its commands are each rollout's own.
+/// Checks the length of each rollout's commands without padding.
 pub(crate) fn lengths(
     own: &PyReadonlyArray1<'_, usize>,
     commands: &PyReadonlyArray3<'_, f64>,

@@ -24,9 +24,8 @@ type Parameter = (
     (f64, f64),
 );
 
-/// Whether it is of the catalogue, whether it matters to it how the marble has been turned, whether today's
-/// diagnosis tries it, whether a fit shrinks its parameters, whether it acts between command and tilt, and whether it
-/// is a law of the rim.
+/// Whether it is in the catalogue, depends on the marble's orientation, is tested by the diagnosis, has shrunk
+/// parameters, acts between command and tilt, and changes the rim's contact law.
 type Flags = (bool, bool, bool, bool, bool, bool);
 
 /// Name, stage, equation, parameters, what it does, when it matters, what it looks like, references, flags.
@@ -42,7 +41,7 @@ type EffectSpec = (
     Flags,
 );
 
-/// The catalogue of effects, in the order in which they act, and what stands apart; see `irt.effects`.
+/// The catalogue of effects in the order in which they act, then the effects that are no hypotheses; see `irt.effects`.
 #[pyfunction(name = "effects")]
 pub(crate) fn catalogue() -> Vec<EffectSpec> {
     let listed = effects().iter().map(|about| (about, true));

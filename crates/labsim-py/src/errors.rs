@@ -7,10 +7,10 @@ mod python {
     pyo3::import_exception!(irt.errors, IrtError);
 }
 
-/// The exception that tells a user what the engine refused.
+/// The exception for an error of the engine.
 #[expect(
     clippy::needless_pass_by_value,
-    reason = "the shape that map_err takes"
+    reason = "the signature that map_err expects"
 )]
 pub(crate) fn to_python(error: Error) -> PyErr {
     python::IrtError::new_err(error.to_string())

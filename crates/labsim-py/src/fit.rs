@@ -15,7 +15,7 @@ use crate::{arrays, errors, interrupt};
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 
-/// A problem in Rust's own words, which need neither Python nor its arrays.
+/// A problem with Rust's own data, without Python objects.
 struct Owned {
     rig: Rig,
     parameters: [ParameterSpec; 5],
@@ -48,17 +48,17 @@ type AskedRecording<'py> = (
     Option<Matrix<'py>>,
 );
 
-/// What `irt.fitting.problem` hands over, as it lies there.
+/// The arguments from `irt.fitting.problem`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Asked<'py> {
     board: [f64; 6],
     marble: [f64; 3],
-    /// (5, 3): low, high and start of each parameter; a held one has no low end, and its value as start.
+    /// (5, 3): low, high and start of each parameter; a held one has no low end and its value as start.
     parameters: Matrix<'py>,
     /// The same of each effect's parameters.
     effects: Vec<(String, Matrix<'py>)>,
-    /// Commands, durations and positions of each recording, way and path up to each row, and tilt.
+    /// Commands, durations and positions of each recording, path length and path up to each row, and tilt.
     recordings: Vec<AskedRecording<'py>>,
     knobs_before: Matrix<'py>,
     /// Recording, first row, rows, whether the marble rests.
@@ -195,7 +195,7 @@ pub(crate) fn fit<'py>(
     };
     let report = |done: usize, total: usize, rows: usize| {
         if let Some(progress) = &progress {
-            // What a progress bar does wrong must not end a fit.
+            // An error of the progress callback must not end the fit.
             Python::attach(|py| {
                 if let Err(error) = progress.call1(py, (done, total, rows)) {
                     error.write_unraisable(py, None);
@@ -262,7 +262,7 @@ pub(crate) fn fit<'py>(
     Ok(result)
 }
 
-/// What recordings tell around some values; see `irt.fitting.problem`.
+/// Linearised information of the recordings at some values; see `irt.fitting.problem`.
 #[pyfunction]
 #[pyo3(signature = (problem, values, *, noise))]
 #[expect(
@@ -282,7 +282,7 @@ pub(crate) fn inform<'py>(
     dictionary(py, &information)
 }
 
-/// Where values lead without a search; see `irt.fitting.problem`.
+/// Refines values without a search; see `irt.fitting.problem`.
 #[pyfunction]
 #[pyo3(signature = (problem, values, *, iterations, held))]
 #[expect(
@@ -300,7 +300,7 @@ pub(crate) fn refine<'py>(
     let refined = interrupt::interruptible(py, |cancel| {
         problem.with(|problem| problem.refine(&values, iterations, held, cancel))
     })?;
-    let told = refined.iter().map(|one| {
+    let results = refined.iter().map(|one| {
         let result = PyDict::new(py);
         let residuals = one.residuals.iter().map(|one| arrays::matrix(py, one));
         result.set_item("values", Array1::from(one.values.clone()).into_pyarray(py))?;
@@ -310,7 +310,7 @@ pub(crate) fn refine<'py>(
         result.set_item("tilt_residuals", residuals.collect::<Vec<_>>())?;
         Ok(result)
     });
-    told.collect()
+    results.collect()
 }
 
 /// One-step predictions at some values; see `irt.fitting.problem`.
@@ -345,7 +345,7 @@ pub(crate) fn filtered<'py>(
     results.collect()
 }
 
-/// What all rows say of the random push in each of them; see `irt.fitting.problem`.
+/// Smoothed random accelerations in each row, given all rows; see `irt.fitting.problem`.
 #[pyfunction]
 #[pyo3(signature = (problem, values, noise, states))]
 #[expect(
@@ -381,7 +381,7 @@ pub(crate) fn smoothed<'py>(
     Ok(result)
 }
 
-/// Where an ascent of the posterior leads from values and noise; see `irt.fitting.problem`.
+/// Maximises the posterior from values and noise; see `irt.fitting.problem`.
 #[pyfunction]
 #[pyo3(signature = (problem, values, noise, states=None, *, iterations))]
 #[expect(
@@ -425,10 +425,10 @@ pub(crate) fn ascend<'py>(
     results.collect()
 }
 
-/// The start state of each stretch; none where nothing is known of it.
+/// The start state of each stretch; none if it is unknown.
 type States = Vec<Option<[f64; 4]>>;
 
-/// Start states of all stretches for each of some values, a row each; those of no marble are not a number.
+/// Start states of all stretches for each of some values, a row each; NaN without a marble.
 fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<States>>> {
     states
         .map(|states| states.iter().map(of_segments).collect())

@@ -1,4 +1,4 @@
-//! Long work that Ctrl-C can stop, with Python's other threads running meanwhile.
+//! Long computations without the GIL that Ctrl-C can stop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 
 use crate::errors;
 
-/// How often Python is asked whether a signal came.
+/// Interval at which Python is asked for signals.
 const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Runs `work` without the GIL; on Ctrl-C sets its flag, waits for it and raises `KeyboardInterrupt`.

@@ -15,7 +15,7 @@ use numpy::{
 };
 use pyo3::prelude::*;
 
-/// The labyrinth engine. `irt.rollouts` is the way in; this module only carries arrays.
+/// The labyrinth engine behind `irt.rollouts`; this module only converts arrays.
 #[pymodule]
 mod _labsim {
     #[pymodule_export]
@@ -152,8 +152,8 @@ fn rollouts<'py>(
     Ok((array(marble), tilt.map(array), fallen.into_pyarray(py)))
 }
 
-/// Positions, and tilts where they are asked for, `(n, rows, 2)` each; the row from which on a marble was gone
-/// and the hole through which it fell, `(n, 2)`, -1 for those that did not.
+/// Positions and, if requested, tilts, `(n, rows, 2)` each; the first row after a marble fell and its hole,
+/// `(n, 2)`, -1 for marbles that did not fall.
 type Results<'py> = (
     Bound<'py, PyArray3<f64>>,
     Option<Bound<'py, PyArray3<f64>>>,
@@ -177,7 +177,7 @@ fn inside((walls, wall_thickness_m, holes, hole_radius_m): Inside<'_>) -> PyResu
     })
 }
 
-/// The rotation (rad) of a marble from the first place of its path to each; see `labsim::turned`.
+/// The rotation (rad) of a marble from the first position of its path to each position; see `labsim::turned`.
 #[pyfunction]
 #[expect(
     clippy::needless_pass_by_value,

@@ -1,4 +1,4 @@
-//! What is measured with a ruler and a scale: the board, its rim, the marble.
+//! The rig's geometry and materials: the board, its rim, the marble.
 
 use crate::error::{Error, Result};
 
@@ -66,7 +66,7 @@ impl Default for Marble {
     }
 }
 
-/// Board and marble: all of a rig that is known before anything is tuned.
+/// Board and marble: the known constants of a rig.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Rig {
     /// The board.
@@ -76,7 +76,7 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// How far from the centre the marble's centre can get, along x and y (m).
+    /// Maximum distance of the marble's centre from the board's centre along x and y (m).
     pub fn reach_m(&self) -> [f64; 2] {
         [
             self.board.edge_x_m / 2.0 - self.marble.radius_m,
@@ -84,7 +84,7 @@ impl Rig {
         ]
     }
 
-    /// Refuses dimensions that no physics allows.
+    /// Refuses physically impossible dimensions.
     ///
     /// # Errors
     /// [`Error::Invalid`] names the first quantity that is out of bounds.

@@ -4,18 +4,18 @@ use std::fmt::Display;
 
 /// Why a simulation could not be run.
 ///
-/// Every message says what was expected and what came instead.
+/// Every message names the expected and the given value.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// A number that no physics allows, or a shape that does not fit.
+    /// A physically impossible number, or a wrong shape.
     #[error("{what}: expected {expected}, got {got}")]
     Invalid {
-        /// The quantity, by the name the user knows it by.
+        /// The quantity, by its public name.
         what: String,
-        /// What is possible.
+        /// The possible values.
         expected: String,
-        /// What came.
+        /// The given value.
         got: String,
     },
     /// A name that the engine does not know.
@@ -23,7 +23,7 @@ pub enum Error {
     Unknown {
         /// Engine, parameter, effect.
         kind: &'static str,
-        /// What was asked for.
+        /// The requested name.
         name: String,
         /// The names that exist, separated by commas.
         possible: String,

@@ -1,8 +1,7 @@
-//! How likely recordings are, where the marble is also pushed at random: one-step predictions and their variances.
+//! One-step predictions, their variances and the likelihood of recordings, for a marble with random accelerations.
 //!
-//! Without random pushes a filter is a free run whose start state is estimated on the way; with large ones it
-//! predicts each row from the one before. Between them lies what can be said of a real rig, where something is
-//! always left over that never repeats.
+//! Without random accelerations the filter is a free run whose start state is estimated along the way. With large
+//! ones it predicts each row from the one before. A real rig lies between the two: some of its error never repeats.
 
 use std::sync::atomic::AtomicBool;
 
@@ -18,34 +17,34 @@ mod smoother;
 use self::smoother::smoothed;
 pub use self::smoother::{Estimate, Smoothed};
 
-/// One-step predictions of rollouts, `rows` pairs each, one rollout behind the other.
+/// One-step predictions of rollouts, `rows` pairs each, concatenated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Predictions {
-    /// Positions as they were predicted from all rows before (board edges).
+    /// Positions predicted from all earlier rows (board edges).
     pub marble: Vec<[f64; 2]>,
-    /// Variances of what is seen about the predictions (board edges squared); not a number in first rows, which
-    /// are the start.
+    /// Variances of the observations about the predictions (board edges squared); NaN in first rows, which are
+    /// the start.
     pub variance: Vec<[f64; 2]>,
 }
 
-/// Rollouts that are corrected in every row by what was seen in it.
+/// Rollouts that are corrected in every row by its observation.
 #[derive(Debug, Clone, Copy)]
 pub struct Filter<'a> {
-    /// The rollouts; their `start` is where the marble was first seen.
+    /// The rollouts; their `start` is the first observed position.
     pub batch: Batch<'a>,
-    /// Positions that were seen (board edges), `rows` pairs; not a number where the tracker lost the marble.
+    /// Observed positions (board edges), `rows` pairs; NaN where the tracker lost the marble.
     pub observed: PerRollout<'a, [f64; 2]>,
-    /// What is random, one for each rollout or for all.
+    /// Sizes of the random quantities, shared or one for each rollout.
     pub noise: PerRollout<'a, Noise>,
 }
 
 impl Filter<'_> {
     /// Filters every rollout in the rolling engine.
     ///
-    /// The bits do not depend on what shares the batch, nor on the number of threads.
+    /// The result depends on neither the other rollouts of the batch nor the number of threads, to the bit.
     ///
     /// # Errors
-    /// [`crate::Error::Invalid`] for values that no physics allows, [`crate::Error::Cancelled`] once `cancel` is set.
+    /// [`crate::Error::Invalid`] for physically impossible values, [`crate::Error::Cancelled`] once `cancel` is set.
     pub fn run(&self, threads: Option<usize>, cancel: &AtomicBool) -> Result<Predictions> {
         self.check()?;
         let measured = (self.observed, self.noise);
@@ -56,8 +55,8 @@ impl Filter<'_> {
         })
     }
 
-    /// What all rows of a rollout say of each: the random push that was needed, and the tracker's lasting error, along
-    /// each axis; `rows` pairs a rollout.
+    /// Smoothed estimates of each row from all rows of its rollout: the random acceleration and the tracker's lasting
+    /// error, along each axis; `rows` pairs per rollout.
     ///
     /// # Errors
     /// As [`Filter::run`].
@@ -89,7 +88,7 @@ impl Filter<'_> {
         (0..rollouts).try_for_each(|rollout| self.noise.of(rollout, 1)[0].check())
     }
 
-    /// The log-likelihood of what was seen along each axis, for each rollout: Student's t about the predictions.
+    /// Log-likelihood of the observations along each axis, for each rollout: Student's t about the predictions.
     pub fn log_likelihoods(&self, predictions: &Predictions) -> Vec<[f64; 2]> {
         let rows = self.batch.rows;
         let rollouts = 0..self.batch.parameters.len();

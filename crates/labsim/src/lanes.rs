@@ -1,7 +1,7 @@
 //! Numbers side by side in a SIMD register, so that the physics reads like physics.
 //!
 //! Each operation is one IEEE operation a lane, in the order written and never fused, so a lane has
-//! the same bits on every instruction set and whatever its neighbours hold.
+//! the same bits on every instruction set, independent of its neighbours.
 
 #![expect(
     clippy::inline_always,
@@ -67,7 +67,7 @@ impl<S: Simd> Lanes<S> {
         Self { simd, values }
     }
 
-    /// One value for each lane; `of` is asked for the lane's number.
+    /// One value for each lane; `of` maps the lane's number to its value.
     #[inline(always)]
     pub(crate) fn from_fn(simd: S, mut of: impl FnMut(usize) -> f64) -> Self {
         let mut all = [0.0; WIDEST];
@@ -84,7 +84,7 @@ impl<S: Simd> Lanes<S> {
         Self { simd, values }
     }
 
-    /// The lanes' values; what stands behind the last lane is zero.
+    /// The lanes' values; entries after the last lane are zero.
     #[inline(always)]
     pub(crate) fn to_array(self) -> [f64; WIDEST] {
         let mut all = [0.0; WIDEST];
@@ -179,7 +179,7 @@ impl<S: Simd> Lanes<S> {
         (sin, cos)
     }
 
-    /// Sine and cosine of any angle to the last bit, lane by lane: for what is worked out once.
+    /// Sine and cosine of any angle to the last bit, lane by lane: slow, for values that are computed once.
     pub(crate) fn sin_cos_of_any(self) -> (Self, Self) {
         let angles = self.to_array();
         (

@@ -5,7 +5,7 @@
 //! one, z up out of the board; `knob_x` and `knob_y` tilt the board about x and y by the right-hand
 //! rule, so a pure roll accelerates by 5/7 g sin(tilt y) along x and by -5/7 g sin(tilt x) along y.
 //!
-//! The engine knows nothing of files, networks or plots.
+//! The engine contains no code for files, networks or plots.
 //!
 //! # Example
 //!

@@ -1,4 +1,4 @@
-//! One marble whose commands are not known beforehand: what a stand-in for the real board answers with.
+//! A rollout with commands that arrive one by one, as a simulated rig needs it.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -18,10 +18,10 @@ use crate::parameters::Parameters;
 use crate::per_rollout::PerRollout;
 use crate::rollout::{Batch, TimeBase};
 
-/// A rollout of the rolling engine that is given its commands one by one.
+/// A rollout of the rolling engine whose commands arrive one by one.
 ///
-/// It begins at rest with level knobs, and has the same bits as a [`Batch`] of as many rows that knows all
-/// commands from the start.
+/// It begins at rest with level knobs, and gives the same bits as a [`Batch`] of as many rows with the same
+/// commands.
 pub struct Live {
     register: Register<Scalar>,
     marbles: Marbles<Scalar>,
@@ -34,11 +34,11 @@ pub struct Live {
 }
 
 impl Live {
-    /// A marble at rest that is seen at `start` (board edges), for at most `rows` rows of `row_s` seconds.
+    /// A marble at rest with the observed position `start` (board edges), for at most `rows` rows of `row_s` seconds.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for values that no physics allows, and for an effect that lets rows begin at other
-    /// times than their commands: the commands of rows to come would have to be known.
+    /// [`Error::Invalid`] for physically impossible values, and for an effect whose rows begin at other times
+    /// than their commands: it would need the commands of future rows.
     pub fn new(
         rig: &Rig,
         maze: Option<&Maze>,
@@ -104,7 +104,7 @@ impl Live {
         }
     }
 
-    /// Where the marble is seen (board edges) as the present row begins.
+    /// Observed position (board edges) at the beginning of the present row.
     pub fn seen(&self) -> [f64; 2] {
         self.seen[self.row]
     }
@@ -127,15 +127,15 @@ impl Live {
             .map(|one| one.to_array()[0])
     }
 
-    /// Rows that are left to play.
+    /// Number of remaining rows.
     pub fn left(&self) -> usize {
         self.commands.len() - 1 - self.row
     }
 
-    /// Plays the present row under a command (knob angles, rad), and returns where the marble is then seen.
+    /// Simulates the present row under a command (knob angles, rad); returns the observed position after it.
     ///
     /// # Panics
-    /// If no row is left.
+    /// If no row remains.
     pub fn play(&mut self, command: [f64; 2]) -> [f64; 2] {
         let row = self.row;
         assert!(
@@ -213,7 +213,7 @@ pub(crate) fn check(
     if let Some(one) = effects.iter().find(|one| one.effect.acts == Hook::OnClock) {
         return Err(Error::invalid(
             "effects",
-            "any that need one clock only",
+            "effects without a second clock",
             one.effect.name,
         ));
     }

@@ -1,4 +1,4 @@
-//! What a marble's motion is made of, many marbles to a register: what engines and effects share.
+//! State and accelerations of the marbles of a register, shared by engines and effects.
 
 use pulp::Simd;
 
@@ -11,10 +11,10 @@ pub(crate) type Pair<S> = [Lanes<S>; 2];
 /// The rim, in metres.
 #[derive(Clone, Copy)]
 pub(crate) struct Rims<S: Simd> {
-    /// How far from the board's centre a marble's centre can get.
+    /// Maximum distance of a marble's centre from the board's centre.
     pub(crate) reach_x: Lanes<S>,
     pub(crate) reach_y: Lanes<S>,
-    /// Of the normal velocity.
+    /// Coefficient of restitution of the normal velocity.
     pub(crate) restitution: Lanes<S>,
     /// Coulomb's coefficient.
     pub(crate) friction: Lanes<S>,
@@ -33,7 +33,7 @@ impl<S: Simd> Rims<S> {
     }
 }
 
-/// Where the marbles of a register are and how they move (m, m/s).
+/// Positions and velocities of the marbles of a register (m, m/s).
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(crate) struct Marbles<S: Simd> {
@@ -79,15 +79,15 @@ impl<S: Simd> Marbles<S> {
     }
 }
 
-/// What marbles have rolled before they are let go.
+/// Path of marbles before their release.
 pub(crate) struct Rolled<S: Simd> {
-    /// Length of the way (m).
+    /// Path length (m).
     pub(crate) way: Lanes<S>,
-    /// The rotation that it has turned them by: its axis times its angle (rad).
+    /// Rotation along this path: axis times angle (rad).
     pub(crate) turned: [Lanes<S>; 3],
 }
 
-/// What acts on a marble during a substep.
+/// Accelerations and friction limits of a substep.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(crate) struct Push<S: Simd> {
@@ -96,22 +96,22 @@ pub(crate) struct Push<S: Simd> {
     pub(crate) y: Lanes<S>,
     /// Push of gravity towards the board (m/s²).
     pub(crate) normal: Lanes<S>,
-    /// Most that rolling resistance takes from the rolling velocity (m/s).
+    /// Maximum decrease of the rolling velocity by rolling resistance (m/s).
     pub(crate) resistance: Lanes<S>,
-    /// Most that friction with the board changes the velocity (m/s).
+    /// Maximum change of the velocity by friction with the board (m/s).
     pub(crate) grip: Lanes<S>,
-    /// Most that friction with the board takes from the spin about the vertical (m/s).
+    /// Maximum decrease of the spin about the vertical by friction with the board (m/s).
     pub(crate) spinning: Lanes<S>,
-    /// Factor that damping leaves of every velocity.
+    /// Damping factor of every velocity.
     pub(crate) damping: Lanes<S>,
     /// Length of the substep (s).
     pub(crate) length: Lanes<S>,
 }
 
-/// A time (s) in which no knob moves: it asks an effect on the knob where that is now.
+/// A vanishing time (s), to ask an effect for the knob's present angles.
 pub(crate) const PEEK_S: f64 = 1e-12;
 
-/// Keeps one over a speed of zero finite; the square of a speed (m/s) far below any that matters.
+/// Square of a negligible speed (m/s); keeps the inverse of a zero speed finite.
 pub(crate) const TINY: f64 = 1e-280;
 
 /// Length of a vector, never quite zero.

@@ -1,37 +1,37 @@
-//! What no simulation repeats: the tracker's errors, and a random push on the marble.
+//! Random quantities of a recording: the tracker's errors and random accelerations of the marble.
 
 use crate::error::{Error, Result};
 
-/// The sizes of what a filter takes for random (Kristensen, Madsen and Jørgensen 2004: a stochastic grey box).
+/// Sizes of the random quantities of a filter (Kristensen, Madsen and Jørgensen 2004: a stochastic grey box).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Noise {
-    /// Standard deviation of the tracker's errors that differ from row to row (board edges).
+    /// Standard deviation of the tracker's white errors (board edges).
     pub white: f64,
-    /// Standard deviation of the tracker's errors that last (board edges).
+    /// Standard deviation of the tracker's correlated errors (board edges).
     pub lasting: f64,
-    /// How long those last (s): their autocorrelation is exp(-t / `lasting_s`).
+    /// Correlation time of those (s): their autocorrelation is exp(-t / `lasting_s`).
     pub lasting_s: f64,
-    /// Spectral density of the marble's random acceleration (m²/s³): a velocity (m/s) gains its square root
-    /// times the square root of the time.
+    /// Spectral density of the marble's random acceleration (m²/s³): the standard deviation of the velocity (m/s)
+    /// grows by its square root times the square root of the time.
     pub push: f64,
-    /// Standard deviation of a push that lasts (m/s²).
+    /// Standard deviation of the correlated random acceleration (m/s²).
     pub pull: f64,
-    /// How long that lasts (s): its autocorrelation is exp(-t / `pull_s`).
+    /// Correlation time of that (s): its autocorrelation is exp(-t / `pull_s`).
     pub pull_s: f64,
     /// Standard deviation of the coefficient of restitution from impact to impact.
     pub restitution: f64,
-    /// Standard deviation of the time at which the board answers, from command to command (s).
+    /// Standard deviation of the delay from command to command (s).
     pub jitter: f64,
-    /// Standard deviation of the time at which a marble that lies at a wall follows a turn of the board (s): the wall
-    /// turns with it and knocks the marble away, or holds it.
+    /// Standard deviation of the time at which a marble at a wall follows a turn of the board (s): the wall turns
+    /// along and knocks the marble away, or holds it.
     pub departure: f64,
-    /// Standard deviation of the start velocity (m/s), zero for a marble at rest, where it is let go where it was
-    /// first seen; none where the start state is known.
+    /// Standard deviation of the start velocity (m/s), zero for a marble at rest, if it is released at the first
+    /// observed position; none if the start state is known.
     pub start_velocity: Option<f64>,
 }
 
 impl Noise {
-    /// Refuses sizes that no random quantity has.
+    /// Refuses impossible sizes.
     ///
     /// # Errors
     /// [`Error::Invalid`] names the first size that is negative, not finite, or zero where it may not be.
@@ -64,7 +64,7 @@ impl Noise {
     }
 }
 
-/// In the order of the fields; a start velocity that is not a number is a known start.
+/// In the order of the fields; NaN as the start velocity means a known start state.
 impl From<[f64; 10]> for Noise {
     fn from(sizes: [f64; 10]) -> Self {
         let [

@@ -1,19 +1,18 @@
-//! How a marble is turned by the path that it rolls.
+//! The orientation of a marble after it has rolled along a path.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Straight pieces into which the way from one place to the next is cut.
+/// Straight pieces per segment of the path.
 const PIECES: usize = 4;
 
 /// The rotation of a rolling sphere from the first place of a path to each of its places.
 ///
-/// The sphere neither slips nor spins about the vertical, as after an impact. How it is turned depends on
-/// the whole path, since rotations do not commute: around a small closed path of area A it turns about the
-/// vertical by A over the radius squared. So the path is taken as a smooth one through its places (Catmull
-/// and Rom, 1974).
+/// The sphere neither slips nor spins about the vertical, as after an impact. Its orientation depends
+/// on the whole path, since rotations do not commute: around a small closed path of area A it turns about the
+/// vertical by A over the radius squared. Therefore the path is interpolated smoothly (Catmull and Rom, 1974).
 ///
 /// # Arguments
-/// `path`: places of the sphere's middle. `radius`: of the sphere, in the same unit.
+/// `path`: positions of the sphere's centre. `radius`: of the sphere, in the same unit.
 ///
 /// Returns a rotation for each place, its axis times its angle (rad).
 pub fn turned(path: &[[f64; 2]], radius: f64) -> Vec<[f64; 3]> {
@@ -33,7 +32,7 @@ pub fn turned(path: &[[f64; 2]], radius: f64) -> Vec<[f64; 3]> {
     all
 }
 
-/// The place at a part of the way, 0 to 1, from the place before a row to that of the row.
+/// The position at a part, 0 to 1, of the segment that ends at a row.
 fn between(path: &[[f64; 2]], row: usize, part: f64) -> [f64; 2] {
     let of = |index: usize, axis: usize| path[index.min(path.len() - 1)][axis];
     std::array::from_fn(|axis| {

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 
-/// The names of the parameters, in the order in which arrays hold them.
+/// The names of the parameters, in the order of arrays.
 pub const NAMES: [&str; 5] = [
     "gear_x",
     "gear_y",
@@ -18,7 +18,7 @@ pub(crate) const FRICTION: usize = 2;
 pub(crate) const TIME: usize = 3;
 pub(crate) const SCALE: usize = 4;
 
-/// The most physics updates a timestep may hold: a hundred times the paper's range.
+/// Maximum number of physics updates in a timestep: a hundred times the paper's range.
 pub(crate) const MOST_SUBSTEPS: f64 = 5000.0;
 
 /// One set of values of the five parameters.
@@ -58,7 +58,7 @@ impl From<[f64; 5]> for Parameters {
 }
 
 impl Parameters {
-    /// Refuses values that no physics allows.
+    /// Refuses physically impossible values.
     ///
     /// # Errors
     /// [`Error::Invalid`] names the first parameter that is out of bounds.

@@ -2,14 +2,14 @@
 
 use crate::error::{Error, Result};
 
-/// A quantity that every rollout shares, or of which each has its own, one behind the other.
+/// A quantity that is shared by all rollouts, or has one entry for each.
 #[derive(Debug, Clone, Copy)]
 pub enum PerRollout<'a, T> {
     /// One for all.
     Shared(&'a [T]),
     /// One each, concatenated.
     Each(&'a [T]),
-    /// One each, wherever it lies; several rollouts may have the same.
+    /// One each, as references; several rollouts may share one.
     Of(&'a [&'a [T]]),
 }
 
@@ -23,7 +23,7 @@ impl<'a, T> PerRollout<'a, T> {
         }
     }
 
-    /// How many entries a rollout has; of those that lie apart, the fewest.
+    /// Number of entries of a rollout; for references the smallest number.
     pub(crate) fn length(&self, rollouts: usize) -> usize {
         match *self {
             Self::Shared(all) => all.len(),

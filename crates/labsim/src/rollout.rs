@@ -24,7 +24,7 @@ use crate::per_rollout::PerRollout;
 /// How long a command holds.
 #[derive(Debug, Clone, Copy)]
 pub enum TimeBase<'a> {
-    /// round(`time_scale`) physics updates of 1/240 s: the paper's.
+    /// round(`time_scale`) physics updates of 1/240 s, as in the paper.
     Rounded,
     /// `time_scale`/240 s exactly; the number of updates may be fixed for each rollout, as finite
     /// differences need it.
@@ -33,13 +33,13 @@ pub enum TimeBase<'a> {
     Durations(PerRollout<'a, f64>),
 }
 
-/// What is observed of rollouts: `rows` pairs each, one rollout behind the other.
+/// Observations of rollouts: `rows` pairs each, concatenated.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Observed {
     /// Positions (board edges).
     pub marble: Vec<[f64; 2]>,
-    /// The board's angles (rad) about x and y as the tilt sensor reports them at each row, just before the
-    /// row's command counts.
+    /// The board's angles (rad) about x and y from the tilt sensor at each row, just before the row's command
+    /// takes effect.
     pub tilt: Vec<[f64; 2]>,
 }
 
@@ -61,39 +61,39 @@ pub struct Batch<'a> {
     pub rig: &'a Rig,
     /// Inner walls and holes; none on a bare board.
     pub maze: Option<&'a Maze>,
-    /// One set of parameters a rollout.
+    /// One set of parameters per rollout.
     pub parameters: &'a [Parameters],
-    /// What the five parameters leave out; the order of naming does not matter.
+    /// The effects, in any order.
     pub effects: &'a [EffectInstance<'a>],
     /// Rows observed of each rollout, the start included.
     pub rows: usize,
-    /// Commands, a pair a row; command i counts from row i to row i + 1. Knob angles (rad), or in any other
-    /// unit with gears of its inverse (rad a unit). All sequences have the same length, unless they lie apart.
+    /// Commands, one pair per row; command i holds from row i to row i + 1. Knob angles (rad), or any other
+    /// unit with gears in rad per unit. All sequences have the same length, unless they are references.
     pub commands: PerRollout<'a, [f64; 2]>,
-    /// What a command does until the next one.
+    /// How a command continues until the next one.
     pub hold: Hold,
     /// Commands before row 0, one pair.
     pub knobs_before: PerRollout<'a, [f64; 2]>,
-    /// The row of the commands in which the marble is let go and first observed, one number. Until
-    /// then the knobs alone move.
+    /// The row of the commands in which the marble is released and first observed, one number. Before it only
+    /// the knobs move.
     pub first: PerRollout<'a, usize>,
     /// Observed position at that row (board edges), one pair.
     pub start: PerRollout<'a, [f64; 2]>,
     /// Observed velocity at that row (board edges per second), one pair.
     pub start_velocity: PerRollout<'a, [f64; 2]>,
-    /// How far the marble has rolled when it is let go (m), one number.
+    /// Path length before the release (m), one number.
     pub rolled: PerRollout<'a, f64>,
-    /// The rotation that this has turned it by, its axis times its angle (rad): see [`crate::turned`].
+    /// Rotation of the marble along this path, axis times angle (rad): see [`crate::turned`].
     pub turned: PerRollout<'a, [f64; 3]>,
     /// How long a command holds.
     pub time: TimeBase<'a>,
-    /// Of what effects draw, one number.
+    /// Seed of the effects' random numbers, one number.
     pub seeds: PerRollout<'a, u64>,
 }
 
 impl<'a> Batch<'a> {
-    /// Rollouts of the five parameters alone: from row 0 and at rest in the board's centre, whose
-    /// knobs were level, one for each of `parameters` under the same commands.
+    /// Rollouts without effects under the same commands, one for each of `parameters`. The marble starts at row 0
+    /// at rest in the board's centre, with level knobs.
     pub fn new(rig: &'a Rig, parameters: &'a [Parameters], commands: &'a [[f64; 2]]) -> Self {
         Self {
             rig,
@@ -116,12 +116,11 @@ impl<'a> Batch<'a> {
 
     /// Simulates every rollout; returns the observations (board edges), `rows` pairs a rollout.
     ///
-    /// A rollout's result has the same bits whatever shares its batch and however many `threads`
-    /// work (`None`: one for each core). Setting `cancel` ends the work soon.
+    /// A rollout's result does not depend on the rest of the batch nor on the number of `threads` (`None`: one for
+    /// each core), to the bit. Setting `cancel` ends the work soon.
     ///
     /// # Errors
-    /// [`Error::Invalid`] for values that no physics allows, [`Error::Cancelled`] once `cancel` is
-    /// set.
+    /// [`Error::Invalid`] for physically impossible values, [`Error::Cancelled`] once `cancel` is set.
     pub fn run(
         &self,
         engine: Engine,
@@ -169,8 +168,8 @@ impl<'a> Batch<'a> {
         })
     }
 
-    /// Simulates every rollout in the rolling engine, corrected in every row by what was seen in it; returns the
-    /// predictions, their variances, and if that is wanted all that was known as each row was taken in.
+    /// Simulates every rollout in the rolling engine with a correction by each row's observation; returns the
+    /// predictions, their variances and, if requested, the filter's state at each row.
     pub(crate) fn filtered(
         &self,
         (observed, noise): (PerRollout<'_, [f64; 2]>, PerRollout<'_, Noise>),
@@ -266,7 +265,7 @@ impl<'a> Batch<'a> {
         Ok(observed)
     }
 
-    /// How many commands a rollout has, unless they lie apart.
+    /// Number of commands of a rollout, unless they are references.
     fn issued(&self) -> usize {
         self.commands.length(self.parameters.len())
     }
@@ -319,7 +318,7 @@ impl<'a> Batch<'a> {
             .collect();
         let jobs: Vec<&Job<'_>> = places.iter().flatten().map(|(job, _)| job).collect();
         let order = lane_packing::order(&jobs, &self.rig.board, self.rows);
-        // A small batch makes smaller groups, two for each thread: the long and the short ones.
+        // A small batch has smaller groups, two for each thread: one of long and one of short rollouts.
         let share = places.len().div_ceil(2 * workers.max(1));
         let most = match engine {
             Engine::Rapier => share.min(rapier::GROUP),
@@ -370,20 +369,20 @@ impl<'a> Batch<'a> {
     }
 }
 
-/// What is asked for besides the positions.
+/// Requested output besides the positions.
 #[derive(Clone, Copy)]
 enum Asked<'a> {
     Marble,
     Tilt,
     /// The tilt, and where marbles fell.
     Falls,
-    /// Of predictions that are corrected by these observations, with this noise.
+    /// Variances of predictions that are corrected by these observations, with this noise.
     Variance(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
-    /// The same, with all that the filter knows.
+    /// The same, with the filter's state.
     Corrections(PerRollout<'a, [f64; 2]>, PerRollout<'a, Noise>),
 }
 
-/// What was asked for; the rest is empty.
+/// The requested output; the rest is empty.
 pub(crate) struct Simulated {
     pub(crate) marble: Vec<[f64; 2]>,
     tilt: Vec<[f64; 2]>,
@@ -392,7 +391,7 @@ pub(crate) struct Simulated {
     falls: Vec<Option<Fall>>,
 }
 
-/// How many rollouts are under way at once, so that memory does not grow with a batch.
+/// Number of rollouts in progress at once, so that memory does not grow with the batch.
 const BLOCK: usize = 1 << 16;
 
 type Group<'a> = (Vec<Job<'a>>, Vec<Sink<'a>>);

@@ -1,4 +1,4 @@
-"""Before a fit: what is in a rig's recordings, whether it can be right, and what it could identify."""
+"""`irt check`: facts about recordings, implausible data, and identifiability, before a fit."""
 
 from irt.checking.identify import SHOWS
 from irt.checking.result import Check, Detectable, Finding, Identified, ResponseFacts, RunFacts, SignalFacts

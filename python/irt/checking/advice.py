@@ -1,4 +1,4 @@
-"""The one thing to record next."""
+"""Advice on the next recording."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from irt.checking.findings import MOSTLY_LOST, MOSTLY_REST, MOSTLY_RIM
 from irt.checking.result import Finding, Identified, RunFacts
 from irt.rig import Rig
 
-#: Commands this strongly correlated move along one direction only.
+#: Correlation of the commands above which they move along one direction only.
 _ONE_DIRECTION = 0.98
-#: A command with this share of its variance at one frequency is a sinusoid ...
+#: Share of a command's variance at one frequency above which it is a sinusoid ...
 _SINUSOID = 0.9
-#: ... which is slow if a run holds fewer periods than this.
+#: ... and number of periods per run below which it is slow.
 _FEW_PERIODS = 4.0
-#: Fewer runs than this cannot be held out in turn.
+#: Minimum number of runs for cross-validation.
 _LEAST_RUNS = 3
-#: More runs than this times what was recorded are no advice.
+#: Maximum number of runs in an advice, relative to the recorded ones.
 _MOST_TIMES = 20.0
 
 
-def next_recording(  # noqa: PLR0911  # a list of rules, of which the first that holds counts
+def next_recording(  # noqa: PLR0911  # a list of rules; the first that applies is used
     rig: Rig, runs: Sequence[RunFacts], findings: Sequence[Finding], identified: Identified | None
 ) -> str:
-    """Return what to record next, in a sentence: what would add most to these recordings.
+    """Return the most useful next step in a sentence.
 
-    What is wrong comes before what is missing: errors and warnings first, then the time base, the commands,
-    where the marble was, and last the number of runs.
+    Errors and warnings come first, then the time base, the commands, the positions of the marble, and last
+    the number of runs.
     """
     for severity in ("error", "warning"):
         for one in findings:
             if one.severity == severity:
-                return f"First put this right: {one.where}: {one.advice}."
+                return f"Fix this first: {one.where}: {one.advice}."
     if any(run.seconds is None for run in runs):
-        return "Add stamps (a column t_s) to the next runs: without them no time, speed or push is known."
+        return "Add stamps (a column t_s) to the next runs: without them times and speeds are unknown."
     commands = np.concatenate([one.knobs - one.knobs.mean(axis=0) for one in rig.recordings])
     spread = commands.std(axis=0)
     columns = rig.recordings[0].columns
     for axis in (0, 1):
         if not spread[axis] > 0.0:
-            return f"Move {columns[axis]}, too: it never changes, so that nothing shows what it does."
+            return f"Move {columns[axis]} too: it never changes, so its effect cannot be identified."
     if abs(float(np.corrcoef(commands.T)[0, 1])) > _ONE_DIRECTION:
         return f"Move {columns[0]} and {columns[1]} independently: so far they move along one direction only."
     shares = {
@@ -65,12 +65,12 @@ def next_recording(  # noqa: PLR0911  # a list of rules, of which the first that
 
 
 def _to_hold_out(runs: int) -> str:
-    """Return how many runs are missing to hold out, where nothing else is."""
+    """Return the advice on the number of runs for held-out tests."""
     few = _LEAST_RUNS - runs
     if few <= 0:
-        return "Nothing is missing: tune and diagnose these recordings."
+        return "No further recording is needed: tune and diagnose these recordings."
     more = "1 more run" if few == 1 else f"{few} more runs"
-    return f"Nothing is missing for a fit. Record {more} with other commands, to hold out."
+    return f"These recordings suffice for a fit. Record {more} with other commands to hold out."
 
 
 def _is_slow_sinusoid(command: np.ndarray) -> bool:
@@ -78,21 +78,21 @@ def _is_slow_sinusoid(command: np.ndarray) -> bool:
     if len(power) < 3 or not power.sum() > 0.0:
         return False
     line = int(np.argmax(power))
-    # A period that does not fit the run spreads to the neighbouring lines.
+    # A period that does not divide the run leaks into the neighbouring lines.
     share = float(power[max(line - 1, 0) : line + 2].sum() / power.sum())
     return share > _SINUSOID and line < _FEW_PERIODS
 
 
 def _more_runs(rig: Rig, identified: Identified) -> str:
-    """Return how many more runs like these would show the effects that are nearly within reach."""
+    """Return the advice on more runs like these that would reveal effects nearly within reach."""
     near = [one for one in identified.effects if 1.0 < one.runs <= _MOST_TIMES]
     if not near:
         return ""
     near.sort(key=lambda one: one.runs)
-    # Half of what is within reach: the rest takes longer for less.
+    # Only half of the effects within reach, because the rest need many more runs.
     wanted = near[: (len(near) + 1) // 2]
     count = math.ceil(len(rig.recordings) * (wanted[-1].runs - 1.0))
     return (
         f"Record {count} more run{'s' if count > 1 else ''} like these: then "
-        f"{', '.join(dict.fromkeys(one.effect for one in wanted))} of usual size would show, too."
+        f"{', '.join(dict.fromkeys(one.effect for one in wanted))} of usual size would be detectable as well."
     )

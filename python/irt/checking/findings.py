@@ -11,23 +11,23 @@ from irt.checking.runs import row_step
 from irt.recording import MARBLE, STAMP
 from irt.rig import Rig
 
-#: Rows of a run below which it says little beside its own start state.
+#: Number of rows below which a run hardly determines more than its own start state.
 SHORT_ROWS = 8
-#: Shares of rows from which on a fact is worth a finding.
+#: Shares of rows above which a fact becomes a finding.
 MOSTLY_LOST, SOME_HELD, OFTEN_CLIPPED, MOSTLY_REST, MOSTLY_RIM = 0.5, 0.005, 0.1, 0.6, 0.6
-#: Rates of runs of one rig differ by less than this share.
+#: Tolerated relative difference of the rates of runs.
 _SAME_RATE = 0.1
-#: Steps of a marble that was rolling before row 0, at least [board edges].
+#: Smallest steps of a marble that was rolling before row 0 [board edges].
 _ROLLING = 0.004
-#: Jitter of the stamps, as a share of a row, from which on it is worth a note.
+#: Jitter of the stamps, as a share of a row, above which there is a note.
 UNEVEN = 0.2
 
 
 def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
-    """Yield what is worth knowing of the runs, one finding for all runs that share it."""
+    """Yield findings about runs, one for all runs that share it."""
     step = row_step(rig)
     seconds = "" if step is None else f" of {step:.3g} s"
-    # Severity, whether it holds for a run, what, advice. In the order of what harms a fit most.
+    # Severity, whether it applies to a run, text, advice; in order of harm to a fit.
     rules: tuple[tuple[str, Callable[[RunFacts], bool], str, str], ...] = (
         (
             "warning",
@@ -44,19 +44,19 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
         (
             "warning",
             lambda run: run.held > SOME_HELD,
-            "places of a lost marble are held, as exact repeats",
+            "positions of a lost marble are held, as exact repeats",
             "leave both marble cells empty in these rows",
         ),
         (
             "warning",
             lambda run: run.garbage > 0,
-            "the first rows were logged before the tracker worked",
-            "cut them and count the steps from 0 again",
+            "the first rows were logged before the tracker had found the marble",
+            "cut them and renumber the steps from 0",
         ),
         (
             "warning",
             lambda run: run.tilt_jumps > 0,
-            "the tilt jumps for some rows, as when a marker is hidden",
+            "the tilt jumps for some rows, as with a hidden marker",
             "leave the tilt cells empty in these rows",
         ),
         (
@@ -75,13 +75,13 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
             "note",
             lambda run: max(run.clipped) > OFTEN_CLIPPED,
             "commands stay at their extreme values in a tenth of the rows or more",
-            "command less than the actuators' limit, so that the log holds what they did",
+            "stay below the actuators' limit, so that the log holds the actual commands",
         ),
         (
             "note",
             lambda run: run.at_rest > MOSTLY_REST,
             "the marble rests in most rows",
-            "tilt more, unless the run is to show friction at rest",
+            "tilt more, unless the run is meant to show static friction",
         ),
         ("note", lambda run: run.at_rim > MOSTLY_RIM, "the marble is at the rim in most rows", "tilt less"),
         (
@@ -101,7 +101,7 @@ def run_findings(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
 
 
 def names(of_runs: Sequence[str]) -> str:
-    """Return the names of some runs, the first ones of many."""
+    """Return the names of runs, shortened to the first ones."""
     return ", ".join(of_runs[:4]) + (f" and {len(of_runs) - 4} more" if len(of_runs) > 4 else "")
 
 
@@ -116,12 +116,12 @@ def _idle(runs: Sequence[RunFacts]) -> Iterator[Finding]:
         if column in MARBLE:
             advice = "its noise and errors do not count; move it if the rig can"
         else:
-            advice = "what it drives cannot be identified; move it if the rig can"
+            advice = "its effect cannot be identified; move it if the rig can"
         yield Finding("note", "never changes in any run", column, advice)
 
 
 def _moving_start(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
-    """Yield a warning where the rig says that runs start at rest and most of them do not."""
+    """Yield a warning if the rig declares runs from rest and most of them are not."""
     if rig.start != "rest":
         return
     rolling = []
@@ -137,20 +137,20 @@ def _moving_start(rig: Rig, runs: Sequence[RunFacts]) -> Iterator[Finding]:
     if len(rolling) > len(runs) / 2:
         yield Finding(
             "warning",
-            "the marble is rolling in the first rows, and rig.toml does not say so",
+            "the marble is rolling in the first rows, but rig.toml declares a start at rest",
             names(rolling),
-            'put start = "moving" under [recordings] in rig.toml',
+            'set start = "moving" under [recordings] in rig.toml',
         )
 
 
 def _rates(runs: Sequence[RunFacts]) -> Iterator[Finding]:
-    """Yield an error where some runs have stamps and others not, a warning where rates differ."""
+    """Yield an error if only some runs have stamps, a warning if rates differ."""
     rates = {run.name: run.rate_hz for run in runs if run.rate_hz is not None}
     bare = [run.name for run in runs if run.rate_hz is None]
     if rates and bare:
         yield Finding(
             "error",
-            "no stamps, which other runs have",
+            "no stamps, while other runs have them",
             names(bare),
             f"add {STAMP}, or remove it from all runs",
         )
@@ -160,7 +160,7 @@ def _rates(runs: Sequence[RunFacts]) -> Iterator[Finding]:
         if other:
             yield Finding(
                 "warning",
-                f"{rates[other[0]]:.3g} rows a second, in most runs {usual:.3g}",
+                f"{rates[other[0]]:.3g} rows per second, but {usual:.3g} in most runs",
                 names(other),
-                "fit runs of one rate together: delays in rows mean different times",
+                "fit only runs of equal rate together: delays in rows are different times",
             )

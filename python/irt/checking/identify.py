@@ -1,8 +1,8 @@
-"""What recordings could identify: the five parameters, and each effect of the catalogue.
+"""Identifiability of the five parameters, and detectability of each effect of the catalogue.
 
-To first order around a quick fit, in windows of some seconds. What a change of a parameter adds to the
-predicted path counts only as far as start states, and for effects the five parameters, could not do the
-same. It is compared with the noise of the tracker; residuals of physics that is still missing come on top.
+To first order around a quick fit, in windows of some seconds. Changes of the predicted path are projected off
+those by start states and, for effects, by the five parameters. The remainder is compared with the tracker's
+noise; residuals of missing physics are not included.
 """
 
 from __future__ import annotations
@@ -33,32 +33,32 @@ from irt.start_state import estimate_start_states, simulate
 
 Array = NDArray[np.float64]
 
-#: Standard errors that an effect must reach to show: five are not reached by chance among all effects and
-#: sizes, and 1.645 more are reached in 95 of 100 recordings.
+#: Standard errors for a detectable effect: five are not reached by chance among all effects and sizes, and
+#: with 1.645 more they are reached in 95 of 100 recordings.
 SHOWS = 5.0 + 1.645
 #: Standard errors of a 95 % interval.
 _INTERVAL = 1.96
-#: Length of a window [s], and its least rows: over longer ones a path is no longer close to linear.
+#: Length of a window [s], and its minimum number of rows; in longer windows the linearisation fails.
 _WINDOW_S, _WINDOW_ROWS = 2.5, 24
-#: Windows simulated, spread over all runs, and rows simulated for them with those of their histories. More
-#: of them cost time; the windows that are left out count by their number.
+#: Maximum number of simulated windows, spread over all runs, and of simulated rows including their histories.
+#: The windows that are left out count by their number.
 _LEAST_WINDOWS, _MOST_WINDOWS = 12, 48
 _MOST_ROWS = 5000
-#: Share of a window's rows that must have seen the marble.
+#: Minimum share of a window's rows with a tracked marble.
 _SEEN = 0.5
-#: Sizes tried of each effect, over three decades, and draws of its other parameters.
+#: Number of sizes of each effect, over three decades, and of draws of its other parameters.
 _SIZES, _OTHERS = 7, 4
 _DECADES = 3.0
 #: Changes of start states for derivatives [board edges, board edges a row], and of parameters [their share].
 _STEP, _PART = 1e-4, 1e-3
-#: A simulation in the screening takes updates this many times longer than the engine's own.
+#: Length of physics updates in the screening relative to the engine's own.
 _COARSENESS = 4.0
 
-#: A marble this close to the rim touches it [board edges].
+#: Distance from the rim below which the marble touches it [board edges].
 _AT_RIM = 0.002
-#: A parameter with this share of a direction of which nothing is known is not identified.
+#: Share of an undetermined direction above which a parameter is not identified.
 _FREE = 0.1
-#: A change of this many standard errors is rounding.
+#: Number of standard errors below which a change is rounding.
 _NOTHING = 1e-3
 
 _TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
@@ -67,18 +67,18 @@ _TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_sc
 def identify(
     rig: Rig, noise: Mapping[str, float | None], answers: Mapping[str, Answer], *, threads: int | None = None
 ) -> Identified | None:
-    """Return what the recordings could identify; None where no window sees the marble.
+    """Return what the recordings can identify; None without a window with a tracked marble.
 
     Parameters
     ----------
     rig : Rig
         The recordings.
     noise : mapping
-        Of each column [its own unit]; None of an axis that never moves.
+        Noise of each column [its own unit]; None for a constant axis.
     answers : mapping
-        Of `irt.checking.responses.responses`: where the quick fit of the gears begins.
+        From `irt.checking.responses.responses`; start values of the quick fit.
     threads : int, optional
-        Of the engine; by default one for each core.
+        Threads of the engine; by default one for each core.
     """
     step = row_step(rig)
     time_scale = None if step is None else step / SUBSTEP_S
@@ -117,7 +117,7 @@ def identify(
 
 
 def _windows(rig: Rig, stretches: Sequence[Segment], time_scale: float | None) -> list[Segment]:
-    """Return windows of one length, spread over all runs; shorter where every run is."""
+    """Return windows of one length, spread over all runs; shorter if all runs are."""
     step_s = (sum(rig.ranges["time_scale"]) / 2.0 if time_scale is None else time_scale) * SUBSTEP_S
     runs = list(dict.fromkeys(one.run for one in stretches))
     rows = max(_WINDOW_ROWS, round(_WINDOW_S / step_s))
@@ -135,18 +135,18 @@ def _windows(rig: Rig, stretches: Sequence[Segment], time_scale: float | None) -
 
 @dataclass(frozen=True, eq=False)
 class _Projection:
-    """Takes away from changes of w windows of n rows what start states and parameters could do as well.
+    """Projection of changes of w windows of n rows off those by start states and parameters.
 
     Attributes
     ----------
     weights : (w, 2 n) array
-        One over the noise, times the root of how many windows each stands for; 0 in rows that do not count.
+        Inverse noise, times the square root of the number of windows that each represents; 0 in ignored rows.
     of_states : (w, 4, 2 n) array
-        Orthonormal weighted changes by the start state, zeros for none.
+        Orthonormal weighted changes by the start state; zeros for missing ones.
     of_base : (b, w * 2 n) array
         Orthonormal weighted changes by the five parameters.
     base : (5, w * 2 n) array
-        Weighted changes by the whole range of a parameter, freed of start states.
+        Weighted changes by the whole range of a parameter, projected off start states.
     """
 
     weights: Array
@@ -165,7 +165,7 @@ class _Projection:
         return cls(weights, of_states, directions[:, keep].T, base)
 
     def freed(self, changes: Array) -> Array:
-        """Return (k, w, 2 n) changes weighted and freed, (k, w * 2 n)."""
+        """Return (k, w, 2 n) changes weighted and projected, (k, w * 2 n)."""
         weighted = changes * self.weights
         inside = np.einsum("wan,kwn->kwa", self.of_states, weighted)
         weighted = (weighted - np.einsum("kwa,wan->kwn", inside, self.of_states)).reshape(len(changes), -1)
@@ -174,22 +174,23 @@ class _Projection:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Predictions in windows, and by how many standard errors changes of them show.
+    """Predictions in windows, and the significance of their changes in standard errors.
 
     Attributes
     ----------
     simulate : callable
-        From start states (k * w, 4) to predictions (k * w, n, 2), coarsely.
+        From start states (k * w, 4) to predictions (k * w, n, 2), with coarse updates.
     states : (w, 4) array
         Start states.
     plain : (w, 2 n) array
-        What is predicted without effects.
+        Predictions without effects.
     between : _Projection
-        Of the rows before a window's first impact: after one, small changes grow large and are not linear.
+        Projection over the rows before a window's first impact; after it small changes grow nonlinearly.
     whole : _Projection
-        Of all rows, for what acts in impacts alone.
+        Projection over all rows, for effects on impacts.
     of_scale : float
-        Standard errors by which the whole range of the observation scale shows in places at the rim.
+        Significance of the whole range of the observation scale from positions at the rim, in standard
+        errors.
     """
 
     simulate: Callable[..., Array]
@@ -267,7 +268,7 @@ class _Linear:
         )
 
     def strengths(self, name: str, draws: Array, keys: Sequence[str]) -> Array:
-        """Return by how many standard errors (k, p) values of an effect show, (k,)."""
+        """Return the significance of (k, p) values of an effect in standard errors, (k,)."""
         count = len(self.states)
         added = {"name": name, **{key: np.repeat(draws[:, i], count) for i, key in enumerate(keys)}}
         predicted = self.simulate(np.tile(self.states, (len(draws), 1)), _COARSENESS, added=added)
@@ -279,11 +280,11 @@ class _Linear:
 
 
 def _information(rig: Rig, linear: _Linear, values: Array, time_scale: float | None) -> Information:
-    """Return what the windows tell of the five parameters, at the tracker's noise."""
+    """Return the information of the windows about the five parameters, at the tracker's noise."""
     free = np.ones(len(PARAMETERS), dtype=bool)
     free[_TIME] = time_scale is None
     ranges = np.array([rig.ranges[name] for name in PARAMETERS])
-    # One more observation: where the rim is seen says how large the picture is.
+    # One more observation: positions at the rim determine the observation scale.
     of_rim = linear.of_scale * (np.arange(len(PARAMETERS)) == _SCALE)
     singular, directions = _principal(np.column_stack([linear.between.base, of_rim])[free])
     own = np.zeros((len(singular), len(PARAMETERS)))
@@ -304,20 +305,20 @@ def _information(rig: Rig, linear: _Linear, values: Array, time_scale: float | N
 
 
 def _principal(changes: Array) -> tuple[Array, Array]:
-    """Return by how many standard errors each principal direction of parameters shows, and the directions."""
+    """Return the significance of principal directions of parameters [standard errors], and these."""
     lengths, directions = np.linalg.eigh(changes @ changes.T)
     return np.sqrt(np.maximum(lengths, 0.0)), directions.T
 
 
 def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
-    """Yield from which size on an effect shows, for its size or for each of its parameters alone.
+    """Yield the smallest detectable size of an effect, for its size or for each of its parameters alone.
 
-    Effects that draw random numbers are left out.
+    Effects with random numbers are left out.
     """
     parameters = info.required
     paths = try_path([{"name": info.name, **strong_values(info.name)}], seeds=[1, 2])
     if not np.array_equal(*paths):
-        # Nobody knows the draws of a real rig: a path with one of them shows nothing.
+        # The draws of a real rig are unknown, so a path with random numbers is not informative.
         return
     size = size_of(info.name)
     indices = [
@@ -340,7 +341,7 @@ def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
 
 
 def _without_time(one: Detectable, row_s: float) -> Detectable | None:
-    """Return sizes in rows in the place of seconds; None where a time scale that is unknown changes them."""
+    """Return sizes in rows instead of seconds; None if they depend on the unknown time scale."""
     known = next(p for p in effect(one.effect).parameters if p.name == one.parameter)
     name, usual, unit = in_rows(one.parameter, one.usual, one.unit, row_s)
     if known.time_power and unit == one.unit:
@@ -352,7 +353,7 @@ def _without_time(one: Detectable, row_s: float) -> Detectable | None:
 def _ladder(parameters: tuple[EffectParameter, ...], index: int, *, alone: bool) -> tuple[Array, Array]:
     """Return values (sizes * others, p) with a ladder of sizes of one parameter, and the sizes.
 
-    The other parameters are neutral where it acts alone, else drawn.
+    The other parameters are neutral if it acts alone, otherwise drawn.
     """
     random = np.random.default_rng(index)
     one = parameters[index]
@@ -366,7 +367,7 @@ def _ladder(parameters: tuple[EffectParameter, ...], index: int, *, alone: bool)
 
 
 def _smallest(sizes: Array, strengths: Array) -> float | None:
-    """Return the size from which on all larger ones show, between sizes by straight lines of logarithms."""
+    """Return the size above which all sizes are detectable, by log-linear interpolation."""
     hidden = np.flatnonzero(strengths < SHOWS)
     if len(hidden) == 0:
         return float(sizes[0])

@@ -1,7 +1,7 @@
-"""Positions in metres: walls distinguish them from board edges.
+"""Test for positions in metres instead of board edges, by the positions of walls.
 
-In free motion a scale of the positions is a scale of the gears, and nothing shows which of the two is right.
-Walls stand in a place that is known: positions in metres show walls where the board has none.
+In free motion a scale of the positions is equivalent to a scale of the gears, so motion alone does not
+identify the unit. Walls have known positions: positions in metres show walls where the board has none.
 """
 
 from __future__ import annotations
@@ -21,33 +21,32 @@ from irt.segments import SEGMENT_S, segments
 
 Array = NDArray[np.float64]
 
-#: Rows that a window must have seen: fewer say little more than their own start state.
+#: Minimum number of tracked rows in a window; fewer hardly determine more than their start state.
 _LEAST_SEEN = 8
-#: Iterations after which a fit that begins at the gears of a regression is near its end.
+#: Number of iterations of a fit that starts at the gears of a regression.
 _ITERATIONS = 6
 #: Parameters that are proportional to the scale of accelerations.
 _SCALED = [PARAMETERS.index(name) for name in ("gear_x", "gear_y", "rolling_friction")]
 
 
 def nats_for_metres(rig: Rig, corner: Array, noise: float, threads: int | None = None) -> float:
-    """Return by how much the recordings are likelier with positions in metres than in board edges [nats].
+    """Return the log likelihood ratio of positions in metres against board edges [nats].
 
-    Both readings are fitted in windows of 2.5 s, each from its own regression and from the other's fit: where
-    no wall is met, both leave the same residuals. Within a window residuals depend on each other, so that a
-    window counts as one normal number for each axis, whose scale is free: its log likelihood falls by
-    the logarithm of its mean square, to which noise adds its own. A few windows that no fit explains say
-    nothing.
+    Both units are fitted in windows of 2.5 s, each from its own regression and from the other's fit; without
+    wall contacts both have the same residuals. Residuals within a window are correlated, so that a window
+    counts as one normal number per axis with a free scale: its log likelihood falls by the logarithm of its
+    mean square plus that of the noise. A few windows that no fit explains have little influence.
 
     Parameters
     ----------
     rig : Rig
-        The recordings, their positions taken for board edges.
+        The recordings, with positions read as board edges.
     corner : (2,) array
-        The place of the board's centre in the recordings [m].
+        Position of the board's centre in the recordings [m].
     noise : float
-        Of a position, as it was recorded.
+        Noise of a position, in the recorded unit.
     threads : int, optional
-        Of the engine; by default one for each core.
+        Threads of the engine; by default one for each core.
     """
     edge = rig.board.edge_x_m
     other = replace(
@@ -67,16 +66,16 @@ def nats_for_metres(rig: Rig, corner: Array, noise: float, threads: int | None =
 
 @dataclass(frozen=True, eq=False)
 class _Reading:
-    """A fit of recordings under one reading of their positions.
+    """A fit of recordings under one unit of their positions.
 
     Attributes
     ----------
     problem : Problem
-        Of windows.
+        The problem, in windows.
     values : (5,) array
         The fit.
     squares : (w,) array
-        Mean square residual of each window [board edges^2]; 0 where it saw too little.
+        Mean square residual of each window [board edges^2]; 0 with too few tracked rows.
     """
 
     problem: Problem
@@ -85,7 +84,7 @@ class _Reading:
 
     @classmethod
     def of(cls, rig: Rig, noise: float, threads: int | None) -> _Reading:
-        """Fit the recordings, begun at the gears of a regression."""
+        """Fit the recordings, starting at the gears of a regression."""
         cleaned = [clean(one) for one in rig.recordings]
         answers = responses(rig, cleaned, rim_masks(rig, [marble for marble, _ in cleaned], noise))
         step = row_step(rig)
@@ -96,7 +95,7 @@ class _Reading:
         return cls(problem, *_fitted(problem, begin))
 
     def better(self, begin: Array) -> Array:
-        """Return the squares of this fit, or of one that begins elsewhere if that leaves less."""
+        """Return the squares of this fit, or of one from other values if these are smaller."""
         _, squares = _fitted(self.problem, begin)
         known = (squares > 0.0) & (self.squares > 0.0)
         gained = np.log(squares[known] / self.squares[known]).sum()
@@ -104,12 +103,12 @@ class _Reading:
 
 
 def _fitted(problem: Problem, begin: Array) -> tuple[Array, Array]:
-    """Return the values to which a fit leads from (5,) others, and the mean square of each window."""
+    """Return the fitted values from (5,) start values, and the mean square of each window."""
     (found,) = problem.refine(begin[None], iterations=_ITERATIONS)
     return found.values, np.array([_mean_square(one) for one in found.residuals])
 
 
 def _mean_square(residuals: Array) -> float:
-    """Return the mean square of the rows that were seen, 0 where they are too few."""
+    """Return the mean square of the tracked rows, 0 if they are too few."""
     known = residuals[np.isfinite(residuals).all(axis=1)]
     return float(np.mean(known**2)) if len(known) >= _LEAST_SEEN else 0.0

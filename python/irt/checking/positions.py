@@ -1,4 +1,4 @@
-"""Positions whose unit or origin looks wrong: metres, pixels, a corner."""
+"""Detection of positions with a wrong unit or origin: metres, pixels, a corner."""
 
 from __future__ import annotations
 
@@ -15,33 +15,35 @@ from irt.rig import Rig
 
 Array = NDArray[np.float64]
 
-#: Positions this far beyond the rim, besides noise, are no slip of the tracker [board edges].
+#: Distance beyond the rim, in addition to noise, that errors of the tracker do not explain [board edges].
 _BEYOND = 0.02
-#: A lens shows the rim farther out by this much [board edges], seen on a practice rig.
+#: Largest outward shift of the rim by a lens [board edges], as observed on a practice rig.
 _LENS = 0.12
-#: The share of the board that runs should cross. A marble that crosses less in metres, too, shows no unit.
+#: Share of the board that runs should cross. A marble that crosses less even in metres does not show the
+#: unit.
 _MUCH = 0.5
-#: Where metres are a thousand times likelier than board edges, positions are metres; where they are a
-#: thousand times less likely, they are not. Of 269 simulated rigs in board edges whose marble stays as close
-#: to the centre as a rim in metres, with one effect of the catalogue each, none has 0.4 nats for metres.
+#: Log likelihood ratio [nats] for a decision: positions are in metres if that is a thousand times likelier
+#: than board edges, and in board edges if it is a thousand times less likely. Of 269 simulated rigs in board
+#: edges whose marble stays as close to the centre as a rim in metres, with one effect of the catalogue each,
+#: none has 0.4 nats for metres.
 _CERTAIN = float(np.log(1000.0))
 
 
 def position_findings(
     rig: Rig, marbles: Sequence[Array], noise: float, threads: int | None = None
 ) -> list[Finding]:
-    """Return a finding where the unit or the origin of the positions looks wrong.
+    """Return a finding if the unit or the origin of the positions looks wrong.
 
     Parameters
     ----------
     rig : Rig
         The recordings.
     marbles : sequence of (n, 2) arrays
-        Positions of each, NaN where they are no measurement.
+        Positions of each, NaN in invalid rows.
     noise : float
-        Of a position [board edges].
+        Noise of a position [board edges].
     threads : int, optional
-        Of the engine; by default one for each core.
+        Threads of the engine; by default one for each core.
     """
     together = np.concatenate([one[np.isfinite(one).all(axis=1)] for one in marbles])
     if len(together) == 0:
@@ -53,20 +55,20 @@ def position_findings(
 
 @dataclass(frozen=True, eq=False)
 class _Extent:
-    """How far positions go, and how far they could.
+    """Extent of the positions, and of the board.
 
     Attributes
     ----------
     together : (n, 2) array
         All positions.
     low, high : (2,) arrays
-        Where they end, but for a few wild ones.
+        Their ends, without a few outliers.
     edges, reach : (2,) arrays
-        The board, and the rim seen from its centre [board edges].
+        The board, and the distance of the rim from its centre [board edges].
     noise : float
-        Of a position, in its unit.
+        Noise of a position, in its unit.
     narrowest, widest : float
-        The smallest and the largest scale of the picture.
+        Smallest and largest observation scale.
     """
 
     together: Array
@@ -99,14 +101,14 @@ class _Extent:
         slack = _BEYOND + 3.0 * self.noise
         furthest = self.reach * self.widest + slack
         in_corner = bool((self.low > -slack).all())
-        # A lens may show the rim farther out; a corner as origin shows by the other sign, too.
+        # A lens may shift the rim outwards; a corner as origin also shows in the signs.
         limit = furthest if in_corner else furthest + _LENS
         wrong = (self.high > limit) | (self.low < -limit)
         if not wrong.any():
             return None
         place = float(np.where(self.high > -self.low, self.high, self.low)[wrong][0])
-        # Where half of all places are none on the board, or all lie to one side of its centre and some beyond
-        # the rim, that is no slip of a tracker and no lens.
+        # If half of all positions are off the board, or all lie on one side of its centre and some beyond the
+        # rim, neither errors of a tracker nor a lens explain it.
         outside = (np.abs(self.together) > limit).any(axis=1)
         certain = in_corner or bool(np.mean(outside) > 0.5)
         if in_corner:
@@ -126,20 +128,20 @@ class _Extent:
         )
 
     def within_metres(self, edge_m: float, centre: Array, lens: float = 0.0) -> bool:
-        """Whether all positions lie on the board if they are metres, its centre at `centre` [m].
+        """Return whether all positions are on the board if they are in metres, its centre at `centre` [m].
 
-        A `lens` shows the rim farther out by so much [board edges].
+        `lens` is the outward shift of the rim by a lens [board edges].
         """
         limit = (self.reach * self.widest + _BEYOND + lens) * edge_m + 3.0 * self.noise
         return bool((self.high - centre <= limit).all() and (centre - self.low <= limit).all())
 
     def reaches_rim(self, edge_m: float, centre: Array) -> bool:
-        """Whether positions reach the rim on any side, if they are metres; `centre` as above."""
+        """Return whether positions reach the rim on any side, if they are in metres; `centre` as above."""
         rim = self.reach * self.narrowest * edge_m - 3.0 * self.noise
         return bool((np.maximum(self.high - centre, centre - self.low) >= rim).any())
 
     def crosses(self, edge_m: float) -> bool:
-        """Whether the marble crosses much of the board along x or y, if positions are metres."""
+        """Return whether the marble crosses much of the board along x or y, if positions are in metres."""
         return bool(((self.high - self.low) >= 2.0 * _MUCH * self.reach * edge_m).any())
 
 
@@ -147,7 +149,7 @@ def _metres(rig: Rig, extent: _Extent, noise: float, threads: int | None) -> Fin
     """Return the finding on positions in metres, from the board's centre or from a corner."""
     edge_m = rig.board.edge_x_m
     half = extent.edges * edge_m / 2.0
-    # A marble that is always more than its radius off the origin may be seen from a corner.
+    # If the marble is always farther than its radius from the origin, the origin may be a corner.
     in_corner = bool((extent.low >= rig.marble.radius_m - 3.0 * noise).all())
     likely = None
     for centre, usual in ((np.zeros(2), not in_corner), (half, in_corner)):

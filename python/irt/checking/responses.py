@@ -1,4 +1,4 @@
-"""Axes and signs against physics: commands and tilt must move the marble the way the formats declare."""
+"""Check of axes and signs: the marble must respond to commands and tilt as the formats declare."""
 
 from __future__ import annotations
 
@@ -30,32 +30,32 @@ Array = NDArray[np.float64]
 _TIME = PARAMETERS.index("time_scale")
 #: Acceleration of a solid sphere that rolls without slipping, per radian of tilt [m/s^2].
 EXPECTED = 5.0 / 7.0 * GRAVITY
-#: Longest delay tried: real rigs have 0.1 s and a lag of up to 0.2 s [s], and without stamps [rows].
+#: Longest delay in the search [s], and without stamps [rows]; real rigs have 0.1 s and a lag of up to 0.2 s.
 _LONGEST_S, _LONGEST_ROWS = 0.5, 6
-#: A tilt is filtered, or its camera read, this much earlier or later than the marble [s], at most.
+#: Largest offset of the tilt against the marble, by filters or another camera [s].
 _SKEW_S = 0.15
-#: Delays tried of one response, about.
+#: Approximate number of delays in the search.
 _DELAYS = 16
 #: Standard errors and share of the variance by which another convention must be better. Of 122 simulated and
-#: 39 practice rigs in 7 wrong conventions each, 99 of 100 pass; in right ones, and for noise alone, no other
-#: explains a hundredth more.
+#: 39 practice rigs in 7 wrong conventions each, 99 % are detected. For right conventions, and for noise
+#: alone, no other convention explains 1 % more.
 _Z, _SHARE = 1.3, 0.15
-#: From so many nats on a convention is certainly wrong: another one is a million times likelier, though seven
-#: others were tried.
+#: Log likelihood ratio [nats] for a certainly wrong convention: another one is a million times likelier,
+#: corrected for the seven alternatives.
 _CERTAIN = float(np.log(1e6) + np.log(len(CONVENTIONS) - 1))
-#: Gains this many times off the expected one are another unit, not friction or slip.
+#: Factor on the expected gain that indicates another unit and not friction or slip.
 _FACTOR = 2.0
-#: Ratios within this factor are the same: a slope of the board, friction and slip change a gain by less.
+#: Tolerance, as a factor, of a ratio of units: slopes of the board, friction and slip change a gain by less.
 _SAME = 1.5
-#: Standard errors that no gain is off by chance.
+#: Standard errors for a significant deviation of a gain.
 _APART = 5.0
-#: Below this share explained a gain says nothing about units.
+#: Explained share below which a gain does not indicate units.
 SURE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A response, and the columns it is of."""
+    """A response with its columns."""
 
     response: Response
     facts: ResponseFacts
@@ -102,14 +102,14 @@ def responses(
 
 
 def first_values(rig: Rig, time_scale: float | None, answer: Answer | None) -> Array:
-    """Return five parameters near which a fit may begin, (5,): gears of the regression, else mid-range.
+    """Return start values of the five parameters, (5,): gears of the regression, else mid-range.
 
     Parameters
     ----------
     rig : Rig
         The recordings.
     time_scale : float or None
-        What the stamps say; None without stamps.
+        Time scale from the stamps; None without stamps.
     answer : Answer or None
         The response of the marble to the commands.
     """
@@ -164,7 +164,7 @@ def _answer(
 
 
 def correction(found: Convention, swapped: tuple[str, str], mirrored: tuple[str, str]) -> str:
-    """Return how to put columns right: which two to swap, then which to mirror; empty if all is right."""
+    """Return the correction of columns: which two to swap, then which to mirror; empty if none."""
     parts = [f"swap {swapped[0]} and {swapped[1]}"] if found.swapped else []
     wrong = [name for name, sign in zip(mirrored, found.signs, strict=True) if sign < 0]
     if wrong:
@@ -173,9 +173,9 @@ def correction(found: Convention, swapped: tuple[str, str], mirrored: tuple[str,
 
 
 def response_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
-    """Return findings on axes and signs, each with the columns to change, and on gains of another unit."""
+    """Return findings on axes and signs, with the columns to change, and on gains of another unit."""
     findings = []
-    # A gear matrix or a gear of either sign makes any convention of the commands right.
+    # With a gear matrix or gears of either sign any convention of the commands is valid.
     free_signs = rig.commands.matrix or any(rig.ranges[name][0] < 0.0 for name in ("gear_x", "gear_y"))
     wrong = {
         name
@@ -196,7 +196,7 @@ def response_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
 
 
 def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
-    """Return the finding for a response; `guilty` are the columns to change, None where nobody knows."""
+    """Return the finding for a response; `guilty` are the columns to change, None if unknown."""
     facts, found = answer.facts, answer.response.best
     if guilty is None:
         swap = correction(found, facts.inputs, facts.outputs)
@@ -223,10 +223,10 @@ def _contradiction(answer: Answer, guilty: tuple[str, str] | None) -> Finding:
 
 
 def _nats(response: Response) -> float:
-    """Return by how much the data are likelier under the best convention than under the declared one [nats].
+    """Return the log likelihood ratio of the best convention against the declared one [nats].
 
-    The logarithm of the ratio of two normal likelihoods, each with the scatter that its convention leaves,
-    over the nearly independent blocks that the fitted columns leave spare.
+    Both likelihoods are normal with the residual variance of their convention. The degrees of freedom are the
+    nearly independent blocks minus the fitted columns.
     """
     # A share of exactly 1 is rounding.
     left = np.maximum(1.0 - response.shares, 1e-12)
@@ -234,17 +234,17 @@ def _nats(response: Response) -> float:
 
 
 def _or_command(found: Convention, inputs: tuple[str, str]) -> str:
-    """Return the command that could have the wrong sign instead of the marble."""
+    """Return the command whose sign could be wrong instead of the marble's."""
     movers = (inputs[1], inputs[0])
     wrong = [name for name, sign in zip(movers, found.signs, strict=True) if sign < 0]
     return f" (or of {' and '.join(wrong)})" if wrong else ""
 
 
 def _other_unit(rig: Rig, answer: Answer | None) -> list[Finding]:
-    """Return a finding where the marble's acceleration per tilt is no rolling sphere's.
+    """Return a finding if the marble's acceleration per tilt is not that of a rolling sphere.
 
-    A gain that a known slip of units gives, and that is so many standard errors off a rolling sphere's, is
-    that slip: no friction or spin takes away half of the acceleration over a whole log.
+    A gain that matches a known error of units and differs significantly from a rolling sphere's is that
+    error: neither friction nor spin halves the acceleration over a whole log.
     """
     if answer is None or answer.facts.delay_unit != "s" or answer.facts.contradicts:
         return []
@@ -263,7 +263,7 @@ def _other_unit(rig: Rig, answer: Answer | None) -> list[Finding]:
     return [
         Finding(
             "error" if slip and apart else "warning",
-            f"the marble accelerates by {gain:.3g} m/s^2 per rad of measured tilt, where a rolling sphere's "
+            f"the marble accelerates by {gain:.3g} m/s^2 per rad of measured tilt, but a rolling sphere's "
             f"5/7 g is {EXPECTED:.2f}",
             "tilt to marble",
             slip or "check the units of tilt, positions and stamps, and edge_x_m",
@@ -272,7 +272,7 @@ def _other_unit(rig: Rig, answer: Answer | None) -> list[Finding]:
 
 
 def _slip(ratio: float, edge_m: float) -> str:
-    """Return the slip of units that explains a gain so many times the expected one; empty if none does."""
+    """Return the correction of units that explains a gain relative to the expected one; empty if none."""
     known = {
         np.pi / 180.0: "give the tilt in radians, it looks like degrees",
         edge_m: "divide the positions by the long edge, they look like metres",
@@ -284,7 +284,7 @@ def _slip(ratio: float, edge_m: float) -> str:
 
 
 def runs_of(recordings: Sequence[Recording]) -> str:
-    """Return the names of some recordings, the first ones of many."""
+    """Return the names of recordings, shortened to the first ones."""
     names = [one.name for one in recordings]
     return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 

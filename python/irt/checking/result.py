@@ -1,4 +1,4 @@
-"""What a check returns: facts about runs and signals, findings, and what the recordings identify."""
+"""Result of a check: facts about runs and signals, findings, and identifiability."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ Severity = Literal["error", "warning", "note"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a user should know before a fit.
+    """A finding that matters for a fit.
 
     Attributes
     ----------
     severity : {"error", "warning", "note"}
-        An error leaves nothing to fit, or certainly makes a fit wrong; a warning probably makes it wrong or
-        much worse; a note explains a limit.
+        An error prevents a fit or certainly makes it wrong; a warning probably makes it wrong or much worse;
+        a note explains a limit.
     what : str
-        What was found, in one sentence without its full stop.
+        The finding, one sentence without a full stop.
     where : str
         Run, column or signal.
     advice : str
-        What to do, in the imperative.
+        The remedy, in the imperative.
     """
 
     severity: Severity
@@ -55,37 +55,37 @@ def require(rig: str, findings: Iterable[Finding]) -> None:
 
 @dataclass(frozen=True)
 class RunFacts:
-    """What one recording holds. Pairs are for x and y; shares are of its rows, from 0 to 1.
+    """Facts about one recording. Pairs are for x and y; shares are of its rows, from 0 to 1.
 
     Attributes
     ----------
     name : str
-        Of the recording.
+        Name of the recording.
     rows : int
-        Rows.
+        Number of rows.
     seconds, rate_hz, jitter_s : float or None
-        Length, median rate, and standard deviation of the time between rows without the pauses; None
-        without stamps.
+        Duration, median rate, and standard deviation of the time between rows without pauses; None without
+        stamps.
     pauses : int
-        Steps between stamps that are longer than 1.5 times the median: rows are missing there.
+        Number of steps between stamps longer than 1.5 times the median, where rows are missing.
     lost : float
         Share of rows without the marble.
     longest_gap : int
         Longest stretch of such rows [rows].
     held : float
-        Share of rows that hold the last place of a lost marble.
+        Share of rows with the held last position of a lost marble.
     tilt_jumps : int
-        Rows in which a tilt is wrong because a marker was hidden, of both axes.
+        Number of rows with a wrong tilt of either axis because of a hidden marker.
     garbage : int
-        Rows at the start that were logged before the tracker worked.
+        Number of first rows that were logged before the tracker had found the marble.
     at_rest, at_rim : float
-        Share of the rows that saw the marble in which it rests, and touches the rim.
+        Shares of the tracked rows in which the marble rests, and in which it touches the rim.
     command_range : ((float, float), (float, float))
-        Least and greatest command of each axis, in the rig's unit.
+        Smallest and largest command of each axis, in the rig's unit.
     clipped : (float, float)
-        Share of rows in which the command stays at the extreme value of the rig.
+        Share of rows in which the command stays at the rig's extreme value.
     idle : tuple of str
-        Columns that are exactly constant.
+        Constant columns.
     repeats : str or None
         An earlier run with the same commands.
     """
@@ -118,11 +118,11 @@ class SignalFacts:
     column : str
         Its name.
     unit : str
-        Of noise and resolution.
+        Unit of noise and resolution.
     noise : float or None
-        Standard deviation of white noise; None of an axis that never moves.
+        Standard deviation of white noise; None for a constant axis.
     resolution : float or None
-        Step to which values are rounded; None where there is no common step.
+        Step of the rounding; None without a common step.
     """
 
     column: str
@@ -133,28 +133,28 @@ class SignalFacts:
 
 @dataclass(frozen=True)
 class ResponseFacts:
-    """How one pair of signals drives another, by regression. Rows are outputs, columns inputs.
+    """Regression of one pair of signals on another. Rows are outputs, columns inputs.
 
     Attributes
     ----------
     inputs, outputs : (str, str)
         Columns.
     unit : str
-        Of the gains.
+        Unit of the gains.
     gain, error : 2 x 2
-        Gains and standard errors; None where an axis does not move.
+        Gains and standard errors; None for a constant axis.
     delay : (float or None, float or None)
-        Of each output, in `delay_unit`.
+        Delay of each output, in `delay_unit`.
     delay_unit : str
         "s", or "rows" without stamps.
     explained : float
-        Share of the variance that the declared axes and signs explain.
+        Share of the variance explained by the declared axes and signs.
     best : str
-        The correction under which most is explained; empty where the declared axes and signs are best.
+        The correction with the largest explained share; empty if the declared axes and signs are best.
     best_explained : float
-        Share of the variance that it explains.
+        Its explained share of the variance.
     contradicts : bool
-        Whether another convention than the declared one is significantly better.
+        Whether another convention is significantly better than the declared one.
     """
 
     inputs: tuple[str, str]
@@ -172,20 +172,20 @@ class ResponseFacts:
 
 @dataclass(frozen=True)
 class Detectable:
-    """From which size on an effect shows in these recordings.
+    """Detectability of an effect in these recordings.
 
     Attributes
     ----------
     effect, parameter, unit : str
-        The effect, the parameter that is its size, and its unit, which without stamps has rows for seconds.
+        The effect, the parameter that is its size, and its unit, which has rows for seconds without stamps.
     smallest : float or None
         Smallest distance from the neutral value that changes the marble's path by `irt.check.SHOWS` standard
-        errors, over what start states and the five parameters could change as well; None where no plausible
-        size does.
+        errors, beyond changes by start states and the five parameters; None if no plausible size does.
     usual : float
         Half of the largest plausible distance.
     runs : float
-        How many times these recordings it takes until the usual size shows; infinite where none suffices.
+        Factor on the number of these recordings until the usual size is detectable; infinite if none
+        suffices.
     """
 
     effect: str
@@ -198,20 +198,20 @@ class Detectable:
 
 @dataclass(frozen=True)
 class Identified:
-    """What the recordings could identify if the noise were all that is left.
+    """Identifiability if the residuals were only noise.
 
     Attributes
     ----------
     intervals : dict
-        Half width of the 95 % interval of each of the five parameters [its own unit]; None where it is not
+        Half width of the 95 % interval of each of the five parameters [its own unit]; None if it is not
         identified.
     values : dict
-        Where that was linearised: a quick fit.
+        The quick fit at which the model was linearised.
     unidentifiable : tuple of str
         Sentences on parameters and combinations that cannot be identified.
     effects : tuple of Detectable
-        One for each effect and size of the catalogue, but for effects that draw random numbers, and without
-        stamps those whose size depends on how long a row lasts.
+        One for each effect and size of the catalogue, except effects with random numbers and, without stamps,
+        those whose size depends on the duration of a row.
     """
 
     intervals: dict[str, float | None]
@@ -222,7 +222,7 @@ class Identified:
 
 @dataclass(frozen=True)
 class Check:
-    """What is in a rig's recordings, and what they could identify.
+    """Facts about a rig's recordings, findings, and identifiability.
 
     Attributes
     ----------
@@ -233,13 +233,13 @@ class Check:
     signals : tuple of SignalFacts
         Measured columns.
     responses : tuple of ResponseFacts
-        Commands to marble; where the tilt was measured also tilt to marble and commands to tilt.
+        Commands to marble; with measured tilt also tilt to marble and commands to tilt.
     identified : Identified or None
-        None where axes or signs are wrong, or nothing can be identified.
+        None if axes or signs are wrong, or nothing can be identified.
     findings : tuple of Finding
         Errors first, then warnings, then notes.
     next_recording : str
-        The one thing to record next.
+        Advice on the next recording.
     """
 
     rig: str
@@ -252,15 +252,15 @@ class Check:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings as lines, for the answers of other verbs."""
+        """The warnings as lines, for the output of other commands."""
         return warning_lines(self.findings)
 
     def require(self) -> None:
-        """Raise `IrtError` where the recordings can identify nothing, or are certainly wrong."""
+        """Raise `IrtError` if the recordings can identify nothing or are certainly wrong."""
         require(self.rig, self.findings)
 
     def plot(self) -> Figure:
-        """Draw in which share of its rows each run has lost the marble, or sees it at rest or at the rim."""
+        """Draw the shares of rows of each run with a lost marble, at rest and at the rim."""
         from irt import pictures  # noqa: PLC0415
 
         kinds = {"lost": "lost", "at rest": "at_rest", "at the rim": "at_rim"}
@@ -281,7 +281,7 @@ class Check:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything as JSON takes it; an infinite number of runs becomes None."""
+        """Return the check as JSON content; an infinite number of runs becomes None."""
         found = asdict(self)
         for one in (found["identified"] or {}).get("effects", ()):
             if one["runs"] == float("inf"):

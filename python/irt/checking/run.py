@@ -1,4 +1,4 @@
-"""The way through a check: facts, findings, what could be identified, what to record next."""
+"""The steps of a check: facts, findings, identifiability, advice on the next recording."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from irt.rig import Rig, as_rig
 
 Array = NDArray[np.float64]
 
-#: Rows with a marble, of all runs, below which nothing can be fitted: five parameters and start states.
+#: Minimum number of tracked rows in all runs, for five parameters and start states.
 LEAST_ROWS = 12
-#: A marble that stays within so many standard deviations of the tracker never moved: noise alone does.
+#: Extent, in standard deviations of the tracker, below which the marble never moved: noise alone reaches it.
 _STILL = 8.0
 _LONGER = "record longer runs; at 10 to 60 rows a second some runs of 5 s or more"
 _ORDER = ("error", "warning", "note")
@@ -41,23 +41,23 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
     rig : Rig or path
         A rig, or its folder.
     threads : int, optional
-        Of the engine; by default one for each core.
+        Threads of the engine; by default one for each core.
 
     Returns
     -------
     Check
-        Facts about runs, noise, axes and signs, findings, and what the recordings could identify.
+        Facts about runs, noise, axes and signs, findings, and identifiability.
 
     Raises
     ------
     IrtError
-        If the folder is no rig.
+        If the folder is not a rig.
     """
     arguments.threads(threads)
     rig = as_rig(rig).on_bare_board()
     look = _Look.at(rig, threads)
     identified = None
-    # With wrong axes or units the base model fits nothing, and sensitivities around it mean nothing.
+    # With wrong axes or units the base model does not fit, and its sensitivities are meaningless.
     if look.is_sound:
         noise = {one.column: one.noise for one in look.signals}
         identified = identify(rig, noise, look.answers, threads=threads)
@@ -73,12 +73,12 @@ def check(rig: Rig | PathLike, *, threads: int | None = None) -> Check:
 
 
 def required(rig: Rig, *, threads: int | None = None) -> tuple[str, ...]:
-    """Return what a check warns of before a fit, as lines; without what could be identified.
+    """Return the warnings of a check before a fit as lines, without identifiability.
 
     Raises
     ------
     IrtError
-        Where the recordings can identify nothing, or are certainly wrong.
+        If the recordings can identify nothing or are certainly wrong.
     """
     findings = _Look.at(rig, threads).findings
     require(f"{rig.path}", findings)
@@ -86,22 +86,22 @@ def required(rig: Rig, *, threads: int | None = None) -> tuple[str, ...]:
 
 
 def axes_and_units(rig: Rig) -> tuple[Finding, ...]:
-    """Return what is wrong with axes, signs and units, errors first: what of a check needs no model."""
+    """Return findings on axes, signs and units, errors first, which need no model."""
     return _ordered(_Look.at(rig, None).wrong)
 
 
 @dataclass(frozen=True, eq=False)
 class _Look:
-    """What a check finds before it asks what could be identified; fields as of a `Check`.
+    """Results of a check before identifiability; fields as in `Check`.
 
     Attributes
     ----------
     answers : dict
-        Responses by name; empty where a finding leaves nothing to fit.
+        Responses by name; empty if a finding prevents a fit.
     wrong : tuple of Finding
-        Those about axes, signs and units.
+        Findings about axes, signs and units.
     is_sound : bool
-        Whether axes and units are right, and there is something to fit.
+        Whether axes and units are right and a fit is possible.
     """
 
     runs: tuple[RunFacts, ...]
@@ -113,7 +113,7 @@ class _Look:
 
     @classmethod
     def at(cls, rig: Rig, threads: int | None) -> _Look:
-        """Look at the recordings of a rig."""
+        """Check the recordings of a rig."""
         cleaned = [clean(recording) for recording in rig.recordings]
         signals = signal_facts(rig, cleaned)
         noise = max((one.noise or 0.0 for one in signals if one.column in MARBLE), default=0.0)
@@ -136,7 +136,7 @@ def _ordered(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 def _wrong(
     rig: Rig, cleaned: Sequence[tuple[Array, Array | None]], noise: float, threads: int | None
 ) -> tuple[dict[str, Answer], list[Finding]]:
-    """Return how signals respond to each other, and what is wrong with their axes, signs and units."""
+    """Return the responses between signals, and findings on their axes, signs and units."""
     marbles = [marble for marble, _ in cleaned]
     answers = responses(rig, cleaned, rim_masks(rig, marbles, noise))
     found = [
@@ -148,7 +148,7 @@ def _wrong(
 
 
 def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding]:
-    """Yield the error that leaves nothing to identify, if there is one."""
+    """Yield the error that prevents any identification, if there is one."""
     commands = [one.knobs for one in rig.recordings]
     moved = (
         any(np.ptp(one, axis=0).any() for one in commands) or len({one[0].tobytes() for one in commands}) > 1
@@ -183,18 +183,18 @@ def _fatal(rig: Rig, marbles: Sequence[Array], noise: float) -> Iterator[Finding
     if max(int(np.isfinite(one[:, 0]).sum()) for one in marbles) < SHORT_ROWS:
         yield Finding(
             "error",
-            f"no run sees the marble in {SHORT_ROWS} rows, which say little beside their start state",
+            f"no run has {SHORT_ROWS} rows with the marble; fewer determine little but a start state",
             "marble",
             _LONGER,
         )
         return
-    # A few wild rows are no motion.
+    # A few outliers are no motion.
     ends = [np.nanquantile(one, [0.01, 0.99], axis=0) for one in marbles if np.isfinite(one).any()]
     extent = max(float((high - low).max()) for low, high in ends)
     if extent <= _STILL * noise or extent == 0.0:
         yield Finding(
             "error",
-            f"the marble never moves: it stays within {extent:.2g} edges, where noise is {noise:.2g}",
+            f"the marble never moves: it stays within {extent:.2g} edges, and the noise is {noise:.2g}",
             "marble",
             "tilt the board more, and check that the tracker follows the marble",
         )

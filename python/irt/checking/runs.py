@@ -1,4 +1,4 @@
-"""What each run holds: time base, gaps, held places, rest, rim, and how its commands use their range."""
+"""Facts about each run: time base, gaps, held positions, rest, rim, and range of commands."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from irt.segments import row_seconds
 
 Array = NDArray[np.float64]
 
-#: A step between stamps this many times the median is a pause: rows are missing.
+#: Step between stamps, relative to the median, that is a pause with missing rows.
 PAUSE = 1.5
-#: A marble that stays within so many standard deviations of the tracker ...
+#: A marble rests if it stays within this many standard deviations of the tracker ...
 _STILL = 6.0
-#: ... for so long [s], and for at least so many rows, rests.
+#: ... for this time [s] and at least this many rows.
 _REST_S, _REST_ROWS = 0.4, 5
-#: A marble within this of the rim touches it [board edges]: 1 mm on the paper's board, plus noise.
+#: Distance from the rim within which a marble touches it [board edges]: 1 mm on the paper's board, plus
+#: noise.
 _AT_RIM = 0.004
-#: A marble that starts in the centre is seen within this of it a row later [board edges].
+#: Largest distance from the centre a row after a start there [board edges].
 _START_STEP = 0.02
-#: Commands at an extreme for so many rows in succession are clipped; a turning point lasts a row or two.
+#: Number of successive rows at an extreme for clipped commands; a turning point lasts a row or two.
 _CLIPPED_ROWS = 3
-#: Commands of a run with fewer levels than this are steps by design, which stay at their extremes.
+#: Number of levels below which commands are steps by design, which stay at their extremes.
 _LEAST_LEVELS = 9
 
 
@@ -66,10 +67,10 @@ def row_step(rig: Rig) -> float | None:
 
 
 def rim_masks(rig: Rig, marbles: Sequence[Array], noise: float) -> list[NDArray[np.bool_]]:
-    """Return where the marble of each run touches the rim along x and y, (n, 2) each.
+    """Return the rows in which the marble of each run touches the rim along x and y, (n, 2) each.
 
-    The rim is where the marble never goes farther, if it could be there by the board's size, the marble's
-    radius and the range of the observation scale, whichever axis is which.
+    The rim is at the extreme positions of the marble, if these agree with the board's size, the marble's
+    radius and the range of the observation scale, for either assignment of the axes.
     """
     together = np.concatenate([one[np.isfinite(one).all(axis=1)] for one in marbles])
     if len(together) == 0:
@@ -130,9 +131,9 @@ def _facts(
 
 
 def _garbage(recording: Recording) -> int:
-    """Return how many rows at the start were logged before the tracker worked.
+    """Return the number of first rows that were logged before the tracker had found the marble.
 
-    A simulated marble may start exactly in the centre; it then goes on from there.
+    A simulated marble may start exactly in the centre; it then continues from there.
     """
     rows = garbage_rows(recording.marble, recording.tilt) if recording.has_marble else 0
     if rows == 0 or (recording.tilt is not None and (recording.tilt[:rows] == 0.0).all()):
@@ -141,7 +142,7 @@ def _garbage(recording: Recording) -> int:
 
 
 def _timing(recording: Recording) -> Mapping[str, float]:
-    """Return length [s], rate [1/s], jitter [s] and number of pauses, where there are stamps."""
+    """Return duration [s], rate [1/s], jitter [s] and number of pauses, if there are stamps."""
     if recording.stamps is None:
         return {}
     steps = np.diff(recording.stamps)
@@ -156,7 +157,7 @@ def _timing(recording: Recording) -> Mapping[str, float]:
 
 
 def at_rest(marble: Array, noise: float, step_s: float) -> NDArray[np.bool_]:
-    """Return in which rows of (n, 2) positions the marble rests, (n,)."""
+    """Return the rows of (n, 2) positions in which the marble rests, (n,)."""
     rows = max(_REST_ROWS, round(_REST_S / step_s))
     rests = np.zeros(len(marble), dtype=bool)
     if len(marble) < rows:
@@ -169,7 +170,7 @@ def at_rest(marble: Array, noise: float, step_s: float) -> NDArray[np.bool_]:
 
 
 def _clipped(commands: Array, extremes: tuple[float, float]) -> float:
-    """Return the share of rows in which a command stays at an extreme of all runs; 0 of a few levels."""
+    """Return the share of rows in which a command stays at an extreme of all runs; 0 for few levels."""
     if len(np.unique(commands)) < _LEAST_LEVELS:
         return 0.0
     rows = 0

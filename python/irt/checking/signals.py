@@ -15,24 +15,24 @@ from irt.rig import Rig
 
 Array = NDArray[np.float64]
 
-#: Orders of the differences tried. High orders leave less of the motion, low ones survive more gaps.
+#: Orders of the differences. High orders suppress the motion better, low ones need shorter gapless stretches.
 _ORDERS = (3, 4, 5, 6)
-#: Fewer differences than this give no scale.
+#: Minimum number of differences for a scale.
 _LEAST = 12
-#: Values off a grid by less than this share of its step lie on it.
+#: Tolerance of values on a grid, as a share of its step.
 _ON_GRID = 0.02
-#: Last digits of a float are arithmetic, not rounding: steps below this share of the values are none.
+#: Smallest step as a share of the values; smaller differences are floating-point errors.
 _ROUNDING = 1e-9
-#: More values than this say nothing more about a grid.
+#: Maximum number of values for the search of a grid.
 _MOST_VALUES = 4000
 
 
 def held_mask(marble: Array) -> NDArray[np.bool_]:
-    """Return which rows hold the last place of a lost marble, (n,), but for turning points.
+    """Return the rows with the held last position of a lost marble, (n,), except turning points.
 
-    At a few rows a second a marble that turns back between two rows is seen in one place twice, if places
-    are coarse: the steps before and after then point in opposite directions. After a held place the marble
-    is farther on in its old direction.
+    At a few rows per second a marble that reverses between two rows has the same position twice if positions
+    are coarse: then the steps before and after have opposite directions. After a held position the marble is
+    farther along in its old direction.
     """
     held = held_rows(marble)
     if not held.any() or repeats_are_certain(marble):
@@ -46,7 +46,7 @@ def held_mask(marble: Array) -> NDArray[np.bool_]:
 
 
 def clean(recording: Recording) -> tuple[Array, Array | None]:
-    """Return marble and tilt, (n, 2) each, NaN in rows that are no measurement."""
+    """Return marble and tilt, (n, 2) each, NaN in invalid rows."""
     marble = recording.marble.copy()
     if recording.has_marble:
         marble[held_mask(marble)] = np.nan
@@ -58,7 +58,7 @@ def clean(recording: Recording) -> tuple[Array, Array | None]:
 
 
 def signal_facts(rig: Rig, cleaned: Sequence[tuple[Array, Array | None]]) -> tuple[SignalFacts, ...]:
-    """Return noise and resolution of every column that was measured."""
+    """Return noise and resolution of every measured column."""
     found = []
     for axis, column in enumerate(MARBLE):
         values = [marble[:, axis] for marble, _ in cleaned]
@@ -74,7 +74,7 @@ def _facts(column: str, unit: str, values: Sequence[Array]) -> SignalFacts:
     step = resolution(values)
     noise = noise_of_runs(values)
     if noise is not None and step is not None:
-        # Rounding is noise of its own, and hides what is smaller.
+        # Rounding adds noise, and hides smaller noise.
         noise = max(noise, step / math.sqrt(12.0))
     return SignalFacts(column, unit, noise, step)
 
@@ -82,20 +82,19 @@ def _facts(column: str, unit: str, values: Sequence[Array]) -> SignalFacts:
 def noise_of_runs(values: Iterable[Array]) -> float | None:
     """Return the standard deviation of white noise on a smooth signal, from all its runs.
 
-    Differences of several orders are scaled to the noise of one value, and the order that leaves least of
-    the motion counts. Their scale is the median absolute one: a few jumps do not count. Differences within
-    a stretch that does not move at all (an idle axis, a marble at rest within one step of rounding) say
-    nothing.
+    Differences of several orders are scaled to the noise of one value, and the order with the smallest result
+    is used. The scale is the median absolute one, robust against a few jumps. Differences within constant
+    stretches (an idle axis, a marble at rest within one step of rounding) are ignored.
 
     Parameters
     ----------
     values : iterable of (n,) arrays
-        One for each run, NaN where not measured.
+        One for each run, NaN without a measurement.
 
     Returns
     -------
     float or None
-        None where nothing moves, or too few values follow one another.
+        None if nothing moves or there are too few successive values.
     """
     runs = list(values)
     found = []
@@ -115,7 +114,7 @@ def noise_of_runs(values: Iterable[Array]) -> float | None:
 
 
 def resolution(values: Iterable[Array]) -> float | None:
-    """Return the step of the grid on which all values lie; None where there is none, or one value only."""
+    """Return the step of the grid of all values; None if there is none, or for one value only."""
     known = np.unique(np.concatenate([one[np.isfinite(one)] for one in values]))
     if len(known) < 3:
         return None
@@ -127,7 +126,7 @@ def resolution(values: Iterable[Array]) -> float | None:
     if len(steps) == 0:
         return None
     step = float(steps.min())
-    # The mean of many multiples sharpens the step that two values give.
+    # The mean over many multiples refines the step of two values.
     multiples = np.rint(steps / step)
     step = float(steps.sum() / multiples.sum())
     off = (known - known[0]) / step

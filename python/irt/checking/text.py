@@ -1,4 +1,4 @@
-"""A check as a page in the terminal."""
+"""A check as text for the terminal."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from irt.checking.result import Check, Detectable, Identified, ResponseFacts, Ru
 
 #: Characters of a line.
 _WIDTH = 100
-#: Nobody records so many runs.
+#: Number of runs above which an advice is omitted.
 _NEVER_RUNS = 1000
-#: Characters of each column of the table of runs.
+#: Widths of the columns of the table of runs.
 _COLUMNS = (6, 6, 5, 7, 5, 4, 5, 5, 5, 7)
-#: Runs shown one by one; more are summed up in a last line.
+#: Number of runs with a line of their own; others are summed up in a last line.
 _MOST_RUNS = 12
 
 
@@ -38,7 +38,7 @@ def _lines(found: Check) -> Iterator[str]:
         yield from _identified(found.identified, len(found.runs))
         if any(run.seconds is None for run in found.runs):
             yield from _bullet(
-                "time scale unknown: without stamps (t_s) times are in rows, and tilts and pushes unknown"
+                "time scale unknown: without stamps (t_s) times are in rows; tilts and pushes are unknown"
             )
     for severity, title in (("error", "errors"), ("warning", "warnings"), ("note", "notes")):
         chosen = [one for one in found.findings if one.severity == severity]
@@ -95,7 +95,7 @@ def _signals(signals: Sequence[SignalFacts]) -> Iterator[str]:
 def _response(one: ResponseFacts) -> Iterator[str]:
     gains = []
     for row, output in enumerate(one.outputs):
-        # The strongest input of each output is what a reader compares.
+        # Only the strongest input of each output is shown.
         known = [(abs(gain), column) for column, gain in enumerate(one.gain[row]) if gain is not None]
         if not known:
             continue
@@ -115,7 +115,7 @@ def _response(one: ResponseFacts) -> Iterator[str]:
 
 
 def _identified(found: Identified, runs: int) -> Iterator[str]:
-    yield "what these recordings could identify, if noise were all that a fit leaves (95 % intervals)"
+    yield "identifiable from these recordings if the residuals are only noise (95 % intervals)"
     known = [
         f"{name} {found.values[name]:.3g} +- {half:.2g}"
         if half
@@ -129,17 +129,17 @@ def _identified(found: Identified, runs: int) -> Iterator[str]:
     shown = [one for one in found.effects if one.runs <= 1.0 and one.smallest is not None]
     hidden = [one for one in found.effects if not (one.runs <= 1.0 and one.smallest is not None)]
     if shown:
-        yield from _bullet(f"effects show from these sizes on: {_grouped(shown, _size)}")
+        yield from _bullet(f"effects are detectable from these sizes: {_grouped(shown, _size)}")
     if hidden:
         needed = _grouped(hidden, lambda one: _runs_needed(one, runs))
         yield from _bullet(
-            f"effects of half their largest usual size do not show; with so many runs like these "
-            f"({runs} so far) they would: {needed}"
+            "effects of half their largest usual size are not detectable; they would be with this many runs "
+            f"like these ({runs} so far): {needed}"
         )
 
 
 def _grouped(effects: Sequence[Detectable], word: Callable[[Detectable], str]) -> str:
-    """Return the effects, the words on several parameters of one together."""
+    """Return the effects, with the parameters of one effect grouped."""
     found: dict[str, list[str]] = {}
     for one in effects:
         found.setdefault(one.effect, []).append(word(one))

@@ -1,4 +1,4 @@
-"""Units of commands and stamps that look wrong: degrees, milliseconds."""
+"""Detection of wrong units of commands and stamps: degrees, milliseconds."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from irt.engine import SUBSTEP_S
 from irt.recording import KNOBS, STAMP
 from irt.rig import PARAMETERS, RANGES, Rig
 
-#: Knobs of a labyrinth turn a quarter of a circle at most while a marble is steered [rad].
+#: Largest knob angle while a marble is steered [rad]: a quarter of a turn.
 _MOST_KNOB = np.pi / 2.0
 #: No knob of a labyrinth turns further from level: its board meets a stop before [rad].
 _HALF_TURN = np.pi
 #: Gears this small a share of the largest one searched are another unit, if that unit's gear is plausible.
 _SMALL_GEAR = 0.03
-#: Least squares may leave the ranges by this factor.
+#: Factor by which least squares may leave the ranges.
 _LEAVES = 3.0
-#: Rows of a camera are 1 ms to 1 s apart [s].
+#: Plausible times between a camera's rows [s].
 _SHORTEST_S, _LONGEST_S = 0.001, 1.0
 
 
@@ -31,7 +31,7 @@ def unit_findings(rig: Rig, answers: dict[str, Answer]) -> list[Finding]:
     rig : Rig
         The recordings.
     answers : dict
-        Of `irt.checking.responses.responses`.
+        From `irt.checking.responses.responses`.
     """
     return [*_knobs(rig, _gear(answers)), *_stamps(rig)]
 

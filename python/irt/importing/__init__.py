@@ -1,4 +1,4 @@
-"""From what a rig or another lab logged to recordings: `irt import`."""
+"""`irt import`: from logs of a rig or of another lab to recordings."""
 
 from irt.importing.own_bags import Imported, Knobs, import_bags
 

@@ -1,4 +1,4 @@
-"""Which column is which of our axes: decided from fitted maps, with how surely."""
+"""Assignment of columns to the axes of the convention, decided from fitted maps, with a confidence."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from irt.importing.weak_form import Map
 Array = NDArray[np.float64]
 Sureness = Literal["surely", "probably", "undecided"]
 
-#: A second input that does more than this share of the first acts on an axis of its own right.
+#: Share of the first input's effect above which a second input also acts on an axis.
 _MIXED = 0.15
-#: Beyond this share neither order of two commands is better than the other.
+#: Share above which neither order of two commands is better.
 _EITHER = 0.6
-#: Gains of a rolling ball scatter within these factors of 5/7 g: friction, slip, a ball that is not solid.
+#: Range of a rolling ball's gain as factors of 5/7 g: friction, slip, a hollow ball.
 _GAIN_FACTORS = (0.6, 1.5)
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Where our axes are among the columns of a source.
+    """Assignment of a source's columns to the axes of the convention.
 
     Attributes
     ----------
     order : (int, int)
-        Column of our x and of our y.
+        Columns of x and y.
     signs : (float, float)
         +1 or -1 by which these columns are multiplied.
     gains, errors : (2,) array
-        The gain that decides for each of our axes, as the column has it, and its standard error.
+        The deciding gain of each axis, in the column's own sign, and its standard error.
     sure : (str, str)
-        How surely each was decided.
+        Confidence of each decision.
     mixed : (2,) array
-        What the other column does to the same axis, as a share of this one.
+        Effect of the other column on the same axis, as a share of this one's.
     """
 
     order: tuple[int, int]
@@ -48,7 +48,7 @@ class Axes:
     mixed: Array
 
     def apply(self, columns: Array) -> Array:
-        """Return our two columns of a source's."""
+        """Return the columns x and y of a source's."""
         return np.asarray(columns[:, list(self.order)] * np.array(self.signs))
 
     @property
@@ -64,28 +64,29 @@ def declared() -> Axes:
 
 
 def tilt_axes(found: Map | None) -> Axes:
-    """Decide which tilt is which, from the acceleration of the marble (rows x, y) by tilt.
+    """Assign the tilt columns, from the acceleration of the marble (rows x, y) by tilt.
 
-    Ours accelerate by +5/7 g tilt_y along x and by -5/7 g tilt_x along y. The marble's axes are kept as the
-    frame: whether a tilt or a picture was mirrored cannot be seen, and does not matter on a flat board.
+    In the convention the marble accelerates by +5/7 g tilt_y along x and by -5/7 g tilt_x along y. The
+    marble's axes are kept as the frame: data do not show whether a tilt or a picture was mirrored, and on a
+    flat board it does not matter.
     """
     if found is None:
         return declared()
-    # Rows become what our tilt_x and tilt_y do.
+    # Rows become the effects of tilt_x and tilt_y.
     return _axes(found, rows=(1, 0), signs=(-1.0, 1.0), turn=True)
 
 
 def command_axes(found: Map | None, tilt: Axes, *, by_marble: bool) -> Axes:
-    """Decide which command moves which of our tilts; signs are kept, since a gear may have either.
+    """Assign the command columns to the tilts; signs are kept, because a gear may have either.
 
     Parameters
     ----------
     found : Map or None
         The tilt's columns by command, or with ``by_marble`` the marble's acceleration by command.
     tilt : Axes
-        Where our tilts are among the tilt's columns.
+        Assignment of the tilt's columns.
     by_marble : bool
-        Which of both ``found`` is.
+        Whether ``found`` is the marble's acceleration.
     """
     if found is None:
         return declared()
@@ -112,13 +113,13 @@ def is_matrix(axes: Axes, found: Map | None) -> bool:
 
 
 def gain_ratio(axes: Axes) -> float:
-    """Return by which factor the gains of the tilt differ from 5/7 g; NaN where undecided."""
+    """Return the factor of the tilt's gains relative to 5/7 g; NaN if undecided."""
     known = [abs(gain) for gain, sure in zip(axes.gains, axes.sure, strict=True) if sure != "undecided"]
     return float(np.median(known)) / ROLLING_GAIN if known else float("nan")
 
 
 def gain_is_odd(ratio: float) -> bool:
-    """Return whether gains are not those of a ball that rolls."""
+    """Return whether the gains are implausible for a rolling ball."""
     return not np.isnan(ratio) and not _GAIN_FACTORS[0] <= ratio <= _GAIN_FACTORS[1]
 
 
@@ -132,8 +133,8 @@ def _axes(
 ) -> Axes:
     """Return the axes whose x drives row ``rows[0]`` and whose y drives row ``rows[1]``.
 
-    ``signs`` are those that a gain has in our convention; with ``turn``, columns get the sign that makes
-    them so, else gains are given as they are in our convention.
+    ``signs`` are the signs of gains in the convention. With ``turn``, columns get the sign that yields these;
+    otherwise gains are returned in the convention.
     """
     z = np.abs(found.z)[list(rows)]
     effects = np.where(z >= DECIDED, found.effects[list(rows)], 0.0)
@@ -151,7 +152,7 @@ def _axes(
             sure.append("undecided")
             continue
         mixed[axis] = other / own
-        # Of two tilts that both move an axis, neither is surely the one; commands may well be mixed.
+        # If two tilts both move an axis, the decision is not certain; commands may well be mixed.
         clear = not turn or mixed[axis] < _EITHER
         sure.append("surely" if score >= SURE and clear else "probably")
         if turn:

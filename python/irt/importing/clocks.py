@@ -1,4 +1,4 @@
-"""Two clocks that stamped the same events: by how much they differ."""
+"""Offset between two clocks that stamped the same events."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from irt.cleaning import deviation
 
 Array = NDArray[np.float64]
 
-#: Events whose delay is among this share of the quickest of their stretch carry the clocks' difference.
+#: Share of the events of a stretch, those with the smallest delays, that determine the clocks' offset.
 _QUICK = 0.1
-#: A stretch has at least so many events.
+#: Minimum number of events in a stretch.
 _STRETCH = 40
 
 
 def clock_offset(sent: Array, received: Array) -> tuple[float, float]:
-    """Return what to add to the first clock's stamps to get the second's, and its standard error [s].
+    """Return the offset to add to the first clock's stamps to get the second's, and its standard error [s].
 
-    Each event is stamped by one clock as it happens, and by the other a little later. Queues only delay, so
-    the quickest events of each stretch count; the error is that of the mean of the stretches, drift included.
+    Each event is stamped by one clock when it happens, and by the other slightly later. Queues can only
+    delay, so the quickest events of each stretch determine the offset. The error is that of the mean over
+    stretches and includes drift.
     """
     delays = np.asarray(received - sent, dtype=np.float64)
     parts = np.array_split(delays, max(1, min(50, len(delays) // _STRETCH)))
@@ -29,7 +30,7 @@ def clock_offset(sent: Array, received: Array) -> tuple[float, float]:
 
 
 def steady_offset(first: Array, second: Array) -> tuple[float, float]:
-    """Return the median difference of two clocks that were read at the same moments, and its error [s]."""
+    """Return the median difference of two clocks that were read at the same times, and its error [s]."""
     difference = np.asarray(second - first, dtype=np.float64)
     centre = float(np.median(difference))
     spread = deviation(difference - centre)

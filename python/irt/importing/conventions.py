@@ -1,8 +1,9 @@
-"""Which tilt moves which axis of the marble, and which command which tilt: fitted, with errors.
+"""Regressions of the marble's acceleration on the tilt and of the tilt on the commands, with errors.
 
 Acceleration by tilt is fitted in the weak form (`irt.importing.weak_form`). Noise of the tilt would bias its
 gains towards zero; the known share is subtracted from the normal matrix (Fuller, "Measurement Error Models",
-1987). Walls are outliers for Tukey's biweight. Standard errors are of a sandwich over blocks of two seconds.
+1987). Walls are outliers for Tukey's biweight. Standard errors are sandwich estimates over blocks of two
+seconds.
 """
 
 from __future__ import annotations
@@ -22,22 +23,23 @@ Mask = NDArray[np.bool_]
 
 #: A ball that rolls on a tilted plane accelerates by 5/7 g per radian [m/s^2].
 ROLLING_GAIN = 5.0 / 7.0 * 9.81
-#: Standard errors from which a gain counts as decided, and as sure. The search over delays picks the best of
-#: hundreds, hence not 2.
+#: Numbers of standard errors for a decided gain, and for a certain one. They exceed 2, because the search
+#: over delays picks the best of hundreds.
 DECIDED, SURE = 5.0, 10.0
 
-#: Offsets between clocks are searched up to this [s], dead times up to the other.
+#: Largest offset between clocks in the search [s], and largest dead time [s].
 _MOST_OFFSET_S = 0.6
 _MOST_DELAY_S = 1.0
-#: Coarse grid of delays [s]: less than the lag of any servo.
+#: Step of the coarse grid of delays [s]: less than the lag of any servo.
 _GRID_S = 0.02
 #: Coarse grid of lags of an actuator [s].
 _LAGS = (0.0, 0.03, 0.07, 0.15, 0.3)
-#: Rows that are fitted at most, and on the coarse grid.
+#: Maximum number of fitted rows, and of those on the coarse grid.
 _MOST_ROWS, _COARSE_ROWS = 12_000, 3_000
-#: Fewest rows of a fit.
+#: Minimum number of rows of a fit.
 _FEWEST_ROWS = 50
-#: A residual beyond so many standard deviations counts linearly: backlash and slow drifts are no noise.
+#: Number of standard deviations above which a residual counts linearly: backlash and slow drifts are no
+#: noise.
 _LINEAR = 3.0
 #: Half-width of the differences by which slopes over dead time and lag are taken [s].
 _STEP_S = 0.004
@@ -53,14 +55,14 @@ def tilt_to_marble(runs: Sequence[Run], edges: tuple[float, float], *, search: b
     edges : (float, float)
         Size of the area in which the marble's centre moves [m].
     search : bool
-        Whether the tilt's clock may differ from the marble's by up to 0.6 s; else it is the same, and a
-        small difference (of filters) is only estimated. `Map.delay` is how much later the marble's stamps
-        are than the tilt's for the same moment.
+        Whether the tilt's clock may differ from the marble's by up to 0.6 s. Otherwise it is the same, and a
+        small difference by filters is only estimated. `Map.delay` is the marble's stamp minus the tilt's
+        stamp of the same time.
 
     Returns
     -------
     Map or None
-        None where there is no tilt or hardly any free motion.
+        None without tilt or with too little free motion.
     """
     tilts = [run.tilt for run in runs if run.tilt is not None and np.isfinite(run.tilt).any()]
     windows = Windows.of(runs, edges) if tilts else None
@@ -93,7 +95,7 @@ def commands_to_marble(runs: Sequence[Run], edges: tuple[float, float]) -> Map |
     Returns
     -------
     Map or None
-        None where no command moves, or there is hardly any free motion.
+        None if no command changes or there is too little free motion.
     """
     scales = _command_scales(runs)
     windows = Windows.of(runs, edges) if (scales > 0.0).any() else None
@@ -116,13 +118,13 @@ def commands_to_marble(runs: Sequence[Run], edges: tuple[float, float]) -> Map |
 def commands_to_tilt(runs: Sequence[Run]) -> Map | None:
     """Fit the tilt [rad] by the commands: gains, dead time and lag by axis of the tilt.
 
-    The dead time holds whatever the clocks of commands and states differ by: from these signals alone the
-    two cannot be separated.
+    The dead time includes the offset between the clocks of commands and states, because these signals do not
+    separate the two.
 
     Returns
     -------
     Map or None
-        None without tilt, or where no command moves.
+        None without tilt, or if no command changes.
     """
     usable = [run for run in runs if run.tilt is not None and run.commands.stamps.size]
     scales = _command_scales(runs)
@@ -140,7 +142,7 @@ def commands_to_tilt(runs: Sequence[Run]) -> Map | None:
 
 
 class _Chain:
-    """Commands behind a dead time and a lag, against one axis of the tilt after the other."""
+    """Regression of each axis of the tilt on the commands after a dead time and a lag."""
 
     def __init__(self, runs: Sequence[Run], active: Mask) -> None:
         stride = max(1, sum(len(run.stamps) for run in runs) // _MOST_ROWS)
@@ -150,7 +152,7 @@ class _Chain:
         self.tilt = np.concatenate([run.tilt[::stride] for run in runs if run.tilt is not None])
         self.blocks = time_blocks(self.times)
         everything = [np.arange(len(one)) for one in self.times]
-        # A row without a command before it says nothing, at any delay that is tried.
+        # Rows without an earlier command are excluded, for all delays that are tried.
         self.known = np.isfinite(self.lagged(_MOST_DELAY_S, 0.0, everything)).all(axis=1)
         ends = np.cumsum([len(one) for one in self.times])[:-1]
         self.fine = [np.flatnonzero(part) for part in np.split(self.known, ends)]
@@ -161,7 +163,7 @@ class _Chain:
         self.designs = [self.lagged(delay, lag, self.coarse) for delay, lag in self.grid]
 
     def lagged(self, delay: float, lag: float, rows: Sequence[NDArray[np.intp]]) -> Array:
-        """Return the commands that move, behind delay and lag, at these rows of each run."""
+        """Return the changing commands after delay and lag, at these rows of each run."""
         parts = [
             run.commands.lagged(times[inside] - delay, lag)
             for run, times, inside in zip(self.runs, self.times, rows, strict=True)
@@ -221,14 +223,14 @@ def _squares(design: Array, target: Array) -> float:
 
 
 def _spread(design: Array, target: Array) -> float:
-    """Return a standard deviation of the residual for which hidden markers do not count."""
+    """Return a standard deviation of the residual that is robust against hidden markers."""
     full = np.column_stack([design, np.ones(len(target))])
     coefficients, _ = robust_fit(full, target, np.zeros(full.shape[1]))
     return deviation(target - full @ coefficients)
 
 
 def _soft_cost(design: Array, target: Array, scale: float) -> float:
-    """Return the pseudo-Huber loss of the best gains and zero, which are linear in the tilt."""
+    """Return the pseudo-Huber loss of the best gains and offset, in which the tilt is linear."""
     full = np.column_stack([design, np.ones(len(target))])
     weights = np.ones(len(target))
     left = target
@@ -241,13 +243,13 @@ def _soft_cost(design: Array, target: Array, scale: float) -> float:
 
 
 def _interpolated(times: Array, stamps: Array, values: Array) -> Array:
-    """Return values between stamps, (k, 2); NaN outside, and next to rows that are NaN."""
+    """Return values interpolated between stamps, (k, 2); NaN outside and next to NaN rows."""
     columns = [np.interp(times, stamps, column, left=np.nan, right=np.nan) for column in values.T]
     return np.column_stack(columns)
 
 
 def _command_scales(runs: Sequence[Run]) -> Array:
-    """Return the standard deviation of each command while the runs last, (2,); 0 where it never moves."""
+    """Return the standard deviation of each command during the runs, (2,); 0 if it never changes."""
     values = np.concatenate([run.commands.lagged(run.stamps, 0.0) for run in runs])
     values = values[np.isfinite(values).all(axis=1)]
     return np.asarray(values.std(axis=0)) if len(values) else np.zeros(2)

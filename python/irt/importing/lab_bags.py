@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Columns = dict[str, Array]
 Progress = Callable[[int, int, str], None]
 
-#: Headers older than this when their message came [s], or from the future, are of another clock.
+#: Headers older than this at receipt [s], or from the future, belong to another clock.
 _OLDEST_S = 0.5
 _NEWEST_S = -0.002
 #: Messages between two reports of progress.
@@ -31,7 +31,7 @@ def topics_of(path: Path) -> dict[str, str]:
     Raises
     ------
     IrtError
-        If it is no bag, or one that was cut short.
+        If it is no bag, or a truncated one.
     """
     with _Opened(path) as reader:
         return {one.topic: one.msgtype for one in reader.connections}
@@ -42,15 +42,15 @@ def read_bag(
 ) -> tuple[Columns, Columns, tuple[str, ...]]:
     """Return the columns of states and of commands, with stamps ``t_s`` [s], and notes.
 
-    States and commands are found by the type of their messages. Stamps are the moments of receipt, or those
-    of the headers where messages have them; headers of another clock are moved to the bag's.
+    States and commands are found by the type of their messages. Stamps are the times of receipt, or those
+    of the headers if messages have them; headers of another clock are converted to the bag's.
 
     Parameters
     ----------
     path : Path
         An ``.mcap`` or ``.db3`` file, or the folder of a bag.
     topics : sequence of str
-        Topics to take where several hold states or commands.
+        Topics to use if several hold states or commands.
     progress : callable, optional
         Called with messages read, messages in all, and a text.
 
@@ -87,7 +87,7 @@ def read_bag(
         except Exception as error:
             raise IrtError(f"{path}: broken or cut short ({_reason(error)}); {_mend(path)}") from error
     if not rows[state.topic]:
-        raise IrtError(f"{path}: {state.topic} holds no message; nothing can be learned from it")
+        raise IrtError(f"{path}: {state.topic} holds no messages; record the states again")
     notes.insert(0, f"states from {state.topic} ({state.msgtype})")
     states = _columns(rows[state.topic], state.topic, notes)
     if command is None or not rows[command.topic]:
@@ -98,7 +98,7 @@ def read_bag(
 
 
 class _Opened:
-    """A bag that is open, and whatever its library raises as one line."""
+    """An open bag; errors of its library become one line."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -109,7 +109,7 @@ class _Opened:
 
         path = self.path
         if path.is_dir() and not (path / "metadata.yaml").exists():
-            # A recorder that was killed leaves no metadata; its file is a bag all the same.
+            # A killed recorder leaves no metadata, but its file is a valid bag.
             inside = sorted([*path.glob("*.db3"), *path.glob("*.mcap")])
             if len(inside) != 1:
                 found = f"{len(inside)} bag files" if inside else "no bag file"
@@ -153,7 +153,7 @@ class _Decoder:
         return stamp, _numbers(message)
 
     def _fitting(self, data: bytes) -> Any:
-        """Return the types by which the first message reads: those in the bag, else ours."""
+        """Return the types that read the first message: those in the bag, else the known ones."""
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
 
         if self.embedded is not None:
@@ -172,7 +172,7 @@ class _Decoder:
                 types.register(get_types_from_msg(text, kind))
             try:
                 types.deserialize_cdr(data, self.kind)
-            # Bytes that do not fit raise whatever the wrong field makes of them.
+            # Bytes of another type raise errors of any kind, depending on the wrong field.
             except Exception:
                 continue
             return types
@@ -198,11 +198,11 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, float]:
 def _chosen(
     path: Path, connections: Sequence[Any], kinds: Sequence[str], topics: Sequence[str], notes: list[str]
 ) -> Any | None:
-    """Return the connection of the states or commands: by name if asked, else the one of the first kind."""
+    """Return the connection of the states or commands: by name if given, else by the first known type."""
     what = "state" if kinds is STATES else "command"
     named = [one for one in connections if one.topic in topics]
     of_kind = [one for one in named if short_name(one.msgtype) in kinds]
-    # A topic of an unknown kind that was asked for can only be the states.
+    # A given topic of an unknown type can only be the states.
     others = [one for one in named if short_name(one.msgtype) not in (*STATES, *COMMANDS)]
     if of_kind or (what == "state" and others):
         return (of_kind or others)[0]
@@ -231,17 +231,17 @@ def _columns(rows: list[tuple[float, float, dict[str, float]]], topic: str, note
         typical, least = float(np.median(ages)), float(np.min(ages))
         stamps = header
         if not _NEWEST_S <= least <= typical <= _OLDEST_S:
-            # The age of a message is positive and unknown: the least one is taken for none.
+            # The age of a message is positive and unknown; the smallest one counts as zero.
             from irt.importing.clocks import clock_offset  # noqa: PLC0415
 
             offset, error = clock_offset(header, receipt)
             stamps = header + offset
             notes.append(
-                f"headers of {topic} are of another clock: {offset:+.4f} +- {error:.4f} s to the bag's, "
-                "which holds the time that the quickest message took"
+                f"headers of {topic} have another clock: {offset:+.4f} +- {error:.4f} s to the bag's, "
+                "including the transport time of the quickest message"
             )
     else:
-        note = "no headers: dated by their receipt, which holds the time of transport"
+        note = "no headers: stamped at receipt, which includes the time of transport"
         if note not in notes:
             notes.append(note)
     order = np.argsort(stamps, kind="stable")

@@ -1,4 +1,4 @@
-"""What is known of each lab before its log is read: sizes, names and the declared convention."""
+"""Known facts about each lab's logs: sizes, names and the declared convention."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ class Lab:
     Attributes
     ----------
     name : str
-        As ``--from`` names it.
+        Name in ``--from``.
     board, marble : Board, Marble
-        Sizes where the rig's folder has no rig.toml.
+        Sizes if the rig's folder has no rig.toml.
     mapping : dict
-        Expressions of the log's columns; ``edge_x_m`` stands for the board's long edge.
+        Expressions of the log's columns; ``edge_x_m`` is the board's long edge.
     unit : str
-        Of the commands.
+        Unit of the commands.
     rate : float
-        Nominal states a second, where a log has no stamps [Hz].
+        Nominal rate of the states, for logs without stamps [Hz].
     """
 
     name: str
@@ -35,7 +35,7 @@ class Lab:
     rate: float = 55.0
 
     def expressions(self, own: Mapping[str, Expression]) -> dict[str, Expression]:
-        """Return the mapping with the user's own expressions in the place of the declared ones."""
+        """Return the mapping with the user's expressions instead of the declared ones."""
         return {**{target: Expression.parse(text) for target, text in self.mapping.items()}, **own}
 
 
@@ -57,7 +57,7 @@ CYBERRUNNER = Lab(
     _STATE,
     unit="motor current, about mA",
 )
-#: Its replay: actions of -1 to 1, which become -200 units of current each.
+#: Its replay: actions of -1 to 1, each scaled by -200 units of current.
 REPLAY = Lab(
     "cyberrunner",
     CYBERRUNNER.board,
@@ -84,5 +84,5 @@ WITHOUT_ROS = Lab(
 )
 #: 0.259 x 0.229 m, a steel ball of 12 mm.
 TAG = Lab("tag", Board(0.259, 0.229), Marble(0.006, 0.0071), _STATE, unit="servo command")
-#: Any CSV: all is mapped by the user.
+#: Any CSV: the user maps all columns.
 ANY = Lab("csv")

@@ -1,4 +1,4 @@
-"""What every source becomes before its conventions are known: streams of states and of commands."""
+"""The common form of all sources before their conventions are known: streams of states and commands."""
 
 from __future__ import annotations
 
@@ -13,42 +13,42 @@ from irt.recording import CMD
 
 Array = NDArray[np.float64]
 
-#: Fits ask for the same lag at many delays in succession.
+#: Fits evaluate the same lag at many delays in succession.
 _LAGS_KEPT = 4
 
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """One log, in the convention that its format declares.
+    """A log in the declared convention of its format.
 
     Attributes
     ----------
     name : str
-        Names of recordings begin with it.
+        Prefix of its recordings' names.
     path : Path
-        Where it was read.
+        Its source.
     stamps : (n,) array
         Time of each state [s].
     marble : (n, 2) array
-        Places [board edges], NaN rows where lost.
+        Positions [board edges], NaN in lost rows.
     tilt : (n, 2) array or None
-        Measured tilt about x and y [rad], NaN where it was not measured.
+        Measured tilt about x and y [rad], NaN without a measurement.
     tilt_stamps : (n,) array or None
-        Time of each tilt [s], where a clock of its own wrote it.
+        Time of each tilt [s], if it has a separate clock.
     command_stamps : (m,) array
-        When each command was issued [s].
+        Time of each command [s].
     commands : (m, 2) array
         The commands in their own unit.
     episodes : (n,) array
-        A number that changes where a new run begins.
+        A number that changes at the start of each run.
     columns : (str, str)
         Columns of a recording that hold the commands.
     tilt_names, command_names, marble_names : (str, str)
-        What the source calls them.
+        Names in the source.
     stamped : bool
-        Whether the stamps were logged; else they are row numbers at a nominal rate.
+        Whether the stamps were logged; otherwise they are row numbers at a nominal rate.
     notes : tuple of str
-        What was assumed or found while reading, one sentence each.
+        Assumptions and facts from reading, one sentence each.
 
     Raises
     ------
@@ -92,14 +92,14 @@ class Log:
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Commands that hold from their moment to the next.
+    """Commands that hold from their time to the next.
 
     Attributes
     ----------
     stamps : (m,) array
-        Moments [s], rising.
+        Times [s], increasing.
     values : (m, 2) array
-        What holds from each on.
+        The commands from each time on.
     """
 
     stamps: Array
@@ -108,10 +108,10 @@ class Held:
 
     @classmethod
     def of(cls, log: Log, home_after: float | None = None) -> Held:
-        """Return the commands of a log; a driver goes home (0) after ``home_after`` seconds of silence."""
+        """Return the commands of a log; the driver returns to 0 after ``home_after`` seconds of silence."""
         known = np.isfinite(log.commands).all(axis=1) & np.isfinite(log.command_stamps)
         stamps, first = np.unique(log.command_stamps[known][::-1], return_index=True)
-        values = log.commands[known][::-1][first]  # of two at one moment the later counts
+        values = log.commands[known][::-1][first]  # of two at one time the later counts
         if home_after is not None and stamps.size:
             silent = np.append(np.diff(stamps), np.inf) > home_after
             stamps = np.concatenate([stamps, stamps[silent] + home_after])
@@ -121,11 +121,11 @@ class Held:
         return cls(stamps, values)
 
     def shifted(self, seconds: float) -> Held:
-        """Return the same commands, later by so many seconds."""
+        """Return the same commands, delayed by some seconds."""
         return Held(self.stamps + seconds, self.values)
 
     def lagged(self, times: Array, lag: float) -> Array:
-        """Return the commands behind a first-order lag [s] at some times, (k, 2); NaN before the first."""
+        """Return the commands after a first-order lag [s] at some times, (k, 2); NaN before the first."""
         last = np.searchsorted(self.stamps, times, side="right") - 1
         if not self.stamps.size:
             return np.full((len(times), 2), np.nan)
@@ -140,7 +140,7 @@ class Held:
         return values
 
     def _state(self, lag: float) -> Array:
-        """Return the lagged value at each command, (m, 2); the last few lags are kept."""
+        """Return the lagged value at each command, (m, 2); the last few lags are cached."""
         if lag not in self._states:
             if len(self._states) >= _LAGS_KEPT:
                 self._states.clear()
@@ -162,7 +162,7 @@ class Held:
             return total
 
         means = (up_to(ends, final) - up_to(begins, first)) / (ends - begins)[:, None]
-        # A command that holds over its whole row is copied, not integrated: no digit changes.
+        # A command that holds over a whole row is copied, not integrated, to keep its digits.
         whole = final <= first
         means[whole] = self.values[np.clip(first[whole], 0, None)]
         means[first < 0] = np.nan
@@ -172,7 +172,7 @@ class Held:
 def _filtered(values: Array, decays: Array) -> Array:
     """Return ``s[i + 1] = v[i] + d[i] (s[i] - v[i])`` from ``s[0] = v[0]`` on, (m, 2).
 
-    In blocks side by side: an hour of commands has a hundred thousand.
+    In parallel blocks, because an hour has a hundred thousand commands.
     """
     steps = len(decays)
     if steps == 0:
@@ -184,7 +184,7 @@ def _filtered(values: Array, decays: Array) -> Array:
     pushes = np.zeros((count * size, 2))
     pushes[:steps] = (1.0 - decays[:, None]) * values[:-1]
     blocks, pushes_by_block = padded.reshape(count, size), pushes.reshape(count, size, 2)
-    # Within each block from a state of zero, and what is left in it of the state that the block begins with.
+    # Within each block from a state of zero, plus the decay of the block's initial state.
     own, kept = np.empty((count, size, 2)), np.cumprod(blocks, axis=1)
     state = np.zeros((count, 2))
     for step in range(size):

@@ -1,4 +1,4 @@
-"""Logs of other labs to a rig: read, cleaned, their conventions found, written in ours."""
+"""Import of other labs' logs: read, clean, detect conventions, write recordings."""
 
 from __future__ import annotations
 
@@ -33,36 +33,36 @@ from irt.rig import Board, Commands, Marble, read_dimensions, read_signals
 
 Array = NDArray[np.float64]
 
-#: A tilt clock differs from the marble's if by more than this [s] and so many standard errors.
+#: Offset [s], and its number of standard errors, above which the tilt has another clock than the marble.
 _OFFSET_S, _OFFSET_ERRORS = 0.004, 4.0
 
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What was found in logs, and what was made of them.
+    """Result of an import.
 
     Attributes
     ----------
     lab : Lab
-        Of the first source.
+        The lab of the first source.
     logs : tuple of Log
-        As read and cleaned.
+        The cleaned logs.
     counts : Counts
-        What was cleaned away.
+        Numbers of removed rows.
     tilt_map, command_map : Map or None
         Acceleration of the marble by tilt; tilt by command, or without tilt the acceleration by command.
     tilt, commands : Axes
-        Where our axes are among the logged columns.
+        Assignment of the logged columns.
     by_marble : bool
         Whether `command_map` is of the marble's acceleration.
     swapped : bool
-        Whether the marble's axes were exchanged.
+        Whether the marble's axes were swapped.
     matrix : bool
         Whether each command moves both axes.
     tilt_offset : float or None
-        Seconds by which stamps of the tilt were moved, where they had a clock of their own.
+        Shift of the tilt's stamps [s], if they have a separate clock.
     command_shift : float
-        Seconds by which commands were moved, since they came later than what they did.
+        Shift of the commands [s], if they were stamped after their effects.
     noise : (2,) array
         Noise of the measured tilt about x and y [rad]; NaN without any.
     edge_x_m : float
@@ -70,9 +70,9 @@ class Summary:
     period : float
         Median time from row to row [s].
     recordings : tuple of Recording
-        In our convention.
+        The recordings in the package's convention.
     settings : str or None
-        The text of rig.toml, None where the folder has one.
+        The text of rig.toml; None if the folder has one.
     written : bool
         Whether files were written.
     """
@@ -109,24 +109,24 @@ def import_logs(
     dry_run: bool = False,
     progress: Progress | None = None,
 ) -> Summary:
-    """Read logs of one rig, find their conventions from all of them together, and write recordings.
+    """Read logs of one rig, detect their conventions from all of them together, and write recordings.
 
     Parameters
     ----------
     sources : sequence of path
         Logs of one rig.
     folder : path
-        The rig's folder. Its recordings are kept, and its rig.toml, whose board then counts.
+        The rig's folder. Existing recordings are kept, and so is rig.toml, whose board is then used.
     kind : {"cyberrunner", "tag", "csv"}
-        Whose logs they are.
+        Format of the logs.
     mapping : sequence of str
-        ``TARGET=EXPRESSION``, in the place of the format's own.
+        ``TARGET=EXPRESSION``, instead of the format's own.
     topics : sequence of str
-        Topics to take where a bag has several.
+        Topics to use if a bag has several.
     episode : str, optional
-        A column that changes where a new run begins.
+        A column that changes at the start of each run.
     home_after : float, optional
-        The driver goes home (command 0) after so many seconds without a command.
+        Seconds without a command after which the driver returns to 0.
     dry_run : bool
         Whether nothing is written.
     progress : callable, optional
@@ -135,7 +135,7 @@ def import_logs(
     Raises
     ------
     IrtError
-        If a log cannot be read or nothing in it can be used; nothing is written then.
+        If a log cannot be read or has no usable runs; then nothing is written.
     """
     expressions = parse_mapping(mapping)
     lab = lab_of(Path(sources[0]), kind)
@@ -157,9 +157,7 @@ def import_logs(
         check_places(log, board)
     cleaned = [clean(log, home_after) for log in logs]
     if not any(one.runs for one in cleaned):
-        raise IrtError(
-            f"{sources[0]}: no run of at least 30 rows and 1 s is left between gaps; nothing to learn from"
-        )
+        raise IrtError(f"{sources[0]}: no run of at least 30 rows and 1 s between gaps; record longer runs")
     report = progress or (lambda done, total, text: None)
     found = _conventions(cleaned, board, marble, report)
     tilt_map, command_map, by_marble, offset, shift = found
@@ -208,13 +206,13 @@ def import_logs(
 
 
 def _dimensions(folder: Path, lab: Lab) -> tuple[Board, Marble]:
-    """Return sizes by the folder's rig.toml, else the lab's."""
+    """Return the sizes from the folder's rig.toml, else those of the lab."""
     path = folder / "rig.toml"
     return read_dimensions(read_toml(path)) if path.exists() else (lab.board, lab.marble)
 
 
 def _unit(folder: Path) -> str | None:
-    """Return the unit of commands of the rig in a folder, None where the folder has none yet."""
+    """Return the unit of commands of the rig in a folder; None if the folder has no rig."""
     path = folder / "rig.toml"
     if path.exists():
         return read_signals(read_toml(path))[0].unit
@@ -240,7 +238,7 @@ def _runs(cleaned: Sequence[Cleaned], edge: float) -> list[Run]:
 def _conventions(
     cleaned: Sequence[Cleaned], board: Board, marble: Marble, report: Callable[[int, int, str], None]
 ) -> tuple[Map | None, Map | None, bool, float | None, float]:
-    """Return the maps of tilt and commands, whether the latter is the marble's, and both moves of clocks."""
+    """Return the maps of tilt and commands, whether the latter is the marble's, and both clock shifts."""
     runs = _runs(cleaned, board.edge_x_m)
     edges = (board.edge_x_m - 2.0 * marble.radius_m, board.edge_y_m - 2.0 * marble.radius_m)
     own_clock = cleaned[0].log.tilt_stamps is not None
@@ -264,11 +262,12 @@ def _conventions(
     if command_map is not None:
         sure = (np.abs(command_map.z) >= DECIDED).any(axis=1) & np.isfinite(command_map.delay)
         if sure.any():
-            # A marble alone shows their sum: a lag too long goes with a dead time too short.
+            # The marble alone shows only their sum: an overestimated lag comes with an underestimated dead
+            # time.
             late = command_map.delay + command_map.lag if by_marble else command_map.delay
             least = float(late[sure].min())
             error = float(np.nanmax(command_map.delay_error[sure]))
-            # No board moves before its command: the clocks differ by at least this.
+            # No board moves before its command, so the clocks differ by at least this.
             if least < -max(_OFFSET_S, _OFFSET_ERRORS * error):
                 shift = least
     report(3, 3, "fitted")
@@ -277,7 +276,7 @@ def _conventions(
 
 @dataclass(frozen=True)
 class _Placed:
-    """Where axes and clocks were found: what turns a log into a recording."""
+    """Detected axes and clocks, which convert a log into a recording."""
 
     tilt: Axes
     commands: Axes
@@ -306,7 +305,7 @@ def _recording(run: Stretch, path: Path, placed: _Placed) -> Recording:
     if run.commands.stamps.size:
         sent = run.commands.shifted(placed.command_shift) if placed.command_shift else run.commands
         means = sent.mean(stamps, ends)
-        # Before the first command, if it was moved: as it was then.
+        # Rows before a shifted first command have its value.
         means = np.where(np.isfinite(means), means, sent.values[0])
     else:
         means = np.zeros((len(stamps), 2))
@@ -325,7 +324,7 @@ def _recording(run: Stretch, path: Path, placed: _Placed) -> Recording:
         path,
         placed.commands.apply(means),
         log.marble[run.rows],
-        # Row numbers at a nominal rate are no stamps: the time scale is then a parameter.
+        # Row numbers at a nominal rate are no stamps; the time scale is then a free parameter.
         stamps - stamps[0] if log.stamped else None,
         measured,
         log.columns,

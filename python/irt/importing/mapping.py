@@ -15,11 +15,11 @@ from irt.recording import CMD, KNOBS, MARBLE, STAMP, TILT
 
 Array = NDArray[np.float64]
 
-#: Stamps of commands and of the tilt, where clocks of their own wrote them [s].
+#: Stamps of commands and of the tilt, if they have separate clocks [s].
 COMMAND_STAMP, TILT_STAMP = "cmd_t_s", "tilt_t_s"
-#: Zero or empty where the tracker had lost the marble.
+#: Zero or empty in rows in which the tracker lost the marble.
 SEEN = "seen"
-#: What a mapping can set.
+#: The targets of a mapping.
 TARGETS = (STAMP, COMMAND_STAMP, TILT_STAMP, *MARBLE, *TILT, *CMD, *KNOBS, SEEN)
 
 _OPERATORS: dict[type[ast.operator], Callable[[Array, Array], Array]] = {
@@ -39,9 +39,9 @@ class Expression:
     Attributes
     ----------
     text : str
-        As it was written.
+        Its source text.
     names : tuple of str
-        Columns that it uses.
+        The columns in it.
     """
 
     text: str
@@ -55,12 +55,12 @@ class Expression:
         Raises
         ------
         IrtError
-            If it is anything but arithmetic on columns.
+            If it is not arithmetic on columns.
         """
         try:
             tree = ast.parse(text.strip(), mode="eval").body
             names = _names(tree)
-        # Deep nesting ends the parser in other ways than a slip.
+        # Deep nesting raises other errors of the parser than a syntax error.
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             reason = f" ({error})" if isinstance(error, IrtError) else ""
             raise IrtError(f'"{text}" is no expression{reason}; possible: {_GRAMMAR}') from None
@@ -79,17 +79,17 @@ class Expression:
                 raise IrtError(f'{where}: in "{self.text}": {unknown_name("column", name, columns)}')
         with np.errstate(all="ignore"):
             value = np.asarray(_value(self.tree, columns), dtype=np.float64)
-        # A quotient by zero is no measurement.
+        # A division by zero is no measurement.
         return np.where(np.isinf(value), np.nan, value) * np.ones(rows)
 
 
 def parse_mapping(words: Sequence[str]) -> dict[str, Expression]:
-    """Return the expressions of ``TARGET=EXPRESSION`` words by their target.
+    """Return the expressions of ``TARGET=EXPRESSION`` arguments by target.
 
     Raises
     ------
     IrtError
-        If a word has another form, an unknown target, or a target that was set before.
+        If an argument has another form, an unknown target or a repeated target.
     """
     mapping: dict[str, Expression] = {}
     for word in words:

@@ -1,7 +1,7 @@
-"""Definitions of the labs' ROS 2 messages, which sqlite3 bags of Humble do not hold.
+"""Definitions of the labs' ROS 2 messages, which sqlite3 bags of Humble do not contain.
 
-Written from the published names and types of the fields. Each comes without and with a header, as forks have
-them; which one a bag holds shows in its first message.
+Written from the published names and types of the fields, each without and with a header, because forks have
+both. The first message of a bag shows its variant.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""From bags to recordings: what the knobs did and where the marble was, row by row, by the stamps."""
+"""From bags of `rig play` to recordings: knob angles and marble positions row by row, by the stamps."""
 
 from __future__ import annotations
 
@@ -14,41 +14,41 @@ from irt.errors import IrtError
 from irt.files import PathLike, make_folder, write_atomic
 from irt.recording import save_recording
 
-#: Where the knob angles of a recording come from.
+#: Sources of a recording's knob angles.
 Knobs = Literal["measured", "commanded"]
 
-# A marble that nobody moves may be looked up this long before its run [s].
+# Largest age of the last point before a run that still gives the start position [s].
 _BEFORE_S = 1.0
-# Points further apart than this many periods have others missing between them.
+# Gap between points, in periods, above which points are missing.
 _GAP = 2.5
-# Parts of a row over which the knob's angle is averaged.
+# Number of parts of a row for the mean of the knob's angle.
 _PARTS = 64
 
 
 @dataclass(frozen=True)
 class Imported:
-    """One recording, and what was seen while it was made.
+    """A recording and statistics of its bag.
 
     Attributes
     ----------
     path : Path
         The recording.
     rows, missing : int
-        How many rows it has, and in how many of them the marble was lost.
+        Number of rows, and of rows in which the marble was lost.
     seconds : float
-        How long it is.
+        Its duration [s].
     knobs : {"measured", "commanded"}
-        Where the knob angles come from.
+        Source of the knob angles.
     tracker_hz, tracker_age_s : float
-        Points a second, and how old they were when they came: the least, which holds the clocks' difference.
+        Points per second, and their smallest age at receipt [s], which includes the clocks' offset.
     joint_age_s : float
-        The same of the joint states; NaN without any.
+        The same for the joint states; NaN without any.
     following : float
-        Root mean square difference of measured and commanded knob angles [rad]; NaN where not measured.
+        Root mean square difference of measured and commanded knob angles [rad]; NaN without measured ones.
     lag_s : float
-        By how much the measured angles lag behind the commanded ones [s]; NaN where not measured.
+        Lag of the measured angles behind the commanded ones [s]; NaN without measured ones.
     stop : str
-        Why the run was stopped, empty where it was not.
+        Reason of a stop; empty without one.
     """
 
     path: Path
@@ -73,25 +73,25 @@ def import_bags(
 ) -> list[Imported]:
     """Write a recording for each play of each bag, and ``rig.toml`` unless the folder has one.
 
-    The position of a row is interpolated between the tracker's points on both sides of the moment at which
-    the row was issued, and left empty where points are missing there. Its knob angle is the mean over it,
-    so that a command which arms take some time to follow is told as what it was on average.
+    The position of a row is interpolated between the tracker's points before and after the time of the row's
+    command, and left empty if points are missing there. Its knob angle is the mean over the row, because arms
+    take some time to follow a command.
 
     Parameters
     ----------
     bags : sequence of path
-        What `rig play` recorded.
+        Bags of `rig play`.
     folder : path
-        The rig's folder; recordings of other bags may be in it.
+        The rig's folder, which may have recordings of other bags.
     knobs : {"measured", "commanded"}, optional
-        Where knob angles come from; the default is from the joints where they were heard.
+        Source of the knob angles; by default measured if the bag has joint states.
     period : float, optional
-        Length of a row [s]; the default is the rows of the file that was played.
+        Duration of a row [s]; by default the rows of the played file.
 
     Raises
     ------
     IrtError
-        If a bag cannot be read, has no points of the marble, or a recording is there already.
+        If a bag cannot be read or has no points of the marble, or a recording exists already.
     """
     read = [load_bag(bag) for bag in bags]
     target = make_folder(folder)
@@ -117,15 +117,15 @@ def _import(bag: Bag, play: Play, path: Path, asked: Knobs | None, period: float
     stamps = play.stamps
     if period is not None:
         stamps = stamps[0] + period * np.arange(np.ceil((play.end - stamps[0]) / period))
-    # What the stamps' own digits leave of a row is none.
+    # A remainder within the stamps' rounding is no row.
     stamps = stamps[stamps < play.end - 1e-4]
     if stamps.size < 2:
-        raise IrtError(f"{bag.path}, {play.name}: fewer than two rows were played before it was stopped")
+        raise IrtError(f"{bag.path}, {play.name}: fewer than two rows were played before the stop")
     measured = bag.measured if bag.measured is not None and _covers(bag.measured, stamps) else None
     if asked == "measured" and measured is None:
         raise IrtError(f"{bag.path}, {play.name}: no joint states throughout; use --knobs commanded")
     if bag.marble.stamps.size < 2:
-        raise IrtError(f"{bag.path}: the tracker sent no points; nothing can be learned from it")
+        raise IrtError(f"{bag.path}: the tracker sent no points; check its topic and record again")
     ends = np.append(stamps[1:], play.end)
     chosen: Knobs = "commanded" if asked == "commanded" or measured is None else "measured"
     source = bag.set_points if measured is None or chosen == "commanded" else measured
@@ -156,7 +156,7 @@ def _covers(series: Series, stamps: Array) -> bool:
 
 
 def _mean(series: Series, begins: Array, ends: Array, *, held: bool) -> Array:
-    """Return the mean of a series over each row, (n, 2): held from stamp to stamp, or straight between."""
+    """Return the mean of a series over each row, (n, 2), with values held or linearly interpolated."""
     parts = (np.arange(_PARTS) + 0.5) / _PARTS
     times = begins[:, None] + parts * (ends - begins)[:, None]
     if held:
@@ -167,7 +167,7 @@ def _mean(series: Series, begins: Array, ends: Array, *, held: bool) -> Array:
 
 
 def _positions(marble: Series, stamps: Array) -> Array:
-    """Return where the marble was at these moments, (n, 2), NaN where points are missing around them."""
+    """Return the marble's positions at these times, (n, 2), NaN where points are missing around them."""
     after = np.searchsorted(marble.stamps, stamps)
     inside = (after > 0) & (after < marble.stamps.size)
     after = np.clip(after, 1, marble.stamps.size - 1)
@@ -178,15 +178,15 @@ def _positions(marble: Series, stamps: Array) -> Array:
 
 
 def _at_rest(bag: Bag, play: Play, begin: float) -> Array:
-    """Return where the marble lay before its run: the last point, if that is not long ago."""
+    """Return the marble's position before its run: the last point, if it is recent."""
     before = np.flatnonzero((bag.marble.stamps <= begin) & (bag.marble.stamps >= begin - _BEFORE_S))
     if before.size == 0:
-        raise IrtError(f"{bag.path}, {play.name}: the tracker did not see the marble as the run began")
+        raise IrtError(f"{bag.path}, {play.name}: the tracker did not see the marble at the start of the run")
     return np.asarray(bag.marble.values[before[-1]])
 
 
 def _following(set_points: Series, measured: Series | None, begin: float, end: float) -> tuple[float, float]:
-    """Return how far measured knobs are from commanded ones [rad, rms], and how much they lag [s]."""
+    """Return the difference of measured from commanded knobs [rad, rms], and their lag [s]."""
     if measured is None:
         return float("nan"), float("nan")
     inside = (measured.stamps >= begin) & (measured.stamps <= end)

@@ -1,4 +1,4 @@
-"""Robust linear regression with errors that are correlated in time and noise in the regressors."""
+"""Robust linear regression with time-correlated errors and noise in the regressors."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ Array = NDArray[np.float64]
 
 #: Tukey's constant for 95 % efficiency under normal noise.
 _TUKEY = 4.685
-#: Errors are correlated within blocks of so long [s]: windows overlap, and a lean or a wall lasts.
+#: Duration of blocks with correlated errors [s]: windows overlap, and tilt offsets and wall contacts last.
 _BLOCK_S = 2.0
 
 
 def robust_fit(design: Array, target: Array, share: Array, rounds: int = 12) -> tuple[Array, Array]:
-    """Return coefficients and weights of Tukey's M-estimate, less the known noise of the regressors.
+    """Return coefficients and weights of Tukey's M-estimate, corrected for the known noise of the regressors.
 
     ``share`` is the variance of the noise in each entry of the design, (n, k) or (k,).
     """
@@ -44,20 +44,20 @@ def sandwich(jacobian: Array, weights: Array, left: Array, blocks: Array, share:
     _, which = np.unique(blocks, return_inverse=True)
     sums = np.zeros((which.max() + 1, jacobian.shape[1]))
     np.add.at(sums, which, scores)
-    # The slope of Tukey's score, by which estimates follow errors, is less than its weight.
+    # The derivative of Tukey's score, which is the sensitivity of the estimate, is smaller than its weight.
     root = np.sqrt(weights)
     slopes = root * (5.0 * root - 4.0)
     noise = np.sum(slopes[:, None] * share, axis=0) * np.ones(jacobian.shape[1])
     normal = jacobian.T @ (slopes[:, None] * jacobian) - np.diag(noise)
     inverse = np.linalg.pinv(normal)
-    # The usual small-sample factor: few blocks fit themselves.
+    # The usual small-sample factor for few blocks.
     groups = len(sums)
     factor = groups / max(groups - 1, 1)
     return np.asarray(factor * inverse @ (sums.T @ sums) @ inverse)
 
 
 def time_blocks(times: Sequence[Array]) -> Array:
-    """Return a number for each row that changes every two seconds and with each run."""
+    """Return the block number of each row; blocks last two seconds and end with their run."""
     parts, done = [], 0
     for one in times:
         block = np.floor((one - one[0]) / _BLOCK_S).astype(int) if len(one) else np.zeros(0, dtype=int)

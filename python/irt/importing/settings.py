@@ -1,4 +1,4 @@
-"""The rig.toml of an imported log: sizes of the lab, and ranges about what was found."""
+"""The rig.toml of an imported log: sizes of the lab, and ranges around the detected values."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from irt.rig import Board, Commands, Marble
 
 Array = NDArray[np.float64]
 
-#: Half-width of the range of a gear about the gain that was found, as a factor.
+#: Half width of a gear's range around the detected gain, as a factor.
 _GEAR_FACTOR = 5.0
-#: Rows may last longer or shorter than stamps say by this factor, and than a nominal rate says.
+#: Factors on the duration of rows: with stamps, and at a nominal rate.
 _TIME_FACTOR, _NOMINAL_FACTOR = 1.25, 2.0
-#: Real boards roll with up to this friction.
+#: Largest rolling friction of real boards.
 _FRICTION = [0.0, 0.02]
 
 
@@ -37,22 +37,22 @@ def rig_toml(
     board, marble : Board, Marble
         Sizes.
     commands : Commands
-        Their unit, and whether each moves both axes.
+        Unit, and whether each command moves both axes.
     axes : Axes
-        Gains of the commands [rad per unit]: a gear is searched within a factor of 5.
+        Gains of the commands [rad per unit]; a gear is searched within a factor of 5.
     noise : (2,) array
-        Of the measured tilt [rad]; NaN without any.
+        Noise of the measured tilt [rad]; NaN without any.
     period : float
-        Time from row to row [s].
+        Duration of a row [s].
     stamped : bool
-        Whether that time was logged.
+        Whether this duration was logged.
     """
     gears = [_gear_range(axes, axis) for axis in (0, 1)]
     parameters = {
         f"gear_{name}": {"range": gear} for name, gear in zip("xy", gears, strict=True) if gear is not None
     }
     scale = period / SUBSTEP_S
-    # Rows at a nominal rate say little of the time between them.
+    # A nominal rate determines the duration of rows only roughly.
     factor = _TIME_FACTOR if stamped else _NOMINAL_FACTOR
     parameters["rolling_friction"] = {"range": _FRICTION}
     parameters["time_scale"] = {"range": [_short(scale / factor), _short(scale * factor)]}
@@ -73,7 +73,7 @@ def rig_toml(
 
 
 def _gear_range(axes: Axes, axis: int) -> list[float] | None:
-    """Return a range that holds the gear whatever friction and lag did to the gain; None where unknown."""
+    """Return a range that contains the gear for any bias of the gain by friction and lag; None if unknown."""
     gain, error = float(axes.gains[axis]), float(axes.errors[axis])
     if not np.isfinite(gain) or gain == 0.0:
         return None

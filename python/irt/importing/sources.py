@@ -1,4 +1,4 @@
-"""From files to logs: which lab's a source is, and its columns by the mapping."""
+"""From files to logs: detection of the lab, and columns by the mapping."""
 
 from __future__ import annotations
 
@@ -21,30 +21,30 @@ from irt.recording import CMD, KNOBS, MARBLE, STAMP, TILT
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
 Progress = Callable[[int, int, str], None]
-#: What ``--from`` may say.
+#: Values of ``--from``.
 Kind = Literal["rig", "cyberrunner", "tag", "csv"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
-#: Rows further apart than this [s] are not logged by a camera: the stamps have another unit.
+#: Distance of rows [s] above which stamps are in another unit, because no camera is as slow.
 _LONGEST_STEP_S = 2.0
-#: Between episodes whose clocks start anew [s]: any gap that splits a run.
+#: Gap between episodes whose clocks restart [s]; any gap that splits a run.
 _APART_S = 10.0
-#: A stamp that goes back by more than this [s] begins a new run; by less, its row came late.
+#: Backward step of a stamp [s] that starts a new run; after a smaller one the row was late.
 _NEW_CLOCK_S = 0.5
 
 
 @dataclass(frozen=True)
 class Reading:
-    """How logs are read, beyond their format.
+    """Options for reading logs.
 
     Attributes
     ----------
     mapping : dict
-        The user's expressions, which take the place of the format's.
+        The user's expressions, which replace the format's.
     topics : sequence of str
-        Topics to take where a bag has several.
+        Topics to use if a bag has several.
     episode : str or None
-        A column that changes where a new run begins.
+        A column that changes at the start of each run.
     edge_x_m : float
         The board's long edge [m].
     """
@@ -56,12 +56,12 @@ class Reading:
 
 
 def detect(path: Path, *, mapped: bool = False) -> Kind:
-    """Return whose log a source is.
+    """Return the format of a source.
 
     Raises
     ------
     IrtError
-        If that cannot be said surely; the message asks for ``--from``.
+        If it is not certain; the message asks for ``--from``.
     """
     tables.refuse_pickle(path)
     ask = f"choose with --from {'|'.join(KINDS)}"
@@ -81,7 +81,7 @@ def detect(path: Path, *, mapped: bool = False) -> Kind:
 
 
 def lab_of(path: Path, kind: Kind) -> Lab:
-    """Return what is known of the lab whose log a source is."""
+    """Return the lab of a source."""
     if kind == "tag":
         return TAG
     if kind == "csv":
@@ -90,12 +90,12 @@ def lab_of(path: Path, kind: Kind) -> Lab:
 
 
 def read_log(path: Path, kind: Kind, reading: Reading, progress: Progress | None = None) -> Log:
-    """Read one log in the convention that its format declares.
+    """Read one log in the declared convention of its format.
 
     Raises
     ------
     IrtError
-        If it cannot be read, or holds no states; one line says what to do.
+        If it cannot be read or has no states; one line with advice.
     """
     tables.refuse_pickle(path)
     lab = lab_of(path, kind)
@@ -105,7 +105,7 @@ def read_log(path: Path, kind: Kind, reading: Reading, progress: Progress | None
     if path.suffix == ".npz":
         states, episodes = tables.read_replay(path)
         states["t_s"] = np.arange(len(episodes)) / lab.rate
-        notes = (f"a replay has no stamps: rows are taken to be 1/{lab.rate:g} s apart",)
+        notes = (f"a replay has no stamps: rows are assumed to be 1/{lab.rate:g} s apart",)
         return _log(path, lab, reading, states, states, episodes=episodes, notes=notes, stamped=False)
     if path.suffix == ".csv" or (kind == "csv" and path.is_file()):
         states = tables.read_columns(path)
@@ -117,7 +117,7 @@ def read_log(path: Path, kind: Kind, reading: Reading, progress: Progress | None
                 f"{path}: no log of a CyberRunner without ROS: {missing} missing; use --from csv --map ..."
             )
         states, episodes = tables.read_without_ros(path, states)
-        notes = ("row i was seen after action i: its command is the action of the row after",)
+        notes = ("row i was observed after action i: its command is the action of the next row",)
         return _log(path, lab, reading, states, states, episodes=episodes, notes=notes)
     states, commands, notes = lab_bags.read_bag(path, reading.topics, progress)
     return _log(path, lab, reading, states, commands, notes=notes)
@@ -135,7 +135,7 @@ def _of_columns(path: Path, ask: str) -> Kind:
 def _of_file(path: Path, ask: str) -> Kind:
     from irt.bag import is_own  # noqa: PLC0415
 
-    # The reader of our own bags says what is wrong with a file that is no bag.
+    # The reader of `rig play`'s bags reports the error of a file that is no bag.
     return "rig" if is_own(path) else _of_topics(path, ask)
 
 
@@ -163,7 +163,7 @@ def _log(
     notes: Sequence[str] = (),
     stamped: bool = True,
 ) -> Log:
-    """Apply the mapping to the columns of states and of commands, which may be one table."""
+    """Apply the mapping to the columns of states and commands, which may be one table."""
     mapping = _full_mapping(path, lab, reading.mapping, states)
     one_table = commands is states
     rows, command_rows = len(next(iter(states.values()))), len(next(iter(commands.values())))
@@ -227,10 +227,10 @@ def _log(
 def _full_mapping(
     path: Path, lab: Lab, own: Mapping[str, Expression], states: Columns
 ) -> dict[str, Expression]:
-    """Return the format's mapping with the user's in its place; raise where time or place is missing."""
+    """Return the format's mapping with the user's changes; raise if time or position is missing."""
     mapping = lab.expressions(own)
     if lab.mapping:
-        # Knob angles of the user's replace the format's commands.
+        # The user's knob angles replace the format's commands.
         for pair, other in ((KNOBS, CMD), (CMD, KNOBS)):
             if any(name in own for name in pair):
                 mapping = {name: one for name, one in mapping.items() if name not in other or name in own}
@@ -238,16 +238,16 @@ def _full_mapping(
             mapping.setdefault(SEEN, Expression.parse("ball_visible"))
         mapping.setdefault(STAMP, Expression.parse("t_s"))
     else:
-        # Columns that bear our names are what they say.
+        # Columns with the convention's names are mapped to themselves.
         mapping = {name: Expression.parse(name) for name in TARGETS if name in states} | mapping
     if not any(target in mapping for target in (*MARBLE, *TILT)):
         raise IrtError(
-            f"{path}: nothing says where the marble is; map its columns, such as --map marble_x=xb/0.276 "
+            f"{path}: no columns of the marble's position; map them, such as --map marble_x=xb/0.276 "
             f"(columns: {', '.join(states)})"
         )
     if STAMP not in mapping:
         raise IrtError(
-            f"{path}: nothing says when rows were seen; map their time in seconds, such as "
+            f"{path}: no stamps of the rows; map their time in seconds, such as "
             f"--map t_s=stamp_ms/1000 or --map t_s=frame/30 (columns: {', '.join(states)})"
         )
     return mapping
@@ -273,7 +273,7 @@ def _columns_of(targets: tuple[str, str], value: Callable[[str], Array | None], 
 
 
 def _command_names(path: Path, mapping: Mapping[str, Expression]) -> tuple[str, str]:
-    """Return the pair of columns that commands go to; the user's own choice drops the format's."""
+    """Return the columns of the commands; the user's choice replaces the format's."""
     has_knobs = any(name in mapping for name in KNOBS)
     has_commands = any(name in mapping for name in CMD)
     if has_knobs and has_commands:
@@ -290,9 +290,9 @@ def _texts(mapping: Mapping[str, Expression], targets: tuple[str, str]) -> tuple
 
 
 def _rising(path: Path, stamps: Array, episodes: Array) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Return stamps that rise throughout, their episodes, what was added by row, and which rows are kept.
+    """Return increasing stamps, their episodes, the added offset by row, and the kept rows.
 
-    A clock that starts anew begins a new episode; rows without a stamp, or that came late, are dropped.
+    A clock that restarts begins a new episode; rows without a stamp and late rows are dropped.
     """
     known = np.isfinite(stamps)
     if known.sum() < 2:
@@ -300,9 +300,11 @@ def _rising(path: Path, stamps: Array, episodes: Array) -> tuple[Array, Array, A
     steps = np.diff(stamps[known])
     typical = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     if typical == 0.0:
-        raise IrtError(f"{path}: all rows have one stamp; expected seconds that rise from row to row")
+        raise IrtError(
+            f"{path}: all rows have the same stamp; expected seconds that increase from row to row"
+        )
     if typical > _LONGEST_STEP_S:
-        # The unit in which rows would be nearest to 1/40 s apart.
+        # The unit in which rows are closest to 1/40 s apart.
         unit, name = min(
             ((1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")),
             key=lambda one: abs(np.log(typical / one[0] * 40.0)),

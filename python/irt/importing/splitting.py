@@ -1,4 +1,4 @@
-"""A log without what is no measurement, in runs without breaks."""
+"""Cleaning of a log, and its split into runs without gaps."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from irt.importing.log import Held, Log
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-#: States further apart than this [s], and than this many periods, end a run.
+#: Gap between states [s], and in periods, that ends a run.
 _GAP_S, _GAP_PERIODS = 0.25, 5.0
-#: A marble that is lost for longer [s] fell into a hole or was taken away: what follows is a new run.
+#: Duration of a loss [s] that ends a run: the marble fell into a hole or was taken away.
 _LOST_S = 1.0
-#: A marble that is found so far away [board edges], at such a speed [edges/s], was put there: a ball that
-#: rolls down the whole of a board tilted by 8 degrees reaches 3 edges a second.
+#: Distance [board edges] and speed [edges/s] from which a marble was put to its new position: a ball that
+#: rolls down a board tilted by 8 degrees reaches 3 edges per second.
 _PUT, _PUT_SPEED = 0.15, 6.0
-#: Shortest run that is kept: rows, and seconds.
+#: Minimum length of a run: rows, and seconds.
 _FEWEST_ROWS, _SHORTEST_S = 30, 1.0
 
 
 @dataclass
 class Counts:
-    """What was cleaned away, in rows unless said otherwise."""
+    """Numbers of removed rows, and of runs and gaps."""
 
     rows: int = 0
     garbage: int = 0
@@ -66,7 +66,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Cleaned:
-    """A log with gaps where it held no measurement, its runs, and what was counted."""
+    """A log with gaps for invalid rows, its runs, and the counts."""
 
     log: Log
     runs: list[Stretch]
@@ -74,7 +74,7 @@ class Cleaned:
 
 
 def clean(log: Log, home_after: float | None = None) -> Cleaned:
-    """Turn held places, jumps of the tilt and garbage of a log into gaps, and split it into runs.
+    """Turn held positions, jumps of the tilt and invalid first rows into gaps, and split a log into runs.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def _split(log: Log, commands: Held, counts: Counts) -> list[Stretch]:
         begins[rows[1:][put]] = True
     runs = []
     for first, end in _pieces(usable, begins):
-        # A run begins and ends with a marble that is seen.
+        # A run begins and ends with a tracked marble.
         at = np.flatnonzero(seen[first:end])
         begin, stop = (first + int(at[0]), first + int(at[-1]) + 1) if at.size else (first, end)
         if not at.size and (seen.any() or log.tilt is None):

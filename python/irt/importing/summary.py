@@ -1,4 +1,4 @@
-"""What an import found, in lines that are read in ten seconds."""
+"""Summary of an import as lines of text."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from irt.importing.conventions import DECIDED, ROLLING_GAIN
 from irt.importing.logs import Summary
 from irt.recording import MARBLE
 
-#: Gears of a tilt that follows its command directly, when it explains so much of its variance.
+#: Explained share of the variance above which the tilt follows its command directly.
 _WELL = 0.8
 #: A dead time longer than this [s] is unusual for a servo.
 _LONG_S = 0.25
@@ -57,7 +57,9 @@ def _tilt(summary: Summary) -> list[str]:
     if log.tilt is None:
         return ["  no measured tilt"]
     if summary.tilt_map is None or not summary.tilt.decided:
-        return ["  tilt: hardly any free motion of the marble tells its axes; kept as declared; undecided"]
+        return [
+            "  tilt: too little free motion of the marble to decide its axes; kept as declared; undecided"
+        ]
     lines = []
     for axis, (name, moved) in enumerate((("tilt_x", "y"), ("tilt_y", "x"))):
         lines.append(f"  tilt {_sentence(summary.tilt, axis, log.tilt_names, moved, name)}")
@@ -65,13 +67,11 @@ def _tilt(summary: Summary) -> list[str]:
     ratio = gain_ratio(summary.tilt)
     lines.append(f"  a rolling ball's gain is 5/7 g = {ROLLING_GAIN:.2f}; found {ratio:.0%} of it")
     if gain_is_odd(ratio):
-        lines.append(
-            "    unlike a rolling ball: are places in long edges of the board, tilts in radians, stamps in s?"
-        )
+        lines.append("    unlike a rolling ball: are positions in long edges, tilts in radians, stamps in s?")
     if (summary.tilt.mixed > 0.1).any():
         angle = np.rad2deg(np.arctan(float(np.mean(summary.tilt.mixed))))
         lines.append(
-            f"    each tilt moves both axes: the camera is turned by about {angle:.0f} degrees; kept"
+            f"    each tilt moves both axes: the camera is rotated by about {angle:.0f} degrees; kept"
         )
     if not log.stamped and np.isfinite(ratio):
         lines.append(
@@ -83,7 +83,7 @@ def _tilt(summary: Summary) -> list[str]:
 def _sentence(axes: Axes, axis: int, names: tuple[str, str], moved: str, ours: str) -> str:
     column = names[axes.order[axis]]
     if axes.sure[axis] == "undecided":
-        return f'"{column}": does not show; taken for our {ours}, sign kept; undecided'
+        return f'"{column}": no effect found; assumed to be {ours}, sign kept; undecided'
     turned = "kept" if axes.signs[axis] > 0.0 else "turned"
     return (
         f'"{column}" moves {moved} by {axes.gains[axis]:+.2f} +- {axes.errors[axis]:.2f} m/s^2 per rad: '
@@ -98,7 +98,7 @@ def _mirror(summary: Summary) -> list[str]:
     if flips > 0.0:
         return []
     return [
-        "    mirrored against the declared axes; whether tilt or marble is cannot be seen from motion: the "
+        "    mirrored against the declared axes; motion does not show whether tilt or marble is: the "
         "marble's axes are kept as the frame"
     ]
 
@@ -106,15 +106,15 @@ def _mirror(summary: Summary) -> list[str]:
 def _commands(summary: Summary) -> list[str]:
     log, found, axes = summary.logs[0], summary.command_map, summary.commands
     if found is None:
-        return ["  commands: none that move; kept as declared"]
+        return ["  commands: none changes; kept as declared"]
     if not axes.decided:
-        return ["  commands: no effect shows on tilt or marble; kept as declared; undecided"]
+        return ["  commands: no effect on tilt or marble found; kept as declared; undecided"]
     unit = "rad" if log.columns[0].endswith("_rad") else summary.lab.unit
     lines = []
     for axis, name in enumerate(("tilt_x", "tilt_y")):
         column = log.command_names[axes.order[axis]]
         if axes.sure[axis] == "undecided":
-            lines.append(f'  command "{column}" does not show on {name}; kept; undecided')
+            lines.append(f'  command "{column}" has no visible effect on {name}; kept; undecided')
             continue
         lines.append(
             f'  command "{column}" tilts {name} by {axes.gains[axis]:+.3g} +- {axes.errors[axis]:.2g} rad '
@@ -165,8 +165,8 @@ def _clocks(summary: Summary) -> list[str]:
     )
     if summary.command_shift:
         lines.append(
-            f"    commands come after their effect: clocks differ by at least {-summary.command_shift:.4f} "
-            "s; moved by so much"
+            "    commands are stamped after their effect: clocks differ by at least "
+            f"{-summary.command_shift:.4f} s; corrected by this"
         )
     elif float(delay.max()) > _LONG_S:
         lines.append("    long for a servo: the clocks of commands and states may differ; not corrected")
@@ -177,16 +177,16 @@ def _cleaned(summary: Summary) -> list[str]:
     counts = summary.counts
     parts = [
         (counts.lost, "lost"),
-        (counts.held, "held at the last place of a lost marble"),
+        (counts.held, "held at the last position of a lost marble"),
         (counts.jumps, "with a jump of the tilt (hidden marker)"),
-        (counts.garbage, "of garbage at the start"),
+        (counts.garbage, "invalid at the start"),
         (counts.before_commands, "before the first command"),
     ]
     shown = [f"{count} {text}" for count, text in parts if count]
     lines = [f"cleaned: of {counts.rows} rows {', '.join(shown)}" if shown else "cleaned: nothing to clean"]
     if counts.uncertain:
         lines.append(
-            f"  {counts.uncertain} rows repeat a place exactly, as a marble at rest does without noise: "
+            f"  {counts.uncertain} rows repeat a position exactly, as a marble at rest does without noise: "
             "kept; uncertain"
         )
     splits = [
@@ -216,7 +216,7 @@ def _written(summary: Summary) -> list[str]:
     if summary.settings is None:
         lines.append("  rig.toml kept as it was")
     else:
-        lines.append(f"  {verb} rig.toml: correct there the sizes of board and marble, which are assumed")
+        lines.append(f"  {verb} rig.toml: check the sizes of board and marble in it, which are assumed")
     if not summary.written:
         lines.append("dry run: nothing was written")
     return lines

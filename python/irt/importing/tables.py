@@ -1,4 +1,4 @@
-"""Logs in CSV and NPZ files: columns of numbers, and what is known of each lab's."""
+"""Logs in CSV and NPZ files: columns of numbers, and the specifics of each lab."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from irt.importing.clocks import steady_offset
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
 
-#: Columns by which the CSV of a CyberRunner without ROS is known.
+#: Columns that identify the CSV of a CyberRunner without ROS.
 WITHOUT_ROS = frozenset({"t", "episode", "step", "xb", "yb", "alpha", "beta", "a0", "a1"})
-#: Beginnings of pickles (protocols 2 to 5), of PyTorch's old files too.
+#: First bytes of pickles (protocols 2 to 5), including PyTorch's old files.
 _PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
-#: Cells of a value that was lost.
+#: Cells of a lost value.
 _EMPTY = {"", "nan"}
 _PICKLE_NAMES = {".pkl", ".pickle", ".pk", ".p", ".pt", ".pth", ".joblib"}
-#: A picture is at most so old when its state is logged [s].
+#: Largest age of a picture when its state is logged [s].
 _OLDEST_S = 1.0
-#: Board of the replay's units [m], and its angles [rad].
+#: Board in the replay's units [m], and unit of its angles [rad].
 _REPLAY_SIZE = (0.276, 0.231)
 _REPLAY_ANGLE = np.deg2rad(10.0)
-#: Clocks that are read one after the other differ by no more than this [s].
+#: Largest difference of two clocks that are read in succession [s].
 _SAME_CLOCK_S = 0.005
 
 
@@ -47,14 +47,14 @@ def refuse_pickle(path: Path) -> None:
 
 
 def read_columns(path: Path) -> Columns:
-    """Return the columns of a CSV file; cells that are empty or no number are NaN.
+    """Return the columns of a CSV file; empty and non-numeric cells are NaN.
 
-    A column without any number (a status in words) is left out.
+    A column without any number (such as a status text) is left out.
 
     Raises
     ------
     IrtError
-        If the file is no CSV with a header and rows of one length.
+        If the file is no CSV with a header and rows of equal length.
     """
     reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     rows: list[list[str]] = []
@@ -74,7 +74,7 @@ def read_columns(path: Path) -> Columns:
         raise IrtError(f"{path}: no rows below a header; expected a CSV")
     if len(set(header)) < len(header):
         twice = next(name for name in header if header.count(name) > 1)
-        raise IrtError(f'{path}, line 1: column "{twice}" stands there twice; rename one')
+        raise IrtError(f'{path}, line 1: duplicate column "{twice}"; rename one')
     columns = {}
     for name, column in zip(header, zip(*rows, strict=True), strict=True):
         values = _numbers(column)
@@ -86,8 +86,8 @@ def read_columns(path: Path) -> Columns:
 def read_without_ros(path: Path, columns: Columns) -> tuple[Columns, Array]:
     """Return the columns of a CyberRunner without ROS, and where its episodes change.
 
-    Its row i was seen after action i. In a recording command i is issued as row i is seen, so the action
-    of the row after is taken; the last row of each episode has none.
+    Its row i was observed after action i. In a recording command i is issued when row i is observed, so the
+    action of the next row is used; the last row of each episode has none.
     """
     episodes = np.nan_to_num(columns["episode"], nan=-1.0)
     last = np.append(np.diff(episodes) != 0, True)
@@ -101,8 +101,8 @@ def read_without_ros(path: Path, columns: Columns) -> tuple[Columns, Array]:
 def read_tag_folder(folder: Path) -> tuple[Columns, Columns, tuple[str, ...]]:
     """Return columns of states and commands from a TAG recorder's folder, with ``t_s``, and notes.
 
-    The recorder stamps both files by one monotonic clock, which is taken; where those do not overlap, or are
-    missing, the ROS clock is. States are dated back by the age of their picture.
+    The recorder stamps both files by one monotonic clock, which is used; if these stamps are missing or do
+    not overlap, the ROS clock is used. States are shifted back by the age of their picture.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def read_tag_folder(folder: Path) -> tuple[Columns, Columns, tuple[str, ...]]:
         if usable.mean() > 0.9:
             states["t_s"] = states["t_s"] - np.where(usable, age, np.median(age[usable]))
             notes.append(
-                f"states are dated back by the age of their picture, {1e3 * np.median(age[usable]):.1f} ms"
+                f"states are shifted back by the age of their picture, {1e3 * np.median(age[usable]):.1f} ms"
             )
     return states, tables[1], tuple(notes)
 
@@ -135,7 +135,7 @@ def read_replay(path: Path) -> tuple[Columns, Array]:
     """Return the columns of a CyberRunner replay, and where its episodes change; nothing is unpickled.
 
     ``states`` hold alpha and beta in units of 10 degrees and the place from the lower left in units of the
-    board's edges. Of mirrored streams the first is taken.
+    board's edges. The first of mirrored streams is used.
 
     Raises
     ------

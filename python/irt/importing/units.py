@@ -1,4 +1,4 @@
-"""Units that cannot be: tilts of many degrees, places off the board."""
+"""Detection of wrong units: tilts of many degrees, positions off the board."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from irt.importing.log import Log
 from irt.recording import TILT
 from irt.rig import Board
 
-#: No labyrinth tilts by more than this [rad]: 23 degrees. In degrees, none by more than the other.
+#: Largest tilt of a labyrinth [rad] (23 degrees), and in degrees.
 _STEEPEST, _STEEPEST_DEGREES = 0.4, 25.0
-#: Gains by degrees are 57.3 times less than by radians; within this factor of that it is convincing.
+#: Tolerance, as a factor, of a gain that is 57.3 times too small, which indicates degrees.
 _DEGREES, _CONVINCING = 180.0 / np.pi, 2.0
-#: Positions outside the board by this much [board edges] are no tracker's scatter, if so many are.
+#: Distance outside the board [board edges], and share of positions there, that noise does not explain.
 _OUTSIDE, _OUTSIDE_SHARE = 0.05, 0.1
 
 
 def check_tilt_size(log: Log) -> None:
-    """Raise `IrtError` if the tilt is larger than a board's in radians can be."""
+    """Raise `IrtError` if the tilt is larger than a board's can be in radians."""
     if log.tilt is None or not np.isfinite(log.tilt).any():
         return
     centre = [np.median(one[np.isfinite(one)]) if np.isfinite(one).any() else np.nan for one in log.tilt.T]
@@ -33,21 +33,21 @@ def check_tilt_size(log: Log) -> None:
 
 
 def check_tilt_gain(log: Log, ratio: float) -> None:
-    """Raise `IrtError` if the marble accelerates by tilt as if that were in degrees.
+    """Raise `IrtError` if the marble's acceleration indicates a tilt in degrees.
 
     Parameters
     ----------
     log : Log
-        Of which the message speaks.
+        The log, for the message.
     ratio : float
-        Gain that was found, in units of 5/7 g per radian.
+        Detected gain, in units of 5/7 g per radian.
     """
     if 1.0 / _CONVINCING < ratio * _DEGREES < _CONVINCING:
         raise _degrees(log, f"the marble accelerates by {ratio:.3g} of 5/7 g for each unit of tilt")
 
 
 def check_places(log: Log, board: Board) -> None:
-    """Raise `IrtError` if the marble is often off the board: another unit, or another origin."""
+    """Raise `IrtError` if the marble is often off the board, by another unit or another origin."""
     places = log.marble[np.isfinite(log.marble).all(axis=1)]
     if not len(places):
         return
@@ -56,16 +56,16 @@ def check_places(log: Log, board: Board) -> None:
     if outside > _OUTSIDE_SHARE:
         low, high = np.quantile(places, [0.01, 0.99], axis=0)
         raise IrtError(
-            f"{log.path}: {outside:.0%} of the places lie outside the board of {board.edge_x_m} x "
+            f"{log.path}: {outside:.0%} of the positions lie outside the board of {board.edge_x_m} x "
             f"{board.edge_y_m} m: {log.marble_names[0]} runs from {low[0]:.3g} to {high[0]:.3g}, "
-            f"{log.marble_names[1]} from {low[1]:.3g} to {high[1]:.3g}; places are in long edges from the "
-            "board's centre: divide by the edge, take 0.5 off where the origin is a corner, or give the "
-            "board's sizes in the rig's rig.toml"
+            f"{log.marble_names[1]} from {low[1]:.3g} to {high[1]:.3g}; positions are in long edges from the "
+            "board's centre: divide by the edge, subtract 0.5 if the origin is a corner, or set the "
+            "board's sizes in rig.toml"
         )
 
 
 def marble_is_swapped(logs: list[Log], board: Board) -> bool:
-    """Return whether the marble went farther along y than the short edge allows, and not along x."""
+    """Return whether the positions along y, and not those along x, exceed the short edge."""
     places = np.concatenate([log.marble for log in logs])
     places = places[np.isfinite(places).all(axis=1)]
     if not len(places):

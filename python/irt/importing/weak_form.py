@@ -1,11 +1,11 @@
-"""The marble's equation of motion in its weak form: accelerations without derivatives of places.
+"""The weak form of the marble's equation of motion: accelerations without differentiating positions.
 
 For a test function phi that vanishes with its slope at both ends of a window, ``x'' = A tilt + c`` gives, by
 two partial integrations,
 
     integral of x phi'' dt = A * integral of tilt phi dt + c * integral of phi dt,
 
-so that no place is ever differentiated (Messenger and Bortz, "Weak SINDy", 2021).
+so that positions are never differentiated (Messenger and Bortz, "Weak SINDy", 2021).
 """
 
 from __future__ import annotations
@@ -25,36 +25,36 @@ Mask = NDArray[np.bool_]
 #: Two regressors of each window at a delay [s], (k, 2).
 Family = Callable[[float], Array]
 
-#: Half of a window [s]: long against noise of the places, short against a swing of the board.
+#: Half of a window [s]: long enough to average noise, short compared with a swing of the board.
 _HALF_S = 0.2
-#: Windows begin this far apart [s].
+#: Distance between windows [s].
 _HOP_S = 0.08
-#: Most windows that are fitted: half an hour decides as well as a day.
+#: Maximum number of windows: half an hour is enough for all decisions.
 _MOST_WINDOWS = 20_000
-#: A window with rows further apart than this many periods has a gap.
+#: Distance of rows, in periods, that makes a gap in a window.
 _GAP = 2.6
-#: Below this mean speed [m/s] a marble may be stuck, which says nothing of the tilt.
+#: Mean speed [m/s] below which a marble may be stuck and its window is ignored.
 _STUCK = 0.02
-#: The marble touches the rim within this distance [m].
+#: Distance from the rim [m] within which the marble touches it.
 _RIM_M = 0.004
-#: Fewest windows of a fit.
+#: Minimum number of windows of a fit.
 _FEWEST = 20
-#: Half-width of the difference by which the slope over the delay is taken [s].
+#: Half width of the finite difference over the delay [s].
 _STEP_S = 0.01
-#: Most that one refinement moves a delay [s]: its linear model holds no further.
+#: Maximum change of a delay in one refinement [s], the range of its linear model.
 _STRIDE_S = 0.03
 
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """A stretch without breaks: what the fits see.
+    """A stretch without gaps, as input of the fits.
 
     Attributes
     ----------
     stamps : (n,) array
         Time of each row [s].
     marble : (n, 2) array
-        Places [m], NaN where lost.
+        Positions [m], NaN in lost rows.
     tilt : (n, 2) array or None
         Measured tilt [rad] at ``tilt_stamps``.
     tilt_stamps : (n,) array
@@ -77,17 +77,17 @@ class Map:
     Attributes
     ----------
     gains, errors : (2, 2) array
-        Of outputs (rows) by inputs (columns), and their standard errors; NaN where an input is idle.
+        Gains of outputs (rows) by inputs (columns), and standard errors; NaN for an idle input.
     delay, delay_error : (2,) array
         Dead time by output [s].
     lag : (2,) array
         First-order lag by output [s].
     explained : (2,) array
-        Share of the variance of each output that is explained, 0 to 1.
+        Explained share of the variance of each output, 0 to 1.
     scales : (2,) array
         Standard deviation of each input.
     count : int
-        Windows or rows that were fitted.
+        Number of fitted windows or rows.
     """
 
     gains: Array
@@ -101,13 +101,13 @@ class Map:
 
     @property
     def z(self) -> Array:
-        """Gains in standard errors, (2, 2); zero where undefined."""
+        """Gains in standard errors, (2, 2); zero if undefined."""
         with np.errstate(all="ignore"):
             return np.nan_to_num(self.gains / self.errors, nan=0.0, posinf=0.0, neginf=0.0)
 
     @property
     def effects(self) -> Array:
-        """What each input does to each output at its own size, (2, 2)."""
+        """Effect of each input on each output at the input's own size, (2, 2)."""
         return np.nan_to_num(np.abs(self.gains) * self.scales)
 
 
@@ -127,13 +127,13 @@ class _Weak:
         return len(self.centres)
 
     def smooth(self, values: Array) -> Array:
-        """Return the mean over each window, (k, 2); NaN where it has a gap."""
+        """Return the mean over each window, (k, 2); NaN for windows with a gap."""
         return np.asarray(self.average @ values)
 
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Windows of all runs, and the block of time that each lies in."""
+    """Windows of all runs, with their blocks of time."""
 
     runs: list[Run]
     weak: list[_Weak]
@@ -164,7 +164,7 @@ def _weak_form(run: Run, edges: tuple[float, float], hop: float) -> _Weak | None
     period = float(np.median(np.diff(times)))
     half = max(_HALF_S, 5.0 * period)
     seen = np.isfinite(run.marble).all(axis=1)
-    # A window must not span a gap: neither of stamps nor of places.
+    # A window must not contain a gap of stamps or positions.
     breaks = np.cumsum(np.concatenate([[False], np.diff(times) > _GAP * period]))
     lost = np.concatenate([[0], np.cumsum(~seen)])
     speed, direction = _motion(times, run.marble)
@@ -181,7 +181,7 @@ def _weak_form(run: Run, edges: tuple[float, float], hop: float) -> _Weak | None
         width = np.gradient(times[first:last])
         phi = width * bump**4
         curved = width * (48.0 * s**2 * bump**2 - 8.0 * bump**3) / half**2
-        # Stamps are not regular: make the rule exact for a marble at rest, in steady motion and accelerating.
+        # Stamps are irregular: make the quadrature exact for rest, uniform motion and uniform acceleration.
         line = np.column_stack([np.ones_like(s), s])
         curved = curved - line @ np.linalg.solve(line.T @ line, line.T @ curved)
         curved *= phi.sum() / (curved @ (0.5 * (s * half) ** 2))
@@ -230,11 +230,11 @@ def fit_windows(
     families : sequence of (float, callable)
         Lags [s], and for each the regressors at a delay.
     delays : array
-        Delays to try [s]. Of a single one the difference to the best is estimated, and not followed.
+        Delays to try [s]. For a single one the offset to the best is estimated, but not applied.
     noises : (2,) array
         Standard deviation of white noise on each regressor's rows.
     scales : (2,) array
-        Standard deviation of each regressor; one that never moves is left out.
+        Standard deviation of each regressor; a constant one is left out.
     """
     fits = _Fits(windows, noises, scales)
     choices = [(lag, family, float(delay)) for lag, family in families for delay in delays]
@@ -264,14 +264,14 @@ class _Fits:
         self.power = windows.stack("power")
         self.active = scales > 0.0
         self.variance = (noises**2)[self.active]
-        # Windows with a wall in them must cost the same at every delay.
+        # Windows with a wall must have the same loss at every delay.
         spread = [
             np.std(self.target[use, axis]) if use.any() else 1.0 for axis, use in enumerate(self.free.T)
         ]
         self.most = np.maximum(0.9 * np.array(spread), 1e-6)
 
     def design(self, values: Array, axis: int) -> Array:
-        # Friction acts against the motion and must not be taken for a gain.
+        # Friction acts against the motion and must not be mistaken for a gain.
         return np.column_stack([values[:, self.active], self.direction[:, axis], np.ones(len(values))])
 
     def usable(self, values: Array, axis: int) -> Mask:

@@ -1,1 +1,1 @@
-"""The paper's experiments, figures and table again, beside its own numbers and beside other methods."""
+"""Reproduction of the paper: experiments, figures and table, compared with its numbers and other methods."""

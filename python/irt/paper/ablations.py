@@ -1,4 +1,4 @@
-"""Experiment 1 with what the paper leaves open taken the other way: Eq. 3 to the letter, and damping."""
+"""Ablations of Experiment 1: the open choices of the paper reversed (Eq. 3 as printed, and damping)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from irt.fitting.fit import Progress
 from irt.paper.setting import Setting, within
 from irt.paper.simulated import Experiment1, experiment1
 
-#: The paper's method, its main rival, and the two that this project puts beside them.
+#: The paper's method, its main baseline, and two methods of this project.
 SWITCHED = ("irt-paper", "cma-es", "least-squares", "irt+")
 
-#: Targets that the engine's least squares is tried on.
+#: Number of targets for the engine's least squares.
 ENGINE_TARGETS = 20
 
 
 def switched(setting: Setting, targets: int, progress: Progress | None = None) -> dict[str, Experiment1]:
-    """Return Experiment 1 on so many targets with each switch the other way, by what is other.
+    """Return Experiment 1 with each choice reversed, by the reversed choice.
 
-    What is kept of an earlier call is not done again.
+    Results of an earlier call are reused.
     """
     others = {
         "a full period" if setting.literal else "Eq. 3 as printed": replace(

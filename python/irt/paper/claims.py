@@ -1,4 +1,4 @@
-"""The paper's claims, one by one: reproduced, not reproduced, or not decidable from the text, and why."""
+"""Verdicts on the paper's claims: reproduced, not reproduced, or not decidable from the text."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ Array = NDArray[np.float64]
 
 Verdict = Literal["reproduced", "not reproduced", "not decidable from the text"]
 
-#: Iterations that the paper shows.
+#: Number of iterations in the paper.
 _ITERATIONS = 20
 #: "Around 10 %" of the paper's Fig. 4.
 _AROUND = (0.05, 0.15)
-#: "Approximate quite well": this much of the edge, in the median.
+#: Threshold for "approximate quite well": median error as a share of the edge.
 _WELL = 0.03
-#: A marble that rolls no further than this [board edges] is as good as at rest.
+#: Path length [board edges] below which a marble counts as at rest.
 _STILL = 0.05
-#: Targets that are tuned to from several starts, and the spread below which those end at the same place.
+#: Number of targets with several starts, and the spread below which these count as converged to one optimum.
 _TARGETS, _SAME = 50, 0.05
-#: A low state error on a real system: half as much again as the paper's.
+#: A low state error on a real system: 1.5 times the paper's.
 _LOW = 0.06
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence of the paper, and what became of it.
+    """A sentence of the paper and its verdict.
 
     Attributes
     ----------
     place : str
-        Where it stands.
+        Section and figure.
     text : str
-        What it says.
+        The claim.
     verdict : str
-        One of the three.
+        One of the three verdicts.
     why : str
-        By which numbers.
+        The measured numbers.
     """
 
     place: str
@@ -56,7 +56,7 @@ class Claim:
 
 
 def of_experiment1(first: Experiment1) -> Iterator[Claim]:
-    """Judge what the paper says of its simulated experiment."""
+    """Judge the claims about the simulated experiment."""
     irt, cma, direct = (first.held[name] for name in ("irt-paper", "cma-es", "direct"))
     raw = {name: first.parameter_error(first.held[name]) for name in first.held}
     after = raw["irt-paper"][:, 5].mean()
@@ -116,7 +116,7 @@ def of_experiment1(first: Experiment1) -> Iterator[Claim]:
 
 
 def of_experiment2(second: Experiment2) -> Iterator[Claim]:
-    """Judge what the paper says of its real experiment, on the stand-in."""
+    """Judge the claims about the real experiment, on the stand-in."""
     rows = {row.name: row for row in second.rows()}
     stand_in = f"The recordings are not public. On {len(second.truths)} stand-in rigs"
     irt = rows["irt-paper"]
@@ -167,7 +167,7 @@ def of_experiment2(second: Experiment2) -> Iterator[Claim]:
 
 
 def _same_optimum(first: Experiment1) -> Claim:
-    """Tune to the first targets, each from as many starts as the paper shows."""
+    """Tune to the first targets, each from as many starts as in the paper."""
     setting, targets = first.setting, first.trials.observed[:_TARGETS]
     starts = np.random.default_rng([setting.seed, 6]).random((PAPERS_TRIALS, first.truth.shape[1]))
     trace = _tuner(setting).iterate(

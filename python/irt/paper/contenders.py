@@ -1,4 +1,4 @@
-"""The methods that are compared, each from a start to a path for every target."""
+"""The compared methods: each returns its proposals over rollouts for every target."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from irt.tuning.tunenet import NetworkFile
 
 Array = NDArray[np.float64]
 
-#: Iterations of IRT; its steps are 0.85^60 long by then and nothing moves any more.
+#: Iterations of IRT; then its steps have shrunk by 0.85^60 and proposals no longer change.
 IRT_ITERATIONS = 60
-#: Simulations that a network of the paper's size has learned from, those held out among them.
+#: Simulations in the training of a network of the paper's size, including the held-out ones.
 _PAPERS_SIMULATIONS = 22_000
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """What a method holds after 0, 1, ... rollouts, for n targets.
+    """Proposals of a method after 0, 1, ... rollouts, for n targets.
 
     Attributes
     ----------
@@ -50,12 +50,12 @@ class Held:
 
 @dataclass(frozen=True, eq=False)
 class Trials:
-    """Targets to tune to, and where tuning starts.
+    """Targets and start points.
 
     Attributes
     ----------
     observed : (n, rows, 2) array
-        What is seen of each target [board edges].
+        Observation of each target [board edges].
     start : (n, 5) array
         Random proposals, scaled to [0, 1].
     """
@@ -69,16 +69,16 @@ Contender = Callable[[Setting, Trials, Progress | None], Held]
 
 @dataclass(frozen=True)
 class Method:
-    """A method that is compared.
+    """A compared method.
 
     Attributes
     ----------
     title : str
-        In tables and figures.
+        Title in tables and figures.
     tune : callable
-        Does it.
+        Runs the method.
     pretraining : callable
-        How many rollouts its network has learned from.
+        Returns the number of rollouts in its network's training.
     """
 
     title: str
@@ -95,13 +95,13 @@ def _irt(file: NetworkFile, setting: Setting, trials: Trials, *, both_orders: bo
 
 
 def irt_as_in_the_paper(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
-    """Tune by the paper's network, trained in the paper's way; the newest proposal is held, as in Fig. 5."""
+    """Tune by the paper's network, trained in the paper's way; the newest proposal counts, as in Fig. 5."""
     file = networks.papers(setting, "difference", progress)
     return _irt(file, setting, trials, both_orders=False)
 
 
 def irt_as_shipped(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
-    """Tune by the network of ``--method irt``; the newest proposal is held."""
+    """Tune by the network of ``--method irt``; the newest proposal counts."""
     file = networks.shipped(setting)
     if file is None:
         file = networks.papers(setting, "difference", progress)
@@ -109,7 +109,7 @@ def irt_as_shipped(setting: Setting, trials: Trials, progress: Progress | None) 
 
 
 def _shipped_simulations(setting: Setting) -> int:
-    """Return what the network of ``--method irt`` has learned from, those held out among them."""
+    """Return the rollouts in the training of the network of ``--method irt``, including held-out ones."""
     file = networks.shipped(setting)
     if file is None:
         return _PAPERS_SIMULATIONS
@@ -118,12 +118,12 @@ def _shipped_simulations(setting: Setting) -> int:
 
 
 def _plus_simulations(setting: Setting) -> int:
-    """Return what the network of IRT+ has learned from, and the paths of its library."""
+    """Return the rollouts in the training of the network of IRT+, and those of its library."""
     return int(networks.steps(setting).metadata["rollouts"]) + PATHS
 
 
 def irt_plus(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
-    """Tune by IRT+; the best so far is held."""
+    """Tune by IRT+; the best proposal so far counts."""
     drive, file = setting.drive, networks.steps(setting, progress)
     library = Library(drive, setting.threads)
     searches = [
@@ -144,7 +144,7 @@ def direct(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
 
 
 def strategy(name: str) -> Contender:
-    """Return how to tune by an evolution strategy from the random proposals; the best so far is held."""
+    """Return a tuner by an evolution strategy from the random proposals; the best proposal so far counts."""
 
     def tune(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
         drive = setting.drive
@@ -155,7 +155,7 @@ def strategy(name: str) -> Contender:
 
 
 def neural_posterior(setting: Setting, trials: Trials, progress: Progress | None) -> Held:
-    """Draw from a neural posterior, first its mean; the best so far is held."""
+    """Draw from a neural posterior, first its mean; the best proposal so far counts."""
     import torch  # noqa: PLC0415  # no other method needs it
 
     drive, estimator = setting.drive, networks.posterior(setting, progress)
@@ -181,13 +181,13 @@ def multi_start(setting: Setting, trials: Trials, progress: Progress | None) -> 
 
 
 class _SpentError(Exception):
-    """All rollouts are used up."""
+    """The rollouts are used up."""
 
 
 def _least_squares(drive: Drive, observed: Array, start: Array, random: np.random.Generator) -> Path:
-    """Return the path of trust-region least squares over the rollouts that it may use.
+    """Return the proposals of trust-region least squares over its rollouts.
 
-    The time step is continuous: a rounded one has no slope.
+    The time step is continuous, because a rounded one has no slope.
     """
     proposals: list[Array] = []
     errors: list[float] = []
@@ -196,7 +196,7 @@ def _least_squares(drive: Drive, observed: Array, start: Array, random: np.rando
         if len(errors) == ROLLOUTS:
             raise _SpentError
         parameters = drive.parameters(scaled[None])
-        # One rollout at a time is too little for more threads.
+        # Batches of one rollout gain nothing from more threads.
         missing = [observed - each for each in drive.simulate(parameters, 1, time_step="continuous")]
         left: Array = left_over(drive, missing, [observed])[0]
         proposals.append(parameters[0])
@@ -238,7 +238,7 @@ def _driven(
 
 
 def _held(setting: Setting, trials: Trials, paths: Sequence[Path], start: Array) -> Held:
-    """Return what is held after each rollout: before the first one, the start."""
+    """Return the proposal after each rollout; before the first one it is the start."""
     best = [path.best.padded(ROLLOUTS) for path in paths]
     begin = _errors(setting, trials, start)
     return Held(
@@ -258,7 +258,7 @@ def available() -> tuple[str, ...]:
     return tuple(name for name in METHODS if name != "npe" or is_installed("sbi"))
 
 
-#: In the order of tables; those of the paper first.
+#: All methods in the order of tables, those of the paper first.
 METHODS: dict[str, Method] = {
     "irt-paper": Method("IRT, as in the paper", irt_as_in_the_paper, lambda _: _PAPERS_SIMULATIONS),
     "direct": Method("direct prediction", direct, lambda _: _PAPERS_SIMULATIONS),

@@ -1,4 +1,4 @@
-"""How far proposals are from the truth, in the parameters and in what a path can show of them."""
+"""Parameter errors of proposals, also in the combinations that a path identifies, and their statistics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 #: Normal quantile of a two-sided 95 % interval.
 NORMAL_95 = 1.96
-#: As near to the rim as this share of the way there counts as there.
+#: Share of the distance to the rim from which a marble counts as at the rim.
 AT_RIM = 0.995
 _TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
 
@@ -26,7 +26,7 @@ def parameter_error(drive: Drive, parameters: Array, truth: Array) -> Array:
 
 
 def combinations(parameters: Array) -> Array:
-    """Return what a path can show (..., 4): time_scale^2 times gears and friction, and observation_scale."""
+    """Return the identifiable combinations (..., 4): time_scale^2 times gears and friction, and scale."""
     steps = np.rint(parameters[..., _TIME, None])
     return np.concatenate([steps**2 * parameters[..., :3], parameters[..., [_SCALE]]], axis=-1)
 
@@ -39,13 +39,13 @@ def combination_error(drive: Drive, parameters: Array, truth: Array) -> Array:
 
 
 def share_of_the_way(drive: Drive, observed: Array) -> Array:
-    """Return how far k marbles (observations (k, n, 2) without noise) were seen, 1 at the rim at scale 1."""
+    """Return the largest distance of k marbles, 1 at the rim at scale 1, from noiseless (k, n, 2)."""
     share: Array = (np.abs(observed).max(axis=1) / drive.room).max(axis=1)
     return share
 
 
 def meets_rim(drive: Drive, parameters: Array, observed: Array) -> NDArray[np.bool_]:
-    """Return which of k marbles of (k, 5) parameters met the rim, which tells the observation scale."""
+    """Return which of k marbles of (k, 5) parameters met the rim, which identifies the observation scale."""
     return np.asarray(share_of_the_way(drive, observed) > AT_RIM * parameters[:, _SCALE])
 
 
@@ -56,11 +56,11 @@ class Summary:
     Attributes
     ----------
     mean, low, high : float
-        With its 95 % interval.
+        Mean and its 95 % interval.
     median, p05, p95 : float
-        And the percentiles between which nine trials in ten lie.
+        Median, 5th and 95th percentile.
     worst : float
-        Of all.
+        Maximum.
     """
 
     mean: float
@@ -73,7 +73,7 @@ class Summary:
 
     @classmethod
     def of(cls, errors: Array) -> Summary:
-        """Summarise errors (n,); the interval of the mean is normal theory's."""
+        """Summarise errors (n,); the interval of the mean is that of a normal distribution."""
         mean = float(errors.mean())
         half = NORMAL_95 * float(errors.std(ddof=1)) / np.sqrt(len(errors)) if len(errors) > 1 else np.inf
         p05, median, p95 = (float(value) for value in np.percentile(errors, [5, 50, 95]))
@@ -81,7 +81,7 @@ class Summary:
 
 
 def median_interval(values: Array) -> tuple[float, float]:
-    """Return the 95 % interval of the median of (n,) values: order statistics, without any model."""
+    """Return the 95 % interval of the median of (n,) values by order statistics."""
     ordered = np.sort(values)
     half = 0.5 * NORMAL_95 * np.sqrt(len(ordered))
     low = int(max(0, np.floor(0.5 * len(ordered) - half)))

@@ -1,4 +1,4 @@
-"""The paper's figures again: the same axes and units, more methods, and the spread over many trials."""
+"""The paper's figures with the same axes and units, for more methods and with the spread over trials."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ COLOURS = {
     "least-squares": style.INK,
 }
 _WIDE = 7.6
-#: How a proposed path is drawn, and its target over it, so that neither hides the other.
+#: Line styles of a proposed path and of the target over it, so that both stay visible.
 _PROPOSED: dict[str, Any] = {"lw": 2.6, "alpha": 0.45}
 _TARGET: dict[str, Any] = {"lw": 1.0, "ls": (0, (2, 1.5))}
 #: Colours of a picture.
@@ -62,11 +62,11 @@ def plot_errors(
     errors : mapping of (n, rollouts + 1) arrays
         Of n trials, by method; in shares.
     what : str
-        Which error, for the axis.
+        Name of the error, for the axis.
     floor : (height, text), optional
-        What no method can go below.
+        Lower bound for all methods.
     logarithmic : bool
-        Whether the height is, or begins at zero, as in the paper.
+        Whether the vertical axis is logarithmic; otherwise it starts at zero, as in the paper.
     papers : sequence of (rollouts, height, text)
         The paper's own numbers, as crosses.
 
@@ -111,10 +111,10 @@ def plot_errors(
 
 
 def plot_pretraining(path: PathLike, errors: Mapping[str, Array], pretraining: Mapping[str, int]) -> None:
-    """Draw the mean state error over all rollouts, those of the pretraining counted, for one target and many.
+    """Draw the mean state error over all rollouts including the pretraining, for one target and for many.
 
-    The rollouts that a network has learned from are shared by all targets that it ever meets: left they count
-    in full, right a hundredth part, as for a hundred targets.
+    All targets of a network share the rollouts of its training. On the left they count in full, on the right
+    by a hundredth, as for a hundred targets.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def plot_pretraining(path: PathLike, errors: Mapping[str, Array], pretraining: M
                 rollouts = np.arange(1, trials.shape[1]) + pretraining[name] / targets
                 mean = PERCENT * trials[:, 1:].mean(axis=0)
                 axes.plot(rollouts, mean, color=COLOURS[name], lw=2.2 if name == "irt+" else 1.4)
-                # After its first rollout: a line of 300 stands upright behind so many of the pretraining.
+                # After its first rollout: after a long pretraining a line of 300 rollouts would be vertical.
                 axes.plot(rollouts[0], mean[0], "o", color=COLOURS[name], ms=4.0)
                 ends.append((float(mean[-1]), METHODS[name].title, COLOURS[name]))
             make_logarithmic(axes)
@@ -164,7 +164,7 @@ def plot_observations(
     path : path
         ``.svg`` or ``.png`` file to write.
     columns : sequence of (title, (n, 2) array, sequence of (label, (n, 2) array))
-        What stands above a column, the target, and the proposals.
+        Title, target and proposals of each column.
 
     Raises
     ------
@@ -199,7 +199,7 @@ def plot_observations(
 
 
 def plot_evolution(path: PathLike, scaled: Array, truth: Array, titles: Sequence[str]) -> None:
-    """Draw how each parameter moves over the iterations of IRT (paper, Fig. 6).
+    """Draw each parameter over the iterations of IRT (paper, Fig. 6).
 
     Parameters
     ----------
@@ -208,9 +208,9 @@ def plot_evolution(path: PathLike, scaled: Array, truth: Array, titles: Sequence
     scaled : (panels, traces, iterations + 1, 5) array
         Parameters scaled to [0, 1], a row of panels each.
     truth : (5,) array
-        The target's.
+        Parameters of the target.
     titles : sequence of str
-        Of the rows.
+        Titles of the rows.
 
     Raises
     ------
@@ -233,7 +233,7 @@ def plot_evolution(path: PathLike, scaled: Array, truth: Array, titles: Sequence
 
 
 def plot_symmetry(path: PathLike, found: Symmetry) -> None:
-    """Draw how little the observation changes along the symmetry, and how much the parameters do.
+    """Draw the changes of the observation and of the parameters along the symmetry.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def plot_symmetry(path: PathLike, found: Symmetry) -> None:
     with _drawing(path, _WIDE, 3.6) as figure:
         axes = figure.subplots()
         ends = []
-        # The unmoved end says nothing on a logarithmic axis.
+        # The unmoved end has zero change, which a logarithmic axis cannot show.
         moved = found.parameter_error > 0.0
         away = PERCENT * found.parameter_error[moved]
         for (name, quartiles), colour in zip(found.change.items(), colours, strict=True):
@@ -269,7 +269,7 @@ def plot_symmetry(path: PathLike, found: Symmetry) -> None:
 
 @contextmanager
 def _drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
-    """Yield an empty figure, and write it to ``path``: a PNG in few colours, as pages keep many."""
+    """Yield an empty figure, and write it to ``path``; a PNG has a small palette to keep pages small."""
     with style.drawing(path, width, height) as figure:
         yield figure
     if str(path).endswith(".png"):
@@ -282,7 +282,7 @@ def _drawing(path: PathLike, width: float, height: float) -> Iterator[Figure]:
 
 
 def _bands(errors: Array) -> tuple[Array, Array, Array]:
-    """Return the mean of (n, k) errors and the ends of its 95 % band, by drawing trials anew."""
+    """Return the mean of (n, k) errors and its 95 % band, by bootstrap over trials."""
     random = np.random.default_rng(0)
     weights = random.multinomial(len(errors), np.full(len(errors), 1.0 / len(errors)), _DRAWS) / len(errors)
     low, high = np.percentile(weights @ errors, [2.5, 97.5], axis=0)
@@ -290,7 +290,7 @@ def _bands(errors: Array) -> tuple[Array, Array, Array]:
 
 
 def _thousands(value: float, _: int) -> str:
-    """Return a count as short as an axis needs it."""
+    """Return a short label for a count on an axis."""
     for size, letter in ((1_000_000, "M"), (1_000, "k")):
         if value >= size:
             return f"{value / size:g}{letter}"

@@ -3,15 +3,14 @@
     {"record": {"rig": 3, "seed": 7, "folder": "rigs/rig-003", "whole": true}}
     {"truth": {"gear_x": ..., "effects": [{"name": "lag", ...}, ...], "sigma": ...}}
 
-A process of its own, on the physics of `irt.proof.pybullet_world`, which shares no line with this package's
-simulator. Every rig has what the paper names of its real one (section 7): friction with a grain, delays of
-the motor that differ from command to command, and a marble that is not quite round; and besides a controller
-that lags, a board that lies above its axes, so that the picture shifts as it tilts, and a camera with noise.
-Sizes are drawn for each rig.
+A separate process with the physics of `irt.proof.pybullet_world`, which is independent of this package's
+simulator. Every rig has the effects that the paper names for its real one (section 7): anisotropic friction,
+motor delays that vary from command to command, and an uneven marble. It also has a controller lag, parallax
+of a board above its axes, and camera noise. Sizes are drawn for each rig.
 
-The folder gets the run to tune to, of the paper's drive (``paper-1``). For a diagnosis the whole rig is
-recorded: the same drive again (``paper-2``), runs of other drives, and in a folder ``heldout`` the paper's
-drive a third time.
+The run to tune to, with the paper's drive, is written into the folder (``paper-1``). For a diagnosis the
+whole rig is recorded: the same drive again (``paper-2``), runs of other drives, and the paper's drive a third
+time in a folder ``heldout``.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ from irt.recording import save_recording
 
 Array = NDArray[np.float64]
 
-#: What every rig has, and between which strengths of `irt.proof.pybullet_world` it is drawn: from hardly
-#: there to what the marble shows at once.
+#: Effects of every rig, and the range of strengths in `irt.proof.pybullet_world`: from hardly noticeable to
+#: obvious.
 EFFECTS_DRAWN = {
     "delay_jitter": (0.2, 0.6),
     "lag": (0.5, 0.9),
@@ -50,14 +49,14 @@ EFFECTS_DRAWN = {
 SIGMA = (0.0007, 0.003)
 #: The paper's drive: rows and amplitude [rad].
 ROWS, AMPLITUDE = 100, 0.1
-#: Runs of other drives, and how the kinds of `irt.proof.pybullet_world.drives` are drawn for them.
+#: Number of runs of other drives, and the weights of the kinds of `irt.proof.pybullet_world.drives`.
 OTHERS = 6
 _RUNS = ("paper-1", "paper-2", *(f"other-{run + 1}" for run in range(OTHERS)))
 _HELDOUT = "paper-3"
 
 
 def draw(rig: int, seed: int) -> Spec:
-    """Draw a rig; its five parameters move the marble well about the board, as the paper's do."""
+    """Draw a rig; with its five parameters the marble moves over most of the board, as in the paper."""
     random = np.random.default_rng([seed, rig])
     known = {one.name: one for one in EFFECTS}
     gear_x, gear_y = random.uniform(0.02, 0.08, 2).tolist()
@@ -80,7 +79,7 @@ def draw(rig: int, seed: int) -> Spec:
 
 
 def record(rig: int, seed: int, folder: Path, *, whole: bool) -> dict[str, Any]:
-    """Write the recordings of a rig, all or the first alone; return what it truly is."""
+    """Write the recordings of a rig, all or only the first one; return the truth."""
     spec = draw(rig, seed)
     places = [*((name, folder) for name in _RUNS), (_HELDOUT, folder / "heldout")]
     for name, place in places if whole else places[:1]:
@@ -92,7 +91,7 @@ def record(rig: int, seed: int, folder: Path, *, whole: bool) -> dict[str, Any]:
 
 
 def _run(spec: Spec, run: int, *, paper: bool) -> tuple[Array, Array]:
-    """Return the commands and what the camera saw of a run."""
+    """Return the commands and the tracked positions of a run."""
     if paper:
         phase = 2.0 * np.pi * np.arange(ROWS) / ROWS
         commands, start = AMPLITUDE * np.stack([np.sin(phase), np.cos(phase)], axis=1), (0.0, 0.0)
@@ -103,7 +102,7 @@ def _run(spec: Spec, run: int, *, paper: bool) -> tuple[Array, Array]:
 
 
 def serve(requests: Iterable[str], answers: TextIO) -> None:
-    """Answer requests until there are no more."""
+    """Answer requests until the input ends."""
     for line in requests:
         asked = json.loads(line)["record"]
         truth = record(
@@ -114,7 +113,7 @@ def serve(requests: Iterable[str], answers: TextIO) -> None:
 
 
 def main() -> None:
-    """Serve standard input; PyBullet's greeting on standard output must not reach the one who asks."""
+    """Serve standard input; PyBullet's greeting must not reach the protocol on standard output."""
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     serve(sys.stdin, answers)

@@ -1,6 +1,6 @@
-"""The networks that methods are compared by, each trained once and kept beside the results.
+"""The networks of the compared methods, each trained once and stored beside the results.
 
-Those for a damped marble are those for one without damping, as in `irt tune` (`is_paper_drive`).
+For a damped marble the networks for one without damping are used, as in `irt tune` (`is_paper_drive`).
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: The paper's way (section 5.2 and 5.3): always the same pairs, a constant learning rate, no noise.
+#: The paper's training (section 5.2 and 5.3): fixed pairs, a constant learning rate, no noise.
 PAPERS_WAY: dict[str, Any] = {"dealing": "once", "schedule": "constant", "noise": (0.0, 0.0)}
-#: Pairs whose simulations it learns from: the paper's.
+#: Number of training pairs, as in the paper.
 NPE_PAIRS = Recipe().pairs
-#: Epochs of neural posterior estimation at most; it stops by itself once a tenth held out says so.
+#: Maximum epochs of neural posterior estimation; it stops early by a held-out tenth.
 NPE_EPOCHS = 60
-#: Widths of the network that reduces an observation for it.
+#: Widths of its embedding network for observations.
 _EMBEDDING = (256, 64)
 
 
 def papers(
     setting: Setting, task: Literal["difference", "parameters"], progress: Progress | None = None
 ) -> NetworkFile:
-    """Return the paper's network, or that of direct prediction, trained in the paper's own way."""
+    """Return the paper's network, or that of direct prediction, trained as in the paper."""
     path = setting.trained.folder("networks") / f"{'irt' if task == 'difference' else 'direct'}.safetensors"
     recipe = Recipe(**PAPERS_WAY, task=task, seed=setting.seed)
     if path.exists():
@@ -68,13 +68,13 @@ def papers(
 
 
 def shipped(setting: Setting) -> NetworkFile | None:
-    """Return the network of `irt tune --method irt`, where it is for this drive."""
+    """Return the network of `irt tune --method irt`, if it is for this drive."""
     file = load_network(cache.SHIPPED)
     return file if file.metadata["drive"] == setting.trained.drive.digest else None
 
 
 def steps(setting: Setting, progress: Progress | None = None) -> StepFile:
-    """Return the network of IRT+: the one that is shipped, or one trained now for another drive."""
+    """Return the network of IRT+: the shipped one, or one trained for another drive."""
     if cache.SHIPPED_STEPS.exists():
         file = load_steps(cache.SHIPPED_STEPS)
         if file.metadata["drive"] == setting.trained.drive.digest:
@@ -95,7 +95,7 @@ def steps(setting: Setting, progress: Progress | None = None) -> StepFile:
 
 
 def posterior(setting: Setting, progress: Progress | None = None) -> ConditionalDensityEstimator:
-    """Return a neural posterior (sbi) that has seen as many simulations as the paper's network has.
+    """Return a neural posterior (sbi) trained on as many simulations as the paper's network.
 
     Raises
     ------
@@ -109,11 +109,11 @@ def posterior(setting: Setting, progress: Progress | None = None) -> Conditional
 
     path = setting.trained.folder("networks") / f"npe-{setting.seed}.pt"
     if path.exists():
-        # sbi's own way to keep one; the file is this program's.
+        # sbi stores estimators as pickles; the file was written by this program.
         kept: ConditionalDensityEstimator = torch.load(path, weights_only=False)
         return kept
     if progress:
-        # It does not say how far it is.
+        # sbi reports no progress.
         progress(0, NPE_EPOCHS, "training a neural posterior, some minutes")
     pairs = simulate_pairs(setting.trained.drive, NPE_PAIRS, setting.seed, threads=setting.threads)
     with reproducible(), torch.random.fork_rng(devices=[]), quiet():
@@ -145,24 +145,24 @@ class _Silent:
     log_dir = None
 
     def log_metric(self, name: str, value: float, step: int | None = None) -> None:
-        """Leave it."""
+        """Do nothing."""
 
     def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
-        """Leave it."""
+        """Do nothing."""
 
     def log_params(self, params: dict[str, Any]) -> None:
-        """Leave it."""
+        """Do nothing."""
 
     def add_figure(self, name: str, figure: Any, step: int | None = None) -> None:
-        """Leave it."""
+        """Do nothing."""
 
     def flush(self) -> None:
-        """Leave it."""
+        """Do nothing."""
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep what sbi says of data that it has no quarrel with: the first row is the same in every path."""
+    """Suppress sbi's warning about constant data: the first row is the same in every path."""
     level = logging.getLogger().level
     logging.getLogger().setLevel(logging.ERROR)
     try:

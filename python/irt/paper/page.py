@@ -19,13 +19,13 @@ from irt.paper.standin import FEW, PAPERS_TABLE, Experiment2
 from irt.paper.symmetry import floor
 from irt.report.words import versions
 
-#: Methods that IRT+ is to be ahead of at every number of rollouts.
+#: Methods that IRT+ must outperform at every number of rollouts.
 _RIVALS = ("cma-es", "es", "direct", "npe")
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A promise of this project, and what was measured."""
+    """A promise of this project and the measured value."""
 
     what: str
     promise: str
@@ -35,16 +35,16 @@ class Floor:
 
 @dataclass(frozen=True)
 class Results:
-    """All that the page tells.
+    """The contents of the page.
 
     Attributes
     ----------
     first, second
         The paper's experiments.
     switched
-        Experiment 1 with the other drive, and the other damping, where that was asked for.
+        Experiment 1 with the other drive and the other damping, if requested.
     real
-        A real recording, where one was given.
+        A real recording, if given.
     """
 
     first: Experiment1
@@ -54,7 +54,7 @@ class Results:
 
 
 def write_page(page: Path, command: str, results: Results) -> None:
-    """Write the page; its figures lie in the folder of its name.
+    """Write the page, and its figures into the folder of its name.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def _floors(first: Experiment1, second: Experiment2) -> Iterator[str]:
 
 
 def _beside_least_squares(first: Experiment1) -> Iterator[str]:
-    """Say where least squares is as good as IRT+, or better."""
+    """Yield the comparison of least squares with IRT+."""
     plus, engine = first.held["irt+"].mae, first.engine
     for scipys in [first.held[name].mae for name in ("least-squares",) if name in first.held]:
         stretches = []
@@ -180,7 +180,7 @@ def _beside_least_squares(first: Experiment1) -> Iterator[str]:
 
 
 def _stretch(counts: NDArray[np.int64], most: int) -> str:
-    """Say which of 1 to `most` rollouts these are."""
+    """Describe a subset of 1 to `most` rollouts."""
     if not len(counts):
         return f"at none of 1 to {most} rollouts"
     if len(counts) == counts[-1] - counts[0] + 1:

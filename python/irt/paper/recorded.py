@@ -1,4 +1,4 @@
-"""Methods on a real recording, judged on runs that they have not seen."""
+"""Methods on a real recording, scored on held-out runs."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from irt.residual import evaluate
 from irt.rig import Rig, load_rig
 from irt.tuning import tune
 
-#: Methods of `irt tune` that are tried, as it runs them by default: those that need no network, whose
-#: training for a drive of many windows takes longer than all the rest of the page.
+#: Methods of `irt tune` with default settings that need no network; its training for a drive of many windows
+#: would take longer than the rest of the page.
 METHODS = ("cma-es", "least-squares")
-#: Share of the recordings that is held out, the last ones.
+#: Share of the recordings that is held out, from the end.
 _HELD_OUT = 1 / 3
-#: Length of the windows that are predicted [s].
+#: Length of the predicted windows [s].
 WINDOW_S = 2.0
 
 
 @dataclass(frozen=True)
 class Judged:
-    """Mean absolute errors over windows [board edges], and the rollouts that a method has simulated.
+    """Mean absolute errors over windows [board edges], and the number of simulated rollouts.
 
     Attributes
     ----------
     name : str
-        "untuned", a method, or "diagnosed: ..." with what was named, or the verdict where nothing was.
+        "untuned", a method, or "diagnosed: ..." with the named effects, or the verdict without any.
     tuned, heldout : float
-        On the recordings that it was given, and on the others.
+        On the recordings used for tuning, and on the held-out ones.
     rollouts : int
     """
 
@@ -47,12 +47,12 @@ class Judged:
 
 
 def judge(setting: Setting, folder: Path, progress: Progress | None = None) -> list[Judged]:
-    """Tune to a rig by several methods and diagnose it; what is kept is not done again.
+    """Tune to a rig by several methods and diagnose it; stored results are reused.
 
     Raises
     ------
     IrtError
-        If the rig has fewer than two recordings, or is not as it must be.
+        If the rig has fewer than two recordings, or is invalid.
     """
     rig = load_rig(folder)
     count = len(rig.recordings)

@@ -1,4 +1,4 @@
-"""From the experiments to the files of each figure and table."""
+"""Figures of the page, from the experiments to their files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ITERATIONS = (0, 1, 2, 5, 20)
 
 
 def fig3(folder: Path, first: Experiment1) -> None:
-    """Draw two starts of one target by the paper's method, and IRT+ beside them."""
+    """Draw two starts of one target by the paper's method, and IRT+ on the same target."""
     setting, chosen = first.setting, _lively(first)
     target = first.trials.observed[chosen]
     tuner = _papers_tuner(setting)
@@ -60,7 +60,7 @@ def fig4(folder: Path, first: Experiment1) -> None:
 
 
 def fig5(folder: Path, first: Experiment1) -> None:
-    """Draw state errors: newest proposals of IRT as in the paper, best ones of methods that choose."""
+    """Draw state errors: newest proposals of IRT as in the paper, best ones of the other methods."""
     states = {name: held.mae for name, held in first.held.items()}
     figures.plot_errors(folder / "fig5.png", states, "mean absolute state error")
     pretraining = {name: count["pretraining_rollouts"] for name, count in first.as_dict()["methods"].items()}
@@ -88,7 +88,7 @@ def fig6(folder: Path, first: Experiment1) -> None:
 def fig7(folder: Path, second: Experiment2) -> None:
     """Draw a success and a failure of the paper's method on rigs, and IRT+ on both."""
     setting, held = second.setting, second.random["irt-paper"]
-    # Beside what a marble at rest would miss: a board on which nothing rolls is no success.
+    # Relative to the error of a marble at rest: a board on which nothing rolls is no success.
     rest = np.abs(second.trials.observed).mean(axis=(1, 2))
     success = int(np.argmin(held.mae[:, -1] / rest))
     failure = int(np.argmax(held.mae[:, -1]))
@@ -113,11 +113,11 @@ def fig8(folder: Path, second: Experiment2) -> None:
 
 
 def symmetries(folder: Path, setting: Setting) -> None:
-    """Draw the floor under all parameter errors."""
+    """Draw the lower bound of all parameter errors."""
     figures.plot_symmetry(folder / "symmetry.png", symmetry(setting))
 
 
-#: What each figure needs of the experiments: it is drawn from the first one, or the second.
+#: The figures by experiment.
 OF_FIRST: dict[str, Callable[[Path, Experiment1], None]] = {
     "fig3": fig3,
     "fig4": fig4,
@@ -133,13 +133,13 @@ def _papers_tuner(setting: Setting) -> Tuner:
 
 
 def _proposals(setting: Setting, parameters: Array, count: str) -> list[tuple[str, Array]]:
-    """Return what was proposed after some of the rollouts of one trial, with a label."""
+    """Return proposals after some of the rollouts of one trial, with labels."""
     chosen = parameters[list(_ITERATIONS)]
     observed = setting.drive.simulate(chosen, setting.threads)[0]
     return [(f"{count} {row}", each) for row, each in zip(_ITERATIONS, observed, strict=True)]
 
 
 def _lively(first: Experiment1) -> int:
-    """Return a target whose marble moves well along both axes: the one that moves most along its lesser."""
+    """Return the target with the largest motion along its lesser axis."""
     moved = np.abs(np.diff(first.trials.observed, axis=1)).sum(axis=1).min(axis=1)
     return int(np.argmax(moved))

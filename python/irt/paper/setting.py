@@ -1,4 +1,4 @@
-"""What a reproduction is made with: the drive, how many targets and rigs, the seed, where results are."""
+"""Settings of a reproduction: drive, numbers of targets and rigs, seed, and folder of results."""
 
 from __future__ import annotations
 
@@ -23,34 +23,34 @@ Array = NDArray[np.float64]
 
 #: What PyBullet applies to every body by default [1/s].
 BULLET_DAMPING = 0.04
-#: Rollouts up to which methods are compared.
+#: Maximum number of rollouts in comparisons.
 ROLLOUTS = 300
-#: Trials of the paper.
+#: Number of trials in the paper.
 PAPERS_TRIALS = 10
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What decides the numbers.
+    """Settings that determine the numbers.
 
     Attributes
     ----------
     out : Path
-        Folder of the results. What is there is not made again.
+        Folder of the results. Existing ones are reused.
     targets : int
-        Of Experiment 1.
+        Number of targets of Experiment 1.
     rigs : int
-        Of Experiment 2.
+        Number of rigs of Experiment 2.
     diagnosed : int
-        How many of those are diagnosed as well.
+        Number of these that are diagnosed as well.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     literal : bool
-        Whether the drive is Eq. 3 to the letter.
+        Whether the drive is Eq. 3 as printed.
     damped : bool
-        Whether the marble is damped as PyBullet does by default.
+        Whether the marble has PyBullet's default damping.
     threads : int, optional
-        Of the engine; no number depends on it.
+        Threads of the engine; results do not depend on it.
     """
 
     out: Path
@@ -64,22 +64,22 @@ class Setting:
 
     @cached_property
     def drive(self) -> Drive:
-        """What is simulated."""
+        """The drive of the simulations."""
         drive = Drive.paper(literal=self.literal)
         return replace(drive, marble=Marble(damping_per_s=BULLET_DAMPING)) if self.damped else drive
 
     @cached_property
     def trained(self) -> Setting:
-        """What networks are trained for: no damping, which hardly shows (`irt.tuning.drive`)."""
+        """The setting of the networks' training: without damping, which hardly matters."""
         return replace(self, damped=False)
 
     def folder(self, name: str) -> Path:
-        """Return a folder for results that belong to this drive, made where it is missing."""
+        """Return the folder of results for this drive; created if missing."""
         variant = "".join(f"-{word}" for word in ("literal", "damped") if getattr(self, word))
         return make_folder(self.out / f"{name}{variant}")
 
     def kept(self, path: Path, made: Callable[[], dict[str, Array]], **about: object) -> dict[str, Array]:
-        """Return arrays that are kept in an .npz file, made now if it is not there or of something else."""
+        """Return arrays from an .npz file; computed if it is missing or of other settings."""
         mark = json.dumps(about, sort_keys=True)
         if path.exists():
             try:
@@ -96,7 +96,7 @@ class Setting:
 
 
 def save_arrays(path: Path, arrays: dict[str, Array]) -> None:
-    """Write arrays as .npz, whole or not at all."""
+    """Write arrays as .npz atomically."""
     whole = io.BytesIO()
     np.savez_compressed(whole, **arrays)  # type: ignore[arg-type]
     write_atomic(path, whole.getvalue())
@@ -108,7 +108,7 @@ def digest(*arrays: Array) -> str:
 
 
 def within(progress: Progress | None, text: str) -> Progress | None:
-    """Return a progress that says what it is a part of."""
+    """Return a progress callback with a prefix."""
     if progress is None:
         return None
     return lambda done, total, more: progress(done, total, f"{text}: {more}")

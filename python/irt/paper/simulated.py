@@ -1,4 +1,4 @@
-"""Experiment 1 (paper, section 6.1): simulated targets, so that parameters can be compared with the truth."""
+"""Experiment 1 (paper, section 6.1): simulated targets with known parameters."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from irt.rig import PARAMETERS, Rig
 
 Array = NDArray[np.float64]
 
-#: Rollouts of the table.
+#: Numbers of rollouts in the table.
 SHOWN = (1, 2, 5, 10, 30, 100, 300)
-#: Targets that the engine's least squares is tried on, the first ones: it takes half a second each.
+#: Number of first targets for the engine's least squares, which takes half a second each.
 ENGINE_TARGETS = 100
 _ENGINE = "least squares (irt tune)"
 _TRIALS = 2023
@@ -31,22 +31,22 @@ _TRIALS = 2023
 
 @dataclass(frozen=True, eq=False)
 class Experiment1:
-    """What came of it.
+    """Results of Experiment 1.
 
     Attributes
     ----------
     setting : Setting
-        With which.
+        The settings.
     truth : (n, 5) array
         Parameters of the targets, in their own units.
     trials : Trials
         Their observations, and the random proposals.
     held : dict of Held
-        What each method held, by its key in `irt.paper.contenders.METHODS`.
+        Proposals of each method, by its key in `irt.paper.contenders.METHODS`.
     engine : Held
-        What the engine's least squares ends with on the first e targets, whatever it takes.
+        Final proposals of the engine's least squares on the first e targets, without a limit on rollouts.
     engine_rollouts : (e,) array
-        How many it has simulated.
+        Its numbers of simulated rollouts.
     """
 
     setting: Setting
@@ -58,7 +58,7 @@ class Experiment1:
 
     @cached_property
     def at_rim(self) -> NDArray[np.bool_]:
-        """Which targets met the rim: only those show observation_scale."""
+        """Targets whose marble met the rim; only they identify observation_scale."""
         return errors.meets_rim(self.setting.drive, self.truth, self.trials.observed)
 
     def parameter_error(self, held: Held) -> Array:
@@ -71,11 +71,11 @@ class Experiment1:
         return errors.combination_error(self.setting.drive, held.parameters, truth)
 
     def diverged(self, held: Held) -> int:
-        """Count the trials that end further off than they began."""
+        """Return the number of trials with a larger error at the end than at the start."""
         return int((held.mae[:, -1] > held.mae[:, 0]).sum())
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the numbers of tables and figures as what JSON can hold."""
+        """Return the numbers of tables and figures as JSON content."""
         methods = {}
         for name, held in self.held.items():
             raw, combined = self.parameter_error(held), self.combination_error(held)
@@ -113,14 +113,14 @@ def experiment1(
     *,
     engine_targets: int = ENGINE_TARGETS,
 ) -> Experiment1:
-    """Tune to random targets by every method; what is kept of an earlier call is not done again.
+    """Tune to random targets by every method; results of an earlier call are reused.
 
-    The engine's own least squares is tried on the first ``engine_targets``.
+    The engine's own least squares runs on the first ``engine_targets``.
 
     Raises
     ------
     IrtError
-        If a file cannot be read or written, or a package is missing that a method needs.
+        If a file cannot be read or written, or a package of a method is missing.
     """
     drive = setting.drive
     random = np.random.default_rng([setting.seed, _TRIALS])
@@ -146,7 +146,7 @@ def experiment1(
 
 
 def _engine(setting: Setting, targets: Array, progress: Progress | None) -> dict[str, Array]:
-    """Fit observations (n, rows, 2) as ``irt tune`` does by default, over as many rollouts as that takes."""
+    """Fit observations (n, rows, 2) by ``irt tune``'s default method, without a limit on rollouts."""
     drive, found = setting.drive, []
     for i, observed in enumerate(targets):
         name = f"target-{i}"

@@ -1,4 +1,4 @@
-"""Experiment 2 (paper, section 6.2) on a stand-in for its laboratory: the recordings are not public."""
+"""Experiment 2 (paper, section 6.2) on a simulated laboratory, because the recordings are not public."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ from irt.rig import PARAMETERS, Rig, load_rig
 
 Array = NDArray[np.float64]
 
-#: What the paper's Table 1 says: minimum state MAE, and rollouts to reach it.
+#: The paper's Table 1: minimum state MAE, and rollouts to reach it.
 PAPERS_TABLE = {"cma-es": (0.0668, 30), "direct": (0.346, 0), "irt-paper": (0.0402, 5)}
-#: Rollouts after which the floors of this project count.
+#: Number of rollouts for this project's promises.
 FEW = 5
 _STARTS = 7
-#: An effect of the laboratory that is drawn for every run: there is nothing to be fitted.
+#: An effect of the laboratory that is random in every run, so that it cannot be fitted.
 _BY_CHANCE = "delay_jitter"
 #: The process that records the rigs.
 LABORATORY = (sys.executable, "-m", "irt.paper.laboratory")
@@ -40,7 +40,7 @@ LABORATORY = (sys.executable, "-m", "irt.paper.laboratory")
 
 @dataclass(frozen=True)
 class Diagnosed:
-    """What a diagnosis made of a rig: mean absolute errors of free runs [board edges].
+    """Result of a rig's diagnosis: mean absolute errors of free runs [board edges].
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Diagnosed:
     verdict : str
         "sufficient", "missing" or "unlisted".
     plain, plain_again : float
-        Of five parameters fitted to the first run alone: on that run, and on the same drive recorded again.
+        Errors of five parameters fitted to the first run alone: on that run, and on the repeated drive.
     full, full_again : float
         The same of the model that the diagnosis left behind.
     oracle, oracle_again : float
@@ -69,20 +69,20 @@ class Diagnosed:
 
 @dataclass(frozen=True, eq=False)
 class Experiment2:
-    """What came of it.
+    """Results of Experiment 2.
 
     Attributes
     ----------
     setting : Setting
-        With which.
+        The settings.
     truths : list of dict
-        What each rig truly is.
+        True parameters and effects of each rig.
     random, middle : dict of Held
-        What each method held, by its key: from random proposals (Table 1), and from the middle (Fig. 8).
+        Proposals of each method, by its key: from random starts (Table 1), and from the middle (Fig. 8).
     trials : Trials
-        What was seen of the rigs, and the random proposals.
+        Observations of the rigs, and the random start points.
     diagnosed : list of Diagnosed
-        Of the first rigs.
+        Diagnoses of the first rigs.
     """
 
     setting: Setting
@@ -97,7 +97,7 @@ class Experiment2:
         return [Row.of(name, held) for name, held in self.random.items()]
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the numbers as what JSON can hold."""
+        """Return the numbers as JSON content."""
         return {
             "rigs": len(self.truths),
             "table1": {row.name: vars(row) for row in self.rows()},
@@ -113,12 +113,12 @@ class Row:
     Attributes
     ----------
     name : str
-        Of the method.
+        Key of the method.
     minimum, rollouts, final, early : tuple
-        Smallest state MAE on the way, the rollouts after which it was reached, what was held at the end, and
-        the best so far after `FEW` rollouts [board edges].
+        Smallest state MAE over all rollouts, number of rollouts to reach it, state MAE at the end, and the
+        best one after `FEW` rollouts [board edges].
     failures : int
-        Rigs on which it ended worse than it began.
+        Number of rigs on which the error grew.
     """
 
     name: str
@@ -145,7 +145,7 @@ class Row:
 def experiment2(
     setting: Setting, methods: Sequence[str] | None = None, progress: Progress | None = None
 ) -> Experiment2:
-    """Record rigs, tune to each by every method, diagnose some; what is kept is not done again.
+    """Record rigs, tune to each by every method, diagnose some; existing results are reused.
 
     Raises
     ------
@@ -182,15 +182,15 @@ def _folder(setting: Setting, rig: int) -> Path:
 
 
 def _target(folder: Path) -> Rig:
-    """Return a rig with the one recording that is tuned to."""
+    """Return a rig with only the recording to tune to."""
     rig = load_rig(folder)
     return replace(rig, recordings=tuple(one for one in rig.recordings if one.name == "paper-1"))
 
 
 def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any]]:
-    """Have the laboratory record what is not there yet; return what the rigs truly are.
+    """Record missing rigs in the laboratory; return the truths.
 
-    Those that are to be diagnosed need more than the run that is tuned to.
+    Rigs to be diagnosed need more than the run to tune to.
     """
 
     def there(rig: int) -> bool:
@@ -212,7 +212,7 @@ def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any
 
 
 def _diagnosed(setting: Setting, rig: int, progress: Progress | None) -> Diagnosed:
-    """Diagnose a rig from all of its recordings but the one held out; return what that wins."""
+    """Diagnose a rig from all recordings except the held-out one; return the errors."""
     folder = _folder(setting, rig)
     kept = folder / "diagnosed.json"
     target, again = _target(folder), load_rig(folder / "heldout")

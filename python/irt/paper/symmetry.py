@@ -1,4 +1,4 @@
-"""The floor under every method's parameter error: other parameters that leave the path as it is."""
+"""Lower bound of every method's parameter error: other parameters with the same path."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from irt.tuning.drive import Drive
 
 Array = NDArray[np.float64]
 
-#: Draws along the symmetries of a target, and how many of its like are kept.
+#: Number of draws along the symmetries of a target, and of equivalent parameters that are kept.
 _DRAWS = 20_000
 _TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
-#: Targets that are moved along the symmetry.
+#: Number of targets that are moved along the symmetry.
 _TARGETS = 200
-#: Edges of a board on which no marble meets the rim [m].
+#: Edges of a board large enough that no marble meets the rim [m].
 _WIDE_M = 10.0
 
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """How an observation changes along the first symmetry: time_scale times f, gears and friction over f^2.
+    """Change of observations along the first symmetry: time_scale times f, gears and friction over f^2.
 
     Attributes
     ----------
     factors : (k,) array
         f.
     change : dict of (k, 3) arrays
-        Mean absolute change of the observation [board edges], by what is switched on: quartiles over targets.
+        Mean absolute change of the observation [board edges] by setting: quartiles over targets.
     parameter_error : (k,) array
-        What that is in mean parameter error, in shares of the ranges.
+        The mean parameter error, in shares of the ranges.
     """
 
     factors: Array
@@ -44,10 +44,10 @@ class Symmetry:
 
 @dataclass(frozen=True)
 class Floor:
-    """Mean errors, in shares of the ranges, of someone who knows all that the paths of targets can tell.
+    """Mean errors, in shares of the ranges, of the best estimate from the targets' paths.
 
-    That is the median of each parameter over those of its like: parameters in the ranges, drawn as targets
-    are, with the same products, and with the same scale where the rim tells it.
+    The estimate is the median of each parameter over equivalent ones: parameters in the ranges, distributed
+    like targets, with the same products, and with the same scale if the rim identifies it.
     """
 
     parameters: float
@@ -60,7 +60,7 @@ def symmetry(setting: Setting, factors: Array | None = None) -> Symmetry:
     random = np.random.default_rng([setting.seed, 31])
     truth = setting.drive.parameters(random.random((_TARGETS, len(PARAMETERS))))
     truth[:, _TIME] = random.integers(20, 41, _TARGETS)
-    # Moved ones stay within the ranges.
+    # Moved targets stay within the ranges.
     truth[:, :3] *= factors.min() ** 2
     drive = setting.drive
     wide = replace(drive.board, edge_x_m=_WIDE_M, edge_y_m=_WIDE_M)
@@ -77,7 +77,7 @@ def symmetry(setting: Setting, factors: Array | None = None) -> Symmetry:
         moved[:, _TIME] *= factor
         moved[:, :3] /= factor**2
         for name, world in worlds.items():
-            # Whole updates would hide a small change behind rounding.
+            # Rounding to whole updates would hide a small change.
             before, after = (
                 world.simulate(each, setting.threads, time_step="continuous")[0] for each in (truth, moved)
             )
@@ -88,7 +88,7 @@ def symmetry(setting: Setting, factors: Array | None = None) -> Symmetry:
 
 
 def floor(drive: Drive, truth: Array, seed: int) -> Floor:
-    """Return the errors below which no method can stay on (n, 5) targets, but by luck."""
+    """Return the lower bound of the mean errors of any method on (n, 5) targets."""
     random = np.random.default_rng([seed, 32])
     raw, combined = [], []
     way = errors.share_of_the_way(drive, drive.simulate(truth)[0])
@@ -106,9 +106,9 @@ def floor(drive: Drive, truth: Array, seed: int) -> Floor:
 
 
 def _alike(drive: Drive, target: Array, furthest: float, random: np.random.Generator) -> tuple[Array, Array]:
-    """Return parameters (k, 5) with the path of a target, and weights: how often targets are drawn so.
+    """Return parameters (k, 5) with the path of a target, and weights by their density among targets.
 
-    A target that was seen `furthest` shares of the way to the rim has met it, or has not by any scale.
+    `furthest` is the largest observed distance of the target as a share of that to the rim.
     """
     rim = furthest > errors.AT_RIM * target[_SCALE]
     low, high = np.array([drive.ranges[name] for name in PARAMETERS]).T

@@ -13,12 +13,12 @@ from irt.paper.setting import ROLLOUTS
 from irt.paper.simulated import SHOWN, Experiment1
 from irt.paper.standin import PAPERS_TABLE, Diagnosed, Experiment2
 
-#: Rollouts after which drives are compared.
+#: Numbers of rollouts for the comparison of drives.
 _FEW = (0, 5, 20)
 
 
 def of_methods(first: Experiment1) -> Iterator[str]:
-    """Yield the table of all methods: state error, then error in the combinations, then what diverged."""
+    """Yield the tables of all methods: state error, errors in the combinations, diverged trials."""
     yield "State MAE in % of the edge: mean, and in brackets median and 95th percentile."
     yield ""
     yield from _by_rollouts(first, {name: 100 * held.mae for name, held in first.held.items()})
@@ -48,7 +48,7 @@ def of_methods(first: Experiment1) -> Iterator[str]:
 
 
 def of_switches(of: Mapping[str, Experiment1]) -> Iterator[str]:
-    """Yield what each method has after few rollouts, by what was taken otherwise."""
+    """Yield the errors of each method after few rollouts, by reversed choice."""
     shown = [f"{what}, {n}" for what in ("state MAE", "combinations", "parameters") for n in _FEW]
     yield f"| | targets | at the rim | method | {' | '.join(shown)} |"
     yield f"| --- | ---: | ---: | --- |{' ---: |' * len(shown)}"
@@ -84,7 +84,7 @@ def table1(second: Experiment2) -> Iterator[str]:
 
 
 def of_diagnoses(diagnosed: list[Diagnosed]) -> Iterator[str]:
-    """Yield what each diagnosis named, its errors, and those of a model that is given the true effects."""
+    """Yield the named effects of each diagnosis, its errors, and those of a model with the true effects."""
     yield (
         "| rig | named | plain, tuned to this run | plain, run again | diagnosed | diagnosed, run again "
         "| true effects | true effects, run again |"

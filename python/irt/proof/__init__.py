@@ -1,1 +1,1 @@
-"""Proof by concealment: effects hidden by another engine, diagnosed blind, scored once the seals are open."""
+"""Proof by concealment: effects hidden by another engine, diagnosed blind, scored after unsealing."""

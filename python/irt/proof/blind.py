@@ -1,10 +1,10 @@
-"""The diagnosis as a process of its own, which is given a rig's recordings and nothing else.
+"""The blind diagnosis: a separate process that receives only a rig's recordings.
 
     python -m irt.proof.blind FOLDER OUT
 
-FOLDER is a copy of a rig's folder under a name that says nothing. OUT gets ``diagnosis.json``, ``base.toml``,
-``model.toml``, a ``plausible-N.toml`` for each model that may be the true one, how probable these are
-(``plausible.json``), and ``seconds.json``. But for the last, the same recordings give the same bytes.
+FOLDER is a copy of a rig's folder under a neutral name. The process writes into OUT: ``diagnosis.json``,
+``base.toml``, ``model.toml``, a ``plausible-N.toml`` for each plausible model, their probabilities
+(``plausible.json``), and ``seconds.json``. Except for the last, the same recordings give the same bytes.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from irt.errors import IrtError
 from irt.files import write_atomic
 from irt.proof.seal import canonical
 
-#: Seconds of one core, which is no part of what must be the same for the same recordings.
+#: CPU time of one core [s]; not reproducible, so it has its own file.
 SECONDS = "seconds.json"
-#: How probable the plausible models are, in order.
+#: Probabilities of the plausible models, in order.
 CHANCES = "plausible.json"
 
 
@@ -36,15 +36,15 @@ def main(words: Sequence[str]) -> int:
     except IrtError as error:
         print(error, file=sys.stderr)
         return 1
-    told = found.as_dict()
-    del told["settings"]["seconds"]
+    content = found.as_dict()
+    del content["settings"]["seconds"]
     save_model(out / "base.toml", found.base)
     save_model(out / "model.toml", found.model)
     for number, one in enumerate(found.plausible, start=1):
         save_model(out / f"plausible-{number}.toml", one.model)
     write_atomic(out / CHANCES, canonical({"probabilities": [one.probability for one in found.plausible]}))
     write_atomic(out / SECONDS, canonical({"seconds": time.process_time() - began}))
-    write_atomic(out / "diagnosis.json", canonical(told))
+    write_atomic(out / "diagnosis.json", canonical(content))
     return 0
 
 

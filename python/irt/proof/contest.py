@@ -1,9 +1,9 @@
-"""Other methods as a process of their own, which is given what a diagnosis was and the commands to predict.
+"""The other methods: a separate process that receives the diagnosis' input and the commands to predict.
 
     python -m irt.proof.contest FOLDER OUT
 
-FOLDER holds the recordings, ``models/base.toml`` and ``tests/*.csv``: of these the commands, and the rows
-where a prediction starts. OUT gets ``baselines.json``.
+FOLDER holds the recordings, ``models/base.toml`` and ``tests/*.csv``, which contain the commands and the
+rows where a prediction starts. The process writes ``baselines.json`` into OUT.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ METHODS: dict[str, tuple[str, Method]] = {
 
 
 def main(words: Sequence[str]) -> int:
-    """Let every method answer; return the exit status."""
+    """Run every method; return the exit status."""
     folder, out = (Path(word) for word in words)
     try:
         task = Task.load(folder)
     except IrtError as error:
         print(error, file=sys.stderr)
         return 1
-    told = {}
+    answers = {}
     for name, (_, method) in METHODS.items():
         began = time.process_time()
         entry = _entered(method, task)
-        told[name] = {**entry.as_dict(), "seconds": time.process_time() - began}
-    write_atomic(out / "baselines.json", canonical(told))
+        answers[name] = {**entry.as_dict(), "seconds": time.process_time() - began}
+    write_atomic(out / "baselines.json", canonical(answers))
     return 0
 
 
 def _entered(method: Method, task: Task) -> Entry:
-    """Return what a method says; where it breaks down, that."""
+    """Return a method's answer, or an empty one with the error if it fails."""
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         try:

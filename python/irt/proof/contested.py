@@ -1,9 +1,9 @@
-"""What other methods made of the same rigs, in the terms of a score."""
+"""Scores of the other methods on the same rigs."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,64 +22,69 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Contestant:
-    """What one method made of one rig.
+    """Score of one method on one rig.
 
     Attributes
     ----------
     rig, method : str
-        Which.
-    told : bool or None
-        Whether it says that something is missing; None where it does not say.
+        Names of the rig and of the method.
+    detected : bool or None
+        Whether it reports missing physics; None if the method does not report it.
     found : bool or None
-        Whether it named what was hidden; None where it names nothing.
+        Whether it named the hidden effects; None if the method names no effects.
     error : float or None
-        Mean absolute error on the runs held out [board edges]; None where it predicts nothing.
+        Mean absolute error on the held-out runs [board edges]; None without predictions.
     seconds : float
-        What it took of one core.
+        CPU time of one core [s].
     missing : str
-        Why there is no answer, if there is none.
+        Reason for a missing answer; empty otherwise.
     """
 
     rig: str
     method: str
-    told: bool | None
+    detected: bool | None
     found: bool | None
     error: float | None
     seconds: float
     missing: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return it as JSON takes it."""
-        return asdict(self)
+        """Return it as JSON content; `detected` has the key ``told``."""
+        return {"told" if name == "detected" else name: value for name, value in asdict(self).items()}
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Contestant:
+        """Return the score that `as_dict` wrote."""
+        return cls(**{"detected" if name == "told" else name: value for name, value in content.items()})
 
 
 @dataclass(frozen=True)
 class Standing:
-    """How a method did over all rigs.
+    """Score of a method over all rigs.
 
     Attributes
     ----------
     title : str
         The method.
     named : Rate or None
-        Rigs with hidden effects of the catalogue in which it named them.
-    told : Rate or None
-        Such rigs, and those with physics that is not in it, in which it said that something is missing.
+        Share of the rigs with hidden effects of the catalogue in which it named them.
+    detected : Rate or None
+        Share of the rigs with any hidden physics in which it reported missing physics.
     alarms : Rate or None
-        Rigs with nothing hidden in which it said so too.
+        Share of the rigs without hidden physics in which it did so.
     closed : Quantity
         Share of the held-out gap closed.
     over_oracle : Quantity
-        Held-out error over the oracle's.
+        Ratio of the held-out error to the oracle's.
     seconds : float
-        Median time a rig.
+        Median CPU time per rig [s].
     missing : str
-        Why it gave no answer, where it gave none at all.
+        Reason for no answer on any rig; empty otherwise.
     """
 
     title: str
     named: Rate | None
-    told: Rate | None
+    detected: Rate | None
     alarms: Rate | None
     closed: Quantity
     over_oracle: Quantity
@@ -88,16 +93,16 @@ class Standing:
 
 
 def contestants(score: RigScore, folder: Path, opened: Path, start: str) -> list[Contestant]:
-    """Return what other methods made of a rig; nothing where they were given no run to predict.
+    """Return the scores of the other methods on a rig; empty without a run to predict.
 
     Parameters
     ----------
     score : RigScore
-        What was hidden in it.
+        Score of the diagnosis.
     folder, opened : Path
-        What the methods wrote; label and runs held out.
+        Folders of the methods' answers, and of the label and the held-out runs.
     start : {"rest", "moving"}
-        How the rig's recordings begin.
+        Start state of the rig's recordings.
 
     Raises
     ------
@@ -106,7 +111,7 @@ def contestants(score: RigScore, folder: Path, opened: Path, start: str) -> list
     """
     if (folder / FAILED).exists():
         return []
-    told = read_json(folder / "baselines.json")
+    answers = read_json(folder / "baselines.json")
     tests, _ = held_out(opened, label_of(opened), start)
     if not tests:
         return []
@@ -114,23 +119,23 @@ def contestants(score: RigScore, folder: Path, opened: Path, start: str) -> list
         Contestant(
             rig=score.rig,
             method=method,
-            told=one["told"],
+            detected=one["told"],
             found=_found(score, one["named"]),
             error=_error(one["predictions"], tests),
             seconds=one["seconds"],
             missing=one["missing"],
         )
-        for method, one in told.items()
+        for method, one in answers.items()
     ]
 
 
 def of_diagnosis(score: RigScore) -> Contestant:
-    """Return the diagnosis itself as one of them."""
+    """Return the score of the diagnosis in the same form."""
     failed = score.verdict == "failed"
     return Contestant(
         rig=score.rig,
         method="irt",
-        told=None if failed else score.verdict != "sufficient",
+        detected=None if failed else score.verdict != "sufficient",
         found=score.found,
         error=None if score.errors is None else score.errors.final,
         seconds=score.seconds,
@@ -139,15 +144,15 @@ def of_diagnosis(score: RigScore) -> Contestant:
 
 
 def standing(title: str, scores: Sequence[RigScore], entries: Sequence[Contestant]) -> Standing:
-    """Return how a method did over all rigs; one that broke down has neither named nor told anything."""
+    """Return the score of a method over all rigs; a failed run counts as no name and no report."""
     of = {one.rig: one for one in entries}
     known = [one for one in of_catalogue(scores) if one.rig in of]
     hidden = known + [one for one in scores if one.group == "unlisted" and one.rig in of]
     quiet = [one for one in nulls(scores) if one.rig in of]
     answered = [one for one in entries if not one.missing]
     names = any(one.found is not None for one in answered)
-    says = any(one.told is not None for one in answered)
-    # A diagnosis that failed has no time.
+    says = any(one.detected is not None for one in answered)
+    # A failed diagnosis has no CPU time.
     seconds = [one.seconds for one in entries if math.isfinite(one.seconds)]
     closed, over = [], []
     for one in hidden:
@@ -160,8 +165,8 @@ def standing(title: str, scores: Sequence[RigScore], entries: Sequence[Contestan
     return Standing(
         title,
         Rate.over(known, lambda one: bool(of[one.rig].found)) if names else None,
-        Rate.over(hidden, lambda one: bool(of[one.rig].told)) if says else None,
-        Rate.over(quiet, lambda one: bool(of[one.rig].told)) if says else None,
+        Rate.over(hidden, lambda one: bool(of[one.rig].detected)) if says else None,
+        Rate.over(quiet, lambda one: bool(of[one.rig].detected)) if says else None,
         Quantity.median(closed),
         Quantity.median(over),
         float(np.median(seconds)) if seconds else math.nan,
@@ -170,7 +175,7 @@ def standing(title: str, scores: Sequence[RigScore], entries: Sequence[Contestan
 
 
 def is_ahead(ours: Standing, others: Sequence[Standing]) -> bool | None:
-    """Whether the diagnosis names more, and errs less on runs held out, than each other method."""
+    """Return whether the diagnosis names more and has a smaller held-out error than each other method."""
     judged = [
         ours.named.share > other.named.share
         for other in others

@@ -1,4 +1,4 @@
-"""The cases that failed, each with its reason in a few words."""
+"""Table of the failed cases, each with a short reason."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from irt.diagnosis.result import UNLISTED
 from irt.proof.score import RigScore
 
-#: What was hidden in the rigs of a group, in words.
+#: Description of the hidden physics of a group of rigs.
 GROUPS = {
     "single": "one effect",
     "pair": "two effects",
@@ -19,7 +19,7 @@ GROUPS = {
 
 
 def failures(scores: Sequence[RigScore]) -> Iterator[str]:
-    """Yield every answer that was not right, and every gap left open."""
+    """Yield the lines about wrong answers and open gaps."""
     wrong = [one for one in scores if not one.found or (one.closed is not None and one.closed < 0.85)]
     yield "\n## Cases that failed\n"
     if not wrong:
@@ -43,8 +43,8 @@ def failures(scores: Sequence[RigScore]) -> Iterator[str]:
         )
 
 
-def told_unread(scores: Sequence[RigScore]) -> Iterator[str]:
-    """Yield which rigs were not answered because the tracker lost the marble, and what they count as."""
+def unread_rigs(scores: Sequence[RigScore]) -> Iterator[str]:
+    """Yield the sentence about rigs without a diagnosis because the tracker lost the marble."""
     names = _unread(scores)
     if names:
         yield (
@@ -55,15 +55,15 @@ def told_unread(scores: Sequence[RigScore]) -> Iterator[str]:
 
 
 def short_unread(scores: Sequence[RigScore]) -> str:
-    """Return in a sentence how many rigs those are, empty where there is none."""
+    """Return a sentence with the number of such rigs; empty if there are none."""
     count = len(_unread(scores))
     if not count:
         return ""
     return f" The tracker lost the marble in {counted(count, 'rig')}, counted as failed."
 
 
-def told_left_out(scores: Sequence[RigScore]) -> Iterator[str]:
-    """Yield which runs held out no error counts."""
+def left_out_runs(scores: Sequence[RigScore]) -> Iterator[str]:
+    """Yield the sentence about held-out runs that are left out of all errors."""
     runs = [f"{one.rig} {name}" for one in scores for name in one.left_out]
     if runs:
         many, are = counted(len(runs), "run"), "is" if len(runs) == 1 else "are"
@@ -74,7 +74,7 @@ def told_left_out(scores: Sequence[RigScore]) -> Iterator[str]:
 
 
 def counted(count: int, what: str) -> str:
-    """Return so many of something in words."""
+    """Return a count with its noun."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
@@ -83,7 +83,7 @@ def _unread(scores: Sequence[RigScore]) -> list[str]:
 
 
 def _reason(score: RigScore) -> str:
-    """Return in a few words why a rig counts as failed."""
+    """Return a short reason why a rig counts as failed."""
     hidden, named = set(score.kinds), set(score.named)
     faint = score.errors is not None and score.errors.signal < 1.0
     cases = (

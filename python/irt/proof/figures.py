@@ -1,4 +1,4 @@
-"""The pictures of a scorecard: each draws scores into one SVG or PNG file."""
+"""Figures of a scorecard: each function draws scores into one SVG or PNG file."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from irt.proof.metrics import CLEAR, Bin, Rate, confusion, coverage, gaps, of_ca
 from irt.proof.score import NOTHING, RigScore
 from irt.report import style
 
-#: Last in the order of a confusion matrix: what is no effect of the catalogue.
+#: Last entries of a confusion matrix, which are no effects of the catalogue.
 _OTHERS = (UNLISTED, NOTHING, "failed")
 _WIDE = 7.6
 
 
 def plot_confusion(path: PathLike, scores: Sequence[RigScore]) -> None:
-    """Draw what was hidden (rows) against what was named (columns), in shares of each row.
+    """Draw the confusion matrix of hidden (rows) and named effects (columns), in shares of each row.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def plot_confusion(path: PathLike, scores: Sequence[RigScore]) -> None:
 
 
 def plot_power(path: PathLike, scores: Sequence[RigScore]) -> None:
-    """Draw the share of rigs whose effects were found over what the refitted base model leaves, in noises.
+    """Draw the share of rigs with found effects over the signal to noise of the refitted base model.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def plot_power(path: PathLike, scores: Sequence[RigScore]) -> None:
 def plot_gaps(
     path: PathLike, scores: Sequence[RigScore], rivals: Sequence[tuple[str, Sequence[float]]]
 ) -> None:
-    """Draw the share of the held-out gap closed, rig by rig from the worst, of the diagnosis and of others.
+    """Draw the closed share of the held-out gap for the diagnosis and other methods, sorted by rig.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def plot_gaps(
 
 
 def plot_coverage(path: PathLike, scores: Sequence[RigScore]) -> None:
-    """Draw how often the 95 % interval of each parameter holds the truth.
+    """Draw the coverage of the 95 % interval of each parameter.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What `irt suggest` is worth: diagnoses that ended in a tie get one more run, suggested or drawn blindly."""
+"""Benefit of `irt suggest`: diagnoses with a tie are repeated with one more run, suggested or random."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from irt.workers.processes import files_of
 
 BLIND, PROPOSE = "irt.proof.blind", "irt.proof.propose"
 KINDS = (SUGGESTED, RANDOM)
-#: Name of the run that is added.
+#: Name of the added run.
 _NEXT = "train-next.csv"
 
 
 @dataclass(frozen=True)
 class Resolved:
-    """What became of a tie.
+    """A tie before and after one more run.
 
     Attributes
     ----------
     rig : str
         Its name.
     before : float
-        Effects that a name stood for.
+        Mean number of effects per name before it.
     after : dict
         The same after a ``suggested`` and after a ``random`` run.
     exact : dict
-        Whether exactly what was hidden was named then, without a tie.
+        Whether then exactly the hidden effects were named, without a tie.
     """
 
     rig: str
@@ -45,16 +45,17 @@ class Resolved:
 
 
 def in_a_tie(answer: Path) -> bool:
-    """Whether a diagnosis named an effect and said that another would do as well."""
+    """Return whether a diagnosis named an effect that is confusable with another."""
     path = answer / "diagnosis.json"
     if not path.exists():
         return False
-    told = read_json(path)
-    return bool(told["verdict"] == "missing" and any(one["confusable_with"] for one in told["effects"]))
+    content = read_json(path)
+    tied = any(one["confusable_with"] for one in content["effects"])
+    return bool(content["verdict"] == "missing" and tied)
 
 
 def propose(workers: Workers, rigs: Mapping[str, Path], answers: Mapping[str, Path]) -> dict[str, Files]:
-    """Return the commands of a suggested and of a random run for each rig; rigs that fail are left out."""
+    """Return the commands of a suggested and of a random run for each rig; failed rigs are left out."""
     inputs = {
         name: {
             **files_of(folder),
@@ -62,12 +63,12 @@ def propose(workers: Workers, rigs: Mapping[str, Path], answers: Mapping[str, Pa
         }
         for name, folder in rigs.items()
     }
-    with closing(workers.each(PROPOSE, inputs)) as told:
-        return {name: files for name, files in told if FAILED not in files}
+    with closing(workers.each(PROPOSE, inputs)) as proposed:
+        return {name: files for name, files in proposed if FAILED not in files}
 
 
 def recorded(sealer: Pipe, index: int, runs: Mapping[str, bytes]) -> dict[str, str] | None:
-    """Have the concealed world record runs, by kind; None where it can record no further ones."""
+    """Return runs recorded by the concealed world, by kind; None if it supports no further runs."""
     try:
         return {
             kind: str(sealer.ask({"record": {"index": index, "csv": runs[f"{kind}.csv"].decode()}})["csv"])
@@ -78,33 +79,33 @@ def recorded(sealer: Pipe, index: int, runs: Mapping[str, bytes]) -> dict[str, s
 
 
 def diagnosed(workers: Workers, rigs: Mapping[str, Path], runs: Mapping[str, Mapping[str, str]]) -> Any:
-    """Yield (rig, kind, files) for rigs that are diagnosed again, with one run more."""
+    """Yield (rig, kind, files) of repeated diagnoses with one more run."""
     inputs = {
         f"{name} {kind}": {**files_of(rigs[name]), _NEXT: csv.encode()}
         for name, of_rig in runs.items()
         for kind, csv in of_rig.items()
     }
-    with closing(workers.each(BLIND, inputs)) as told:
-        for key, files in told:
+    with closing(workers.each(BLIND, inputs)) as answers:
+        for key, files in answers:
             name, kind = key.split(" ")
             yield name, kind, files
 
 
 def resolved(score: RigScore, folder: Path) -> Resolved:
-    """Return what became of the tie of a rig, from the folders of its further diagnoses."""
+    """Return the result for the tie of a rig, from the folders of its further diagnoses."""
     after: dict[str, float | None] = {}
     exact = {}
     for kind in KINDS:
         path = folder / kind / "diagnosis.json"
-        told = read_json(path) if path.exists() else {"verdict": "failed", "effects": []}
-        again = naming(score.group, score.kinds, told)
+        content = read_json(path) if path.exists() else {"verdict": "failed", "effects": []}
+        again = naming(score.group, score.kinds, content)
         after[kind] = again["tie_size"]
         exact[kind] = bool(again["exact"] and not again["ties"])
     return Resolved(score.rig, score.tie_size or 1.0, after, exact)
 
 
 def all_resolved(scores: Sequence[RigScore], folder: Path) -> list[Resolved]:
-    """Return what became of each tie that held the truth."""
+    """Return the results for all ties that contain the truth."""
     return [
         resolved(one, folder / one.rig)
         for one in scores

@@ -1,7 +1,7 @@
-"""The chain that holds a proof together: what is published, written down, given out and opened.
+"""The hash chain of a proof: seals, answers, manifest and keys, and their verification.
 
-``keys.json`` names the SHA-256 of ``manifest.json``, which names that of each answer and of
-``commitments.json``, which names that of each label and of each recording.
+``keys.json`` contains the SHA-256 of ``manifest.json``. The manifest contains the hashes of each answer and
+of ``commitments.json``, which contains the hashes of each label and of each recording.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from irt.rig import read_start
 
 @dataclass(frozen=True)
 class Places:
-    """Where everything of a proof lies.
+    """The paths of a proof.
 
     Attributes
     ----------
@@ -34,22 +34,22 @@ class Places:
 
     @property
     def vault(self) -> Path:
-        """Seed and keys until the answers are written down; only the sealing process reads it."""
+        """The folder of seed and keys, which only the sealing process reads before the manifest exists."""
         return self.out / "vault"
 
     @property
     def commitments(self) -> Path:
-        """Published before the first diagnosis."""
+        """The commitments, published before the first diagnosis."""
         return self.out / "commitments.json"
 
     @property
     def manifest(self) -> Path:
-        """Written after the last diagnosis, before a key is given out."""
+        """The manifest, written after the last diagnosis and before the release of a key."""
         return self.out / "manifest.json"
 
     @property
     def keys(self) -> Path:
-        """Given out for the manifest."""
+        """The keys, released for the manifest."""
         return self.out / "keys.json"
 
     def rig(self, name: str) -> Path:
@@ -57,8 +57,8 @@ class Places:
         return self.out / "rigs" / name
 
     def start(self, name: str) -> str:
-        """Return how a rig's recordings begin: "rest" or "moving"."""
-        # Not by the whole rig: a recording without a marble is none, and says nothing of this.
+        """Return the start state of a rig's recordings: "rest" or "moving"."""
+        # Not from the rig as a whole, because a recording without a marble has no start state.
         return read_start(read_toml(self.rig(name) / "rig.toml"))
 
     def seal(self, name: str) -> Path:
@@ -66,24 +66,24 @@ class Places:
         return self.out / "seals" / f"{name}.json"
 
     def answer(self, name: str) -> Path:
-        """Return the folder of what the diagnosis wrote."""
+        """Return the folder of the diagnosis' output."""
         return self.out / "answers" / name
 
     def opened(self, name: str) -> Path:
-        """Return the folder of a label and of the runs held out, once it is open."""
+        """Return the folder of a rig's opened label and held-out runs."""
         return self.out / "opened" / name
 
     def further(self, name: str) -> Path:
-        """Return the folder of what the diagnosis wrote with one run more."""
+        """Return the folder of the diagnosis' output with one more run."""
         return self.out / "further" / name
 
     def contest(self, name: str) -> Path:
-        """Return the folder of what other methods wrote."""
+        """Return the folder of the other methods' output."""
         return self.out / "baselines" / name
 
 
 def commitments(places: Places, names: Sequence[str]) -> dict[str, Any]:
-    """Return what is published before the first diagnosis: a commitment and the recordings of each rig."""
+    """Return the content of the commitments: commitment and recordings' hashes of each rig."""
     seals = {name: read_json(places.seal(name)) for name in names}
     return {
         "commitments": {name: seal["commitment"] for name, seal in seals.items()},
@@ -92,7 +92,7 @@ def commitments(places: Places, names: Sequence[str]) -> dict[str, Any]:
 
 
 def manifest(places: Places, names: Sequence[str]) -> dict[str, Any]:
-    """Return what is written down before a key is given out: the SHA-256 of everything that was answered."""
+    """Return the content of the manifest: the SHA-256 of all answers and of the commitments."""
     return {
         "commitments": digest(places.commitments.read_bytes()),
         "answers": {name: digests(places.answer(name)) for name in names},
@@ -105,7 +105,7 @@ def check_answers(places: Places, names: Sequence[str]) -> None:
     Raises
     ------
     IrtError
-        With one line that names the rig.
+        With one line that contains the rig's name.
     """
     written = read_json(places.manifest)
     if digest(places.commitments.read_bytes()) != written["commitments"]:
@@ -116,12 +116,12 @@ def check_answers(places: Places, names: Sequence[str]) -> None:
 
 
 def open_all(places: Places, names: Sequence[str]) -> None:
-    """Open the seals with the keys given out, and write labels and runs held out.
+    """Open the seals with the released keys, and write labels and held-out runs.
 
     Raises
     ------
     IrtError
-        If anything of the chain was altered; one line that names the rig.
+        If any part of the chain was altered; one line with the rig's name.
     """
     for name, content in opened(places, names).items():
         label = content["label"]
@@ -132,10 +132,10 @@ def open_all(places: Places, names: Sequence[str]) -> None:
 
 
 def unfinished(places: Places) -> str:
-    """Return what a proof that was begun still lacks before it can be checked, in words; empty if nothing.
+    """Return the missing step of an unfinished proof as a phrase; empty if it can be checked.
 
-    Once its keys are given out it lacks nothing but labels, which they open: whatever else is gone was taken
-    away, and `verify` says so.
+    After the release of its keys only labels can be missing, which the keys open. Any other missing file was
+    removed, and `verify` reports it.
     """
     if places.keys.exists():
         names = read_json(places.commitments)["commitments"] if places.commitments.exists() else ()
@@ -143,11 +143,11 @@ def unfinished(places: Places) -> str:
         return "" if are_open else "its seals are not all open"
     if not places.commitments.exists():
         return "its rigs are not all hidden"
-    return "its keys are not given out" if places.manifest.exists() else "its rigs are not all diagnosed"
+    return "its keys are not released" if places.manifest.exists() else "its rigs are not all diagnosed"
 
 
 def verify(out: Path) -> int:
-    """Check a proof from end to end, and return how many rigs it has.
+    """Check a proof from end to end, and return its number of rigs.
 
     Raises
     ------
@@ -164,17 +164,17 @@ def verify(out: Path) -> int:
 
 
 def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return what was sealed, once the whole chain has been checked."""
+    """Return the sealed labels after a check of the whole chain."""
     keys, published = read_json(places.keys), read_json(places.commitments)
     if digest(canonical(read_json(places.manifest))) != keys["manifest"]:
-        raise IrtError(f"{places.manifest}: not what the keys were given out for: it was altered afterwards")
+        raise IrtError(f"{places.manifest}: not the one that the keys were released for: it was altered")
     check_answers(places, names)
     found = {}
     for name in names:
         seal = Seal(**read_json(places.seal(name)))
         content = open_seal(seal, Key(**keys["keys"][name]), published["commitments"][name])
         if content["rig"] != name:
-            raise IrtError(f"{name}: its seal holds the label of {content['rig']}: they were exchanged")
+            raise IrtError(f"{name}: its seal holds the label of {content['rig']}: the two were swapped")
         if content["recordings"] != digests(places.rig(name)):
             raise IrtError(f"{name}: its recordings are not those that were sealed: they were altered")
         found[name] = content
@@ -182,7 +182,7 @@ def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write files beside their folder, and move the whole there."""
+    """Write files into a temporary folder beside their own, and rename it."""
     beside = folder.with_name(f".irt-{secrets.token_hex(4)}")
     beside.mkdir()
     for name, data in files.items():

@@ -1,4 +1,4 @@
-"""Scores of many rigs together: rates with their intervals, who was taken for whom, power, and floors."""
+"""Scores over many rigs: rates with intervals, confusions, detection power and the promised floors."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from irt.proof.score import NOTHING, RigScore, matched
 
 #: Edges of the bins of signal over noise.
 BINS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, math.inf)
-#: From this signal over noise on an effect must be named.
+#: Signal over noise above which an effect must be named.
 CLEAR = 5.0
-#: The one promise that is no rate.
+#: The only promise that is a median and not a rate.
 GAP_CLOSED = "held-out gap closed, median"
 
 
 @dataclass(frozen=True)
 class Rate:
-    """How many of how many, with Wilson's 95 % interval.
+    """A rate: successes of trials, with Wilson's 95 % interval.
 
     Attributes
     ----------
@@ -37,18 +37,18 @@ class Rate:
 
     @classmethod
     def over(cls, scores: Iterable[RigScore], is_good: Callable[[RigScore], bool]) -> Rate:
-        """Return how many of the scores are good."""
-        told = [is_good(one) for one in scores]
-        return cls(sum(told), len(told))
+        """Return the rate of good scores."""
+        good = [is_good(one) for one in scores]
+        return cls(sum(good), len(good))
 
     @property
     def share(self) -> float:
-        """The share, NaN of none."""
+        """The rate as a number, NaN without trials."""
         return self.good / self.of if self.of else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Where the true share lies with 95 % (Wilson 1927); from 0 to 1 where nothing was counted."""
+        """The 95 % interval (Wilson 1927); from 0 to 1 without trials."""
         if not self.of:
             return 0.0, 1.0
         from scipy.stats import binomtest  # noqa: PLC0415
@@ -64,9 +64,9 @@ class Quantity:
     Attributes
     ----------
     value, low, high : float
-        NaN of none.
+        NaN without values.
     of : int
-        How many values there were.
+        Number of values.
     """
 
     value: float
@@ -93,22 +93,22 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Floor:
-    """A promise, and what came of it.
+    """A promise and its measured value.
 
     Attributes
     ----------
     what : str
-        What is promised.
+        Name of the metric.
     promise : str
-        The floor in words.
+        The floor as a phrase.
     value, low, high : float
-        What was measured, with its 95 % interval.
+        Measured value and its 95 % interval.
     of : int
-        Over how many.
+        Number of rigs or intervals.
     kept : bool or None
-        Whether the value keeps the promise; None where nothing was counted.
+        Whether the value keeps the promise; None if nothing was counted.
     sure : bool
-        Whether all of the interval says the same: a small proof seldom can.
+        Whether the whole interval agrees, which needs many rigs.
     """
 
     what: str
@@ -130,7 +130,7 @@ class Floor:
         least: float = -math.inf,
         most: float = 1.0,
     ) -> Floor:
-        """Return whether what was measured lies between two limits."""
+        """Return the floor of a value that must lie between two limits."""
         if isinstance(measured, Rate):
             value, (low, high) = measured.share, measured.interval
         else:
@@ -150,12 +150,12 @@ class Bin:
 
 
 def nulls(scores: Iterable[RigScore]) -> list[RigScore]:
-    """Return the rigs that hide nothing to name."""
+    """Return the rigs without hidden physics."""
     return [one for one in scores if one.group in NULLS]
 
 
 def of_catalogue(scores: Iterable[RigScore]) -> list[RigScore]:
-    """Return the rigs that hide one effect of the catalogue or two."""
+    """Return the rigs with one or two hidden effects of the catalogue."""
     return [one for one in scores if one.group in ("single", "pair")]
 
 
@@ -165,12 +165,12 @@ def in_group(scores: Iterable[RigScore], group: str) -> list[RigScore]:
 
 
 def is_clear(score: RigScore) -> bool:
-    """Whether the base model strays from the true path by at least five times the noise; a failure counts."""
+    """Return whether the base model is off the true path by at least five times the noise, or failed."""
     return score.errors is None or score.errors.signal >= CLEAR
 
 
 def coverage(scores: Iterable[RigScore], *, of_effects: bool | None = None) -> tuple[Rate, int]:
-    """Return how many 95 % intervals with two ends hold the truth, and how many are open.
+    """Return the coverage of closed 95 % intervals, and the number of open ones.
 
     Parameters
     ----------
@@ -179,27 +179,27 @@ def coverage(scores: Iterable[RigScore], *, of_effects: bool | None = None) -> t
     of_effects : bool, optional
         Only parameters of effects, or only those of the base; by default both.
     """
-    told = [
+    outcomes = [
         held
         for one in scores
         for name, held in one.intervals.items()
         if of_effects is None or of_effects == ("." in name)
     ]
-    closed = [held for held in told if held != "open"]
-    return Rate(closed.count("yes"), len(closed)), len(told) - len(closed)
+    closed = [held for held in outcomes if held != "open"]
+    return Rate(closed.count("yes"), len(closed)), len(outcomes) - len(closed)
 
 
 def gaps(scores: Iterable[RigScore]) -> list[float]:
-    """Return the share of the held-out gap that was closed, for each rig that has a gap to close."""
+    """Return the closed share of the held-out gap for each rig with a gap."""
     return [one.closed for one in scores if one.closed is not None]
 
 
 def confusion(scores: Iterable[RigScore]) -> Counter[tuple[str, str]]:
-    """Count (hidden, named): who was taken for whom.
+    """Count confusions as (hidden, named).
 
-    A hidden effect that its name or tie holds counts as named. One that was missed stands against a name that
-    is left over, or against `NOTHING`; a name too many stands against `NOTHING` hidden. Physics that the
-    catalogue does not have is `UNLISTED`, hidden or told.
+    A hidden effect counts as named if a name or its tie contains it. A missed effect is paired with a
+    remaining name, or with `NOTHING`; a surplus name is paired with `NOTHING` hidden. Physics outside the
+    catalogue is `UNLISTED`, hidden or named.
     """
     counted: Counter[tuple[str, str]] = Counter()
     for one in scores:
@@ -221,17 +221,17 @@ def confusion(scores: Iterable[RigScore]) -> Counter[tuple[str, str]]:
 
 
 def power(scores: Iterable[RigScore]) -> list[Bin]:
-    """Return the share of rigs with hidden effects found, by what the refitted base model leaves over."""
-    told = [(one.errors.signal, one.found) for one in of_catalogue(scores) if one.errors is not None]
+    """Return the share of rigs with found effects, by the signal over noise of the refitted base model."""
+    answers = [(one.errors.signal, one.found) for one in of_catalogue(scores) if one.errors is not None]
     return [
         Bin(low, high, Rate(sum(found for _, found in inside), len(inside)))
         for low, high in itertools.pairwise(BINS)
-        for inside in [[one for one in told if low <= one[0] < high]]
+        for inside in [[one for one in answers if low <= one[0] < high]]
     ]
 
 
 def floors(scores: Sequence[RigScore]) -> list[Floor]:
-    """Return the promises of a proof, and whether they are kept."""
+    """Return the promises of a proof with their measured values."""
     known = of_catalogue(scores)
     gap = Quantity.median(gaps(known))
     held, _ = coverage(scores)

@@ -1,4 +1,4 @@
-"""A process that is driven over its standard input and output, one line of JSON for each request."""
+"""A subprocess that answers requests over standard input and output, one line of JSON each."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from irt.errors import IrtError
 
 
 class Pipe:
-    """A process that answers requests.
+    """A subprocess that answers requests.
 
-    Lines of its output that are no JSON object are left out: libraries greet there.
+    Lines of its output that are no JSON objects are ignored, because libraries print greetings.
 
     Parameters
     ----------
     command : sequence of str
-        What to start.
+        The command line.
     what : str
-        What it is, for messages.
+        Its name in messages.
     apart : bool
-        Whether Ctrl-C leaves it alone: it is for the program that the user sees to end it, and all that it
-        has started with it.
+        Whether Ctrl-C does not reach it. The program in the foreground then has to end it together with its
+        own subprocesses.
 
     Raises
     ------
@@ -49,12 +49,12 @@ class Pipe:
             raise IrtError(f"{what} cannot be started ({command[0]}): {error.strerror}") from error
 
     def ask(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request and return what comes back.
+        """Send a request and return the answer.
 
         Raises
         ------
         IrtError
-            If the process has ended, or answers that it could not.
+            If the process has ended or answers with an error.
         """
         assert self._process.stdin is not None
         try:
@@ -68,7 +68,7 @@ class Pipe:
         return answer
 
     def stop(self) -> None:
-        """End the process at once, in the midst of whatever it does, and what it has started."""
+        """Kill the process and its subprocesses."""
         if self._process.poll() is None:
             if self._apart and hasattr(os, "killpg"):
                 os.killpg(self._process.pid, signal.SIGKILL)
@@ -76,7 +76,7 @@ class Pipe:
                 self._process.kill()
 
     def close(self) -> None:
-        """End the process: it has no more requests to wait for."""
+        """Close the process' input and wait for its end."""
         for stream in (self._process.stdin, self._process.stdout):
             if stream is not None:
                 try:
@@ -105,7 +105,7 @@ class Pipe:
 
     def _ended(self) -> IrtError:
         status = self._process.wait()
-        return IrtError(f"{self._what} ended before it answered (exit status {status}); it says why above")
+        return IrtError(f"{self._what} ended before it answered (exit status {status}); its error is above")
 
 
 def serve(
@@ -113,19 +113,19 @@ def serve(
     requests: TextIO | None = None,
     answers: TextIO | None = None,
 ) -> None:
-    """Answer requests until there are no more; what cannot be done is answered as ``{"error": ...}``.
+    """Answer requests until the input ends; failures are answered with ``{"error": ...}``.
 
     Parameters
     ----------
     answer : callable
-        Makes the answer to a request; may raise `IrtError`.
+        Returns the answer to a request; may raise `IrtError`.
     requests, answers : text streams, optional
         By default standard input and output.
     """
     answers = answers or sys.stdout
     for line in requests or sys.stdin:
         try:
-            told = dict(answer(json.loads(line)))
+            result = dict(answer(json.loads(line)))
         except IrtError as error:
-            told = {"error": str(error)}
-        print(json.dumps(told), file=answers, flush=True)
+            result = {"error": str(error)}
+        print(json.dumps(result), file=answers, flush=True)

@@ -1,4 +1,4 @@
-"""How many rigs of which kind a proof hides, and in which order nobody is told."""
+"""The plan of a proof: numbers of rigs of each kind, and their secret order."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ import numpy as np
 
 from irt.errors import IrtError
 
-#: Kinds of rigs; the first two hide nothing that a diagnosis should name.
+#: Kinds of rigs; the first two have no hidden physics.
 KINDS = ("none", "outliers", "single", "pair", "unlisted")
 NULLS = ("none", "outliers")
-#: Shares of rigs that hide something, and of those that do not.
+#: Shares of the kinds among rigs with hidden physics, and among those without.
 _HIDDEN = {"single": 0.6, "pair": 0.2, "unlisted": 0.2}
 _NOTHING = {"none": 0.9, "outliers": 0.1}
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How many rigs of each kind.
+    """Numbers of rigs of each kind.
 
     Attributes
     ----------
     none, outliers : int
-        Rigs without anything to name, the latter with a tracker that jumps.
+        Rigs without hidden physics, the latter with outliers of the tracker.
     single, pair, unlisted : int
-        Rigs that hide one effect, two, or physics that the catalogue does not have.
+        Rigs that hide one effect, two effects, or physics outside the catalogue.
     first : int
-        Rigs of rounds and proofs before this one, so that no two that are counted together share a name.
+        Number of rigs of earlier rounds and proofs, so that names are unique over all of them.
     """
 
     none: int = 0
@@ -40,12 +40,12 @@ class Plan:
 
     @classmethod
     def of(cls, hidden: int, nulls: int, first: int = 0) -> Plan:
-        """Return the plan for so many rigs that hide something and so many that do not, after the first ones.
+        """Return the plan for numbers of rigs with and without hidden physics, after the first ones.
 
         Raises
         ------
         IrtError
-            If there is nothing to do.
+            If it has no rigs.
         """
         if hidden + nulls < 1:
             raise IrtError("a proof needs at least one rig")
@@ -53,16 +53,16 @@ class Plan:
 
     @property
     def rigs(self) -> int:
-        """How many rigs there are."""
+        """The number of rigs."""
         return self.none + self.outliers + self.single + self.pair + self.unlisted
 
     @property
     def nulls(self) -> int:
-        """How many of them hide nothing."""
+        """The number of rigs without hidden physics."""
         return self.none + self.outliers
 
     def names(self) -> list[str]:
-        """Return the names of all rigs: numbers, which say nothing."""
+        """Return the names of all rigs, which are plain numbers."""
         return [self.name_of(index) for index in range(self.rigs)]
 
     def name_of(self, index: int) -> str:
@@ -76,17 +76,17 @@ class Plan:
         return [kinds[place] for place in places]
 
     def as_dict(self) -> dict[str, int]:
-        """Return the plan as JSON takes it."""
+        """Return the plan as JSON content."""
         return asdict(self)
 
 
 def seed_of(seed: int, index: int) -> int:
-    """Return the seed of one rig, below 2^63: it tells nothing of the others."""
+    """Return the seed of one rig, below 2^63; it reveals nothing about the other seeds."""
     return _mixed(seed, f"rig {index}")
 
 
 def seed_of_round(seed: int, number: int) -> int:
-    """Return the seed of one round of a proof, below 2^63; that of the first is the proof's own."""
+    """Return the seed of one round of a proof, below 2^63; the first round has the proof's own seed."""
     return _mixed(seed, f"round {number}") if number else seed
 
 
@@ -95,7 +95,7 @@ def _mixed(seed: int, purpose: str) -> int:
 
 
 def _shared(count: int, shares: dict[str, float]) -> dict[str, int]:
-    """Split a count by shares, the largest remainders first; what is left goes to the first kinds."""
+    """Split a count by shares with the largest remainders; ties go to the first kinds."""
     exact = {kind: share * count for kind, share in shares.items()}
     split = {kind: int(value) for kind, value in exact.items()}
     order = sorted(exact, key=lambda kind: split[kind] - exact[kind])

@@ -1,10 +1,10 @@
-"""The next run for a diagnosis that ends in a tie, as a process of its own: one suggested, one drawn blindly.
+"""The next run for a diagnosis with a tie, in a separate process: one suggested, one random.
 
     python -m irt.proof.propose FOLDER OUT
 
-FOLDER holds the recordings and what the diagnosis wrote, under ``models/``. OUT gets the commands of two
-runs, with the marble's start in row 0: ``suggested.csv`` by `irt suggest`, ``random.csv`` out of the same
-families.
+FOLDER holds the recordings and, under ``models/``, the diagnosis' output. The process writes the commands of
+two runs into OUT, with the marble's start in row 0: ``suggested.csv`` by `irt suggest`, ``random.csv`` from
+the same families.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ SUGGESTED, RANDOM = "suggested", "random"
 
 
 def main(words: Sequence[str]) -> int:
-    """Write two runs to play; return the exit status."""
+    """Write the commands of two runs; return the exit status."""
     folder, out = (Path(word) for word in words)
     try:
         rig = load_rig(folder)
-        told = read_json(folder / "models" / "diagnosis.json")
+        diagnosis = read_json(folder / "models" / "diagnosis.json")
         chances = read_json(folder / "models" / CHANCES)["probabilities"]
         models = [
             load_model(folder / "models" / f"plausible-{number}.toml")
             for number in range(1, len(chances) + 1)
         ]
-        found = suggest(rig, models, told["fit"]["noise"], probabilities=chances, seed=0, threads=1)
+        found = suggest(rig, models, diagnosis["fit"]["noise"], probabilities=chances, seed=0, threads=1)
         found.save(out / f"{SUGGESTED}.csv")
         save_random(rig, out / f"{RANDOM}.csv")
     except IrtError as error:
@@ -50,7 +50,7 @@ def main(words: Sequence[str]) -> int:
 
 
 def save_random(rig: Rig, path: Path) -> None:
-    """Write a run drawn from the families that `irt suggest` chooses among, within what the rig can play."""
+    """Write a random run from the families of `irt suggest`, within the rig's limits."""
     stamped = stamped_time_scale(rig)
     limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
     random = np.random.default_rng(0)

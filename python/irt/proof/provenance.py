@@ -1,4 +1,4 @@
-"""How the rounds of a proof came about: what a page says of each, and what tells one code from another."""
+"""Provenance of the rounds of a proof: seed, concealed world, and version and digest of the code."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from pathlib import Path
 from irt.files import make_folder, write_atomic
 from irt.proof.hash_chain import Places, read_json
 
-#: What the package runs: its modules, and the engine.
+#: Files of the package's digest: its modules and the engine.
 _CODE = ("*.py", "*.so", "*.pyd")
 _DIGITS = 12
-#: In the folder of a round.
+#: File in the folder of a round.
 _NOTES = "made.json"
 
 
 @dataclass(frozen=True)
 class Made:
-    """How a round was made, in words.
+    """Provenance of a round, as text.
 
     Attributes
     ----------
     rigs : int
-        How many it has.
+        Number of rigs.
     seed : str
-        Of what was hidden.
+        Seed of the hidden physics.
     world, code : str
-        What recorded the rigs, and what diagnosed them.
+        Versions of the concealed world, and of the package that diagnosed the rigs.
     """
 
     rigs: int
@@ -40,21 +40,21 @@ class Made:
 
     @classmethod
     def of(cls, places: Places, rigs: int) -> Made:
-        """Return how a finished round of so many rigs was made.
+        """Return the provenance of a finished round with this number of rigs.
 
-        What one code began and another went on with was made by both.
+        If several versions of the code worked on it, all of them are listed.
 
         Raises
         ------
         IrtError
             If its keys or its notes are missing.
         """
-        told, keys = read_json(places.out / _NOTES), read_json(places.keys)
-        return cls(rigs, f"{keys['seed']}", *(", then ".join(told[name]) for name in ("world", "code")))
+        notes, keys = read_json(places.out / _NOTES), read_json(places.keys)
+        return cls(rigs, f"{keys['seed']}", *(", then ".join(notes[name]) for name in ("world", "code")))
 
 
 def note(places: Places, world: str) -> None:
-    """Write down, in a round's folder, what works on it now.
+    """Record, in a round's folder, the version that works on it.
 
     Raises
     ------
@@ -62,19 +62,19 @@ def note(places: Places, world: str) -> None:
         If the file cannot be read or written.
     """
     path = make_folder(places.out) / _NOTES
-    told: dict[str, list[str]] = read_json(path) if path.exists() else {"world": [], "code": []}
+    notes: dict[str, list[str]] = read_json(path) if path.exists() else {"world": [], "code": []}
     for name, now in (("world", world), ("code", f"{this_code()}, one thread each")):
-        if now not in told[name]:
-            told[name].append(now)
-    write_atomic(path, json.dumps(told, indent=1) + "\n")
+        if now not in notes[name]:
+            notes[name].append(now)
+    write_atomic(path, json.dumps(notes, indent=1) + "\n")
 
 
 @functools.cache
 def this_code() -> str:
-    """Return version and digest of the package that runs: another digest is other code."""
+    """Return version and digest of the running package."""
     root = Path(__file__).parents[1]
-    told = hashlib.sha256()
+    total = hashlib.sha256()
     for path in sorted(path for kind in _CODE for path in root.rglob(kind)):
-        told.update(f"{path.relative_to(root).as_posix()}\0".encode())
-        told.update(hashlib.sha256(path.read_bytes()).digest())
-    return f"irt {version('labsim-irt')}, code {told.hexdigest()[:_DIGITS]}"
+        total.update(f"{path.relative_to(root).as_posix()}\0".encode())
+        total.update(hashlib.sha256(path.read_bytes()).digest())
+    return f"irt {version('labsim-irt')}, code {total.hexdigest()[:_DIGITS]}"

@@ -1,4 +1,4 @@
-"""What of a proof lies beside its page for anyone to check: commitments, manifest and keys of each round."""
+"""Published files of a proof beside its page: commitments, manifest and keys of each round."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from irt.errors import IrtError
 from irt.files import write_atomic
 from irt.proof.hash_chain import Places
 
-#: The files of a round that are copied, and what each holds: by that it is known again.
+#: The copied files of a round, and a key of each, which identifies it.
 HOLDS = {
     "commitments": {"commitments", "recordings"},
     "manifest": {"commitments", "answers"},
     "keys": {"manifest", "keys", "seed"},
 }
-#: What such files are or were called; without a number, as in a proof's own folder.
+#: Present and former names of such files; without a number, as in a proof's own folder.
 _NAME = re.compile(rf"({'|'.join(HOLDS)})(-\d+)?\.json")
 
 
 def published(folder: Path, rounds: Sequence[Places], earlier: int = 0) -> Iterator[tuple[str, Path]]:
-    """Yield the files of each round by the name that they have in the folder beside the page.
+    """Yield the files of each round with their names in the folder beside the page.
 
-    The only round has a number as well: whether there will be more of them changes no name. Those of earlier
-    proofs, which the first numbers are of, are in the folder already.
+    A single round has a number as well, so that further rounds change no name. The first numbers belong to
+    earlier proofs, whose files are in the folder already.
     """
     for number in range(1, earlier + 1):
         for name in HOLDS:
@@ -36,18 +36,18 @@ def published(folder: Path, rounds: Sequence[Places], earlier: int = 0) -> Itera
 
 
 def named(rounds: Sequence[Places]) -> Iterator[tuple[str, Path]]:
-    """Yield the same files by words that say which is meant, where nothing is copied."""
+    """Yield the same files with descriptive labels, for pages without copies."""
     for number, path in _files(rounds):
         yield f"`{path.name}`" + (f", round {number}" if len(rounds) > 1 else ""), path
 
 
 def publish(folder: Path, rounds: Sequence[Places], earlier: int = 0) -> set[str]:
-    """Copy the files of all rounds into a folder, and return the names that they have there.
+    """Copy the files of all rounds into a folder, and return their names there.
 
     Raises
     ------
     IrtError
-        If one cannot be written, or one of so many earlier rounds is not there.
+        If one cannot be written, or a file of an earlier round is missing.
     """
     names = set()
     for name, path in published(folder, rounds, earlier):
@@ -60,7 +60,7 @@ def publish(folder: Path, rounds: Sequence[Places], earlier: int = 0) -> set[str
 
 
 def withdraw(folder: Path, stay: Collection[str]) -> None:
-    """Remove what an earlier page left in the folder: files of other rounds or under other names.
+    """Remove files of an earlier page from the folder: those of other rounds or with other names.
 
     Raises
     ------
@@ -76,9 +76,9 @@ def withdraw(folder: Path, stay: Collection[str]) -> None:
 
 
 def _is_copy(path: Path) -> bool:
-    """Whether a file is one that was published: name and content have to say so."""
+    """Return whether a file is a published one, by its name and its content."""
     fits = _NAME.fullmatch(path.name)
-    # Where seals lie is the proof itself, which a page of the same name shares its folder with.
+    # A folder with seals is the proof itself, which a page of the same name shares.
     if fits is None or not path.is_file() or (fits[2] is None and (path.parent / "seals").exists()):
         return False
     with suppress(OSError, ValueError):

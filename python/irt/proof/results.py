@@ -1,4 +1,4 @@
-"""All scores of a proof, from its folder to ``scores.json``."""
+"""All scores of a proof, and their file ``scores.json``."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Results:
     scores : tuple of RigScore
         One for each rig.
     entries : tuple of Contestant
-        What other methods made of the same rigs; empty where they were not asked.
+        Scores of other methods on the same rigs; empty if they did not run.
     ties : tuple of Resolved
-        What became of ties with one run more; empty where there were none.
+        Ties before and after one more run; empty without ties.
     made : tuple of Made
-        How each round was made.
+        Provenance of each round.
     """
 
     scores: tuple[RigScore, ...]
@@ -63,18 +63,18 @@ class Results:
 
     @classmethod
     def load(cls, path: Path) -> Results:
-        """Read what `save` wrote.
+        """Read a file of `save`.
 
         Raises
         ------
         IrtError
-            If the file is missing or holds something else.
+            If the file is missing or has other content.
         """
         content = read_json(path)
         try:
             return cls(
                 tuple(RigScore.from_dict(one) for one in content["rigs"]),
-                tuple(Contestant(**one) for one in content["baselines"]),
+                tuple(Contestant.from_dict(one) for one in content["baselines"]),
                 tuple(Resolved(**one) for one in content["ties"]),
                 tuple(Made(**one) for one in content["rounds"]),
             )
@@ -95,7 +95,7 @@ class Results:
 
     @classmethod
     def joined(cls, rounds: Sequence[Results]) -> Results:
-        """Return the scores of several rounds as those of one proof; no two rigs share a name."""
+        """Return the scores of several rounds as one proof; names of rigs are unique."""
         return cls(
             tuple(one for each in rounds for one in each.scores),
             tuple(one for each in rounds for one in each.entries),
@@ -105,7 +105,7 @@ class Results:
 
     @property
     def standings(self) -> list[Standing]:
-        """How each method did, the diagnosis first."""
+        """Scores of all methods, the diagnosis first."""
         ours = standing("irt diagnose", self.scores, [of_diagnosis(one) for one in self.scores])
         others = [
             standing(title, self.scores, [one for one in self.entries if one.method == name])
@@ -118,13 +118,13 @@ class Results:
     def floors(self) -> list[Floor]:
         """The promises, and whether they are kept."""
         ours, *others = self.standings
-        told = floors(self.scores)
+        found = floors(self.scores)
         if not others or ours.named is None:
-            return told
+            return found
         share, (low, high) = ours.named.share, ours.named.interval
         kept = is_ahead(ours, others)
         promise = "more named, and a smaller held-out error"
-        return [*told, Floor("ahead of every other method", promise, share, low, high, ours.named.of, kept)]
+        return [*found, Floor("ahead of every other method", promise, share, low, high, ours.named.of, kept)]
 
     def save(self, path: Path) -> None:
         """Write every score of every rig as JSON.

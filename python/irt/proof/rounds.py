@@ -1,7 +1,7 @@
-"""A long proof in rounds: each is hidden, sealed, diagnosed and opened on its own.
+"""Rounds of a long proof: each is concealed, sealed, diagnosed and opened independently.
 
-So hours of work need not all be done before the first seal is opened, and what is finished counts: the page
-tells of the rounds that are, and of how many there are to be.
+Finished rounds count before the whole proof is done. The page reports the finished rounds and their planned
+number.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class Round:
     Attributes
     ----------
     places : Places
-        Where everything of it lies.
+        Its paths.
     plan : Plan
-        Which rigs it has.
+        Its rigs.
     seed : int or None
-        Of what is hidden; None has the operating system draw one.
+        Seed of the hidden physics; None for one from the operating system.
     """
 
     places: Places
@@ -44,13 +44,13 @@ class Rounds:
     out : Path
         The folder of the proof.
     count : int
-        How many rounds it has; the only one lies in the folder itself, several in folders below it.
+        Number of rounds; a single one is in the folder itself, several are in subfolders.
     hidden, nulls : int
-        Rigs of each round that hide something, and that do not.
+        Numbers of rigs with and without hidden physics in each round.
     seed : int or None
-        Of the whole proof; None has the operating system draw one for each round.
+        Seed of the whole proof; None for one per round from the operating system.
     before : int
-        Rigs of earlier proofs, which these rounds are to be counted with.
+        Number of rigs of earlier proofs that are counted together with these rounds.
     """
 
     out: Path
@@ -70,14 +70,14 @@ class Rounds:
 
 @dataclass(frozen=True)
 class Checked:
-    """What came of a check.
+    """Result of a check.
 
     Attributes
     ----------
     rigs : int
-        Of all rounds that are finished; everything of them is what it was when it was sealed.
+        Number of rigs in all finished rounds, which are unaltered.
     unfinished : str
-        The round that is not, and what it lacks, in a line; empty where there is none.
+        One line about the unfinished round; empty if there is none.
     """
 
     rigs: int
@@ -85,18 +85,18 @@ class Checked:
 
 
 def verify_all(out: Path) -> Checked:
-    """Check every round of a proof that is finished from end to end.
+    """Check all finished rounds of a proof from end to end.
 
-    The last one may be unfinished: that is how a proof is left by Ctrl-C.
+    The last round may be unfinished, as after Ctrl-C.
 
     Raises
     ------
     IrtError
-        If none is finished, anything in one was altered, or something of a round is gone.
+        If no round is finished, or a file of one was altered or removed.
     """
     begun = max(_numbers(out), default=0)
     last = _place(out, begun) if begun else out
-    # Where nothing was ever hidden there is nothing to go on with: it says which file is not there.
+    # In a folder without a proof the check fails with the name of the missing file.
     lacks = unfinished(Places(last)) if begun or (out / "seals").is_dir() else ""
     line = f"{last}: not finished, and not checked: {lacks}; the same command goes on" if lacks else ""
     if lacks and begun < 2:
@@ -110,7 +110,7 @@ def verify_all(out: Path) -> Checked:
 
 
 def _numbers(out: Path) -> Iterator[int]:
-    """Yield the numbers of the rounds that were begun, of several."""
+    """Yield the numbers of the started rounds, of several."""
     for place in out.glob("round-*"):
         fits = re.fullmatch(r"round-([1-9]\d*)", place.name)
         if fits and place.is_dir():

@@ -1,7 +1,7 @@
-"""The whole proof: hide, publish commitments, diagnose blind, write the answers down, open, check.
+"""A proof from start to end: conceal, publish commitments, diagnose blind, write the manifest, open, check.
 
-Everything lies in one folder, and a step that is done is not done again: after Ctrl-C or a crash the same
-command goes on.
+All files are in one folder. Finished steps are not repeated: after Ctrl-C or a crash the same command
+continues.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Progress = Callable[[int, int, str], None]
 
 BLIND = "irt.proof.blind"
 CONTEST = "irt.proof.contest"
-#: What a step of each kind takes for one rig, relative to the others, for the progress bar alone.
+#: Relative durations of the steps for one rig, for the progress bar.
 _WEIGHTS = {"hidden": 1, "diagnosed": 40, "contested": 20}
 
 
@@ -50,26 +50,26 @@ class Proof:
     Parameters
     ----------
     out : Path
-        Its folder, new or begun by the same command.
+        Its folder, new or started by the same command.
     plan : Plan
-        Which rigs.
+        Its rigs.
     generator : sequence of str
         The command of the concealed world.
     workers : Workers
-        Who runs the diagnoses.
+        Workers that run the diagnoses.
     seed : int, optional
-        Of what is hidden; by default drawn by the operating system.
+        Seed of the hidden physics; by default from the operating system.
     progress : callable, optional
         Called with (done, total, text).
     contest : bool
-        Whether other methods get the same rigs.
+        Whether other methods run on the same rigs.
     hiders : int
-        How many rigs are made at a time, each by a sealing process of its own.
+        Number of rigs made at a time, each by its own sealing process.
 
     Raises
     ------
     IrtError
-        If the folder holds another proof or cannot be written, or something was altered.
+        If the folder holds another proof or cannot be written, or a file was altered.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class Proof:
         self._done = 0
 
     def run(self) -> Places:
-        """Go all the way, from where it was left."""
+        """Run all remaining steps."""
         with self._sealer() as sealer:
             self._hide(sealer)
             self._diagnose()
@@ -101,7 +101,7 @@ class Proof:
                 self._resolve(sealer)
         if self._contest:
             self._compare()
-        self._tell(self._total, "done")
+        self._report(self._total, "done")
         return self.places
 
     def _sealer(self) -> Pipe:
@@ -109,7 +109,7 @@ class Proof:
         return Pipe(sealing.command(vault, self.plan, self._seed, self._generator), "the sealing process")
 
     def _hide(self, sealer: Pipe) -> None:
-        """Have the rigs made, and publish the commitments to all of them."""
+        """Make the rigs, and publish the commitments to all of them."""
         names = self.plan.names()
         for kind in ("rigs", "seals", "answers", "opened", "baselines", "further"):
             make_folder(self.places.out / kind)
@@ -119,7 +119,7 @@ class Proof:
         left = [index for index, name in enumerate(names) if not self.places.seal(name).exists()]
         already = len(names) - len(left)
         self._step("hidden", f"hidden: {already} of {len(names)}", already)
-        # The first one has the vault made; the others find it there.
+        # The first process creates the vault; the others find it.
         sealer.ask({"begin": {}})
         with ExitStack() as stack:
             others = min(self._hiders, len(left)) - 1
@@ -141,7 +141,7 @@ class Proof:
         write_atomic(self.places.commitments, canonical(commitments(self.places, names)))
 
     def _make(self, idle: Queue[Pipe], index: int, name: str) -> None:
-        """Have one rig made by a sealing process that is idle, and publish its seal."""
+        """Make one rig in an idle sealing process, and publish its seal."""
         folder = self.places.rig(name)
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
@@ -162,23 +162,23 @@ class Proof:
         self._work("diagnosed", BLIND, inputs, self.places.answer)
 
     def _release(self, sealer: Pipe) -> None:
-        """Write down what was answered, and only then have the keys given out."""
+        """Write the manifest of all answers, and only then request the keys."""
         names = self.plan.names()
         if not self.places.manifest.exists():
             write_atomic(self.places.manifest, canonical(manifest(self.places, names)))
         check_answers(self.places, names)
-        told = sealer.ask({"release": {"manifest": read_json(self.places.manifest)}})
-        write_atomic(self.places.keys, canonical(told))
+        released = sealer.ask({"release": {"manifest": read_json(self.places.manifest)}})
+        write_atomic(self.places.keys, canonical(released))
 
     def _compare(self) -> None:
-        """Give the same rigs to other methods, with the commands of the runs held out."""
+        """Run the other methods on the same rigs, with the commands of the held-out runs."""
         names = self.plan.names()
         left = [name for name in names if not self.places.contest(name).exists()]
         inputs = {name: self._contest_files(name) for name in left}
         self._work("contested", CONTEST, inputs, self.places.contest)
 
     def _resolve(self, sealer: Pipe) -> None:
-        """Have one more run recorded for each tie, and diagnose again; a world that cannot is left alone."""
+        """Record one more run for each tie and repeat the diagnosis, if the world supports it."""
         names = self.plan.names()
         tied = {
             name: self.places.rig(name)
@@ -192,20 +192,20 @@ class Proof:
             if seen is None:
                 return
             runs[name] = seen
-        told: dict[str, dict[str, Files]] = {}
+        collected: dict[str, dict[str, Files]] = {}
         for name, kind, files in further.diagnosed(self._workers, tied, runs):
-            told.setdefault(name, {})[kind] = files
-            self._tell(self._done, f"one more run: {name}")
-            if len(told[name]) == len(further.KINDS):
+            collected.setdefault(name, {})[kind] = files
+            self._report(self._done, f"one more run: {name}")
+            if len(collected[name]) == len(further.KINDS):
                 both = {
                     f"{each}/{file}": data
-                    for each, files in told[name].items()
+                    for each, files in collected[name].items()
                     for file, data in files.items()
                 }
                 write_folder(self.places.further(name), both)
 
     def _contest_files(self, name: str) -> Files:
-        """Return what another method may see: recordings, the base model, and what to predict."""
+        """Return the input of another method: recordings, base model, and runs to predict."""
         files = files_of(self.places.rig(name))
         files.update({f"models/{key}": data for key, data in files_of(self.places.answer(name)).items()})
         folder, start = self.places.opened(name), self.places.start(name)
@@ -216,7 +216,7 @@ class Proof:
     def _work(self, step: str, module: str, inputs: dict[str, Files], place: Callable[[str], Path]) -> None:
         already = self.plan.rigs - len(inputs)
         self._step(step, f"{step}: {already} of {self.plan.rigs}", already)
-        # Closed at once where this stops: its processes must not outlive it.
+        # Closed at once on an interruption, so that no process outlives this one.
         with closing(self._workers.each(module, inputs)) as answers:
             for done, (name, files) in enumerate(answers, start=already + 1):
                 write_folder(place(name), files)
@@ -229,14 +229,14 @@ class Proof:
 
     def _step(self, kind: str, text: str, count: int = 1) -> None:
         self._done += count * _WEIGHTS[kind]
-        self._tell(self._done, text)
+        self._report(self._done, text)
 
-    def _tell(self, done: int, text: str) -> None:
+    def _report(self, done: int, text: str) -> None:
         self._progress(min(done, self._total), self._total, text)
 
 
 def commands_alone(test: Recording, start: str) -> str:
-    """Return a recording as CSV without what came of it: only rows where a prediction starts stay."""
+    """Return a recording as CSV with positions only in the rows where a prediction starts."""
     marble = test.marble.copy()
     marble[LEAD_ROWS if start == "moving" else 1 :] = np.nan
     return Recording(test.name, test.path, test.knobs, marble, test.stamps).to_csv()

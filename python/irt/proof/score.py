@@ -1,4 +1,4 @@
-"""What an answer is worth, once the label of its rig is open."""
+"""Score of a diagnosis against the opened label of its rig."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from irt.segments import LEAD_ROWS
 from irt.workers import FAILED
 
 NOTHING = "nothing"
-#: A gap is one to close where the base model errs by this share more than the oracle, at least.
+#: A rig has a gap if the base model's error exceeds the oracle's by at least this share.
 GAP = 0.1
-#: Angles that say the same after a turn [rad].
+#: Angles that are periodic, with their periods [rad].
 TURNS = {"grain_rad": math.pi, "phase_rad": 2.0 * math.pi}
-#: Differs from run to run by chance, so that no model can predict it: left out where gaps count.
+#: Effects that vary at random from run to run, so that no model predicts them: left out of gaps.
 CHANCE = "delay_jitter"
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Mean absolute errors on runs held out [board edges].
+    """Mean absolute errors on held-out runs [board edges].
 
     Attributes
     ----------
     base, final : float
         Of the five parameters alone, and of the final model; free runs.
     oracle : float
-        Of the true path: what the tracker's noise makes.
+        Of the true path, i.e. the tracker's noise alone.
     signal : float
-        How far the base model, once refitted, strays from the true path, in tracker noises.
+        Distance of the refitted base model from the true path, in units of the tracker's noise.
     """
 
     base: float
@@ -66,37 +66,37 @@ class RigScore:
     rig : str
         Its name.
     group : {"none", "outliers", "single", "pair", "unlisted"}
-        What kind of rig it was.
+        Kind of rig.
     kinds : tuple of str
-        What was hidden: effects, or one ``unlisted_...``; empty where nothing was.
+        Hidden physics: effects, or one ``unlisted_...``; empty without any.
     verdict : str
-        Of the diagnosis; "failed" where there is none.
+        Verdict of the diagnosis; "failed" without one.
     named : tuple of str
-        Effects named, the most important first.
+        Named effects, the most important first.
     ties : dict
-        What each of them was said to be confusable with.
+        Effects that each of them was declared confusable with.
     exact, found : bool
-        Whether exactly what was hidden was named, and whether it was at least in the ties declared.
+        Whether exactly the hidden effects were named, and whether the declared ties contain them.
     tie_size : float or None
         Mean number of effects that a name stands for.
     false_alarm : bool
-        Whether something was named where there was nothing.
+        Whether an effect was named without hidden physics.
     errors : Errors or None
-        On runs held out; None where the diagnosis failed, or the tracker saw none of them.
+        On held-out runs; None if the diagnosis failed or the tracker saw none of them.
     intervals : dict
-        Whether the 95 % interval of each parameter holds the truth: "yes", "no", or "open" where it has an
+        Whether the 95 % interval of each parameter contains the truth: "yes", "no", or "open" if it has an
         infinite end and so cannot fail on that side.
     noise, sigma, through_camera
-        How it was seen: kind of noise, its standard deviation [board edges], by the tracker or not.
+        Kind of tracker noise, its standard deviation [board edges], and whether pictures were tracked.
     seconds : float
-        What the diagnosis took of one core.
+        CPU time of the diagnosis on one core [s].
     reason : str
-        Why it failed, if it did.
+        Reason of a failure; empty otherwise.
     unread : tuple of str
-        Runs in which the tracker lost the marble, so that nothing could be diagnosed.
+        Runs in which the tracker lost the marble, so that no diagnosis was possible.
     left_out : tuple of str
-        Runs held out in which the tracker saw nothing after the rows where predictions start, so that no
-        error counts them.
+        Held-out runs that are not in the errors, because the tracker saw nothing after the rows where
+        predictions start.
     """
 
     rig: str
@@ -121,20 +121,20 @@ class RigScore:
 
     @property
     def closed(self) -> float | None:
-        """Share of the held-out gap that was closed; None where there is none, or none that can be."""
+        """Closed share of the held-out gap; None without a gap, or with random effects."""
         if self.errors is None or not self.kinds or CHANCE in self.kinds:
             return None
         return self.errors.closed()
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the score as JSON takes it; what has no number is None."""
-        told: dict[str, Any] = _finite({**asdict(self), "closed": self.closed})
-        return told
+        """Return the score as JSON content, with None for NaN and infinities."""
+        content: dict[str, Any] = _finite({**asdict(self), "closed": self.closed})
+        return content
 
     @classmethod
-    def from_dict(cls, told: Mapping[str, Any]) -> RigScore:
-        """Return the score that `as_dict` told of."""
-        values = {name: value for name, value in told.items() if name != "closed"}
+    def from_dict(cls, content: Mapping[str, Any]) -> RigScore:
+        """Return the score from the content of `as_dict`."""
+        values = {name: value for name, value in content.items() if name != "closed"}
         for name in ("kinds", "named", "unread", "left_out"):
             values[name] = tuple(values[name])
         for name in ("sigma", "seconds"):
@@ -152,9 +152,9 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
     rig : str
         Its name.
     answer : Path
-        What the diagnosis wrote.
+        Folder of the diagnosis' output.
     opened : Path
-        Label and runs held out.
+        Folder of the label and the held-out runs.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         unread, why = _unread(label)
         reason = why or str(read_json(answer / FAILED)["error"])
         return RigScore(rig, group, kinds, "failed", reason=reason, unread=unread, **seen)
-    told = read_json(answer / "diagnosis.json")
+    diagnosis = read_json(answer / "diagnosis.json")
     base, final = load_model(answer / "base.toml"), load_model(answer / "model.toml")
     tests, true = held_out(opened, label, base.start)
     kept = {one.name for one in tests}
@@ -180,10 +180,10 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         rig,
         group,
         kinds,
-        told["verdict"],
-        **naming(group, kinds, told),
+        diagnosis["verdict"],
+        **naming(group, kinds, diagnosis),
         errors=errors_of(base, final, tests, true, seen["sigma"]),
-        intervals=intervals(told, label["truth"]),
+        intervals=intervals(diagnosis, label["truth"]),
         seconds=float(read_json(answer / SECONDS)["seconds"]),
         left_out=tuple(name for name in label["tests"] if name not in kept),
         **seen,
@@ -191,17 +191,17 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
 
 
 def label_of(opened: Path) -> dict[str, Any]:
-    """Return the label of a rig whose seal is open."""
+    """Return the opened label of a rig."""
     return read_json(opened / "label.json")
 
 
 def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
-    """Return the kind of rig, and what was hidden in it.
+    """Return the kind of a rig and its hidden physics.
 
     Raises
     ------
     IrtError
-        If the label names nothing of the kind.
+        If the label is not of a known kind.
     """
     kind = label["kind"]
     if isinstance(kind, list | tuple):
@@ -214,10 +214,10 @@ def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
     return (UNLISTED if str(kind).startswith(UNLISTED) else "single"), (str(kind),)
 
 
-def naming(group: str, kinds: Sequence[str], told: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what of a score is about names: ``named``, ``ties``, ``exact``, ``found`` and so on."""
-    ties = {one["name"]: sorted(one["confusable_with"]) for one in told["effects"]}
-    verdict, named = told["verdict"], tuple(ties)
+def naming(group: str, kinds: Sequence[str], diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a score about names: ``named``, ``ties``, ``exact``, ``found`` and so on."""
+    ties = {one["name"]: sorted(one["confusable_with"]) for one in diagnosis["effects"]}
+    verdict, named = diagnosis["verdict"], tuple(ties)
     if not kinds:
         exact = found = verdict == "sufficient"
     elif group == UNLISTED:
@@ -236,9 +236,9 @@ def naming(group: str, kinds: Sequence[str], told: Mapping[str, Any]) -> dict[st
 
 
 def matched(kinds: Sequence[str], ties: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Return for hidden effects the name that stands for each, itself or its tie; a name stands for one.
+    """Match each hidden effect to at most one name that is equal to it or tied with it.
 
-    As many as can be are matched, exact names first.
+    The matching is a largest one, with exact names first.
     """
     slots: list[str | None] = [*ties, *[None] * len(kinds)]
 
@@ -259,7 +259,7 @@ def matched(kinds: Sequence[str], ties: Mapping[str, Sequence[str]]) -> dict[str
 def errors_of(
     base: Model, final: Model, tests: Sequence[Recording], true: Sequence[Recording], sigma: float
 ) -> Errors | None:
-    """Return the errors of two models on runs, as the tracker saw them and as they were; None without a run.
+    """Return the errors of two models on tracked runs and on their true paths; None without a run.
 
     `sigma` is the tracker's noise [board edges].
     """
@@ -275,10 +275,10 @@ def errors_of(
 
 
 def held_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[list[Recording], list[Recording]]:
-    """Return the runs held out: as the tracker saw them, and the true paths.
+    """Return the held-out runs: tracked, and their true paths.
 
-    The rows from which a prediction starts are true in both. Noise there shifts a whole path, and would count
-    against every model but the oracle. Runs in which nothing is seen after these rows are left out.
+    The rows from which a prediction starts are the true ones in both, because noise there shifts a whole path
+    and would count against every model but the oracle. Runs without tracked rows after these are left out.
     """
     tests, true = [], []
     lead = LEAD_ROWS if start == "moving" else 1
@@ -292,7 +292,7 @@ def held_out(opened: Path, label: Mapping[str, Any], start: str) -> tuple[list[R
 
 
 def _unread(label: Mapping[str, Any]) -> tuple[tuple[str, ...], str]:
-    """Return the recordings that the tracker could not read, and why in words; empty where there are none."""
+    """Return the recordings that the tracker could not read, and the reason in words; empty if none."""
     lost = {name: why for name, why in label.get("lost", {}).items() if name not in label["tests"]}
     if not lost:
         return (), ""
@@ -306,19 +306,19 @@ def mean_error(model: Model, runs: Sequence[Recording]) -> float:
     return float(np.mean([free_run_error(model, run) for run in runs]))
 
 
-def intervals(told: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, str]:
-    """Return whether each interval, of the base and of effects rightly named, holds the truth.
+def intervals(diagnosis: Mapping[str, Any], truth: Mapping[str, Any]) -> dict[str, str]:
+    """Return whether the intervals of the base and of rightly named effects contain the truth.
 
-    Without stamps all of the motion can run slower under weaker pushes, and no recording says which it was:
-    intervals along that direction are as wide as the rig's ranges, and are compared as they are.
+    Without stamps the recordings do not determine the time scale: slower motion under weaker pushes looks the
+    same. Intervals along that direction are as wide as the rig's ranges, and are compared as they are.
     """
     held = {
         name: _holds(name, one, truth[name])
-        for name, one in told["parameters"].items()
+        for name, one in diagnosis["parameters"].items()
         if truth.get(name) is not None
     }
     hidden = {one["name"]: one for one in truth.get("effects", [])}
-    for effect in told["effects"]:
+    for effect in diagnosis["effects"]:
         known = hidden.get(effect["name"], {})
         for name, one in effect["parameters"].items():
             if known.get(name) is not None:
@@ -334,13 +334,13 @@ def _holds(name: str, one: Mapping[str, Any], value: float) -> str:
     return "open" if math.isnan(low) or math.isnan(high) else "yes"
 
 
-def _number(told: float | None) -> float:
-    """Return a number that JSON may have had none for."""
-    return math.nan if told is None else told
+def _number(value: float | None) -> float:
+    """Return a number, NaN for None."""
+    return math.nan if value is None else value
 
 
 def _finite(content: Any) -> Any:
-    """Return content with None for what JSON has no number for."""
+    """Return content with None for numbers that JSON does not have."""
     if isinstance(content, dict):
         return {key: _finite(value) for key, value in content.items()}
     return None if isinstance(content, float) and not math.isfinite(content) else content

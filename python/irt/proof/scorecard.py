@@ -1,4 +1,4 @@
-"""The scorecard of a proof: one page in Markdown, with its pictures in a folder beside it."""
+"""The scorecard of a proof: a Markdown page with its figures in a folder beside it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from irt.diagnosis.result import UNLISTED
 from irt.files import make_folder, write_atomic
 from irt.proof import figures
-from irt.proof.failures import GROUPS, counted, failures, short_unread, told_left_out, told_unread
+from irt.proof.failures import GROUPS, counted, failures, left_out_runs, short_unread, unread_rigs
 from irt.proof.further import KINDS
 from irt.proof.hash_chain import Places
 from irt.proof.metrics import (
@@ -60,14 +60,14 @@ def write_scorecard(
     results : Results
         The scores.
     rounds : sequence of Places
-        The rounds of the proof that are finished, whose hashes the page names.
+        The finished rounds of the proof, whose hashes the page lists.
     settings : mapping
-        What it was made with, in words, by title.
+        Descriptions of the settings, by title.
     raw : bool
-        Whether commitments, manifest and keys go beside the page as well; those of an earlier page, or of
-        rounds that this one does not tell of, are removed in any case.
+        Whether commitments, manifest and keys are copied beside the page. Those of an earlier page, or of
+        rounds that this page does not contain, are removed in any case.
     earlier : int
-        Rounds of earlier proofs that the results count too; what was published of them stays.
+        Number of rounds of earlier proofs in the results; their published files stay.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def write_scorecard(
     """
     make_folder(page.parent)
     folder = make_folder(page.with_suffix(""))
-    # First: it looks whether earlier rounds are whole, before anything of their page is written over.
+    # First, because it checks that earlier rounds are complete before their page is overwritten.
     copied = publish(folder, rounds, earlier) if raw else set()
     scores = results.scores
     figures.plot_confusion(folder / "confusion.png", scores)
@@ -99,22 +99,22 @@ def write_scorecard(
         f"Every score is in [{folder.name}/scores.json]({folder.name}/scores.json).",
     ]
     write_atomic(page, "\n".join(lines) + "\n")
-    # Last: until then there is a page that names them.
+    # Last, because the old page refers to them until then.
     withdraw(folder, copied)
     return page
 
 
 def verdict(results: Results) -> str:
-    """Return the answer of a proof in a sentence or two."""
-    told = [one for one in results.floors if one.kept is not None]
-    kept = sum(bool(one.kept) for one in told)
+    """Return the result of a proof in one or two sentences."""
+    promises = [one for one in results.floors if one.kept is not None]
+    kept = sum(bool(one.kept) for one in promises)
     scores = results.scores
     hidden = len(scores) - len(nulls(scores))
-    short = [one.what for one in told if not one.kept and one.sure]
-    perhaps = [one.what for one in told if not one.kept and not one.sure]
+    short = [one.what for one in promises if not one.kept and one.sure]
+    perhaps = [one.what for one in promises if not one.kept and not one.sure]
     sentence = (
         f"{counted(hidden, 'rig')} with hidden physics and {len(scores) - hidden} without, "
-        f"diagnosed blind: {kept} of {len(told)} promises kept."
+        f"diagnosed blind: {kept} of {len(promises)} promises kept."
     )
     if short:
         sentence += f" Missed: {'; '.join(short)}."
@@ -159,15 +159,15 @@ def _naming(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
                 _rate(Rate.over(inside, lambda one: one.exact)),
             )
             clear = [one for one in inside if group not in NULLS and is_clear(one)]
-            told = f"{_rate(Rate.over(clear, lambda one: one.found))} of {len(clear)}" if clear else ""
-            yield f"| {words} | {len(inside)} | {right} | {exact} | {told} | {size} | {failed} |"
+            at_clear = f"{_rate(Rate.over(clear, lambda one: one.found))} of {len(clear)}" if clear else ""
+            yield f"| {words} | {len(inside)} | {right} | {exact} | {at_clear} | {size} | {failed} |"
     yield ""
     yield (
         "An answer is right if it names the hidden effect, or declares a tie that contains it, and nothing "
         "else; if it is `unlisted` for physics that is not in the catalogue; and `sufficient` if nothing was "
         "hidden."
     )
-    yield from told_unread(scores)
+    yield from unread_rigs(scores)
     yield "\n| of rigs with effects of the catalogue | rigs | right |"
     yield "| --- | --- | --- |"
     for words, inside in _cuts(of_catalogue(scores)):
@@ -226,7 +226,7 @@ def _errors(results: Results, folder: str) -> Iterator[str]:
             low = f"{np.quantile(closed, 0.1):.3f}"
             middle = _quantity(Quantity.median(closed))
             yield f"| {words} | {len(closed)} of {len(inside)} | {middle} | {low} |"
-    yield from told_left_out(results.scores)
+    yield from left_out_runs(results.scores)
     yield ""
     yield from _picture(
         folder,
@@ -251,7 +251,8 @@ def _methods(results: Results) -> Iterator[str]:
             yield f"| {one.title} | {one.missing} | | | | | |"
             continue
         rates = (
-            _rate(rate) if rate is not None else "does not say" for rate in (one.named, one.told, one.alarms)
+            _rate(rate) if rate is not None else "does not say"
+            for rate in (one.named, one.detected, one.alarms)
         )
         closed, over = (_quantity(value) if value.of else "" for value in (one.closed, one.over_oracle))
         yield f"| {one.title} | {' | '.join(rates)} | {closed} | {over} | {one.seconds:.1f} |"
@@ -275,10 +276,10 @@ def _one_more(results: Results) -> Iterator[str]:
     yield "| --- | --- | --- | --- |"
     before = np.mean([one.before for one in results.ties])
     for kind in KINDS:
-        told = [one.exact[kind] for one in results.ties]
+        exact = [one.exact[kind] for one in results.ties]
         sizes = [one.after[kind] or 0.0 for one in results.ties if one.after[kind]]
         after = f"{np.mean(sizes):.2f}" if sizes else ""
-        yield f"| {kind} | {_rate(Rate(sum(told), len(told)))} of {len(told)} | {before:.2f} | {after} |"
+        yield f"| {kind} | {_rate(Rate(sum(exact), len(exact)))} of {len(exact)} | {before:.2f} | {after} |"
 
 
 def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:

@@ -1,8 +1,8 @@
-"""A seal: what was hidden, encrypted, with a commitment that nobody can change without being caught.
+"""Seals: encrypted labels of hidden physics, with commitments that reveal any change.
 
-The commitment is SHA-256 over a secret nonce of 32 bytes and the label, so it neither tells the label nor
-fits another one. The label travels encrypted with ChaCha20-Poly1305 (RFC 8439), which authenticates it
-together with the rig's name and the commitment.
+The commitment is the SHA-256 of a secret nonce of 32 bytes and the label. It does not reveal the label and
+fits no other one. The label is encrypted with ChaCha20-Poly1305 (RFC 8439), which authenticates it together
+with the rig's name and the commitment.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _COUNTER_BYTES = 12
 
 @dataclass(frozen=True)
 class Seal:
-    """What is published of a rig before anyone looks at it.
+    """The published seal of a rig.
 
     Attributes
     ----------
@@ -44,34 +44,34 @@ class Seal:
     sealed: str
 
     def as_dict(self) -> dict[str, str]:
-        """Return the seal as JSON takes it."""
+        """Return the seal as JSON content."""
         return asdict(self)
 
 
 @dataclass(frozen=True)
 class Key:
-    """What opens a seal: the cipher's key and the commitment's nonce, 32 bytes each, hexadecimal."""
+    """The key of a seal: the cipher's key and the commitment's nonce, 32 bytes each, hexadecimal."""
 
     key: str
     nonce: str
 
     def as_dict(self) -> dict[str, str]:
-        """Return the key as JSON takes it."""
+        """Return the key as JSON content."""
         return asdict(self)
 
 
 def canonical(content: Any) -> bytes:
-    """Return content as JSON bytes that depend on nothing but the content: the same on any machine.
+    """Return content as canonical JSON bytes, the same on any machine.
 
     Raises
     ------
     IrtError
-        If it holds what JSON has no word for, such as NaN.
+        If it holds values that JSON does not have, such as NaN.
     """
     try:
         return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False).encode("ascii")
     except (TypeError, ValueError) as error:
-        raise IrtError(f"not to be written as JSON: {error}") from error
+        raise IrtError(f"cannot be written as JSON: {error}") from error
 
 
 def digest(data: bytes) -> str:
@@ -85,7 +85,7 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 def close(rig: str, label: Mapping[str, Any]) -> tuple[Seal, Key]:
-    """Seal the label of a rig with a key and a nonce drawn for it alone.
+    """Seal the label of a rig with a fresh key and a fresh nonce.
 
     Raises
     ------
@@ -103,22 +103,22 @@ def close(rig: str, label: Mapping[str, Any]) -> tuple[Seal, Key]:
 
 
 def open_seal(seal: Seal, key: Key, commitment: str | None = None) -> dict[str, Any]:
-    """Return the label of a rig, once everything about its seal has been checked.
+    """Return the label of a rig after a check of its seal.
 
     Parameters
     ----------
     seal : Seal
-        What was published.
+        The published seal.
     key : Key
-        What was released.
+        The released key.
     commitment : str, optional
-        The commitment that was written down before the diagnosis; by default the seal's own.
+        The commitment from before the diagnosis; by default the seal's own.
 
     Raises
     ------
     IrtError
-        If the label, its encryption, the nonce, the key or the commitment is not what it was when it was
-        sealed; one line that names the rig.
+        If the label, its encryption, the nonce, the key or the commitment was altered since the sealing; one
+        line with the rig's name.
     """
     from cryptography.exceptions import InvalidTag  # noqa: PLC0415
 
@@ -141,7 +141,7 @@ def open_seal(seal: Seal, key: Key, commitment: str | None = None) -> dict[str, 
 
 
 def _bound(rig: str, commitment: str) -> bytes:
-    """Return what is authenticated with the label, though not hidden."""
+    """Return the data that is authenticated but not encrypted."""
     return f"{rig}\n{commitment}".encode()
 
 

@@ -1,33 +1,33 @@
-"""The process that hides: it has rigs made, seals their labels, and gives the keys out for a manifest alone.
+"""The sealing process: makes rigs, seals their labels, and releases the keys only for a manifest.
 
     python -m irt.proof.sealing VAULT PLAN SEED GENERATOR...
 
 Requests and answers are lines of JSON on standard input and output (`irt.proof.pipe`):
 
 ``{"begin": {}}``
-    is answered once the vault is there.
+    creates the vault.
 ``{"make": {"index": 3, "folder": "..."}}``
-    has the generator write a rig's recordings into the folder; answers with its seal alone.
+    makes the generator write a rig's recordings into the folder; answers only with its seal.
 ``{"release": {"manifest": {...}}}``
-    writes down the SHA-256 of the manifest of all answers, then answers with the keys and the seed. It
-    does so for one manifest: after that nobody can come with other answers.
+    stores the SHA-256 of the manifest of all answers, then answers with the keys and the seed. It does so
+    for one manifest only, so that answers cannot change afterwards.
 
-The concealed world is a process of the same manner. It is asked
+The concealed world is a process of the same kind. For a request
 
 ``{"make": {"index": 3, "kind": "none|outliers|single|pair|unlisted", "folder": "...", "seed": 7}}``
 
-writes the rig's recordings and ``rig.toml`` into the folder, and answers ``{"label": {...}}``: ``kind`` (an
-effect, two, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters by name, ``effects``),
-``sigma`` of the tracker [board edges], ``noise``, ``through_camera``, and ``tests`` by name, each with its
-``csv`` and the ``clean`` path [board edges]. ``lost`` names the runs that its tracker could not read, and
-says why of each; their cells are empty, and ``sigma`` is null where there is no other run. Such a rig is
-sealed as any other: its diagnosis fails, and that counts.
+it writes the rig's recordings and ``rig.toml`` into the folder, and answers ``{"label": {...}}``: ``kind``
+(an effect, two effects, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters by name,
+``effects``), ``sigma`` of the tracker [board edges], ``noise``, ``through_camera``, and ``tests`` by name,
+each with its ``csv`` and the ``clean`` path [board edges]. ``lost`` names the runs that its tracker could not
+read, with the reasons; their cells are empty, and ``sigma`` is null if there is no other run. Such a rig is
+sealed like any other. Its diagnosis fails, which counts.
 
-A world may also record further runs of a rig that it made, once the answers are written down: it is asked
-``{"record": {"index": 3, "kind": "...", "seed": 7, "csv": "..."}}`` with commands and a start in row 0, and
-answers ``{"csv": "..."}``, the same run as its tracker saw it.
+A world may also record further runs of its rigs after the manifest is written. For a request
+``{"record": {"index": 3, "kind": "...", "seed": 7, "csv": "..."}}`` with commands and a start in row 0 it
+answers ``{"csv": "..."}``, the tracked run.
 
-Keys lie in the vault, so that a long proof goes on after a crash; no diagnosis is told where that is.
+Keys are stored in the vault, so that a long proof can continue after a crash. No diagnosis receives its path.
 """
 
 from __future__ import annotations
@@ -48,21 +48,21 @@ from irt.proof.seal import Key, canonical, close, digest, digests
 
 
 class Vault:
-    """The folder with what nobody may know before the answers are written down: the seed and the keys.
+    """The folder of the seed and the keys, which stay secret until the manifest is written.
 
     Parameters
     ----------
     folder : Path
-        Made if it is not there, readable by its owner alone.
+        Created if missing, readable only by its owner.
     plan : Plan
-        Which rigs the proof has.
+        The rigs of the proof.
     seed : int or None
-        Of the whole proof; by default drawn by the operating system.
+        Seed of the whole proof; by default from the operating system.
 
     Raises
     ------
     IrtError
-        If the vault is of another proof.
+        If the vault belongs to another proof.
     """
 
     def __init__(self, folder: Path, plan: Plan, seed: int | None) -> None:
@@ -79,43 +79,43 @@ class Vault:
 
     @property
     def is_released(self) -> bool:
-        """Whether the keys are out."""
+        """Whether the keys are released."""
         return (self._folder / "released.json").exists()
 
     def keep(self, rig: str, key: Key) -> None:
-        """Keep the key of a rig."""
+        """Store the key of a rig."""
         write_atomic(self._folder / f"{rig}.json", canonical(key.as_dict()))
 
     def release(self, manifest: Mapping[str, Any], rigs: Sequence[str]) -> dict[str, Any]:
-        """Write down which manifest the keys go out for, and return them.
+        """Store the manifest's hash for which the keys are released, and return the keys.
 
         Raises
         ------
         IrtError
-            If an answer is missing from the manifest, or the keys are out for another one.
+            If an answer is missing from the manifest, or the keys were released for another one.
         """
         missing = [rig for rig in rigs if rig not in manifest.get("answers", {})]
         if missing:
-            raise IrtError(f"{missing[0]}: the manifest has no answer for it; no key is given out")
-        told = digest(canonical(manifest))
+            raise IrtError(f"{missing[0]}: the manifest has no answer for it; no key is released")
+        hashed = digest(canonical(manifest))
         released = self._folder / "released.json"
         if not released.exists():
-            write_atomic(released, canonical({"manifest": told}))
-        if read_json(released)["manifest"] != told:
-            raise IrtError("the keys were given out for other answers: these were changed since")
+            write_atomic(released, canonical({"manifest": hashed}))
+        if read_json(released)["manifest"] != hashed:
+            raise IrtError("the keys were released for other answers, which were changed since")
         keys = {rig: read_json(self._folder / f"{rig}.json") for rig in rigs}
-        return {"manifest": told, "keys": keys, "seed": self.seed}
+        return {"manifest": hashed, "keys": keys, "seed": self.seed}
 
 
 class Sealer:
-    """Has rigs made, and seals them.
+    """Makes rigs through the concealed world, and seals them.
 
     Parameters
     ----------
     vault : Vault
-        Where keys go.
+        Storage of the keys.
     plan : Plan
-        Which rigs there are.
+        The rigs of the proof.
     generator : sequence of str
         The command of the concealed world.
     """
@@ -167,14 +167,14 @@ class Sealer:
 
 def command(vault: Path, plan: Plan, seed: int | None, generator: Sequence[str]) -> list[str]:
     """Return the command that starts the process."""
-    told = json.dumps(plan.as_dict())
-    return [sys.executable, "-m", __name__, str(vault), told, "-" if seed is None else str(seed), *generator]
+    what = json.dumps(plan.as_dict())
+    return [sys.executable, "-m", __name__, str(vault), what, "-" if seed is None else str(seed), *generator]
 
 
 def main(words: Sequence[str]) -> None:
     """Answer requests until standard input ends."""
-    folder, told, seed, *generator = words
-    plan = Plan(**json.loads(told))
+    folder, planned, seed, *generator = words
+    plan = Plan(**json.loads(planned))
     try:
         vault = Vault(Path(folder), plan, None if seed == "-" else int(seed))
     except IrtError as error:

@@ -1,4 +1,4 @@
-"""Tuning: one front for every method, and iterative residual tuning with all that belongs to it."""
+"""Tuning: `tune` for all methods, and the implementation of iterative residual tuning."""
 
 from __future__ import annotations
 
@@ -41,36 +41,36 @@ def tune(
     rig : Rig or path
         A rig, or its folder.
     method : {"least-squares", "irt+", "irt", "cma-es", "es", "direct"}
-        How: the last four are the paper's method and those that it compares with.
+        The method; the last four are the paper's method and its baselines.
     starts : int, optional
-        Start points; default 8 of least squares, 1 of "irt+", 5 of the others. Not of "direct".
+        Number of start points; default 8 for least squares, 1 for "irt+", 5 for the others. Not for "direct".
     iterations : int, optional
-        Of "irt": steps from each start; default 20.
+        For "irt": steps from each start; default 20.
     rollouts : int, optional
-        Of "irt+", "cma-es" and "es": proposals simulated from each start; default 60, 300, 1005.
+        For "irt+", "cma-es" and "es": simulated proposals from each start; default 60, 300, 1005.
     network : path, optional
-        Of "irt+", "irt" and "direct": a trained network in the place of the one shipped or cached.
+        For "irt+", "irt" and "direct": a trained network to use instead of the shipped or cached one.
     effects : sequence of Effect or str, optional
-        Of least squares: what is added to the simulation and fitted, or its names.
+        For least squares: effects to add to the simulation and fit, or their names.
     seed : int
-        Of the start points.
+        Seed of the start points.
     engine : {"rolling", "rapier"}
-        What simulates.
+        The simulator.
     threads : int, optional
-        Of the engine; by default one for each core.
+        Threads of the engine; by default one for each core.
     progress : callable, optional
         Called with (done, total, text).
 
     Returns
     -------
     FitResult
-        The tuned model, with intervals, how it was found, and what a check of the recordings warns of.
+        The tuned model with intervals, facts about the fit, and warnings of a check of the recordings.
 
     Raises
     ------
     IrtError
-        If the method is unknown, the rig or an option is not as it must be, the recordings can identify
-        nothing or are certainly wrong (`irt.check` says more), or a file cannot be written.
+        If the method is unknown, the rig or an option is invalid, the recordings can identify nothing or are
+        certainly wrong (see `irt.check`), or a file cannot be written.
     """
     arguments.word("method", method, METHODS)
     added = _effects(effects)
@@ -90,7 +90,7 @@ def tune(
         "threads": threads,
         "progress": progress,
     }
-    # The check, torch, scipy and pycma load only where they are used.
+    # The check, torch, scipy and pycma are imported only where they are used.
     from irt.checking.run import required  # noqa: PLC0415
 
     rig = as_rig(rig).on_bare_board()
@@ -103,7 +103,7 @@ def tune(
 
 
 def _tuned(rig: Rig, method: str, options: Mapping[str, Any]) -> FitResult:
-    """Fit by the method, with the options that it has."""
+    """Fit by the method with its options."""
     if method == "least-squares":
         from irt.fitting.least_squares import least_squares  # noqa: PLC0415
 
@@ -118,21 +118,21 @@ def _tuned(rig: Rig, method: str, options: Mapping[str, Any]) -> FitResult:
 
 
 def check_options(method: str, given: Sequence[str], *, prefix: str = "") -> None:
-    """Raise unless each option that is given belongs to the method.
+    """Raise unless each given option belongs to the method.
 
     Parameters
     ----------
     method : str
         One of `METHODS`.
     given : sequence of str
-        Names of options; those that all methods have are passed over.
+        Names of options; common options of all methods are accepted.
     prefix : str
-        What the user writes before a name.
+        The prefix of option names, such as ``--``.
 
     Raises
     ------
     IrtError
-        If one does not.
+        If an option does not belong to it.
     """
     for name in given:
         if name in BELONGS and method not in BELONGS[name]:
@@ -144,7 +144,7 @@ def check_options(method: str, given: Sequence[str], *, prefix: str = "") -> Non
 
 
 def _effects(effects: Sequence[Effect | str]) -> tuple[Effect, ...]:
-    """Return effects, those that are named with all parameters to be looked for."""
+    """Return effects; those given by name have all parameters free."""
     if isinstance(effects, str | bytes | Mapping) or not isinstance(effects, Sequence):
         raise IrtError(f"effects: expected a sequence of irt.Effect or names, got {arguments.shown(effects)}")
     named = [Effect(one, {}) if isinstance(one, str) else one for one in effects]

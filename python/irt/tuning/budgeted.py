@@ -1,4 +1,4 @@
-"""From a rig to a result by a method that is given so many rollouts: IRT+, CMA-ES, (5 + 100), direct."""
+"""Fits with a budget of rollouts: IRT+, CMA-ES, the (5 + 100) evolution strategy, direct prediction."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Budget:
-    """Starts of a method, and rollouts from each, unless others are asked for."""
+    """Default number of starts of a method, and of rollouts from each."""
 
     starts: int
     rollouts: int
 
 
-#: Of each method; direct prediction asks for no more than its one.
+#: Budgets of the methods; direct prediction uses a single rollout.
 BUDGETS = {
     "irt+": Budget(1, 60),
     "cma-es": Budget(5, 300),
@@ -54,39 +54,39 @@ def budgeted(
     progress: Progress | None = None,
     threads: int | None = None,
 ) -> FitResult:
-    """Fit the five parameters by a method that is given so many rollouts.
+    """Fit the five parameters by a method with a budget of rollouts.
 
-    IRT+ is a network's steps, then Gauss-Newton (`irt.tuning.plus.Plus`); CMA-ES, the (5 + 100) evolution
-    strategy and direct prediction are those that the paper compares with (section 6.1). The networks of IRT+
-    are shipped for recordings under the paper's drive; for others, and for direct prediction, one is trained
-    first and kept in the user's cache.
+    IRT+ takes steps of a network, then of Gauss-Newton (`irt.tuning.plus.Plus`). CMA-ES, the (5 + 100)
+    evolution strategy and direct prediction are the paper's baselines (section 6.1). The networks of IRT+ are
+    shipped for recordings under the paper's drive. For other drives, and for direct prediction, a network is
+    trained first and stored in the user's cache.
 
     Parameters
     ----------
     rig : Rig
-        The recordings, and the ranges, which no proposal leaves.
+        The recordings, and the ranges, which bound all proposals.
     method : {"irt+", "cma-es", "es", "direct"}
-        Which one.
+        The method.
     starts : int, optional
-        Random start points of the strategies; searches of IRT+, which differ in where they look once
-        Gauss-Newton has come to an end. By default `BUDGETS` says.
+        Random start points of the strategies; searches of IRT+, which differ in their restarts after
+        Gauss-Newton has converged. Defaults in `BUDGETS`.
     rollouts : int, optional
-        Proposals that are simulated from each, those for Jacobians among them (default: as `BUDGETS` says).
+        Simulated proposals from each start, including those for Jacobians. Defaults in `BUDGETS`.
     seed : int
-        Of what is drawn.
+        Seed of all random numbers.
     network : path, optional
-        A trained network to use instead, of IRT+ and direct prediction.
+        A trained network to use instead, for IRT+ and direct prediction.
     engine : {"rolling", "rapier"}
-        What simulates.
+        The simulator.
     progress : callable, optional
         Called with (done, total, text).
     threads : int, optional
-        Of the engine; the result does not depend on it.
+        Threads of the engine; the result does not depend on them.
 
     Raises
     ------
     IrtError
-        If an option or the network file is not as it must be, or the cache cannot be written.
+        If an option or the network file is invalid, or the cache cannot be written.
     """
     began = time.perf_counter()
     starts = BUDGETS[method].starts if starts is None else starts
@@ -100,7 +100,7 @@ def budgeted(
         first = compare(drive, middle(drive), observed, threads)
         plus = Plus(drive, steps, needed.joint, first, Library(drive, threads))
         searches = [plus.search(np.random.default_rng([seed, start])) for start in range(starts)]
-        about = _learned(steps.metadata["samples"], f"simulated pairs, beside a library of {PATHS:,} paths")
+        about = _learned(steps.metadata["samples"], f"simulated pairs, with a library of {PATHS:,} paths")
         notes = (cache.described(needed, "irt+", network, about),)
     elif method == "direct":
         file = cache.obtain(needed, network, task="parameters", threads=threads, progress=progress)

@@ -1,4 +1,4 @@
-"""Which network a rig needs, and where it is: shipped with the package or in the user's cache."""
+"""Selection of a rig's network: shipped with the package, cached, or trained on demand."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DATA = Path(__file__).resolve().parents[1] / "data"
 #: Trained by the commands in their metadata, for the paper's drive.
 SHIPPED = _DATA / "tunenet-paper.safetensors"
 SHIPPED_STEPS = _DATA / "steps-paper.safetensors"
-#: Of a network of IRT+ that is trained when it is needed: minutes, and near enough for Gauss-Newton.
+#: Recipe of a network of IRT+ that is trained on demand: minutes of training, sufficient for Gauss-Newton.
 SAMPLES = 400_000
 
 #: Methods that need a network.
@@ -44,11 +44,11 @@ class Need:
     Attributes
     ----------
     segments : list of Segment
-        What is predicted of the rig.
+        The predicted segments of the rig.
     rig_drive : Drive
-        What is simulated of the rig: every run.
+        The drive of all runs of the rig.
     network_drive : Drive
-        What the network is for: the paper's single run, which serves each of the rig's, or all runs at once.
+        The drive of the network: the paper's single run, used for each run of the rig, or all runs at once.
     """
 
     segments: list[Segment]
@@ -61,7 +61,7 @@ class Need:
         return self.network_drive is self.rig_drive
 
     def path(self, method: Networked = "irt") -> Path:
-        """Return where the network of a method is, or will be once it is trained."""
+        """Return the path of a method's network, which may not exist yet."""
         shipped = {"irt": SHIPPED, "irt+": SHIPPED_STEPS}.get(method)
         if shipped and shipped.exists() and self.network_drive.digest == Drive.paper().digest:
             return shipped
@@ -72,10 +72,10 @@ class Need:
 
 
 def need(rig: Rig, engine: Engine = "rolling") -> Need:
-    """Return which network a rig needs under an engine.
+    """Return the network that a rig needs with an engine.
 
-    Recordings under the paper's drive share the paper's network. For any other rig the drive is the whole set
-    of its recordings, and one joint network sees them all.
+    Recordings under the paper's drive use the paper's network. For any other rig the drive consists of all of
+    its recordings, and one joint network sees them all.
     """
     stretches = segments(rig)
     drive = Drive.of_segments(rig, stretches, engine)
@@ -93,7 +93,7 @@ def obtain(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> NetworkFile:
-    """Return the network that is needed, trained now and kept in the cache if there is none yet.
+    """Return the required network; trained and cached if it does not exist.
 
     Parameters
     ----------
@@ -102,16 +102,16 @@ def obtain(
     path : path, optional
         A network file to use instead.
     task : {"difference", "parameters"}
-        Of the paper's method, or of direct prediction.
+        The paper's method, or direct prediction.
     threads : int, optional
-        Of the simulations.
+        Threads of the simulations.
     progress : callable, optional
         Called with (done, total, text).
 
     Raises
     ------
     IrtError
-        If the file named is broken or was trained for another drive or task, the cache cannot be written, or
+        If the given file is broken or was trained for another drive or task, the cache cannot be written, or
         a network has to be trained and PyTorch is not installed.
     """
     method: Networked = "irt" if task == "difference" else "direct"
@@ -120,7 +120,7 @@ def obtain(
         file = _for_drive(path, load_network(path), needed)
         if (found := file.metadata.get("task", "difference")) != task:
             raise IrtError(
-                f"{path}: trained to tell {found}, not {task}; "
+                f"{path}: trained to estimate {found}, not {task}; "
                 f"train one with 'irt pretrain --method {method}'"
             )
         return file
@@ -140,7 +140,7 @@ def obtain_steps(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> StepFile:
-    """Return the network of IRT+ that is needed, as `obtain` does for the paper's method."""
+    """Return the required network of IRT+, like `obtain` for the paper's method."""
 
     def load(path: PathLike) -> StepFile:
         return _for_drive(path, load_steps(path), needed)
@@ -154,16 +154,16 @@ def obtain_steps(
 
 
 def described(needed: Need, method: Networked, path: PathLike | None, trained: str) -> str:
-    """Say which network it was: the one named, the one shipped, or the rig's own."""
+    """Return a sentence about the network: given, shipped, or trained for the rig."""
     if path is not None:
         return f"The network is {path}: {trained}."
     if needed.path(method).parent == _DATA:
-        return f"The network is the one shipped for the paper's drive: {trained}."
-    return f"The network was made for this rig's drive and is kept in {needed.path(method)}: {trained}."
+        return f"The network is the shipped one for the paper's drive: {trained}."
+    return f"The network was trained for this rig's drive and is stored in {needed.path(method)}: {trained}."
 
 
 def require_training(method: Networked) -> None:
-    """Check that a network can be trained here.
+    """Check that a network can be trained on this machine.
 
     Raises
     ------
@@ -174,14 +174,14 @@ def require_training(method: Networked) -> None:
 
 
 def training_data(method: Networked) -> str:
-    """Say what a network that is trained when it is needed learns from."""
+    """Describe the training data of a network that is trained on demand."""
     if method == "irt+":
         return f"{SAMPLES} pairs, simulated as it goes"
     return f"{_recipe(method).pairs} simulated pairs"
 
 
 def cache_folder() -> Path:
-    """Return the folder of trained networks: ``IRT_CACHE``, or where the platform keeps caches."""
+    """Return the folder of trained networks: ``IRT_CACHE``, or in the platform's folder of caches."""
     if chosen := os.environ.get("IRT_CACHE"):
         return Path(chosen)
     if sys.platform == "darwin":
@@ -228,7 +228,7 @@ def _obtained(
         raise IrtError(f"{error}; or set IRT_CACHE to a folder for trained networks") from error
     train = partial(train, path=path, command="irt tune", threads=threads, progress=progress)
     if (checkpoint := checkpoint_path(path)).exists():
-        # One of another release, or broken, is no loss: it is only a cache.
+        # A file of another release, or a broken one, is retrained: this is only a cache.
         with suppress(IrtError):
             return train(resume=True)
         checkpoint.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""What a training is gone on from: a network's weights, its optimiser's moments, the losses so far."""
+"""Checkpoints of a training: a network's weights, the optimiser's moments, the losses so far."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from irt.errors import IrtError
 from irt.tuning.tensors import read_tensors, weights_of, write_tensors
 from irt.tuning.torch_networks import put_weights, shapes_in, weights_in
 
-#: What Adam keeps of each parameter.
+#: Adam's state of each parameter.
 _MOMENTS = ("step", "exp_avg", "exp_avg_sq")
 
 
@@ -27,11 +27,11 @@ class Checkpoint:
     path : Path
         The file.
     format : str
-        What its metadata says under "format".
+        The value of "format" in its metadata.
     metadata : mapping
-        What is trained, and how.
+        Settings of the training.
     same : sequence of str
-        Names of the metadata that another run has to share to go on from it.
+        Names of the settings that must be equal to resume from it.
     """
 
     path: Path
@@ -42,7 +42,7 @@ class Checkpoint:
     def save(
         self, network: nn.Module, adam: torch.optim.Optimizer, losses: Mapping[str, Sequence[float]]
     ) -> None:
-        """Write all that is needed to go on."""
+        """Write the state of the training."""
         tensors = {f"network.{name}": value for name, value in weights_in(network).items()}
         for (name, _), state in zip(
             network.named_parameters(), adam.state_dict()["state"].values(), strict=True
@@ -54,12 +54,12 @@ class Checkpoint:
     def restore(
         self, network: nn.Module, adam: torch.optim.Optimizer, losses: Mapping[str, list[float]]
     ) -> None:
-        """Read all of it into the network, the optimiser and the lists of losses.
+        """Restore the network, the optimiser and the lists of losses.
 
         Raises
         ------
         IrtError
-            If the file cannot be read, is broken, or is of another training.
+            If the file cannot be read, is broken, or belongs to another training.
         """
         tensors, found = read_tensors(self.path)
         if found.get("format") != self.format:

@@ -1,9 +1,9 @@
-"""Coordinates in which a marble's path says where the parameters are.
+"""Coordinates of the parameters that a marble's path identifies.
 
-Off the rim a path depends on the products observation_scale x time_scale^2 x (gear_x, gear_y,
-rolling_friction) alone; where the rim shows, it tells observation_scale; time_scale by itself hardly shows at
-all. Small products move the path in proportion, large ones with their logarithm: the marble is at the rim
-then, and they say how soon.
+Off the rim a path depends only on the products observation_scale x time_scale^2 x (gear_x, gear_y,
+rolling_friction). Contact with the rim identifies observation_scale; time_scale by itself is hardly
+identifiable. Small products change the path in proportion. Large ones change it with their logarithm, because
+they determine how soon the marble reaches the rim.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from irt.tuning.drive import Drive
 
 Array = NDArray[np.float64]
 
-#: Share of the largest product at which proportion turns into a logarithm.
+#: Share of the largest product at which the scale changes from linear to logarithmic.
 _BEND = 0.02
 _TIME, _SCALE = PARAMETERS.index("time_scale"), PARAMETERS.index("observation_scale")
-#: Observation scales over whose range a median is taken.
+#: Number of observation scales in the computation of a median.
 _SCALES = 81
 
 
 @dataclass(frozen=True, eq=False)
 class Coordinates:
-    """From parameters to coordinates and back, for one drive.
+    """The map between parameters and coordinates, for one drive.
 
-    The five coordinates are the bent products with gear_x, gear_y and rolling_friction, the observation scale
-    in half widths of its range, doubled, and the logarithm of the time scale.
+    The five coordinates are the linear-logarithmic products with gear_x, gear_y and rolling_friction, the
+    observation scale in half widths of its range, doubled, and the logarithm of the time scale.
 
     Attributes
     ----------
     drive : Drive
-        Its ranges, and the largest knob angle, beside which friction counts.
+        The drive, with the ranges, and the largest knob angle, which scales the friction.
     """
 
     drive: Drive
@@ -51,7 +51,7 @@ class Coordinates:
     def parameters(self, coordinates: Array) -> Array:
         """Return the parameters (k, 5) of coordinates, within the ranges.
 
-        The products count: where the ranges allow them for other time scales only, one of those is taken.
+        The products have priority: if the ranges allow them only with another time scale, that one is used.
         """
         low, high = self._ends
         scale = np.clip(self._middle + self._half * coordinates[:, 3], low[_SCALE], high[_SCALE])
@@ -63,25 +63,25 @@ class Coordinates:
         return np.clip(self._assembled(products, scale, steps), low, high)
 
     def at_time_scale(self, coordinates: Array, steps: Array) -> Array:
-        """Return the parameters (k, 5) of coordinates at given time scales (k,), wherever they lie."""
+        """Return the parameters (k, 5) of coordinates at given time scales (k,), without bounds."""
         scale = self._middle + self._half * coordinates[:, 3]
         return self._assembled(self._unbent(coordinates), scale, steps)
 
     def central(self, coordinates: Array) -> Array:
-        """Return coordinates (k, 5) with the middle of all that a path off the rim leaves open.
+        """Return coordinates (k, 5) with medians for those that a path off the rim does not identify.
 
-        Parameters with the same products have the same path there. Drawn evenly from the ranges, their
-        observation scales and time scales have the medians that are put in place of the given ones. Damping
-        tells the time scale: the given one stays then.
+        Parameters with the same products have the same path there. The given observation and time scales are
+        replaced by the medians over such parameters, drawn uniformly from the ranges. With damping the time
+        scale is identifiable and is kept.
         """
         moved = coordinates.copy()
         scales, steps = self._grid
         for row, products in enumerate(self._unbent(coordinates)):
-            told = np.maximum(np.rint(np.expm1(coordinates[row, 4])), 1.0)
-            shape = (scales * (told if self._time_shows else steps) ** 2).ravel()
+            given = np.maximum(np.rint(np.expm1(coordinates[row, 4])), 1.0)
+            shape = (scales * (given if self._time_shows else steps) ** 2).ravel()
             with np.errstate(divide="ignore", invalid="ignore"):
                 least = np.nan_to_num(products / self._ends[1][:3], posinf=0.0).max()
-            # Three products at one place: their density grows as the three factors shrink.
+            # The density of three products at one point grows as the three factors shrink.
             weight = np.where(shape >= least - 1e-9, shape**-3.0, 0.0)
             if weight.any():
                 moved[row, 3] = (_median(scales.ravel(), weight) - self._middle) / self._half
@@ -90,14 +90,14 @@ class Coordinates:
         return moved
 
     def time_scale(self, parameters: Array) -> Array:
-        """Return the time scales (k,) as the simulator takes them: whole physics updates, at least one."""
+        """Return the time scales (k,) as whole physics updates, at least one."""
         if self.drive.time_scale is not None:
             return np.full(len(parameters), self.drive.time_scale)
         return np.maximum(np.rint(parameters[:, _TIME]), 1.0)
 
     @cached_property
     def shown(self) -> NDArray[np.int64]:
-        """Which coordinates a path can show: all but the time scale, of parameters that are open."""
+        """The coordinates that a path identifies: those of free parameters except the time scale."""
         return np.flatnonzero(self.drive.open[[0, 1, 2, _SCALE]])
 
     def _assembled(self, products: Array, scale: Array, steps: Array) -> Array:
@@ -115,7 +115,7 @@ class Coordinates:
 
     @cached_property
     def _grid(self) -> tuple[Array, Array]:
-        """Observation scales and time scales over their ranges, two arrays of one shape."""
+        """Grid of observation scales and time scales over their ranges, two arrays of one shape."""
         low, high = self._ends
         scales = np.linspace(low[_SCALE], high[_SCALE], _SCALES)
         first, last = max(1.0, np.rint(low[_TIME])), max(1.0, np.rint(high[_TIME]))
@@ -141,7 +141,7 @@ class Coordinates:
 
     @cached_property
     def _sizes(self) -> Array:
-        """Products of the gears, and of the friction, at which the coordinate bends."""
+        """Products of the gears and of the friction at which the coordinate becomes logarithmic."""
         low, high = self._ends
         gear = float(np.abs([low[:2], high[:2]]).max()) or 1.0
         largest = float(high[_SCALE] * high[_TIME] ** 2 * gear)

@@ -1,4 +1,4 @@
-"""Direct prediction, a baseline of the paper: the same network tells the parameters from the target alone."""
+"""Direct prediction, a baseline of the paper: the same network estimates parameters from the target alone."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 
 
 def predicted(needed: Need, file: NetworkFile, observed: Sequence[Array]) -> Array:
-    """Return the parameters (1, 5) that observations (n, 2) of each run of a rig suggest."""
-    # What nothing lacks of them: the same, with lost rows told by their neighbours.
+    """Return the estimated parameters (1, 5) from observations (n, 2) of each run of a rig."""
+    # The difference to zero: the observations, with lost rows interpolated.
     target = lacking([np.zeros((1, *each.shape)) for each in observed], observed)
     drive = needed.rig_drive
     if needed.joint:
@@ -27,5 +27,5 @@ def predicted(needed: Need, file: NetworkFile, observed: Sequence[Array]) -> Arr
 
 
 def suggested(network: TuneNet, inputs: Array) -> Array:
-    """Return the parameters (k, 5), scaled to [0, 1], that inputs (k, m) suggest."""
+    """Return the estimated parameters (k, 5), scaled to [0, 1], from inputs (k, m)."""
     return network(np.zeros_like(inputs), inputs)

@@ -1,4 +1,4 @@
-"""What a tuning network belongs to: commands, time base, start states, board, ranges and engine."""
+"""The drive of a tuning network: commands, time base, start states, board, ranges and engine."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from irt.segments import Segment
 
 Array = NDArray[np.float64]
 
-#: Inputs to aim at for one joint observation; the paper's network takes 200. But of each run at least so many
-#: along time, because a line may be taken out of them.
+#: Target number of inputs of a joint observation (200 for the paper's network), and minimum number of inputs
+#: along time in each run, from which a line may be removed.
 INPUTS, INPUTS_PER_RUN = 400, 3
-#: How far the start of a recording may lie off the centre to count as the paper's drive [board edges].
+#: Largest distance of the start from the centre for the paper's drive [board edges].
 CENTRED = 0.02
-#: Damping of the marble up to which the paper's network serves [1/s]; PyBullet applies 0.04 by default.
+#: Largest damping of the marble for the paper's network [1/s]; PyBullet's default is 0.04.
 LITTLE_DAMPING = 0.1
-#: Rounding of the commands that a CSV with four digits brings [rad].
+#: Rounding of commands in a CSV with four digits [rad].
 SAME_KNOB = 1e-4
 
 _TIME_SCALE = PARAMETERS.index("time_scale")
@@ -41,12 +41,12 @@ class Run:
     knobs : (n, 2) array
         Knob angles [rad].
     durations : (n,) array or None
-        How long each command holds [s], where the recording is stamped.
+        Duration of each command [s], if the recording is stamped.
     start : (2,) array
         Position at row 0 [board edges].
     start_velocity : (2,) array
-        Velocity at row 0 [board edges/s]. Without stamps the seconds are those of a time scale in the middle
-        of its range: what was measured is the way from row to row.
+        Velocity at row 0 [board edges/s]. Without stamps only displacements per row are measured; they are
+        converted with a time scale in the middle of its range.
     """
 
     knobs: Array
@@ -57,25 +57,25 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """All that decides what a network sees, except the five parameters.
+    """Everything that determines a network's inputs, except the five parameters.
 
     Attributes
     ----------
     runs : tuple of Run
         Simulated one by one; their observations are concatenated.
     board, marble : Board, Marble
-        What was measured directly.
+        Sizes from direct measurements.
     ranges : dict
         Lowest and highest value of each parameter; they are scaled to [0, 1] by it (paper, section 5.3).
     start : {"rest", "moving"}
-        Where marbles start in motion, their start states are guesses. A straight line through the rows of a
-        run takes up what is wrong with them, and is removed from every observation.
+        If marbles start in motion, their start states are guesses. Therefore a straight line through the rows
+        of a run is removed from every observation.
     engine : {"rolling", "rapier"}
         The simulator.
     time_scale : float or None
-        What the stamps say, where there are any; there is none to find then.
+        The time scale from the stamps, if any; then it is not estimated.
     rows_per_input : int
-        Rows that are averaged to one input of the network.
+        Number of rows that are averaged into one input of the network.
     """
 
     runs: tuple[Run, ...]
@@ -112,13 +112,13 @@ class Drive:
 
     @cached_property
     def open(self) -> NDArray[np.bool_]:
-        """Which of the five parameters there is to find, (5,): time_scale is not, where stamps tell it."""
+        """Free parameters of the five, (5,); time_scale is not free with stamps."""
         is_open = self._low < self._high
         is_open[_TIME_SCALE] &= self.time_scale is None
         return is_open
 
     def scaled(self, parameters: Array) -> Array:
-        """Return (..., 5) parameters scaled to [0, 1], 0 where there is nothing to find."""
+        """Return (..., 5) parameters scaled to [0, 1], 0 for held ones."""
         width = np.where(self.open, self._high - self._low, 1.0)
         return np.where(self.open, (parameters - self._low) / width, 0.0)
 
@@ -131,7 +131,7 @@ class Drive:
 
     @property
     def room(self) -> Array:
-        """How far from the centre the marble may be along each axis, (2,) [board edges]."""
+        """Largest distance of the marble from the centre along each axis, (2,) [board edges]."""
         half = np.array([self.board.edge_x_m, self.board.edge_y_m]) / 2.0
         room: Array = (half - self.marble.radius_m) / self.board.edge_x_m
         return room
@@ -158,7 +158,7 @@ class Drive:
         for indices in self._batches:
             batch = [self.runs[i] for i in indices]
             stamps = [run.durations for run in batch if run.durations is not None]
-            # Runs of one length, each with every set of parameters, in one call.
+            # All runs of one length, each with every set of parameters, in one call.
             every = np.repeat(parameters, len(batch), axis=0)
             start, velocity = (
                 np.tile([getattr(run, name) for run in batch], (len(parameters), 1))
@@ -181,7 +181,7 @@ class Drive:
         return [observed[i] for i in range(len(self.runs))]
 
     def residual(self, difference: Sequence[Array]) -> list[Array]:
-        """Return (..., n, 2) differences of observations, without the line that unknown start states make."""
+        """Return (..., n, 2) differences of observations, without the line of unknown start states."""
         if self.start == "rest":
             return list(difference)
         return [
@@ -200,7 +200,7 @@ class Drive:
 
     @property
     def input_count(self) -> int:
-        """How many inputs the network has for one observation."""
+        """Number of inputs of the network for one observation."""
         return sum(2 * -(-len(run.knobs) // self.rows_per_input) for run in self.runs)
 
     @cached_property
@@ -208,7 +208,7 @@ class Drive:
         """Hash (SHA-256) of everything above: the name of the drive that a network file carries."""
         sha = hashlib.sha256()
         board = asdict(self.board)
-        # Networks from before a rig could say so are for the default.
+        # Networks of releases without this setting have the default.
         for name in ("sliding_friction", "spinning_friction"):
             if board[name] == getattr(Board, name):
                 del board[name]
@@ -225,13 +225,13 @@ class Drive:
         for run in self.runs:
             for array in (run.knobs, run.durations, run.start, run.start_velocity):
                 # Rounded, because the last bits of a sine differ from one machine to another.
-                told = np.round(np.zeros(0) if array is None else array, 9).astype("<f8") + 0.0
-                sha.update(f"{told.shape}".encode() + told.tobytes())
+                rounded = np.round(np.zeros(0) if array is None else array, 9).astype("<f8") + 0.0
+                sha.update(f"{rounded.shape}".encode() + rounded.tobytes())
         return sha.hexdigest()
 
     @cached_property
     def _batches(self) -> list[list[int]]:
-        """Indices of the runs that one call can simulate: of one length, all stamped or none."""
+        """Indices of the runs that one call can simulate: equal length, all stamped or none."""
         batches: dict[tuple[int, bool], list[int]] = {}
         for i, run in enumerate(self.runs):
             batches.setdefault((len(run.knobs), run.durations is None), []).append(i)
@@ -259,10 +259,10 @@ class Drive:
 
 
 def is_paper_drive(rig: Rig, *, literal: bool = False) -> bool:
-    """Return whether each recording of a rig was made under the paper's drive, on the paper's board.
+    """Return whether all recordings of a rig have the paper's drive and the paper's board.
 
-    Mass does not show in the motion, and a little damping is in both observations that a network compares: a
-    network for the paper's marble serves these rigs too.
+    The motion does not depend on the mass, and a small damping acts on both observations that a network
+    compares. Therefore a network for the paper's marble is valid for these rigs too.
     """
     paper = Drive.paper(literal=literal)
     knobs = paper.runs[0].knobs
@@ -282,12 +282,12 @@ def is_paper_drive(rig: Rig, *, literal: bool = False) -> bool:
 
 
 def _repeated(effect: Mapping[str, Any], times: int) -> dict[str, Any]:
-    """Return an effect whose arrays hold each value so many times."""
+    """Return an effect whose arrays repeat each value."""
     return {key: value if key == "name" else np.repeat(value, times) for key, value in effect.items()}
 
 
 def _times(run: Run) -> Array:
-    """Return when each row of a run was seen, in rows."""
+    """Return the time of each row of a run, in rows."""
     if run.durations is None:
         return np.arange(len(run.knobs), dtype=np.float64)
     return np.append(0.0, np.cumsum(run.durations[:-1])) / float(np.mean(run.durations))

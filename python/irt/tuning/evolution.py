@@ -1,4 +1,4 @@
-"""The evolution strategies that the paper compares with, in parameters scaled to [0, 1]."""
+"""The evolution strategies of the paper's comparison, in parameters scaled to [0, 1]."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 #: Candidates of a generation of CMA-ES (paper, section 6.1).
 POPULATION = 10
-#: First step of CMA-ES in widths of the ranges: they are all that is known.
+#: First step of CMA-ES in widths of the ranges.
 STEP = 0.3
 #: Parents and children of the evolution strategy of the earlier work (paper, section 6.1).
 PARENTS, CHILDREN = 5, 100
@@ -29,7 +29,7 @@ def cma_es(drive: Drive, start: Array, seed: int) -> Search:
     The fitness is the negative mean absolute state error, as in the paper.
     """
     with warnings.catch_warnings():
-        # On import it says which plots it cannot draw.
+        # On import pycma warns about plots that it cannot draw.
         warnings.simplefilter("ignore")
         import cma  # noqa: PLC0415  # takes a while, and only this search needs it
     options = {"bounds": [0, 1], "popsize": POPULATION, "seed": seed + 1, "verbose": -9, "verb_log": 0}
@@ -41,9 +41,9 @@ def cma_es(drive: Drive, start: Array, seed: int) -> Search:
 
 
 def evolution_strategy(drive: Drive, start: Array, seed: int) -> Search:
-    """Search by a (5 + 100) evolution strategy whose steps adapt themselves, for ever.
+    """Search by a self-adaptive (5 + 100) evolution strategy, without an end.
 
-    One of the first parents is the (5,) start, the others are drawn anywhere.
+    One of the first parents is the (5,) start, the others are drawn uniformly.
     """
     random = np.random.default_rng(seed)
     parents = np.vstack([start, random.random((PARENTS - 1, len(start)))])
@@ -63,7 +63,7 @@ def evolution_strategy(drive: Drive, start: Array, seed: int) -> Search:
 
 
 def reflected(scaled: Array) -> Array:
-    """Return points that are sent back into [0, 1] at its ends, as from a mirror."""
+    """Return points reflected into [0, 1] at its ends."""
     folded = np.mod(scaled, 2.0)
     return np.where(folded > 1.0, 2.0 - folded, folded)
 

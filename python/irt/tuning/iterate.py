@@ -1,4 +1,4 @@
-"""Iterative residual tuning: simulate a proposal, let the network tell how far off it is, step, and again."""
+"""Iterative residual tuning: simulate a proposal, estimate its parameter error, step, repeat."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ Array = NDArray[np.float64]
 
 #: Factor by which each step is shorter than the one before (paper, section 5.3).
 STEP_DECAY = 0.85
-#: A row is a slip of the tracker if it lies this many typical distances from the median of five rows around
-#: it, and this far [board edges].
+#: A row is an outlier of the tracker if its distance from the median of five rows around it exceeds this many
+#: typical distances, and this distance [board edges].
 _SPIKE, _SPIKE_EDGES = 8.0, 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Proposals on their way.
+    """Proposals over the iterations.
 
     Attributes
     ----------
@@ -45,14 +45,13 @@ class Tuner:
     Attributes
     ----------
     drive : Drive
-        What is simulated.
+        The simulated drive.
     network : TuneNet
-        For this drive if ``joint``, else for each of its runs.
+        A network for this drive if ``joint``, else for each of its runs.
     joint : bool
-        Whether the network sees all runs at once; else it estimates a difference from each, and their mean is
-        taken.
+        Whether the network sees all runs at once; otherwise the mean of its estimates for all runs is used.
     both_orders : bool
-        Whether the network is asked in both orders (`TuneNet.both_orders`); the paper asks once.
+        Whether the network is evaluated in both orders (`TuneNet.both_orders`); in the paper it is once.
     """
 
     drive: Drive
@@ -77,13 +76,13 @@ class Tuner:
         scaled : (k, 5) array
             Start points, scaled to [0, 1].
         observed : sequence of (n, 2) or (k, n, 2) arrays
-            Target observations of each run [board edges], NaN rows where there is none.
+            Target observations of each run [board edges], NaN in lost rows.
         iterations : int
-            Steps, clipped to the ranges.
+            Number of steps; each is clipped to the ranges.
         decay : float
-            How long each is, beside the one before.
+            Factor of each step's length relative to the one before.
         threads : int, optional
-            Of the simulations.
+            Threads of the simulations.
         progress : callable, optional
             Called with (done, total, text).
         """
@@ -116,9 +115,9 @@ class Tuner:
 
 
 def without_spikes(observed: Array) -> Array:
-    """Return an (n, 2) observation with NaN where the tracker took something else for the marble.
+    """Return an (n, 2) observation with NaN for outliers of the tracker.
 
-    Such a row stands out from the rows around it. In fast turns a true one may: it costs one row of many.
+    An outlier differs from the rows around it. In fast turns a true row may too, which costs one row of many.
     """
     rows = np.flatnonzero(np.isfinite(observed[:, 0]))
     if len(rows) < 5:

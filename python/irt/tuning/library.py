@@ -1,7 +1,7 @@
 """A library of simulated paths: the parameters of the path nearest to the target are a start point.
 
-A network that predicts parameters is misled by physics that its training did not contain: the path of its
-prediction need not be near the target. The nearest path of a library is near it by construction.
+A network that predicts parameters may fail for physics outside its training: the path of its prediction may
+be far from the target. The nearest path of a library is close by construction.
 """
 
 from __future__ import annotations
@@ -18,32 +18,32 @@ from irt.tuning.drive import Drive
 
 Array = NDArray[np.float64]
 
-#: Paths of a library: their simulation takes as long as that of two pools of the training.
+#: Number of paths in a library; their simulation takes as long as that of two pools of the training.
 PATHS = 20_000
-#: Paths that are simulated in one call: what is kept of them is smaller.
+#: Number of paths per call; only their inputs to the network are kept.
 _AT_ONCE = 2_000
 _SEED = 2024
 
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """Paths from all over the ranges of a drive, simulated when one is first asked for.
+    """Paths from the whole ranges of a drive, simulated on first use.
 
     Attributes
     ----------
     drive : Drive
-        What is simulated.
+        The simulated drive.
     threads : int, optional
-        Of the engine; no path depends on it.
+        Threads of the engine; paths do not depend on them.
     """
 
     drive: Drive
     threads: int | None = None
 
     def nearest(self, target: Sequence[Array]) -> tuple[Array, float]:
-        """Return the parameters (1, 5) of the path nearest to observations (1, n, 2) of each run; how near.
+        """Return parameters (1, 5) and distance of the path nearest to observations (1, n, 2) of each run.
 
-        The distance is the mean absolute one of what a network would see [board edges].
+        The distance is the mean absolute difference of the network's inputs [board edges].
         """
         parameters, paths = self._simulated
         seen = self.drive.inputs(target).astype(np.float32)

@@ -1,4 +1,4 @@
-"""From where starts have ended to a result: the model, how sure it is, and what else there is to know."""
+"""From the end points of starts to a result: the model, its intervals, and notes."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ Array = NDArray[np.float64]
 
 #: Normal quantile of a two-sided 95 % interval.
 _NORMAL_95 = 1.96
-#: A start that ends with more than this many times the best one's error has failed; its place says nothing.
+#: A start whose final error exceeds the best one by this factor has failed and is ignored.
 _FAILED = 2.0
-#: This close to an end of its range (in widths of it) a parameter has been clipped.
+#: A parameter closer than this to an end of its range (in widths of it) was clipped.
 _AT_END = 1e-3
-#: No camera sees better than this [board edges].
+#: Smallest noise of a camera [board edges].
 _FINEST = 1e-6
 
 _TIME_SCALE = PARAMETERS.index("time_scale")
@@ -46,24 +46,24 @@ def concluded(
     notes: Sequence[str] = (),
     **about: Any,
 ) -> FitResult:
-    """Return the result of the proposals that each start has led to.
+    """Return the result of all starts' proposals.
 
     Parameters
     ----------
     rig : Rig
         The recordings.
     needed : Need
-        What was simulated of it.
+        The simulated drives.
     paths : sequence of Path
-        Of each start; the best proposal of all is the answer.
+        Proposals of each start; the best proposal of all is the result.
     observed : sequence of (n, 2) arrays
-        What they were compared with.
+        Their targets.
     threads : int, optional
-        Of the engine.
+        Threads of the engine.
     notes : sequence of str
-        What the method has to say, before all else.
+        Notes of the method, which come first.
     **about
-        What a `FitResult` says of the way: ``method``, ``rollouts``, ``seed``, ``seconds``.
+        Fields of the `FitResult`: ``method``, ``rollouts``, ``seed``, ``seconds``.
     """
     drive = needed.rig_drive
     found = sorted((_estimate(path) for path in paths), key=lambda estimate: estimate.best.mae)
@@ -99,7 +99,7 @@ def concluded(
 def noise_left(
     drive: Drive, parameters: Array, observed: Sequence[Array], threads: int | None = None
 ) -> float:
-    """Return the robust standard deviation [board edges] of what (5,) parameters leave of a target."""
+    """Return the robust standard deviation [board edges] of the residuals of (5,) parameters."""
     return max(deviation(compare(drive, parameters[None], observed, threads).residual), _FINEST)
 
 
@@ -117,13 +117,13 @@ def checked(**least: tuple[int, int]) -> None:
 
 
 def spread(best: Sequence[Iteration]) -> Array:
-    """Return the covariance, (5, 5), of where those starts ended that did not fail."""
+    """Return the covariance, (5, 5), of the end points of starts that did not fail."""
     ended = np.array([each.parameters for each in best if each.mae <= _FAILED * best[0].mae])
     return np.cov(ended.T) if len(ended) > 1 else np.zeros((len(PARAMETERS), len(PARAMETERS)))
 
 
 def widened(parameter: Parameter, more: float, limits: tuple[float, float]) -> Parameter:
-    """Return a parameter whose interval holds another, independent half width, within the range."""
+    """Return a parameter whose interval includes another independent half width, within the range."""
     if parameter.low is None or parameter.high is None:
         return parameter
     value = parameter.value
@@ -137,7 +137,7 @@ def _estimate(path: Path) -> Estimate:
 
 
 def _model(rig: Rig, values: Array) -> Model:
-    """Return the model of a proposal, its time scale as the simulator takes it: in whole physics updates."""
+    """Return the model of a proposal, with a time scale of whole physics updates."""
     values = values.copy()
     if all(recording.stamps is None for recording in rig.recordings):
         values[_TIME_SCALE] = np.rint(values[_TIME_SCALE])
@@ -145,24 +145,24 @@ def _model(rig: Rig, values: Array) -> Model:
 
 
 def _notes(needed: Need, model: Model, noise: float, method: str) -> Iterator[str]:
-    """Say what the user should know of any result."""
+    """Yield the notes that apply to any result."""
     drive = needed.rig_drive
     if drive.time_scale is not None:
         yield (
-            f"time_scale is {drive.time_scale:.4g}, which is what the stamps say (240 times the median of "
-            f"{drive.time_scale * SUBSTEP_S:.4g} s a row); it was not estimated."
+            f"time_scale = {drive.time_scale:.4g} is from the stamps (240 times the median row of "
+            f"{drive.time_scale * SUBSTEP_S:.4g} s) and was not estimated."
         )
     for i in np.flatnonzero(drive.open):
         name, value = PARAMETERS[i], model.values[i]
         low, high = model.ranges[name]
         if min(value - low, high - value) < _AT_END * (high - low):
-            yield f"{name} = {value:.4g} is an end of its range, which {_NAMES[method]} does not leave."
+            yield f"{name} = {value:.4g} is at an end of its range, which bounds {_NAMES[method]}."
     scatter = tracker_noise(needed.segments)
     if noise > MISFIT * scatter:
         yield (
-            f"The predictions miss by {noise:.2g} of an edge, {noise / scatter:.0f} times what the tracker "
-            f"scatters ({scatter:.2g}): five parameters do not explain these recordings, or these five are "
-            "not yet the best."
+            f"The residuals are {noise:.2g} of an edge, {noise / scatter:.0f} times the tracker's noise "
+            f"({scatter:.2g}): five parameters do not explain these recordings, or the search has not "
+            "converged."
         )
 
 

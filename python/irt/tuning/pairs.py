@@ -1,4 +1,4 @@
-"""Pairs of simulations with random parameters: what a tuning network learns from."""
+"""Training data of tuning networks: pairs of simulations with random parameters."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from irt.tuning.drive import Drive
 from irt.tuning.shards import of_threads, of_workers
 from irt.workers import Workers
 
-#: Timesteps simulated in one call: enough for every thread, and little memory.
+#: Timesteps per call: enough work for all threads, with little memory.
 _ROWS_AT_ONCE = 500_000
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Simulations to be dealt into pairs.
+    """Simulations that are combined into pairs.
 
-    Of n pairs to learn from and h held out, simulation i < n is proposed in pair i, whose target is
-    simulation i + n; the pairs held out follow: proposals, then targets.
+    For n training pairs and h held-out pairs, pair i has simulation i < n as proposal and simulation i + n as
+    target. The held-out pairs follow: proposals, then targets.
 
     Attributes
     ----------
     scaled : (2 n + 2 h, 5) tensor
         Parameters scaled to [0, 1].
     inputs : (2 n + 2 h, m) tensor
-        Their observations, as the network sees them.
+        The network's inputs from their observations.
     heldout : int
-        h.
+        Number h of held-out pairs.
     gain : float
-        What brings joint observations to the size of 1; 1 for a single run, as in the paper.
+        Scale of joint observations to unit size; 1 for a single run, as in the paper.
     digest : str
         Hash (SHA-256) of parameters and observations.
     """
@@ -60,22 +60,22 @@ def simulate_pairs(
     progress: Progress | None = None,
     workers: Workers | None = None,
 ) -> Pairs:
-    """Draw parameters uniformly and simulate them, for ``count`` pairs and a tenth as many held out.
+    """Draw parameters uniformly and simulate them, for ``count`` pairs and a tenth as many held-out ones.
 
     Parameters
     ----------
     drive : Drive
-        What is simulated.
+        The simulated drive.
     count : int
-        Pairs to learn from.
+        Number of training pairs.
     seed : int
         The same seed gives the same bits for any number of threads.
     threads : int, optional
-        Of the engine.
+        Threads of the engine.
     progress : callable, optional
         Called with (done, total, text).
     workers : Workers, optional
-        Who simulates, instead of this process; the bits are the same.
+        Workers for the simulations, instead of this process; the bits are the same.
 
     Raises
     ------

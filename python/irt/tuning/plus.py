@@ -1,4 +1,4 @@
-"""IRT+: a network that learned from millions of pairs leads near, Gauss-Newton goes the rest of the way."""
+"""IRT+: steps of a network trained on millions of pairs, followed by Gauss-Newton."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from irt.tuning.stepnet import Belief, StepFile, middle
 
 Array = NDArray[np.float64]
 
-#: Proposals of the network, one after another, before Gauss-Newton begins.
+#: Number of the network's steps before Gauss-Newton.
 NETWORK_STEPS = 5
-#: A forward difference of this size in a coordinate makes a column of the Jacobian.
+#: Forward difference in a coordinate for a column of the Jacobian.
 _DIFFERENCE = 2e-3
-#: Levenberg-Marquardt's damping of the candidates that are simulated together, in shares of the Jacobian's
-#: squared columns.
+#: Levenberg-Marquardt dampings that are tried together, as shares of the Jacobian's squared columns.
 _DAMPING = (1e-4, 1e-2, 1.0)
-#: A step of Gauss-Newton that wins less than this share of the error is the last one there.
+#: Relative gain of the error below which Gauss-Newton has converged.
 _WORTH = 0.02
-#: Errors below this [board edges] are as good as none: a thousandth of a marble.
+#: Error that counts as zero [board edges]: a thousandth of a marble.
 _EXACT = 2e-5
-#: Below this error [board edges] there is nothing to look for: no camera sees a hundredth of a marble.
+#: Error below which the search ends [board edges]: a hundredth of a marble, less than a camera's noise.
 _SOLVED = 1e-4
-#: Further from every path of the library [board edges] than 99 of 100 simulated targets of the paper's drive.
+#: Distance from the nearest path of the library [board edges], which 99 of 100 simulated targets of the
+#: paper's drive do not exceed.
 _FOREIGN = 0.017
-#: A marble that keeps to this share of the way to the rim has surely not met it.
+#: Share of the distance to the rim below which a marble has certainly not met it.
 _OFF_RIM = 0.97
-#: Draws of the network's belief that are simulated together where Gauss-Newton has come to an end.
+#: Number of draws from the network's posterior that are simulated together after Gauss-Newton has converged.
 _DRAWS = 4
 
 
@@ -45,16 +45,16 @@ class Plus:
     Attributes
     ----------
     drive : Drive
-        What is simulated.
+        The simulated drive.
     file : StepFile
         A network for this drive if ``joint``, else for each of its runs.
     joint : bool
         Whether the network sees all runs at once.
     first : Seen
-        The model in the middle of the ranges beside the target: the first question. What it shows is the same
-        for every target of a drive.
+        The model in the middle of the ranges compared with the target: the first input of the network. Its
+        simulation is the same for all targets of a drive.
     library : Library
-        Of this drive.
+        The library of this drive.
     """
 
     drive: Drive
@@ -64,10 +64,10 @@ class Plus:
     library: Library
 
     def search(self, random: np.random.Generator) -> Search:
-        """Propose the network's steps, then Gauss-Newton's, then both again from elsewhere.
+        """Propose the network's steps, then Gauss-Newton's, then both again from other points.
 
-        Each step starts at the best proposal so far. The search ends where nothing is left. Where no path of
-        the library is near, the target has other physics: the nearest one is the first proposal then.
+        Each step starts at the best proposal so far. The search ends at a negligible error. If no path of the
+        library is near, the target has other physics; then the nearest path is the first proposal.
         """
         nearest, distance = self.library.nearest(self._target)
         if distance > _FOREIGN:
@@ -82,7 +82,7 @@ class Plus:
     def _led(
         self, best: Seen, steps: int, belief: Belief | None = None
     ) -> Generator[Array, Seen, tuple[Seen, Belief]]:
-        """Go where the network believes the target to be; return the best place and the belief there."""
+        """Follow the network's estimates; return the best proposal and the posterior there."""
         belief = self._asked(best) if belief is None else belief
         begin = best is self.first
         for _ in range(steps):
@@ -91,12 +91,12 @@ class Plus:
                 best, begin = found, False
                 belief = self._asked(best)
             else:
-                # What this proposal lacks says more about the way than the old question again.
+                # The residual of this proposal is more informative than the first input again.
                 belief = _joined(belief, self._asked(found))
         return best, belief
 
     def _descended(self, best: Seen, belief: Belief) -> Generator[Array, Seen, Seen]:
-        """Follow Gauss-Newton from a place until it wins no more; where nothing shows, the belief counts."""
+        """Run Gauss-Newton from a proposal until it converges; the posterior regularises it."""
         while best.mae[0] > _EXACT:
             jacobian = yield from self._jacobian(best)
             found = yield self._candidates(best, jacobian, belief)
@@ -109,10 +109,10 @@ class Plus:
         return best
 
     def _jacobian(self, best: Seen) -> Generator[Array, Seen, Array]:
-        """Return how the residual changes with each coordinate that shows (m, c), from a rollout for each."""
+        """Return the Jacobian of the residual by each identifiable coordinate (m, c), one rollout each."""
         at, steps = self._coordinates.of(best.parameters), self._coordinates.time_scale(best.parameters)
         shown = self._coordinates.shown
-        # Towards the middle of the range, so that no rollout is spent outside.
+        # Towards the middle of the range, so that no rollout is outside.
         sense = np.where(at[0, shown] > _middle_of(self._coordinates, shown), -1.0, 1.0) * _DIFFERENCE
         moved = np.repeat(at, len(shown), axis=0)
         moved[np.arange(len(shown)), shown] += sense
@@ -121,11 +121,11 @@ class Plus:
         return slopes
 
     def _candidates(self, best: Seen, jacobian: Array, belief: Belief) -> Array:
-        """Return the parameters (k, 5) to which differently damped steps lead."""
+        """Return the parameters (k, 5) after steps with different dampings."""
         at, shown = self._coordinates.of(best.parameters), self._coordinates.shown
         square = jacobian.T @ jacobian
         scale = np.maximum(np.diag(square), 1e-9 * max(float(np.diag(square).max()), 1e-12))
-        # The belief is one more observation, in what is left over's own scale.
+        # The posterior is one more observation, in the scale of the residuals.
         known = np.square(best.residual).mean() / np.square(belief.deviation[0, shown])
         towards = known * (belief.mean - at)[0, shown]
         moved = np.repeat(at, len(_DAMPING), axis=0)
@@ -137,7 +137,7 @@ class Plus:
     def _drawn(
         self, best: Seen, belief: Belief, random: np.random.Generator
     ) -> Generator[Array, Seen, tuple[Seen, Belief]]:
-        """Begin anew from draws of the belief, or from anywhere; return the best place of all."""
+        """Restart from draws of the posterior, or from random points; return the best proposal."""
         spread = np.maximum(belief.deviation, 0.05) * random.choice([1.0, 3.0, 10.0])
         drawn = belief.mean + spread * random.standard_normal((_DRAWS, belief.mean.shape[1]))
         found = yield self._coordinates.parameters(drawn)
@@ -148,14 +148,14 @@ class Plus:
         return (other if other.mae[0] < best.mae[0] else best), belief
 
     def _asked(self, seen: Seen) -> Belief:
-        """Return what the network believes, and the middle of what no path can tell."""
+        """Return the network's posterior, with medians for unidentifiable coordinates."""
         belief = self.file.ask(self.drive, seen, joint=self.joint)
         if self._off_rim:
             return replace(belief, mean=self._coordinates.central(belief.mean))
         return belief
 
     def _settled(self, parameters: Array) -> Array:
-        """Return parameters (1, 5), with the middle of what no path can tell."""
+        """Return parameters (1, 5), with medians for unidentifiable coordinates."""
         if not self._off_rim:
             return parameters
         return self._coordinates.parameters(self._coordinates.central(self._coordinates.of(parameters)))
@@ -167,7 +167,7 @@ class Plus:
 
     @cached_property
     def _off_rim(self) -> bool:
-        """Whether the target starts in the centre and stays off the rim, at any observation scale."""
+        """Whether the target starts in the centre and stays off the rim at any observation scale."""
         if self.drive.start != "rest" or any(np.abs(run.start).max() > CENTRED for run in self.drive.runs):
             return False
         room = _OFF_RIM * self.drive.ranges["observation_scale"][0] * self.drive.room

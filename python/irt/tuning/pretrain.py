@@ -1,7 +1,7 @@
-"""Pretraining: pairs of simulations with known parameter differences, and a network that learns to tell them.
+"""Pretraining: a network learns parameter differences from pairs of simulations.
 
-A run that is stopped goes on from its last checkpoint and ends with the same bits as one that was not: what
-is drawn at random depends on the seed and the epoch alone, and everything else is in the checkpoint.
+An interrupted training resumes from its last checkpoint and ends with the same bits as an uninterrupted one:
+random numbers depend only on the seed and the epoch, and all other state is in the checkpoint.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from irt.tuning.torch_networks import TuneModule, weights_in
 from irt.tuning.tunenet import NetworkFile, TuneNet, save_network
 from irt.workers import Workers
 
-#: Epochs between two checkpoints.
+#: Number of epochs between checkpoints.
 CHECKPOINT_EPOCHS = 5
-#: What the metadata of a checkpoint says under "format".
+#: The value of "format" in a checkpoint's metadata.
 CHECKPOINT_FORMAT = "irt-tunenet-checkpoint-1"
-#: Pairs that one pass of the held-out loss takes at a time.
+#: Batch size of the held-out loss.
 _HELDOUT_BATCH = 1000
 
 
@@ -56,41 +56,41 @@ def pretrain(
     Parameters
     ----------
     drive : Drive
-        What the network is to be for.
+        The drive of the network.
     path : path
-        The file to write; its folder is made. Until it is complete, a checkpoint stands beside it
+        The file to write; its folder is created. Until it is complete, a checkpoint is beside it
         (`checkpoint_path`).
     recipe : Recipe, optional
-        How to train.
+        Settings of the training.
     resume : bool
-        Go on from the checkpoint.
+        Resume from the checkpoint.
     command : str
-        What to record as the command that made the file.
+        The command to record in the file's metadata.
     device : str, optional
-        Where to train; by default CUDA or Apple's MPS where there is one, else the processor.
+        Device of the training; by default CUDA or Apple's MPS if available, else the CPU.
     threads : int, optional
-        Of the simulations; the result does not depend on it.
+        Threads of the simulations; the result does not depend on them.
     progress : callable, optional
         Called with (done, total, text).
     workers : Workers, optional
-        Who simulates the pairs, instead of this process; the result does not depend on it.
+        Workers for the simulations, instead of this process; the result does not depend on them.
 
     Returns
     -------
     NetworkFile
-        What was written.
+        The written network.
 
     Raises
     ------
     IrtError
-        If a file cannot be read or written, or the checkpoint is broken or of another training.
+        If a file cannot be read or written, or the checkpoint is broken or belongs to another training.
     """
     recipe = recipe or Recipe()
     if Path(path).is_dir():
         raise IrtError(f"{path}: is a folder; name the file to write")
     make_folder(Path(path).parent)
     if resume:
-        # Known at once, not after the simulations.
+        # Checked before the simulations.
         read_tensors(checkpoint_path(path))
     pairs = simulate_pairs(
         drive, recipe.pairs, recipe.seed, threads=threads, progress=progress, workers=workers
@@ -101,14 +101,14 @@ def pretrain(
     with reproducible():
         training = _Training(drive, recipe, pairs.to(place))
         if resume:
-            checkpoint.restore(training.network, training.adam, training.told)
+            checkpoint.restore(training.network, training.adam, training.curves)
         for epoch in range(training.epoch, recipe.epochs):
             training.run_epoch()
             if progress:
                 text = f"training, held-out loss {training.heldout[-1]:.4f}"
                 progress(epoch + 1, recipe.epochs, text)
             if (epoch + 1) % CHECKPOINT_EPOCHS == 0 and epoch + 1 < recipe.epochs:
-                checkpoint.save(training.network, training.adam, training.told)
+                checkpoint.save(training.network, training.adam, training.curves)
     done = NetworkFile(
         TuneNet(weights_in(training.network)),
         {**metadata, "heldout_loss": repr(training.heldout[-1]), "device": place.type},
@@ -129,12 +129,12 @@ def best_device() -> str:
 
 
 def checked_device(name: str) -> str:
-    """Return the name of a device that this machine has.
+    """Return the name of an available device.
 
     Raises
     ------
     IrtError
-        If it has none of that name.
+        If it is not available.
     """
     try:
         torch.zeros(1, device=name)
@@ -144,7 +144,7 @@ def checked_device(name: str) -> str:
 
 
 class _Training:
-    """A network on its way: weights, Adam's moments, the losses so far."""
+    """State of a training: weights, Adam's moments, the losses so far."""
 
     def __init__(self, drive: Drive, recipe: Recipe, pairs: Pairs) -> None:
         self.recipe, self.pairs = recipe, pairs
@@ -158,18 +158,18 @@ class _Training:
         self.heldout: list[float] = []
 
     @property
-    def told(self) -> dict[str, list[float]]:
-        """The losses by the names that a checkpoint gives them."""
+    def curves(self) -> dict[str, list[float]]:
+        """The losses by their names in a checkpoint."""
         return {"loss.training": self.losses, "loss.heldout": self.heldout}
 
     @property
     def epoch(self) -> int:
-        """Epochs done."""
+        """Number of finished epochs."""
         return len(self.losses)
 
     def run_epoch(self) -> None:
-        """Learn from every pair once, and measure the loss on those held out."""
-        # The seed and the epoch make the state of what is random: a checkpoint needs none.
+        """Train on every pair once, and compute the loss on the held-out pairs."""
+        # Random numbers depend only on the seed and the epoch, so a checkpoint does not store their state.
         state = self.recipe.seed * 1_000_003 + self.epoch
         proposed, target = self._deal(torch.Generator().manual_seed(state))
         noise = torch.Generator(self.pairs.inputs.device).manual_seed(state)
@@ -188,7 +188,7 @@ class _Training:
         self.losses.append(float(total) / self.recipe.pairs)
 
     def _deal(self, random: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Return the simulations to be proposed and those to be targets, by index, in a random order."""
+        """Return the indices of proposals and of targets, in a random order."""
         count = self.recipe.pairs
         if self.recipe.dealing == "every epoch":
             order = torch.randperm(2 * count, generator=random)
@@ -230,7 +230,7 @@ class _Training:
 
 
 def _metadata(drive: Drive, recipe: Recipe, pairs: Pairs, command: str) -> dict[str, str]:
-    """Return what a file says about the training that made it."""
+    """Return the metadata of a training."""
     return {
         "drive": drive.digest,
         "engine": drive.engine,
@@ -249,10 +249,10 @@ def _metadata(drive: Drive, recipe: Recipe, pairs: Pairs, command: str) -> dict[
 def reproducible() -> Iterator[None]:
     """Train on one thread, by algorithms that give the same bits every time.
 
-    The layers are so small that more threads would only wait for each other.
+    More threads do not help, because the layers are small.
     """
     threads, deterministic = torch.get_num_threads(), torch.are_deterministic_algorithms_enabled()
-    # Read when CUDA's matrix library starts; without it the deterministic algorithms refuse.
+    # Read when CUDA's matrix library starts; deterministic algorithms require it.
     os.environ.setdefault("CUBLAS_WORKSPACE_CONFIG", ":4096:8")
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)

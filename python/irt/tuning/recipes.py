@@ -1,4 +1,4 @@
-"""How networks are trained: settings of the trainings, which themselves need PyTorch."""
+"""Settings of trainings, without PyTorch."""
 
 from __future__ import annotations
 
@@ -7,40 +7,40 @@ from typing import Literal
 
 from irt.errors import IrtError
 
-#: Of IRT+: pairs simulated at a time, and how often each is learned from, every time with other noise.
+#: IRT+: number of pairs per pool, and passes over each, with new noise every time.
 POOL, PASSES = 8192, 2
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """How a network is trained.
+    """Settings of a network's training.
 
     Attributes
     ----------
     pairs : int
-        Pairs to learn from (paper, section 5.2); a tenth as many more are held out.
+        Number of training pairs (paper, section 5.2); a tenth as many more are held out.
     epochs : int
         Passes over the pairs.
     seed : int
-        Of parameters, first weights and the order of the pairs; the same seed gives the same bits on the same
-        device.
+        Seed of parameters, first weights and the order of the pairs; the same seed gives the same bits on the
+        same device.
     batch : int
-        Pairs to one step.
+        Batch size in pairs.
     learning_rate : float
-        Of Adam (paper, section 5.3).
+        Learning rate of Adam (paper, section 5.3).
     dealing : {"every epoch", "once"}
-        Whether simulations are dealt into other pairs every epoch. It costs nothing, and the network sees a
-        pair once only. "once" is the paper's.
+        Whether simulations are paired anew every epoch. This costs nothing, and the network sees each pair
+        only once. In the paper it is "once".
     schedule : {"cosine", "constant"}
-        Whether the learning rate falls to zero along half a cosine, or stays, as in the paper.
+        Whether the learning rate falls to zero along half a cosine, or is constant, as in the paper.
     noise : (float, float)
-        Least and largest standard deviation of what is added to each target [board edges]: a good tracker's
-        scatter, and what five parameters leave of a real rig. Log-uniform, drawn anew every time. A network
-        that never saw noise may take a difference from any few rows, and real ones are not that good. The
-        paper says nothing of noise; (0, 0) is none.
+        Smallest and largest standard deviation of the noise on each target [board edges]: a good tracker's
+        noise, and typical residuals of five parameters on a real rig. Log-uniform, redrawn every time. A
+        network trained without noise may rely on a few rows, which are not accurate in reality. The paper
+        does not mention noise; (0, 0) is none.
     task : {"difference", "parameters"}
-        What the network is to tell: the difference of two sets of parameters, or, for direct prediction, the
-        target's own, its proposed input zero (paper, section 6.1).
+        Output of the network: the difference of two sets of parameters, or, for direct prediction, those of
+        the target, with zero as the proposed input (paper, section 6.1).
     """
 
     pairs: int = 10_000
@@ -61,23 +61,23 @@ class Recipe:
 
 @dataclass(frozen=True)
 class Streamed:
-    """How a network of IRT+ is trained.
+    """Settings of the training of an IRT+ network.
 
     Attributes
     ----------
     samples : int
-        Pairs of simulations to learn from; none is repeated but for `PASSES` with other noise.
+        Number of training pairs; each is used in `PASSES` passes with different noise.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     batch : int
-        Pairs to one step.
+        Batch size in pairs.
     learning_rate : float
-        Of AdamW; it falls to zero along half a cosine.
+        Learning rate of AdamW, which falls to zero along half a cosine.
     noise : (float, float)
-        Least and largest standard deviation [board edges] of what is added to half of the targets.
+        Smallest and largest standard deviation [board edges] of the noise on half of the targets.
     affected : float
-        Share of the targets that come from a board with an effect of the catalogue or two, of any size: the
-        network learns to find the parameters of what it cannot match.
+        Share of the targets with one or two effects of the catalogue, of any size, so that the network learns
+        to estimate parameters of targets that it cannot match.
     """
 
     samples: int = 5_000_000
@@ -94,5 +94,5 @@ class Streamed:
 
     @property
     def pools(self) -> int:
-        """How many pools that takes."""
+        """Number of pools."""
         return -(-self.samples // (POOL * PASSES))

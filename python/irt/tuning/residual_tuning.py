@@ -1,4 +1,4 @@
-"""IRT from a rig to a result: the network, several starts, the best of them, and how sure it is."""
+"""The fit by IRT: network, several starts, the best proposal, and its intervals."""
 
 from __future__ import annotations
 
@@ -32,43 +32,43 @@ def irt(
 ) -> FitResult:
     """Fit the five parameters by iterative residual tuning (paper, sections 4 and 5).
 
-    From random start points in the ranges; the answer is the proposal with the smallest state error that any
-    of them met. The network is the one shipped for recordings under the paper's drive; for others one is
-    trained first and kept in the user's cache.
+    The starts are random points in the ranges, and the result is the proposal with the smallest state error
+    over all of them. For recordings under the paper's drive the shipped network is used; for other drives a
+    network is trained first and stored in the user's cache.
 
     Parameters
     ----------
     rig : Rig
-        The recordings, and the ranges, which no proposal leaves.
+        The recordings, and the ranges, which bound all proposals.
     starts : int
-        Random start points.
+        Number of random start points.
     iterations : int
-        Steps from each.
+        Number of steps from each.
     seed : int
-        Of the start points.
+        Seed of the start points.
     network : path, optional
         A trained network to use instead.
     engine : {"rolling", "rapier"}
-        What simulates.
+        The simulator.
     both_orders : bool
-        Whether the network is asked in both orders (`irt.tuning.tunenet.TuneNet.both_orders`); False is the
-        paper's way.
+        Whether the network is evaluated in both orders (`irt.tuning.tunenet.TuneNet.both_orders`); False as
+        in the paper.
     progress : callable, optional
         Called with (done, total, text).
     threads : int, optional
-        Of the engine; the result does not depend on it.
+        Threads of the engine; the result does not depend on them.
 
     Returns
     -------
     FitResult
-        Its 95 % intervals hold what Gauss-Newton theory says at the solution, and 1.96 standard deviations of
-        where the starts ended, as independent errors. Where the marble starts in motion, errors are what is
-        left after a straight line is taken out of each window, for its unknown start state.
+        Its 95 % intervals combine, as independent errors, those of Gauss-Newton theory at the solution and
+        1.96 standard deviations of the starts' end points. If the marble starts in motion, errors are those
+        after the removal of a straight line from each window, for its unknown start state.
 
     Raises
     ------
     IrtError
-        If an option or the network file is not as it must be, or the cache cannot be written.
+        If an option or the network file is invalid, or the cache cannot be written.
     """
     checked(starts=(starts, 1), iterations=(iterations, 1), seed=(seed, 0))
     began = time.perf_counter()
@@ -94,7 +94,7 @@ def irt(
 
 
 def network_notes(needed: cache.Need, file: NetworkFile, network: PathLike | None) -> Iterator[str]:
-    """Say which network it was."""
+    """Return a sentence about the network."""
     loss = float(file.metadata["heldout_loss"])
     trained = f"trained on {int(file.metadata['pairs']):,} simulated pairs, held-out loss {loss:.4f}"
     yield cache.described(needed, "irt", network, trained)

@@ -1,7 +1,7 @@
-"""The interface of every way to tune: a search asks for proposals to be simulated and is told what they show.
+"""The interface of searches: a search yields proposals to simulate and receives the results.
 
-A search is a generator: it yields parameters (k, 5), receives a `Seen`, and goes on for as long as it likes.
-Whoever drives it counts the rollouts and stops it. So any number of searches share one call of the engine.
+A search is a generator that yields parameters (k, 5) and receives a `Seen`. Its driver counts the rollouts
+and stops it, so that any number of searches share one call of the engine.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What simulating k proposals showed, beside the target.
+    """Simulations of k proposals, compared with the target.
 
     Attributes
     ----------
     parameters : (k, 5) array
         The proposals, in their own units.
     proposed, missing : list of (k, n, 2) arrays
-        Their observations of each run, and what those lack of the target's [board edges]; rows that the
-        tracker lost are interpolated.
+        Their observations of each run, and the target's minus these [board edges]; rows that the tracker lost
+        are interpolated.
     residual : (k, m) array
-        What they lack over the rows seen.
+        The differences in the tracked rows.
     """
 
     parameters: Array
@@ -77,25 +77,25 @@ class Path:
 
     @property
     def best(self) -> Path:
-        """What the search holds after each rollout: the best so far."""
+        """The best proposal after each rollout."""
         leaders = np.maximum.accumulate(
             np.where(self.mae <= np.minimum.accumulate(self.mae), np.arange(len(self.mae)), 0)
         )
         return Path(self.parameters[leaders], self.mae[leaders])
 
     def padded(self, rollouts: int) -> Path:
-        """Return the same with its last row repeated up to that many rollouts, or cut there."""
+        """Return the path padded with its last row to this number of rollouts, or cut there."""
         rows = np.minimum(np.arange(rollouts), len(self.mae) - 1)
         return Path(self.parameters[rows], self.mae[rows])
 
 
 def compare(drive: Drive, parameters: Array, observed: Sequence[Array], threads: int | None = None) -> Seen:
-    """Simulate (k, 5) parameters and lay them beside observations of each run: (n, 2), or (k, n, 2) each."""
+    """Simulate (k, 5) parameters and compare them with observations of each run, (n, 2) or (k, n, 2)."""
     return seen(drive, parameters, drive.simulate(parameters, threads), observed)
 
 
 def seen(drive: Drive, parameters: Array, proposed: Sequence[Array], observed: Sequence[Array]) -> Seen:
-    """Lay simulated (k, n, 2) observations of each run beside those of the target."""
+    """Compare simulated (k, n, 2) observations of each run with those of the target."""
     missing = lacking(proposed, observed)
     return Seen(parameters, list(proposed), missing, left_over(drive, missing, observed))
 
@@ -110,20 +110,20 @@ def run(
     progress: Progress | None = None,
     text: str = "tuning",
 ) -> list[Path]:
-    """Drive one search for each target until it stops or has simulated enough.
+    """Run one search for each target until it ends or its budget is used up.
 
     Parameters
     ----------
     drive : Drive
-        What is simulated.
+        The simulated drive.
     targets : sequence of sequences of (n, 2) arrays
         Observations of each run of the drive, for each search.
     searches : sequence of generators
-        Not begun yet.
+        Unstarted generators.
     rollouts : int
-        Proposals of each search that count; a batch that goes beyond is its last.
+        Budget of each search; a batch that exceeds it is cut and is the last one.
     threads, progress
-        As everywhere; `text` goes with the progress.
+        Threads of the engine, and a callback, which is called with `text`.
     """
     found: list[tuple[list[Array], list[Array]]] = [([], []) for _ in searches]
     asked = {i: batch for i, search in enumerate(searches) if (batch := next(search, None)) is not None}
@@ -133,13 +133,13 @@ def run(
         for i, batch in asked.items():
             own = [each[first : first + len(batch)] for each in proposed]
             first += len(batch)
-            told = seen(drive, batch, own, targets[i])
+            result = seen(drive, batch, own, targets[i])
             left = rollouts - sum(map(len, found[i][1]))
             found[i][0].append(batch[:left])
-            found[i][1].append(told.mae[:left])
+            found[i][1].append(result.mae[:left])
             if len(batch) < left:
                 with suppress(StopIteration):
-                    onward[i] = searches[i].send(told)
+                    onward[i] = searches[i].send(result)
         asked = onward
         if progress:
             done = [sum(map(len, errors)) if i in asked else rollouts for i, (_, errors) in enumerate(found)]
@@ -151,15 +151,15 @@ def run(
 
 
 def lacking(proposed: Sequence[Array], observed: Sequence[Array]) -> list[Array]:
-    """Return what (k, n, 2) proposals lack of observations of each run.
+    """Return the observations of each run minus those of (k, n, 2) proposals.
 
-    In lost rows that is interpolated: between its neighbours it is smooth, even where the marble turned.
+    The difference is interpolated in lost rows, because it is smooth even where the marble turned.
     """
     return [_interpolated(o - p) for p, o in zip(proposed, observed, strict=True)]
 
 
 def left_over(drive: Drive, missing: Sequence[Array], observed: Sequence[Array]) -> Array:
-    """Return what k proposals lack over the rows seen [board edges], (k, 2 rows seen)."""
+    """Return the differences of k proposals in the tracked rows [board edges], (k, 2 tracked rows)."""
     rows = [np.isfinite(each).reshape(-1, *each.shape[-2:])[0] for each in observed]
     return np.concatenate(
         [values[:, s] for values, s in zip(drive.residual(missing), rows, strict=True)], axis=1
@@ -167,7 +167,7 @@ def left_over(drive: Drive, missing: Sequence[Array], observed: Sequence[Array])
 
 
 def _interpolated(difference: Array) -> Array:
-    """Return (k, n, 2) differences with their NaN rows, the same for every k, told by those around them."""
+    """Return (k, n, 2) differences with their NaN rows, the same for every k, interpolated."""
     known = np.isfinite(difference[0, :, 0])
     if known.all():
         return difference

@@ -1,9 +1,9 @@
-"""The simulations of a training in shards: on the threads of this process, or by processes elsewhere.
+"""Simulations of a training in shards: on threads of this process, or by other processes.
 
     python -m irt.tuning.shards FOLDER OUT
 
-FOLDER holds a drive and the scaled parameters of a shard, OUT gets what the network sees of them. A rollout's
-bits depend on nothing else, so whoever simulates a shard finds the same.
+FOLDER holds a drive and the scaled parameters of a shard; the network's inputs are written into OUT. A
+rollout's bits depend on nothing else, so all processes get the same.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from irt.tuning.drive import Drive, Run
 from irt.workers import FAILED, Files, Workers
 
 Array = NDArray[np.float64]
-#: What the network sees of a shard, (k, inputs).
+#: The network's inputs from a shard, (k, inputs).
 Inputs = NDArray[np.float32]
 
 _DRIVE, _RUNS, _SCALED, _INPUTS = "drive.json", "runs.npz", "scaled.npy", "inputs.npy"
-#: What of a drive is written as it is.
+#: Fields of a drive that are written unchanged.
 _PLAIN = ("ranges", "start", "engine", "time_scale", "rows_per_input")
 
 
 def of_threads(
     drive: Drive, shards: Mapping[int, Array], threads: int | None = None
 ) -> Iterator[tuple[int, Inputs]]:
-    """Yield (key, what the network sees) of shards of scaled parameters, simulated in this process."""
+    """Yield (key, inputs) of shards of scaled parameters, simulated in this process."""
     for key, scaled in shards.items():
         yield key, _seen(drive, scaled, threads)
 
 
 def of_workers(workers: Workers, drive: Drive, shards: Mapping[int, Array]) -> Iterator[tuple[int, Inputs]]:
-    """Yield (key, what the network sees) of shards of scaled parameters, as workers have them done.
+    """Yield (key, inputs) of shards of scaled parameters, simulated by workers.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def _written(drive: Drive) -> Files:
 
 
 def _read(folder: Path) -> Drive:
-    """Return the drive that was written into a folder."""
+    """Return the drive from a folder."""
     content = json.loads((folder / _DRIVE).read_bytes())
     with np.load(folder / _RUNS) as arrays:
         runs = tuple(

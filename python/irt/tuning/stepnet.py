@@ -1,4 +1,4 @@
-"""The network of IRT+: from a proposal and what it lacks, where the target is, and how surely.
+"""The network of IRT+: estimates the target and its uncertainty from a proposal and its residual.
 
 The network runs in numpy; `irt.tuning.torch_networks.StepModule` is the same network for training.
 """
@@ -24,14 +24,14 @@ from irt.tuning.tensors import Floats, linear, linear_shapes, read_tensors, weig
 Array = NDArray[np.float64]
 
 HIDDEN, LAYERS = 384, 3
-#: What the metadata of a network file says under "format".
+#: The value of "format" in a network file's metadata.
 FORMAT = "irt-stepnet-1"
-#: A residual of this size [observations' standard deviations] calls for a step of full length, smaller ones
-#: for steps in proportion.
+#: Size of a residual [observations' standard deviations] for a step of full length; smaller ones give
+#: proportional steps.
 LARGE = 0.33
-#: Residuals smaller than this [the same] all look alike.
+#: Lower bound of a residual's size [the same unit].
 SMALLEST = 3e-4
-#: Ends of the logarithm of the standard deviation that is predicted, in lengths of the step.
+#: Bounds of the logarithm of the predicted standard deviation, in lengths of the step.
 LOG_DEVIATIONS = (-8.0, 2.0)
 _FIVE = len(PARAMETERS)
 
@@ -45,13 +45,14 @@ def entering(inputs: int) -> int:
 class StepNet:
     """A residual network: proposal, observations and residual in; mean and deviation of the target out.
 
-    The residual goes in at size one, its size beside it, and the step comes out in proportion to that size:
-    so a small residual is as easy to read as a large one, and an exact match is nearly a fixed point.
+    The input is the residual scaled to unit size, together with its size; the output step is proportional to
+    that size. Thus small residuals are as informative as large ones, and an exact match is nearly a fixed
+    point.
 
     Attributes
     ----------
     weights : mapping of str to float32 array
-        By the names in `shapes`. ``input_gain`` is what observations are multiplied by.
+        Arrays by the names in `shapes`. ``input_gain`` is the factor of observations.
     """
 
     weights: Mapping[str, Floats]
@@ -70,7 +71,7 @@ class StepNet:
         Parameters
         ----------
         coordinates : (k, 5) array
-            Of the proposal (`irt.tuning.coordinates.Coordinates`).
+            Coordinates of the proposal (`irt.tuning.coordinates.Coordinates`).
         proposed, target : (k, inputs) arrays
             Observations; the network computes in single precision.
         """
@@ -102,7 +103,7 @@ class StepNet:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Where the target is, given one proposal: independent normal distributions of k times five coordinates.
+    """Posterior of the target given one proposal: independent normal distributions of (k, 5) coordinates.
 
     Attributes
     ----------
@@ -115,16 +116,16 @@ class Belief:
 
 @dataclass(frozen=True, eq=False)
 class StepFile:
-    """A trained network for one drive, and what is known about it.
+    """A trained network for one drive, with its metadata.
 
     Attributes
     ----------
     network : StepNet
-        Ready to be asked.
+        The network.
     metadata : dict
         Text by name: drive, engine, seed, samples, command, ...
     losses : (n,) array
-        Mean negative log-likelihood of the coordinates over stretches of the training.
+        Mean negative log-likelihood of the coordinates over parts of the training.
     """
 
     network: StepNet
@@ -132,10 +133,10 @@ class StepFile:
     losses: NDArray[Any]
 
     def ask(self, drive: Drive, seen: Seen, *, joint: bool = True) -> Belief:
-        """Say where the target is, given k proposals for a drive.
+        """Return the posterior of the target, given k proposals for a drive.
 
-        A network for one run that is repeated (`irt.tuning.cache.Need.joint`) is asked about each run, and
-        the means are averaged.
+        A network for one repeated run (`irt.tuning.cache.Need.joint`) is evaluated for each run, and the
+        means are averaged.
         """
         target = [p + m for p, m in zip(seen.proposed, seen.missing, strict=True)]
         coordinates = Coordinates(drive).of(seen.parameters)
@@ -184,5 +185,5 @@ def load_steps(path: PathLike) -> StepFile:
 
 
 def middle(drive: Drive) -> Array:
-    """Return the parameters (1, 5) of which the network is asked first: each in the middle of its range."""
+    """Return the first proposal (1, 5): each parameter in the middle of its range."""
     return drive.parameters(np.full((1, _FIVE), 0.5))

@@ -1,7 +1,7 @@
-"""Training of IRT+: simulations that are drawn as they are needed, and never twice.
+"""Training of IRT+ networks on streamed simulations, without repetition.
 
-A run that is stopped goes on from its last checkpoint and ends with the same bits as one that was not: what
-is drawn depends on the seed and the number of the pool alone.
+An interrupted training resumes from its last checkpoint and ends with the same bits as an uninterrupted one,
+because random numbers depend only on the seed and the number of the pool.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from irt.tuning.torch_networks import StepModule, weights_in
 
 Array = NDArray[np.float64]
 
-#: Pools between two checkpoints.
+#: Number of pools between checkpoints.
 CHECKPOINT_POOLS = 20
-#: What the metadata of a checkpoint says under "format".
+#: The value of "format" in a checkpoint's metadata.
 CHECKPOINT_FORMAT = "irt-stepnet-checkpoint-1"
-#: Targets that share a choice of effects.
+#: Number of targets that share a choice of effects.
 _TARGETS_AT_ONCE = 512
-#: Shares of the proposals that stand in the middle, and anywhere; the rest lie about the target.
+#: Shares of the proposals in the middle and anywhere in the ranges; the rest are around the target.
 _MIDDLE, _ANYWHERE = 0.25, 0.2
-#: Distances of the latter from the target, in coordinates: decimal logarithms.
+#: Decimal logarithms of their distances from the target, in coordinates.
 _NEAREST, _FURTHEST = -2.5, 0.0
-#: Steps over which the learning rate rises.
+#: Number of warm-up steps of the learning rate.
 _WARM_UP = 200
 #: Degrees of freedom of Student's t.
 _FREEDOM = 4.0
@@ -53,7 +53,7 @@ _DECAY, _CLIP = 1e-4, 1.0
 
 @dataclass(frozen=True, eq=False)
 class Pool:
-    """Pairs to learn from: coordinates (n, 5) and observations (n, m) of proposals and targets."""
+    """Training pairs: coordinates (n, 5) and observations (n, m) of proposals and targets."""
 
     proposal: Tensor
     proposed: Tensor
@@ -110,26 +110,26 @@ def train_steps(
     Parameters
     ----------
     drive : Drive
-        What the network is to be for.
+        The drive of the network.
     path : path
-        The file to write; its folder is made. Until it is complete, a checkpoint stands beside it.
+        The file to write; its folder is created. Until it is complete, a checkpoint is beside it.
     recipe : Streamed, optional
-        How to train.
+        Settings of the training.
     resume : bool
-        Go on from the checkpoint.
+        Resume from the checkpoint.
     command : str
-        What to record as the command that made the file.
+        The command to record in the file's metadata.
     device : str, optional
-        Where to train; by default CUDA or Apple's MPS where there is one, else the processor.
+        Device of the training; by default CUDA or Apple's MPS if available, else the CPU.
     threads : int, optional
-        Of the simulations; the result does not depend on it.
+        Threads of the simulations; the result does not depend on them.
     progress : callable, optional
         Called with (done, total, text).
 
     Raises
     ------
     IrtError
-        If a file cannot be read or written, or the checkpoint is broken or of another training.
+        If a file cannot be read or written, or the checkpoint is broken or belongs to another training.
     """
     recipe = recipe or Streamed()
     if Path(path).is_dir():
@@ -149,13 +149,13 @@ def train_steps(
     with reproducible():
         training = _Training(drive, recipe, place, threads)
         if resume:
-            checkpoint.restore(training.network, training.adam, training.told)
+            checkpoint.restore(training.network, training.adam, training.curves)
         while training.pool < recipe.pools:
             training.run_pool()
             if progress:
                 progress(training.pool, recipe.pools, f"training, loss {training.losses[-1]:.3f}")
             if training.pool % CHECKPOINT_POOLS == 0 and training.pool < recipe.pools:
-                checkpoint.save(training.network, training.adam, training.told)
+                checkpoint.save(training.network, training.adam, training.curves)
     done = StepFile(
         StepNet(weights_in(training.network)),
         {**metadata, "device": place.type},
@@ -168,7 +168,7 @@ def train_steps(
 
 
 class _Training:
-    """A network on its way: weights, the optimiser's moments, the losses so far."""
+    """State of a training: weights, the optimiser's moments, the losses so far."""
 
     def __init__(self, drive: Drive, recipe: Streamed, place: torch.device, threads: int | None) -> None:
         self.drive, self.recipe, self.place, self.threads = drive, recipe, place, threads
@@ -184,20 +184,20 @@ class _Training:
         self.losses: list[float] = []
 
     @property
-    def told(self) -> dict[str, list[float]]:
-        """The losses by the names that a checkpoint gives them."""
+    def curves(self) -> dict[str, list[float]]:
+        """The losses by their names in a checkpoint."""
         return {"losses": self.losses}
 
     @property
     def pool(self) -> int:
-        """Pools done."""
+        """Number of finished pools."""
         return len(self.losses)
 
     def run_pool(self) -> None:
-        """Simulate a pool and learn from it, in batches in a random order."""
+        """Simulate a pool and train on it, in batches in random order."""
         number = self.pool
         pool = draw_pool(self.drive, self.recipe, number, POOL, self.threads)
-        # The seed and the pool make the state of what is random: a checkpoint needs none.
+        # Random numbers depend only on the seed and the pool, so a checkpoint does not store their state.
         random = torch.Generator().manual_seed(self.recipe.seed * 1_000_003 + number)
         batches = [
             chosen
@@ -223,7 +223,7 @@ class _Training:
     def _loss(self, pool: Pool, chosen: Tensor, random: torch.Generator) -> Tensor:
         """Negative log-likelihood of the targets' coordinates under Student's t, up to a constant.
 
-        Its tails keep the few targets that no parameters match from leading the way.
+        Its tails limit the influence of the few targets that no parameters match.
         """
         least, largest = self.recipe.noise
         observed = pool.observed[chosen]
@@ -241,7 +241,7 @@ class _Training:
 
 
 def _affecting(random: np.random.Generator, recipe: Streamed, parameters: Array) -> list[dict[str, object]]:
-    """Draw an effect or two for some of (k, 5) targets; for the others they are neutral."""
+    """Draw one or two effects for some of (k, 5) targets; for the others they are neutral."""
     known = hypothetical()
     chosen = random.choice(len(known), int(random.integers(1, 3)), replace=False)
     affected = random.random(len(parameters)) < recipe.affected
@@ -249,7 +249,7 @@ def _affecting(random: np.random.Generator, recipe: Streamed, parameters: Array)
 
 
 def _drawn(random: np.random.Generator, info: EffectInfo, affected: NDArray[np.bool_]) -> dict[str, object]:
-    """Draw the parameters of an effect, small ones more often than large ones."""
+    """Draw the parameters of an effect, small values more often than large ones."""
     size = random.random(len(affected)) ** 2
     drawn: dict[str, object] = {"name": info.name}
     for one in info.required:

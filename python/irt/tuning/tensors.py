@@ -31,7 +31,7 @@ def write_tensors(path: PathLike, tensors: Mapping[str, NDArray[Any]], metadata:
         If the file cannot be written.
     """
     plain = {name: np.array(value, order="C") for name, value in tensors.items()}
-    # In one entry: several are written in an order that changes from run to run.
+    # In one entry, because the order of several entries changes from run to run.
     write_atomic(path, save(plain, {_METADATA: json.dumps(metadata, sort_keys=True)}))
 
 
@@ -50,7 +50,7 @@ def read_tensors(path: PathLike) -> tuple[dict[str, NDArray[Any]], dict[str, str
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a mapping
             metadata = json.loads((file.metadata() or {}).get(_METADATA, "{}"))
     except (SafetensorError, OSError, ValueError) as error:
-        raise IrtError(f"{path}: cut short or no safetensors file ({error}); make it anew") from error
+        raise IrtError(f"{path}: cut short or no safetensors file ({error}); create it again") from error
     return tensors, metadata
 
 
@@ -71,7 +71,7 @@ def weights_of(
     Raises
     ------
     IrtError
-        If one is missing or of another shape, or not finite.
+        If one is missing, has another shape or is not finite.
     """
     weights = {}
     for name, shape in shapes.items():
@@ -80,7 +80,7 @@ def weights_of(
             state = "missing" if found is None else f"of shape {found.shape}"
             raise IrtError(f"{path}: network.{name} is {state}; expected shape {shape}")
         if not np.isfinite(found).all():
-            raise IrtError(f"{path}: network.{name} holds values that are not finite; train it anew")
+            raise IrtError(f"{path}: network.{name} holds values that are not finite; train it again")
         weights[name] = found.astype(np.float32)
     return weights
 
@@ -97,6 +97,6 @@ def linear_shapes(name: str, inputs: int, outputs: int) -> dict[str, tuple[int, 
 
 
 def checkpoint_path(path: PathLike) -> Path:
-    """Return where the checkpoint stands while a network is trained: ``net.checkpoint.safetensors``."""
+    """Return the path of a training's checkpoint: ``net.checkpoint.safetensors``."""
     path = Path(path)
     return path.with_name(f"{path.stem}.checkpoint.safetensors")

@@ -28,7 +28,7 @@ class TuneModule(nn.Module):
         self.target = nn.Linear(inputs, tunenet.HIDDEN)
         self.joined = nn.Linear(2 * tunenet.HIDDEN, tunenet.HIDDEN)
         self.difference = nn.Linear(tunenet.HIDDEN, len(PARAMETERS))
-        #: What observations are multiplied by. Not trained.
+        #: Factor of observations; not trained.
         self.input_gain: Tensor
         self.register_buffer("input_gain", torch.ones(()))
 
@@ -57,7 +57,7 @@ class StepModule(nn.Module):
             [nn.Linear(stepnet.HIDDEN, stepnet.HIDDEN) for _ in range(stepnet.LAYERS - 1)]
         )
         self.leave = nn.Linear(stepnet.HIDDEN, 2 * len(PARAMETERS))
-        #: What observations are multiplied by. Not trained.
+        #: Factor of observations; not trained.
         self.input_gain: Tensor
         self.register_buffer("input_gain", torch.ones(()))
 
@@ -67,7 +67,7 @@ class StepModule(nn.Module):
         Parameters
         ----------
         coordinates : (k, 5) tensor
-            Of the proposal (`irt.tuning.coordinates.Coordinates`).
+            Coordinates of the proposal (`irt.tuning.coordinates.Coordinates`).
         proposed, target : (k, inputs) tensor
             Observations.
         """
@@ -87,12 +87,12 @@ class StepModule(nn.Module):
 
 
 def weights_in(module: nn.Module) -> dict[str, Floats]:
-    """Return the weights of a module, buffers included, as arrays of their own."""
+    """Return copies of the weights and buffers of a module as arrays."""
     return {name: value.detach().cpu().numpy().copy() for name, value in module.state_dict().items()}
 
 
 def put_weights(module: nn.Module, weights: Mapping[str, Floats]) -> None:
-    """Put weights into a module of the same shapes."""
+    """Load weights into a module of the same shapes."""
     module.load_state_dict({name: torch.from_numpy(np.array(value)) for name, value in weights.items()})
 
 

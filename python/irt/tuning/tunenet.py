@@ -1,4 +1,4 @@
-"""The tuning network and its file: two observations in, the difference of their parameters out.
+"""The tuning network, which estimates a parameter difference from two observations, and its file.
 
 The network runs in numpy; `irt.tuning.torch_networks.TuneModule` is the same network for training.
 """
@@ -20,7 +20,7 @@ from irt.tuning.tensors import Floats, linear, linear_shapes, read_tensors, weig
 Array = NDArray[np.float64]
 
 HIDDEN = 256
-#: What the metadata of a network file says under "format".
+#: The value of "format" in a network file's metadata.
 FORMAT = "irt-tunenet-1"
 
 
@@ -28,13 +28,13 @@ FORMAT = "irt-tunenet-1"
 class TuneNet:
     """TuneNet (Allevato et al., 2019) with the paper's hidden layer of 256 (paper, section 5.3).
 
-    Each observation goes through a linear layer of its own with ReLU; both results, proposed first, go
+    Each observation passes through its own linear layer with ReLU. Both results, the proposed one first, pass
     through another linear layer with ReLU and one with tanh: 235,525 weights for 200 inputs.
 
     Attributes
     ----------
     weights : mapping of str to float32 array
-        By the names in `shapes`. ``input_gain`` is what observations are multiplied by: 1 for the paper's
+        Arrays by the names in `shapes`. ``input_gain`` is the factor of observations: 1 for the paper's
         drive.
     """
 
@@ -53,7 +53,7 @@ class TuneNet:
 
     @property
     def inputs(self) -> int:
-        """Samples of one observation."""
+        """Number of samples of one observation."""
         return int(self.weights["proposed.weight"].shape[1])
 
     def __call__(self, proposed: ArrayLike, target: ArrayLike) -> Array:
@@ -71,10 +71,10 @@ class TuneNet:
         return np.tanh(linear(self.weights, "difference", joined)).astype(np.float64)
 
     def both_orders(self, proposed: ArrayLike, target: ArrayLike) -> Array:
-        """Estimate as a call does, as half the difference between both orders of the two observations.
+        """Estimate as half the difference between both orders of the two observations.
 
-        A parameter difference changes its sign when the two are swapped. The network only nearly knows: this
-        way an exact match is a fixed point of the iteration, wherever it lies.
+        A parameter difference changes its sign when the observations are swapped, which the network has
+        learned only approximately. With both orders an exact match is always a fixed point of the iteration.
         """
         return 0.5 * (self(proposed, target) - self(target, proposed))
 
@@ -84,12 +84,12 @@ class TuneNet:
 
 @dataclass(frozen=True, eq=False)
 class NetworkFile:
-    """A trained network, and what is known about it.
+    """A trained network with its metadata.
 
     Attributes
     ----------
     network : TuneNet
-        Ready to be asked.
+        The network.
     metadata : dict
         Text by name: drive, ranges, engine, seed, pairs, epochs, heldout_loss, command, data, ...
     training, heldout : (epochs,) array

@@ -1,9 +1,9 @@
-//! What no rig can have: each mistake is one line with key, value, and what is possible.
+//! Validation of `rig.toml`: each mistake is one line with key, value and possible values.
 
 use super::{Config, Kind, Limits, RAMP_S, TICK_S};
 
 impl Config {
-    /// What no rig can have, a line each: key, what came, what is possible.
+    /// The mistakes, one line each: key, value, possible values.
     pub fn mistakes(&self) -> Vec<String> {
         let mut found = Mistakes(Vec::new());
         found.numbers(self);

@@ -1,4 +1,4 @@
-//! `rig.toml` of the lab machine: names, signs, units, limits, time limits, networks.
+//! `rig.toml` of the lab machine: names, signs, units, limits, timeouts, networks.
 
 mod mistakes;
 
@@ -13,10 +13,10 @@ use serde::Deserialize;
 
 use crate::error::{Error, Result};
 
-/// Seconds from one set point to the next: Kinova's driver takes exactly 100 a second.
+/// Period of set points (s): Kinova's driver requires exactly 100 per second.
 pub const TICK_S: f64 = 0.01;
 
-/// The longest that a stop may take from full speed to rest (s).
+/// Longest duration of a stop from full speed to rest (s).
 pub const RAMP_S: f64 = 0.12;
 
 /// The whole file.
@@ -26,22 +26,22 @@ pub struct Config {
     /// Where DDS may send.
     #[serde(default)]
     pub network: Network,
-    /// What turns the knobs: about x, about y.
+    /// The arms at the knobs: about x, about y.
     pub arms: Arms,
-    /// How arms take commands.
+    /// The command interface of the arms.
     pub backend: Backend,
-    /// What no motion exceeds.
+    /// Limits of motion.
     pub limits: Limits,
-    /// How long what may be missing.
+    /// Timeouts.
     #[serde(default)]
     pub timeouts: Timeouts,
-    /// Where the marble is said to be.
+    /// The tracker.
     #[serde(default)]
     pub tracker: Tracker,
-    /// How it is stopped and started.
+    /// Arming and stops.
     #[serde(default)]
     pub safety: Safety,
-    /// How the stand-in laboratory behaves.
+    /// The simulated laboratory.
     #[serde(default)]
     pub twin: Twin,
 }
@@ -52,11 +52,11 @@ pub struct Config {
 pub struct Network {
     /// `ROS_DOMAIN_ID`.
     pub domain: u16,
-    /// Addresses of this machine's interfaces that are used; no other is.
+    /// Addresses of this machine's interfaces; no others are used.
     pub interfaces: Vec<IpAddr>,
-    /// How services travel.
+    /// Mapping of services to DDS topics.
     pub services: Services,
-    /// How long peers are waited for (s).
+    /// Longest wait for peers (s).
     pub match_s: f64,
 }
 
@@ -71,7 +71,7 @@ impl Default for Network {
     }
 }
 
-/// How requests and answers find each other.
+/// Correlation of requests and responses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Services {
@@ -81,7 +81,7 @@ pub enum Services {
     Cyclone,
 }
 
-/// What turns the knobs.
+/// The arms at the knobs.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Arms {
@@ -106,13 +106,13 @@ pub struct Arm {
     pub joint: String,
     /// The topic of its `JointState`.
     pub joint_states: String,
-    /// Where its commands go: a topic, or an action.
+    /// Its command topic or action.
     pub command: String,
-    /// Joint angle over knob angle; negative where they turn against each other.
+    /// Joint angle over knob angle; negative if they turn in opposite directions.
     pub gear: f64,
     /// The joint's angle while the board is level (rad).
     pub level_rad: f64,
-    /// Its place among the joints that a velocity command names, from 1.
+    /// Its number among the joints of a velocity command, from 1.
     #[serde(default = "last_of_seven")]
     pub number: usize,
 }
@@ -121,16 +121,16 @@ fn last_of_seven() -> usize {
     7
 }
 
-/// How arms take commands.
+/// The command interface of the arms.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Backend {
-    /// Which message.
+    /// Type of the messages.
     pub kind: Kind,
-    /// How many numbers a `Float64MultiArray` has.
+    /// Length of a `Float64MultiArray`.
     #[serde(default = "last_of_seven")]
     pub joints: usize,
-    /// Rate that is added for each radian between set point and joint, where rates are sent (1/s).
+    /// Gain from position error to rate, for backends that send rates (1/s).
     #[serde(default = "gain")]
     pub gain_per_s: f64,
 }
@@ -139,11 +139,11 @@ fn gain() -> f64 {
     2.0
 }
 
-/// Which message moves an arm.
+/// Type of the messages that move an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
-    /// `trajectory_msgs/JointTrajectory`: short ways that end at rest.
+    /// `trajectory_msgs/JointTrajectory`: short trajectories that end at rest.
     Trajectory,
     /// `std_msgs/Float64MultiArray`: rates.
     Velocities,
@@ -153,25 +153,25 @@ pub enum Kind {
     Action,
 }
 
-/// What no motion exceeds, in angles of the joint.
+/// Limits of motion, in angles of the joint.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
-    /// Away from the level pose, either way (rad).
+    /// Largest distance from the level pose, in both directions (rad).
     pub window_rad: f64,
     /// Rate (rad/s).
     pub velocity_rad_s: f64,
-    /// How fast the rate changes (rad/s²).
+    /// Acceleration (rad/s²).
     pub acceleration_rad_s2: f64,
-    /// From one set point to the next (rad).
+    /// Largest step between set points (rad).
     pub step_rad: f64,
-    /// Between set point and joint (rad).
+    /// Largest distance between set point and joint (rad).
     pub tracking_error_rad: f64,
     /// Rate of the slow move to the level pose (rad/s).
     pub home_velocity_rad_s: f64,
 }
 
-/// How long what may be missing (s).
+/// Timeouts (s).
 #[expect(
     clippy::struct_field_names,
     reason = "keys of the file carry their unit"
@@ -191,7 +191,7 @@ pub struct Timeouts {
     pub command_s: f64,
     /// The age of a stamp, by this machine's clock.
     pub stamp_s: f64,
-    /// The marble at the same place to the last bit while the knobs turn; 0: for ever.
+    /// The marble at bitwise the same position while the knobs turn; 0 disables the check.
     pub frozen_s: f64,
 }
 
@@ -209,23 +209,23 @@ impl Default for Timeouts {
     }
 }
 
-/// Where the marble is said to be.
+/// The tracker.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Tracker {
     /// The topic of its `PointStamped`.
     pub topic: String,
-    /// What a point's numbers are.
+    /// Unit of the points.
     pub unit: Unit,
     /// The board's long edge (m).
     pub edge_x_m: f64,
-    /// What is asked of the publisher.
+    /// Requested reliability.
     pub reliability: Reliability,
-    /// A faster marble has jumped (board edges per second).
+    /// Speed above which the marble has jumped (board edges per second).
     pub fastest_edges_s: f64,
-    /// How many jumps a second are let pass.
+    /// Tolerated jumps per second.
     pub jumps: usize,
-    /// More points a second are a flood.
+    /// Largest number of points per second.
     pub most_hz: f64,
 }
 
@@ -243,7 +243,7 @@ impl Default for Tracker {
     }
 }
 
-/// What a point's numbers are.
+/// Unit of the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Unit {
@@ -253,17 +253,17 @@ pub enum Unit {
     M,
 }
 
-/// What a subscription asks of publishers.
+/// Reliability of a subscription.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reliability {
-    /// Takes what comes, from either kind of publisher.
+    /// Best effort: accepts both kinds of publishers.
     BestEffort,
-    /// Has lost messages sent again; hears reliable publishers only.
+    /// Reliable: lost messages are resent; matches only reliable publishers.
     Reliable,
 }
 
-/// How the rig is stopped and started.
+/// Arming and stops.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Safety {
@@ -275,7 +275,7 @@ pub struct Safety {
     pub stop_service: String,
     /// Services of the arms' drivers that a stop calls: `std_srvs/Trigger`.
     pub call_on_stop: Vec<String>,
-    /// How long the stop is repeated before the rig leaves (s).
+    /// Duration for which the stop is repeated before the program ends (s).
     pub hold_s: f64,
 }
 
@@ -291,27 +291,27 @@ impl Default for Safety {
     }
 }
 
-/// How the stand-in laboratory behaves.
+/// The simulated laboratory.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Twin {
-    /// Points of the marble a second: a divisor of 120, or 1000 for a test of the intake.
+    /// Points of the marble per second: a divisor of 120, or 1000 for a load test.
     pub tracker_hz: u32,
-    /// From picture to message (s).
+    /// Delay from picture to message (s).
     pub delay_s: f64,
     /// Standard deviation of that delay (s).
     pub delay_jitter_s: f64,
     /// Standard deviation of a point (board edges).
     pub noise: f64,
-    /// Part of the pictures in which the marble is lost.
+    /// Share of the pictures in which the marble is lost.
     pub lost: f64,
     /// Standard deviation of a joint's angle (rad).
     pub joint_noise_rad: f64,
-    /// The fastest that the arms can turn (rad/s).
+    /// Maximum rate of the arms (rad/s).
     pub velocity_rad_s: f64,
-    /// Where a hand puts the marble before each run (board edges).
+    /// Position to which a hand returns the marble before each run (board edges).
     pub start: [f64; 2],
-    /// How long the knobs are level and still before it does (s).
+    /// Time for which the knobs are level and at rest before that (s).
     pub hand_s: f64,
 }
 
@@ -332,7 +332,7 @@ impl Default for Twin {
 }
 
 impl Config {
-    /// Reads a file, and says every mistake in it.
+    /// Reads and validates a file.
     ///
     /// # Errors
     /// [`Error::Refused`] if it cannot be read, [`Error::Mistakes`] for what is wrong in it.

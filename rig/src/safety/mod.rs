@@ -1,6 +1,6 @@
-//! What may move, and what stops it: a state machine without clock, input or output of its own.
+//! The safety state machine, without a clock, input or output of its own.
 //!
-//! Events and moments come in, set points come out; `rig/README.md` draws the states.
+//! Its inputs are events and times, its outputs set points; `rig/README.md` has the diagram of the states.
 
 mod motion;
 mod reason;
@@ -10,20 +10,20 @@ pub use reason::Reason;
 
 use crate::config::{Config, Limits, TICK_S, Timeouts};
 
-/// What the arms are doing.
+/// State of the arms.
 #[derive(Debug, Clone, PartialEq)]
 pub enum State {
     /// Nothing is commanded.
     Idle,
     /// The arms are held where they are.
     Armed,
-    /// They move slowly to the level pose.
+    /// The arms move slowly to the level pose.
     Homing,
-    /// They follow a file of commands.
+    /// The arms follow a file of commands.
     Playing,
-    /// They come to rest.
+    /// The arms come to rest.
     Stopping(Reason),
-    /// They are held at rest for good: only a new start by hand moves them again.
+    /// The arms are held at rest until a new start by hand.
     Latched(Reason),
 }
 
@@ -41,44 +41,44 @@ impl State {
     }
 }
 
-/// What is asked for from outside.
+/// External events.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Event {
-    /// Take the arms where they are measured to be (rad, joint angles).
+    /// Take the arms at their measured joint angles (rad).
     Arm([f64; 2]),
     /// Move slowly to the level pose.
     Home,
     /// Follow commands.
     Play,
-    /// Let the arms go: nothing is commanded any more.
+    /// Release the arms: no more commands.
     Disarm,
     /// Come to rest, and stay there.
     Stop(Reason),
 }
 
-/// What is known at a tick.
+/// Inputs of a tick.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Inputs {
-    /// Seconds by a clock that no one sets.
+    /// Time of the monotonic clock (s).
     pub now: f64,
-    /// Where the joints shall be (rad), if a file is played and says so.
+    /// Target joint angles (rad), if a file is played.
     pub target: Option<[f64; 2]>,
-    /// Where the joints were last measured (rad), unwrapped.
+    /// Last measured joint angles (rad), unwrapped.
     pub measured: Option<[f64; 2]>,
-    /// How old that is (s), the older of both.
+    /// Age of the older of the two (s).
     pub joints_age_s: f64,
-    /// How old the marble's last valid point is (s).
+    /// Age of the marble's last valid point (s).
     pub tracker_age_s: f64,
-    /// How late this tick is (s).
+    /// Lateness of this tick (s).
     pub late_s: f64,
 }
 
-/// What the arms are told.
+/// Outputs of a tick.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
-    /// Of the joints about x and about y; none while nothing is commanded.
+    /// Set points of the joints about x and y; none while nothing is commanded.
     pub set_points: Option<[SetPoint; 2]>,
-    /// Whether they come to rest or are held there after a stop.
+    /// Whether the arms come to rest or are held after a stop.
     pub stopped: bool,
 }
 
@@ -93,15 +93,15 @@ pub struct Safety {
     level: [f64; 2],
     /// None while nothing is commanded.
     points: Option<[SetPoint; 2]>,
-    /// Since when there is no target, and since when the joints are too far from their set points.
+    /// Start of the time without a target, and of the time with joints too far from their set points.
     no_target: Option<f64>,
     astray: Option<f64>,
-    /// Whether the arms are there to follow: not so in a dry run.
+    /// Whether the arms follow: false in a dry run.
     follows: bool,
 }
 
 impl Safety {
-    /// An idle rig; in a dry run, one whose arms are not told anything and need not follow.
+    /// An idle rig; in a dry run its arms receive no commands and need not follow.
     pub fn new(config: &Config, dry_run: bool) -> Self {
         Self {
             state: State::Idle,
@@ -116,7 +116,7 @@ impl Safety {
         }
     }
 
-    /// What the arms are doing.
+    /// State of the arms.
     pub fn state(&self) -> &State {
         &self.state
     }
@@ -126,7 +126,7 @@ impl Safety {
         self.level
     }
 
-    /// What a joint may do.
+    /// Limits of a joint.
     pub fn bounds(&self, axis: usize) -> Bounds {
         bounds(&self.limits, self.level[axis])
     }
@@ -141,7 +141,7 @@ impl Safety {
         })
     }
 
-    /// Takes an event; what a state does not allow changes nothing.
+    /// Handles an event; events that the state does not allow are ignored.
     ///
     /// # Errors
     /// The reason why arms cannot be taken where they are.
@@ -173,7 +173,7 @@ impl Safety {
             if !measured.is_finite() {
                 return Err(Reason::JointsLie("an angle that is no number".to_owned()));
             }
-            // A wrist that turns for ever may be some turns away from where its angles were written down.
+            // A continuous wrist may be some full turns away from the configured level pose.
             let turns = ((measured - self.level[axis]) / std::f64::consts::TAU).round();
             self.level[axis] += turns * std::f64::consts::TAU;
             let Bounds { low, high, .. } = self.bounds(axis);
@@ -189,7 +189,7 @@ impl Safety {
         Ok(())
     }
 
-    /// One step of 10 ms: looks at what is known, and says where the arms shall be.
+    /// One tick of 10 ms: checks the inputs and returns the set points.
     pub fn tick(&mut self, inputs: &Inputs) -> Output {
         if let Some(reason) = self.fault(inputs) {
             let _ = self.handle(Event::Stop(reason));
@@ -231,7 +231,7 @@ impl Safety {
         }
     }
 
-    /// What is wrong at a tick, if the arms are on their way or held.
+    /// The fault of a tick, if the arms are moving or held.
     fn fault(&mut self, inputs: &Inputs) -> Option<Reason> {
         if !matches!(self.state, State::Armed | State::Homing | State::Playing) {
             return None;
@@ -292,7 +292,7 @@ impl Safety {
     }
 }
 
-/// What a joint may do whose level pose is there.
+/// Limits of a joint with this level pose.
 pub fn bounds(limits: &Limits, level: f64) -> Bounds {
     Bounds {
         low: level - limits.window_rad,

@@ -2,7 +2,7 @@
 
 use crate::config::TICK_S;
 
-/// What a joint may do, in its own angles.
+/// Limits of a joint, in its own angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Lowest angle (rad).
@@ -13,22 +13,22 @@ pub struct Bounds {
     pub velocity: f64,
     /// Largest change of the rate (rad/s²).
     pub acceleration: f64,
-    /// Largest way from one set point to the next (rad).
+    /// Largest step between set points (rad).
     pub step: f64,
 }
 
 /// A joint's set point.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SetPoint {
-    /// Where the joint shall be (rad).
+    /// Target angle of the joint (rad).
     pub position: f64,
-    /// How fast it moves there (rad/s).
+    /// Rate of the set point (rad/s).
     pub velocity: f64,
-    /// What a joint that takes rates is told (rad/s): the velocity, and what brings it back to the set point.
+    /// Rate for joints that take rates (rad/s): the velocity plus the position feedback.
     pub rate: f64,
 }
 
-/// The fastest that one may go in this tick and still come to rest within a distance, slowing down evenly.
+/// The largest rate in this tick from which a uniform slow-down comes to rest within a distance.
 ///
 /// Slowing by h = a dt a tick from v takes n ticks and covers dt (n v - h n (n - 1) / 2).
 fn approach(distance: f64, acceleration: f64) -> f64 {
@@ -53,7 +53,7 @@ impl SetPoint {
 
     /// The next set point on the way to a target, no faster than `fastest`; at `None` it comes to rest.
     ///
-    /// A target that is no number is taken for none.
+    /// NaN counts as no target.
     pub fn next(self, target: Option<f64>, fastest: f64, bounds: &Bounds) -> Self {
         let most = bounds.velocity.min(bounds.step / TICK_S);
         let wanted = match target {
@@ -74,13 +74,13 @@ impl SetPoint {
         }
     }
 
-    /// Adds the rate for a joint that is measured there; without one the rate comes to rest.
+    /// Adds the rate for a joint at a measured angle; without one the rate comes to rest.
     pub fn with_rate(mut self, measured: Option<f64>, gain: f64, bounds: &Bounds) -> Self {
         let last = self.rate;
         let wanted = match measured {
             Some(measured) if measured.is_finite() => {
                 let wanted = self.velocity + gain * (self.position - measured);
-                // A joint that is at the end of its window is sent no further.
+                // A joint at the end of its window moves no further.
                 let up = approach(bounds.high - measured, bounds.acceleration);
                 let down = approach(measured - bounds.low, bounds.acceleration);
                 wanted.clamp(-down, up)
@@ -98,7 +98,7 @@ impl SetPoint {
     }
 }
 
-/// As much of a change of rate as a tick allows.
+/// A change of rate, limited to that of one tick.
 fn slewed(change: f64, bounds: &Bounds) -> f64 {
     let most = bounds.acceleration * TICK_S;
     change.clamp(-most, most)
@@ -123,7 +123,7 @@ mod tests {
     }
 
     proptest! {
-        /// No target, however wild, takes a set point out of window, velocity, acceleration or step.
+        /// No target moves a set point out of window, velocity, acceleration or step.
         #[test]
         fn set_points_stay_within_all_limits(
             targets in targets(),

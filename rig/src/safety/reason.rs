@@ -5,40 +5,40 @@ use std::fmt;
 /// Why arms are stopped.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reason {
-    /// No valid point of the marble for so long (s).
+    /// Time without a valid point of the marble (s).
     TrackerSilent(f64),
-    /// The tracker says what cannot be, in words: jumps, floods, stands still.
+    /// Impossible points from the tracker, described: jumps, floods, frozen positions.
     TrackerLies(String),
-    /// No joint states for so long (s).
+    /// Time without joint states (s).
     JointsSilent(f64),
-    /// Joint states say what cannot be, in words.
+    /// Impossible joint states, described.
     JointsLie(String),
-    /// A joint does not follow: by so much (rad).
+    /// Tracking error of a joint (rad).
     TrackingError(f64),
-    /// A joint is outside its window: which, and by how much (rad).
+    /// A joint is outside its window.
     OutsideWindow {
         /// 0 about x, 1 about y.
         axis: usize,
         /// By how much (rad).
         by: f64,
     },
-    /// The loop came so late (s).
+    /// Lateness of the loop (s).
     Overrun(f64),
-    /// No command came for so long (s).
+    /// Time without a command (s).
     CommandExpired(f64),
     /// A command is no number.
     CommandRefused,
-    /// Somebody else commands the arms: on this topic.
+    /// Another publisher on this command topic.
     OtherPublisher(String),
-    /// The emergency stop: which.
+    /// The source of the emergency stop.
     EmergencyStop(String),
-    /// A signal: which.
+    /// The name of the signal.
     Signal(&'static str),
-    /// This machine's clock was set: by so much (s).
+    /// Step of this machine's clock (s).
     ClockStepped(f64),
-    /// What is recorded is lost, in words.
+    /// The recorder's error.
     Recorder(String),
-    /// Commands cannot be sent, in words.
+    /// The error of sending commands.
     Unsendable(String),
 }
 

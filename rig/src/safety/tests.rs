@@ -56,7 +56,7 @@ fn ticks() -> impl Strategy<Value = Vec<(Happens, Inputs)>> {
             let inputs = Inputs {
                 now: 0.0,
                 target,
-                // What is measured: near the set point (by so much), or wild.
+                // Measured angles: near the set point (at this distance), or arbitrary.
                 measured: Some(wild.unwrap_or([off.0, off.1])),
                 joints_age_s: joints,
                 tracker_age_s: tracker,
@@ -70,7 +70,7 @@ fn ticks() -> impl Strategy<Value = Vec<(Happens, Inputs)>> {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
-    /// Whatever happens: outputs stay within every limit, are numbers, come only from an armed rig; a stop
+    /// For any events: outputs stay within every limit, are numbers, come only from an armed rig; a stop
     /// brings both arms to rest in time, and nothing moves after it.
     #[test]
     fn no_sequence_of_events_leaves_the_limits_or_moves_after_a_stop(ticks in ticks()) {

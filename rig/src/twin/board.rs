@@ -1,4 +1,4 @@
-//! The board of the stand-in, and the hand that puts the marble back.
+//! The simulated board, and the hand that returns the marble to its start.
 
 use labsim::Live;
 
@@ -6,14 +6,14 @@ use super::TICK_S;
 use crate::error::{Error, Result};
 use crate::model::Model;
 
-/// Ticks that a run may have: half an hour. A longer one goes on from where the marble then lies.
+/// Maximum number of ticks of a run, half an hour. A longer run continues from the marble's position then.
 const ROWS: usize = 30 * 60 * super::HZ as usize;
 
 /// Knobs closer to level than this are level (rad).
 const LEVEL_RAD: f64 = 1e-4;
 
-/// A marble that a hand holds at its start until the knobs turn, and brings back once they have long been level:
-/// from where it lies, or from below the board.
+/// A marble that a hand holds at its start until the knobs turn, and returns after they have been level for
+/// `hand_s`: from its position, or from below the board.
 pub struct Board {
     model: Model,
     live: Live,
@@ -52,7 +52,7 @@ impl Board {
         })
     }
 
-    /// Where the marble is seen (board edges).
+    /// Observed position (board edges).
     pub fn seen(&self) -> [f64; 2] {
         self.live.seen()
     }
@@ -60,7 +60,7 @@ impl Board {
     /// One tick under these knob angles (rad).
     ///
     /// # Errors
-    /// [`Error::Refused`] if the engine refuses to begin anew.
+    /// [`Error::Refused`] if the engine refuses a restart.
     pub fn tick(&mut self, knobs: [f64; 2]) -> Result<()> {
         let level = knobs.iter().all(|angle| angle.abs() < LEVEL_RAD);
         self.level_for = if level { self.level_for + 1 } else { 0 };

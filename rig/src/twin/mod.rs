@@ -1,4 +1,4 @@
-//! A stand-in for the laboratory: two wrists, a board with a marble, a camera; on the network as they would be.
+//! The simulated laboratory: two wrists, a board with a marble, and a camera, with the topics of real ones.
 
 mod board;
 mod wrist;
@@ -42,10 +42,10 @@ struct Twin {
     random: ChaCha8Rng,
 }
 
-/// Runs until a signal comes, or for some seconds; `ready` is called once everything is on the network.
+/// Runs until a signal, or for some seconds; `ready` is called once everything is on the network.
 ///
 /// # Errors
-/// [`Error::Refused`] for a model or a network that cannot be.
+/// [`Error::Refused`] for an invalid model or network.
 pub fn run(
     config: &Config,
     model: &Path,
@@ -83,7 +83,7 @@ pub fn run(
     let ticks = seconds.map_or(u64::MAX, |seconds| (seconds * f64::from(HZ)) as u64);
     for tick in 0..ticks {
         let due = tick as f64 * TICK_S;
-        // Physics keeps to the clock: a tick that comes late is made up for, with the stamps that it should have.
+        // Physics follows the clock: a late tick is caught up on, with its nominal stamps.
         let ahead = due - clock.now().steady;
         if ahead > 0.0 {
             thread::sleep(Duration::from_secs_f64(ahead));
@@ -117,7 +117,7 @@ impl Twin {
             knobs[axis] = (angle - arm.level_rad) / arm.gear;
         }
         let before = self.board.seen();
-        self.tell_joints(now.nanos)?;
+        self.publish_joints(now.nanos)?;
         self.board.tick(knobs)?;
         self.take_pictures(tick, before, now.steady, now.nanos)?;
         while self
@@ -132,7 +132,7 @@ impl Twin {
         Ok(())
     }
 
-    fn tell_joints(&mut self, nanos: i64) -> Result<()> {
+    fn publish_joints(&mut self, nanos: i64) -> Result<()> {
         let noise = normal(self.config.twin.joint_noise_rad)?;
         for (axis, (_, arm)) in self.config.arms.both().into_iter().enumerate() {
             let wrist = &self.wrists[axis];
@@ -151,7 +151,7 @@ impl Twin {
         Ok(())
     }
 
-    /// Pictures of the tick that begins now: where the marble was as it began.
+    /// Pictures at the beginning of a tick.
     fn take_pictures(
         &mut self,
         tick: u64,

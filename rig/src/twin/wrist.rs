@@ -1,4 +1,4 @@
-//! The arms of the stand-in: each kind of driver, and a joint that follows it as fast as it can.
+//! The simulated arms: each kind of driver, and a joint that follows it at its maximum rate.
 
 use std::collections::VecDeque;
 
@@ -18,15 +18,15 @@ use crate::messages::{
 const BUFFER: usize = 2000;
 const KINOVA_S: f64 = 0.01;
 
-/// What an arm has been told.
+/// The last command of an arm.
 enum Plan {
-    /// To rest.
+    /// Rest.
     Rest,
-    /// To be at angles (rad) at times (s).
+    /// Angles (rad) at times (s).
     Way(Vec<(f64, f64)>),
-    /// To turn at a rate (rad/s) until a time (s).
+    /// A rate (rad/s) until a time (s).
     Rate(f64, f64),
-    /// To turn at each rate (rad/s) for 10 ms.
+    /// Rates (rad/s), each for 10 ms.
     Queue(VecDeque<f64>),
 }
 
@@ -75,22 +75,22 @@ impl Driver {
         })
     }
 
-    /// Where the joint is (rad).
+    /// Angle of the joint (rad).
     pub fn angle(&self) -> f64 {
         self.angle
     }
 
-    /// How fast it turns (rad/s).
+    /// Rate of the joint (rad/s).
     pub fn rate(&self) -> f64 {
         self.rate
     }
 
-    /// Forgets what it was told.
+    /// Clears the last command.
     pub fn rest(&mut self) {
         self.plan = Plan::Rest;
     }
 
-    /// Hears, and turns for a tick, no faster than `fastest` (rad/s); rates expire. Returns the angle (rad).
+    /// Receives commands and turns for a tick, no faster than `fastest` (rad/s); rates expire. Returns the angle (rad).
     pub fn step(&mut self, now: f64, tick: f64, fastest: f64, expires_s: f64) -> f64 {
         self.hear(now, expires_s);
         let wanted = match &mut self.plan {
@@ -150,7 +150,7 @@ impl Driver {
     }
 }
 
-/// The way of a joint from where it is; none if the message is of other joints or out of order.
+/// The trajectory of a joint from its present angle; none if the message is of other joints or out of order.
 fn way(message: &JointTrajectory, joint: &str, now: f64, angle: f64) -> Option<Plan> {
     let index = message.joint_names.iter().position(|name| name == joint)?;
     let mut points = vec![(now, angle)];
@@ -165,7 +165,7 @@ fn way(message: &JointTrajectory, joint: &str, now: f64, angle: f64) -> Option<P
     Some(Plan::Way(points))
 }
 
-/// Where a way is at a time; at its end it rests.
+/// The angle of a trajectory at a time; it rests at its end.
 fn along(points: &[(f64, f64)], now: f64) -> f64 {
     let after = points.partition_point(|&(at, _)| at <= now);
     match (points.get(after.wrapping_sub(1)), points.get(after)) {

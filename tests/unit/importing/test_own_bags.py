@@ -212,9 +212,9 @@ def test_a_bag_of_another_program_is_refused(tmp_path: Path) -> None:
 def test_the_verb_says_what_was_seen(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     bag = recorded(tmp_path / "bag.mcap", stop=1.95)
     assert main(["import", str(bag), "--out", str(tmp_path / "rig")]) == 0
-    told = capsys.readouterr().out
-    assert "10 rows over 0.95 s, measured knobs" in told
-    assert "30.0 ms old" in told
-    assert "stopped: no valid point" in told
+    output = capsys.readouterr().out
+    assert "10 rows over 0.95 s, measured knobs" in output
+    assert "30.0 ms old" in output
+    assert "stopped: no valid point" in output
     assert main(["import", str(tmp_path / "absent.mcap")]) == 1
     assert "absent.mcap: cannot be read" in capsys.readouterr().err

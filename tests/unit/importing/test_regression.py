@@ -22,7 +22,7 @@ def test_outliers_do_not_count_and_noise_of_a_regressor_is_no_attenuation() -> N
 def test_standard_errors_hold_for_errors_that_last() -> None:
     rng = np.random.default_rng(1)
     times = np.arange(3000) / 50.0
-    found, told = [], []
+    found, stated = [], []
     for _ in range(200):
         # Noise and regressor that stay alike for half a second.
         noise, regressor = (
@@ -33,8 +33,8 @@ def test_standard_errors_hold_for_errors_that_last() -> None:
         left = 2.0 * regressor + noise - design @ coefficients
         covariance = sandwich(design, weights, left, time_blocks([times]), np.zeros(2))
         found.append(coefficients[0])
-        told.append(np.sqrt(covariance[0, 0]))
-    assert np.mean(told) == pytest.approx(np.std(found), rel=0.25)
+        stated.append(np.sqrt(covariance[0, 0]))
+    assert np.mean(stated) == pytest.approx(np.std(found), rel=0.25)
 
 
 def test_blocks_change_with_time_and_with_the_run() -> None:

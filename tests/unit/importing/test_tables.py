@@ -36,7 +36,7 @@ def test_cells_that_are_no_numbers_are_nan_and_columns_of_words_are_left_out(tmp
         ("", "no rows below a header"),
         ("a,b\n", "no rows below a header"),
         ("a,b\n1\n", "line 2: 1 cells, but the header has 2"),
-        ("a,a\n1,2\n", 'column "a" stands there twice'),
+        ("a,a\n1,2\n", 'duplicate column "a"'),
     ],
 )
 def test_broken_tables(tmp_path: Path, text: str, said: str) -> None:

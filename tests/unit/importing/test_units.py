@@ -58,7 +58,7 @@ def test_a_gain_by_degrees() -> None:
 def test_places_off_the_board() -> None:
     check_places(log(), Board())
     for marble in (276.0 * log().marble, log().marble + np.array([0.5, 0.42])):
-        with pytest.raises(IrtError, match="of the places lie outside the board of"):
+        with pytest.raises(IrtError, match="of the positions lie outside the board of"):
             check_places(replace(log(), marble=marble), Board())
 
 

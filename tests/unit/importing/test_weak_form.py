@@ -14,7 +14,7 @@ def run(marble: np.ndarray, times: np.ndarray) -> Run:
     return Run(times, marble, None, times, NO_COMMANDS)
 
 
-def test_the_acceleration_of_a_parabola_is_exact_whatever_its_stamps() -> None:
+def test_the_acceleration_of_a_parabola_is_exact_for_any_stamps() -> None:
     rng = np.random.default_rng(0)
     times = np.cumsum(rng.uniform(0.01, 0.025, 120))
     marble = np.column_stack([0.02 * times**2 - 0.01 * times, -0.03 * times**2 + 0.05 * times])

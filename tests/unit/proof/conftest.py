@@ -30,7 +30,7 @@ def answered(folder: Path, effects: tuple[Effect, ...] = ()) -> dict[str, bytes]
     rig = load_rig(folder)
     save_model(folder / "base.toml", Model.from_rig(rig, VALUES))
     save_model(folder / "model.toml", Model.from_rig(rig, VALUES, effects=effects))
-    told = {
+    content = {
         "verdict": "missing" if effects else "sufficient",
         "effects": [{"name": one.name, "confusable_with": [], "parameters": {}} for one in effects],
         "parameters": {"gear_x": {"value": 0.06, "low": 0.05, "high": 0.07}},
@@ -38,7 +38,7 @@ def answered(folder: Path, effects: tuple[Effect, ...] = ()) -> dict[str, bytes]
     files = {name: (folder / name).read_bytes() for name in ("base.toml", "model.toml")}
     return {
         **files,
-        "diagnosis.json": json.dumps(told).encode(),
+        "diagnosis.json": json.dumps(content).encode(),
         "seconds.json": b'{"seconds":1.5}',
     }
 

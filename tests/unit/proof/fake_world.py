@@ -86,22 +86,22 @@ def without_marble(csv: str) -> str:
 
 
 def record(index: int, kind: str, seed: int, csv: str) -> dict[str, Any]:
-    """Play further commands (CSV, a start in row 0) on a rig that was made; return what was seen."""
+    """Play further commands (CSV, a start in row 0) on an existing rig; return the tracked run."""
     with tempfile.TemporaryDirectory() as place:
         path = Path(place) / "next.csv"
         path.write_text(csv)
-        told = load_commands(path)
+        commands = load_commands(path)
         path = Path(place) / "seen.csv"
         clean = rollouts(
             [list(TRUTH.values())],
-            told.knobs,
+            commands.knobs,
             engine="rapier",
             effects=HIDDEN[kind],
-            start=told.start,
+            start=commands.start,
             threads=1,
         )[0]
         noise = NOISE * np.random.default_rng([seed, index]).standard_normal(clean.shape)
-        save_recording(path, told.knobs, clean + noise)
+        save_recording(path, commands.knobs, clean + noise)
         return {"csv": path.read_text()}
 
 
@@ -113,17 +113,17 @@ def drive(random: np.random.Generator) -> np.ndarray:
 
 
 def main(words: Sequence[str], requests: io.TextIOBase | Any = sys.stdin) -> None:
-    """Answer requests; the greeting is what libraries do."""
+    """Answer requests after a greeting, as libraries print it."""
     print("fake world, built today", flush=True)
     for line in requests:
         request = json.loads(line)
         if "record" in request:
-            told = record(**request["record"])
+            answer = record(**request["record"])
         else:
             asked = request["make"]
             mine = f"{asked['index']}/"
-            told = make(**asked, lost=[one.removeprefix(mine) for one in words if one.startswith(mine)])
-        print(json.dumps(told), flush=True)
+            answer = make(**asked, lost=[one.removeprefix(mine) for one in words if one.startswith(mine)])
+        print(json.dumps(answer), flush=True)
 
 
 if __name__ == "__main__":

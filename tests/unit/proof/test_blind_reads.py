@@ -79,20 +79,20 @@ def test_it_reads_nothing_but_the_rig_and_the_program(rig: Path, tmp_path: Path)
     assert {path.name for path in out.iterdir()} >= {"diagnosis.json", "base.toml", "model.toml"}
 
 
-def test_the_environment_tells_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_the_environment_reveals_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("IRT_VAULT", "secret")
     monkeypatch.setenv("PYTHONPATH", "python")
-    told = environment()
-    assert "IRT_VAULT" not in told
-    assert told["OMP_NUM_THREADS"] == "1"
-    places = told["PYTHONPATH"].split(os.pathsep)
+    variables = environment()
+    assert "IRT_VAULT" not in variables
+    assert variables["OMP_NUM_THREADS"] == "1"
+    places = variables["PYTHONPATH"].split(os.pathsep)
     assert places[0] == str(Path(irt.__file__).resolve().parents[1])
     assert all(Path(place).is_absolute() for place in places)
 
 
 @pytest.mark.slow
-def test_the_same_recordings_give_the_same_bytes_whatever_the_name(places) -> None:
-    """What the process is told of the rig is its recordings: the answer cannot depend on more."""
+def test_the_same_recordings_give_the_same_bytes_under_any_name(places) -> None:
+    """The process receives only the recordings of a rig, so the answer cannot depend on more."""
     files = files_of(places.rig("rig-0001"))
     inputs = {"rig-0001": files, "other": dict(reversed(files.items()))}
     one, other = dict(LocalWorkers(2).each(BLIND, inputs)).values()
@@ -112,5 +112,5 @@ def test_a_diagnosis_that_fails_says_why(places) -> None:
 
 def test_one_that_takes_too_long_is_ended(monkeypatch: pytest.MonkeyPatch, places) -> None:
     monkeypatch.setattr(workers, "PATIENCE_S", 0.2)
-    told = run_module(BLIND, files_of(places.rig("rig-0001")))
-    assert json.loads(told["failed.json"]) == {"error": "took longer than 0.2 s"}
+    files = run_module(BLIND, files_of(places.rig("rig-0001")))
+    assert json.loads(files["failed.json"]) == {"error": "took longer than 0.2 s"}

@@ -25,7 +25,7 @@ from irt.rig import load_rig
 VALUES = (0.06, 0.05, 4e-4, 15.0, 1.03)
 
 
-def told(*effects: str, **ties: list[str]) -> str:
+def diagnosis(*effects: str, **ties: list[str]) -> str:
     named = [{"name": name, "confusable_with": ties.get(name, [])} for name in effects]
     return json.dumps({"verdict": "missing", "effects": named, "fit": {"noise": 1e-3}})
 
@@ -44,7 +44,7 @@ def tied(places, tmp_path: Path) -> Path:
         model = Model.from_rig(rig, VALUES, effects=[effect], time_step="continuous")
         save_model(folder / "models" / f"{name}.toml", model)
     (folder / "models" / "plausible.json").write_text('{"probabilities": [0.6, 0.4]}')
-    (folder / "models" / "diagnosis.json").write_text(told("delay", delay=["lag"]))
+    (folder / "models" / "diagnosis.json").write_text(diagnosis("delay", delay=["lag"]))
     return folder
 
 
@@ -77,7 +77,7 @@ def test_no_answer_is_one_line(tmp_path: Path, capsys) -> None:
 def test_a_tie_is_a_name_with_others_beside_it(tmp_path: Path) -> None:
     path = tmp_path / "diagnosis.json"
     assert not in_a_tie(tmp_path)
-    for text, tie in ((told("delay", delay=["lag"]), True), (told("delay"), False)):
+    for text, tie in ((diagnosis("delay", delay=["lag"]), True), (diagnosis("delay"), False)):
         path.write_text(text)
         assert in_a_tie(tmp_path) is tie
 
@@ -115,8 +115,10 @@ def test_what_became_of_ties(score, tmp_path: Path) -> None:
         score(named=("lag",), ties={"lag": ["delay", "latency"]}, exact=False, tie_size=3.0),
         score(),
     ]
-    for one, suggested in zip(scores[:2], (told("delay"), told("delay", delay=["lag"])), strict=True):
-        for kind, text in (("suggested", suggested), ("random", told("lag", lag=["delay"]))):
+    for one, suggested in zip(
+        scores[:2], (diagnosis("delay"), diagnosis("delay", delay=["lag"])), strict=True
+    ):
+        for kind, text in (("suggested", suggested), ("random", diagnosis("lag", lag=["delay"]))):
             folder = tmp_path / one.rig / kind
             folder.mkdir(parents=True)
             (folder / "diagnosis.json").write_text(text)

@@ -32,8 +32,8 @@ REASON = "two marbles move on the board"
 NAMES = ("rig-0001", "rig-0002", "rig-0003")
 
 
-def told(request: Mapping[str, object]) -> dict:
-    """Return what the concealed world answers to a request for a rig that is seen through a camera."""
+def ask(request: Mapping[str, object]) -> dict:
+    """Return the concealed world's answer to a request for a rig that is seen through a camera."""
     answers = io.StringIO()
     asked = {"index": 1, "kind": "none", "seed": 1, "tracker": "irt.tracking:positions", **request}
     serve([json.dumps({"record" if "csv" in request else "make": asked})], answers)
@@ -65,9 +65,9 @@ def track(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 
 @pytest.mark.slow
 def test_the_tracker_of_a_rig_may_fail(track, tmp_path: Path) -> None:
-    """What it did see is recorded; what it did not is empty, and the label says which runs and why."""
+    """Readable runs are recorded; the others are empty, and the label names them with the reasons."""
     track(refused=(2, 9), late=(4,))
-    label = told({"folder": f"{tmp_path / 'rig'}"})["label"]
+    label = ask({"folder": f"{tmp_path / 'rig'}"})["label"]
     late = "no marble in the first picture, where every prediction starts"
     assert label["lost"] == {"train-3": REASON, "train-5": late, "test-2": REASON}
     rows = (tmp_path / "rig" / "train-3.csv").read_text().splitlines()
@@ -80,12 +80,12 @@ def test_the_tracker_of_a_rig_may_fail(track, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_tracker_that_reads_nothing_at_all(track, tmp_path: Path) -> None:
-    """Nothing tells how large its noise is: a label holds no NaN, which no seal could be put on."""
+    """Its noise is unknown, and the label has no NaN, which cannot be sealed."""
     track(refused=tuple(range(12)))
-    label = told({"folder": f"{tmp_path / 'rig'}", "kind": "outliers"})["label"]
+    label = ask({"folder": f"{tmp_path / 'rig'}", "kind": "outliers"})["label"]
     assert (len(label["lost"]), label["sigma"], label["signal"]) == (12, None, None)
     assert json.dumps(label, allow_nan=False)
-    # Of a rig whose tracker jumps, too: there is nothing that it took for the marble.
+    # A rig with outliers has none without any tracked row.
     texts = [test["csv"] for test in label["tests"].values()]
     texts += [path.read_text() for path in (tmp_path / "rig").glob("*.csv")]
     assert len(texts) == 12
@@ -94,12 +94,12 @@ def test_a_tracker_that_reads_nothing_at_all(track, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_further_run_may_be_lost(track, tmp_path: Path) -> None:
-    """It is of a rig of which all was read; one more diagnosis fails, and no other tie is given up."""
+    """The other runs of its rig were read: one diagnosis fails, and other ties are not affected."""
     track()
-    assert told({"folder": f"{tmp_path / 'rig'}"})["label"]["lost"] == {}
+    assert ask({"folder": f"{tmp_path / 'rig'}"})["label"]["lost"] == {}
     csv = (tmp_path / "rig" / "train-1.csv").read_text()
     track(refused=(0,))
-    rows = told({"csv": csv})["csv"].splitlines()
+    rows = ask({"csv": csv})["csv"].splitlines()
     assert len(rows) == 121
     assert all(row.endswith(",,") for row in rows[1:])
 
@@ -108,14 +108,14 @@ def test_a_further_run_may_be_lost(track, tmp_path: Path) -> None:
 def test_a_tracker_that_is_broken_is_no_tracker_that_loses(
     track, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """What fails before there is a picture to read is an error as before."""
+    """An error before the first picture is an error of the world."""
     track()
     monkeypatch.setattr(camera, "pictures", lambda spec, run, played: (_ for _ in ["x"] if int("x")))
-    assert told({"folder": f"{tmp_path / 'rig'}"})["error"].startswith("ValueError: invalid literal")
+    assert ask({"folder": f"{tmp_path / 'rig'}"})["error"].startswith("ValueError: invalid literal")
 
 
 class Diagnoses:
-    """Workers that answer as `irt.proof.blind` does: with an answer, or with why there is none."""
+    """Workers that answer like `irt.proof.blind`: with a diagnosis, or the reason for none."""
 
     def __init__(self, place: Path, answered: Callable[[Path], Files]) -> None:
         self._place, self._answered = place, answered
@@ -133,7 +133,7 @@ class Diagnoses:
 
     @staticmethod
     def _contested(folder: Path) -> Files:
-        """Predict what is in the file: every method would be judged on those tests."""
+        """Predict all tests in the folder, since every method is scored on them."""
         tests = sorted(path.stem for path in (folder / "tests").glob("*.csv"))
         paths = dict.fromkeys(tests, [[0.0, 0.0]] * 50)
         entry = {"told": False, "named": [], "predictions": paths, "seconds": 1.0, "missing": ""}
@@ -172,7 +172,7 @@ def test_a_lost_rig_costs_the_proof_one_rig(lose, tmp_path: Path) -> None:
     assert json.dumps(rig.as_dict(), allow_nan=False)
 
 
-def test_a_lost_run_held_out_is_left_out_and_told(lose, tmp_path: Path) -> None:
+def test_a_lost_held_out_run_is_left_out_and_reported(lose, tmp_path: Path) -> None:
     places, results = lose("0/test-2", "2/test-1", "2/test-2")
     first, whole, last = results.scores
     assert [one.verdict for one in results.scores] == ["missing"] * 3

@@ -32,9 +32,9 @@ def test_a_rate_of_none_is_unknown() -> None:
 
 
 def test_a_median_lies_in_its_interval() -> None:
-    told = Quantity.median([0.2, 0.9, 0.95, 0.97, 1.0])
-    assert told.low <= told.value == 0.95 <= told.high
-    assert Quantity.median([0.2, 0.9, 0.95, 0.97, 1.0]) == told
+    median = Quantity.median([0.2, 0.9, 0.95, 0.97, 1.0])
+    assert median.low <= median.value == 0.95 <= median.high
+    assert Quantity.median([0.2, 0.9, 0.95, 0.97, 1.0]) == median
 
 
 def test_who_was_taken_for_whom(score) -> None:
@@ -72,8 +72,8 @@ def test_power_by_signal(score) -> None:
     signals = [0.2, 0.6, 3.0, 3.0, 5.0, 7.0, 40.0]
     scores = [score(errors=errors(signal), found=signal > 3.5) for signal in signals]
     scores.append(score(errors=None, verdict="failed", found=False))
-    told = {one.low: (one.rate.good, one.rate.of) for one in power(scores)}
-    assert told == {
+    rates = {one.low: (one.rate.good, one.rate.of) for one in power(scores)}
+    assert rates == {
         0.0: (0, 1),
         0.5: (0, 1),
         1.0: (0, 0),
@@ -82,7 +82,7 @@ def test_power_by_signal(score) -> None:
         10.0: (0, 0),
         20.0: (1, 1),
     }
-    assert len(told) == len(BINS) - 1
+    assert len(rates) == len(BINS) - 1
 
 
 def test_coverage_leaves_open_intervals_out(score) -> None:
@@ -104,8 +104,8 @@ def test_floors(score) -> None:
         score("none"),
         score("none", false_alarm=True, found=False),
     ]
-    told = {one.what.split(",")[0]: (round(one.value, 3), one.of, one.kept) for one in floors(scores)}
-    assert told == {
+    measured = {one.what.split(",")[0]: (round(one.value, 3), one.of, one.kept) for one in floors(scores)}
+    assert measured == {
         "false alarms": (0.5, 2, False),
         "named": (0.95, 20, True),
         "held-out gap closed": (0.995, 21, True),
@@ -126,20 +126,20 @@ def test_a_small_proof_is_not_sure(score) -> None:
 
 def test_a_failed_diagnosis_breaks_promises(score) -> None:
     failed = {"verdict": "failed", "found": False, "errors": None}
-    told = floors([score("none", **failed), score(**failed)])
-    assert [(one.value, one.kept) for one in told[:2]] == [(1.0, False), (0.0, False)]
+    promises = floors([score("none", **failed), score(**failed)])
+    assert [(one.value, one.kept) for one in promises[:2]] == [(1.0, False), (0.0, False)]
 
 
 def test_methods_beside_each_other(score) -> None:
     scores = [score(), score(found=False), score("unlisted"), score("none"), score("none")]
-    told = [True, True, False, True, False]
+    reported = [True, True, False, True, False]
     found = [True, False, False, False, True]
     entries = [
-        Contestant(one.rig, "x", told=said, found=right, error=0.0105, seconds=2.0)
-        for one, said, right in zip(scores, told, found, strict=True)
+        Contestant(one.rig, "x", detected=said, found=right, error=0.0105, seconds=2.0)
+        for one, said, right in zip(scores, reported, found, strict=True)
     ]
     stands = standing("x", scores, entries)
-    assert (stands.named, stands.told, stands.alarms) == (Rate(1, 2), Rate(2, 3), Rate(1, 2))
+    assert (stands.named, stands.detected, stands.alarms) == (Rate(1, 2), Rate(2, 3), Rate(1, 2))
     assert stands.closed.value == pytest.approx(0.5)
     assert stands.over_oracle.value == pytest.approx(10.5)
     ours = standing("irt", scores, [of_diagnosis(one) for one in scores])
@@ -152,4 +152,9 @@ def test_a_method_that_is_not_there_says_so(score) -> None:
     scores = [score(), score("none")]
     entries = [Contestant(one.rig, "x", None, None, None, 0.0, "not installed") for one in scores]
     stands = standing("x", scores, entries)
-    assert (stands.missing, stands.named, stands.told, stands.closed.of) == ("not installed", None, None, 0)
+    assert (stands.missing, stands.named, stands.detected, stands.closed.of) == (
+        "not installed",
+        None,
+        None,
+        0,
+    )

@@ -72,14 +72,14 @@ def test_a_gaussian_process_leaves_a_right_model_alone() -> None:
 
 def test_the_base_alone_names_nothing(warped) -> None:
     entry = alone.enter(warped[0])
-    assert (entry.told, entry.named) == (False, ())
+    assert (entry.detected, entry.named) == (False, ())
 
 
 def test_pysindy_finds_the_drag() -> None:
     pytest.importorskip("pysindy", reason="the extra prove is not installed")
     given, _ = task({"name": "viscous_drag", "rate_per_s": 1.5})
     entry = sindy.enter(given)
-    assert (entry.told, entry.named) == (True, ("viscous_drag",))
+    assert (entry.detected, entry.named) == (True, ("viscous_drag",))
     assert {name: path.shape for name, path in entry.predictions.items()} == {
         "run-0": (80, 2),
         "run-1": (80, 2),
@@ -91,8 +91,8 @@ def test_pysindy_that_is_not_there_says_so(monkeypatch: pytest.MonkeyPatch, warp
     assert sindy.enter(warped[0]).missing == "pysindy is not installed"
 
 
-def test_the_textbook_tests_tell_noise_from_a_bowl(warped) -> None:
-    assert whiteness.enter(warped[0]).told is True
+def test_residual_tests_distinguish_noise_from_a_bowl(warped) -> None:
+    assert whiteness.enter(warped[0]).detected is True
     random = np.random.default_rng(0)
     knobs = [random.standard_normal((100, 2)) for _ in range(4)]
     noise = [random.standard_normal((100, 2)) for _ in range(4)]
@@ -106,11 +106,11 @@ def test_the_textbook_tests_tell_noise_from_a_bowl(warped) -> None:
 def test_the_textbook_levels_hold() -> None:
     random = np.random.default_rng(1)
     knobs = [np.cumsum(random.standard_normal((60, 2)), axis=0) for _ in range(4)]
-    told = [
+    values = [
         (whiteness.white(noise), whiteness.unrelated(noise, knobs))
         for noise in (random.standard_normal((4, 60, 2)) for _ in range(200))
     ]
-    share = (np.array([(a, b) for a, b in told]) < 0.05).mean(axis=0)
+    share = (np.array([(a, b) for a, b in values]) < 0.05).mean(axis=0)
     assert ((share > 0.005) & (share < 0.12)).all()
 
 
@@ -119,7 +119,7 @@ def test_the_best_single_effect_is_the_one_that_fits_best(monkeypatch: pytest.Mo
     few = [effect(name) for name in ("viscous_drag", "tilt_bias", "parallax")]
     monkeypatch.setattr(single, "hypothetical", lambda: few)
     entry = single.enter(given)
-    assert (entry.told, entry.named) == (True, ("viscous_drag",))
+    assert (entry.detected, entry.named) == (True, ("viscous_drag",))
     assert error(entry, tests) < 3.0 * NOISE
 
 
@@ -148,11 +148,11 @@ def test_a_process_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, p
 
     monkeypatch.setattr(contest, "METHODS", {**quick, "broken": ("broken", broken)})
     assert contest.main([str(folder), str(out)]) == 0
-    told = json.loads((out / "baselines.json").read_text())
-    assert sorted(told) == ["alone", "broken", "whiteness"]
-    assert len(told["alone"]["predictions"]["test-1"]) == len(test.knobs)
-    assert told["broken"]["missing"] == "broke down: no such luck"
-    assert told["whiteness"]["predictions"] == {}
+    content = json.loads((out / "baselines.json").read_text())
+    assert sorted(content) == ["alone", "broken", "whiteness"]
+    assert len(content["alone"]["predictions"]["test-1"]) == len(test.knobs)
+    assert content["broken"]["missing"] == "broke down: no such luck"
+    assert content["whiteness"]["predictions"] == {}
 
 
 def test_no_rig_is_one_line(tmp_path: Path, capsys) -> None:

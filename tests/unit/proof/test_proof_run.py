@@ -205,7 +205,7 @@ def altered_commitment(places: Places) -> None:
         (altered_opened_label, "rig-0002: the label that was opened is not the one that was sealed"),
         (exchanged_seals, "rig-0001: the seal carries another commitment"),
         (altered_nonce, "rig-0002: the label does not fit its commitment"),
-        (altered_answer_and_manifest, "manifest.json: not what the keys were given out for"),
+        (altered_answer_and_manifest, "manifest.json: not the one that the keys were released for"),
         (altered_commitment, "commitments.json: not what the manifest says"),
     ],
 )
@@ -219,7 +219,7 @@ def test_what_was_altered_is_caught(places: Places, alter, message: str) -> None
 def test_the_keys_go_out_for_one_manifest(places: Places, prove) -> None:
     """Nobody can open the seals, change an answer, and come again."""
     altered_answer_and_manifest(places)
-    with pytest.raises(IrtError, match="the keys were given out for other answers"):
+    with pytest.raises(IrtError, match="the keys were released for other answers"):
         prove()
 
 

@@ -78,7 +78,7 @@ def test_the_proof_itself_is_never_withdrawn(places: Places) -> None:
 
 
 def test_nothing_is_half_written(places: Places, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reader sees the old file or the new one, whatever ends the writing."""
+    """A reader sees the old file or the new one, however the writing ends."""
     publish(folder, [places])
     old = (folder / "keys-1.json").read_bytes()
     places.keys.write_text(json.dumps({"manifest": "", "keys": {}, "seed": 1}))

@@ -54,8 +54,8 @@ CATALOGUED = {
 }
 
 
-#: How our engine is told what a world of bodies is like: a heavy side keeps its place, a knob passes through
-#: all angles of a turn.
+#: Switches of the engine for a world of rigid bodies: a heavy side is fixed in the marble, a knob passes
+#: through all angles of a turn.
 ANSWERS = {"eccentric_marble": {"follows_path": 0}, "spring_hysteresis": {"jumps": 0}}
 #: A marble with a heavy side, but for where that is.
 HEAVY = {"name": "eccentric_marble", "offset": 0.001}
@@ -191,7 +191,7 @@ def test_eccentric_marble_is_pushed_to_the_side_of_its_phase() -> None:
 
 @pytest.mark.parametrize("run", [0, 1])
 def test_eccentric_marble_agrees_wherever_the_path_leads(run: int) -> None:
-    """Back and aside, in three dimensions: what the way alone does not tell."""
+    """Back and aside in three dimensions, which the path length alone does not determine."""
     effect = {"phase_rad": np.pi - 0.1, "lean_rad": 0.15, **HEAVY}
     agree(effect, DRIVES[run], STARTS[run])
     commands = DRIVES[run].round(6)
@@ -224,7 +224,7 @@ def test_rim_returns_what_our_engine_returns() -> None:
     played = play(BASE, commands, (0.11, 0.0), made([effect]))
     with_it, without = ours(played, commands, [effect]), ours(played, commands, [])
     assert np.abs(with_it - without).max() > 0.05
-    # What is left of the spin differs between contact solvers, and with it a part of the way back.
+    # The remaining spin differs between contact solvers, and with it a part of the way back.
     assert np.abs(played.seen - with_it).max() < 0.25 * np.abs(with_it - without).max()
 
 

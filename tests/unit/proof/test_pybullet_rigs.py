@@ -144,7 +144,7 @@ def test_same_spec_gives_the_same_bytes(recorded: Recorded) -> None:
     assert [again.text(run) for run in range(12)] == [recorded.text(run) for run in range(12)]
 
 
-def test_folder_holds_the_training_runs_and_nothing_that_tells(recorded: Recorded, tmp_path: Path) -> None:
+def test_folder_holds_the_training_runs_and_no_hint(recorded: Recorded, tmp_path: Path) -> None:
     recorded.write(tmp_path)
     trains = [f"train-{number}.csv" for number in range(1, 9)]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["rig.toml", *trains]
@@ -152,11 +152,11 @@ def test_folder_holds_the_training_runs_and_nothing_that_tells(recorded: Recorde
     assert [len(one.marble) for one in rig.recordings] == [120] * 8
     np.testing.assert_allclose(rig.recordings[0].marble, recorded.seen[0], atol=1e-6)
     np.testing.assert_array_equal(rig.recordings[0].knobs, recorded.commands[0])
-    told = "".join(path.read_text() for path in tmp_path.iterdir())
-    assert not any(word in told for word in ("lag", "bullet", "effect", "seed"))
+    text = "".join(path.read_text() for path in tmp_path.iterdir())
+    assert not any(word in text for word in ("lag", "bullet", "effect", "seed"))
 
 
-def test_label_tells_all(recorded: Recorded, tmp_path: Path) -> None:
+def test_label_is_complete(recorded: Recorded, tmp_path: Path) -> None:
     label = json.loads(json.dumps(recorded.label()))
     assert label["kind"] == "lag"
     assert label["truth"] == {
@@ -246,13 +246,13 @@ def test_a_further_run_is_recorded_by_the_same_physics(
     asked = {"index": 2, "kind": "single", "seed": 11, "physics": ["viscous_drag"]}
     _, label = make(**asked, folder=str(tmp_path))
     csv = (tmp_path / "train-2.csv").read_text()
-    told = further(**asked, csv=csv)
-    before, again = (np.genfromtxt(one.splitlines(), delimiter=",", skip_header=1) for one in (csv, told))
+    rerun = further(**asked, csv=csv)
+    before, again = (np.genfromtxt(one.splitlines(), delimiter=",", skip_header=1) for one in (csv, rerun))
     assert (before[:, :3] == again[:, :3]).all()
     assert (before[:, 3:] != again[:, 3:]).any()
     # The start is read off row 0, noise and all, and the noise is drawn anew.
     assert np.median(np.abs(before - again)[:, 3:]) < 4.0 * label["sigma"]
-    assert further(**asked, csv=csv) == told
+    assert further(**asked, csv=csv) == rerun
     with pytest.raises(ValueError, match="a command in every row"):
         further(**asked, csv=csv.replace(csv.splitlines()[5], "4,,,0.1,0.1"))
 

@@ -21,7 +21,7 @@ BIAS = {"name": "tilt_bias", "bias_x_rad": 0.002, "bias_y_rad": -0.001}
 SIGMA = 1e-3
 
 
-def told(verdict: str, *effects: str, **ties: list[str]) -> dict:
+def diagnosis(verdict: str, *effects: str, **ties: list[str]) -> dict:
     named = [{"name": name, "confusable_with": ties.get(name, []), "parameters": {}} for name in effects]
     return {"verdict": verdict, "effects": named, "parameters": {}}
 
@@ -29,29 +29,29 @@ def told(verdict: str, *effects: str, **ties: list[str]) -> dict:
 @pytest.mark.parametrize(
     ("kind", "answer", "exact", "found"),
     [
-        ("delay", told("missing", "delay"), True, True),
-        ("delay", told("missing", "lag", lag=["delay"]), False, True),
-        ("delay", told("missing", "delay", delay=["lag"]), True, True),
-        ("delay", told("missing", "lag"), False, False),
-        ("delay", told("missing", "delay", "bump"), False, False),
-        ("delay", told("sufficient"), False, False),
-        ("delay", told("unlisted", "unlisted"), False, False),
-        (["delay", "bump"], told("missing", "bump", "delay"), True, True),
-        (["delay", "bump"], told("missing", "lag", "bump", lag=["delay"]), False, True),
-        (["delay", "lag"], told("missing", "delay", "bump", delay=["lag"]), False, False),
+        ("delay", diagnosis("missing", "delay"), True, True),
+        ("delay", diagnosis("missing", "lag", lag=["delay"]), False, True),
+        ("delay", diagnosis("missing", "delay", delay=["lag"]), True, True),
+        ("delay", diagnosis("missing", "lag"), False, False),
+        ("delay", diagnosis("missing", "delay", "bump"), False, False),
+        ("delay", diagnosis("sufficient"), False, False),
+        ("delay", diagnosis("unlisted", "unlisted"), False, False),
+        (["delay", "bump"], diagnosis("missing", "bump", "delay"), True, True),
+        (["delay", "bump"], diagnosis("missing", "lag", "bump", lag=["delay"]), False, True),
+        (["delay", "lag"], diagnosis("missing", "delay", "bump", delay=["lag"]), False, False),
         (
             ["delay", "lag"],
-            told("missing", "delay", "latency", delay=["lag"], latency=["delay"]),
+            diagnosis("missing", "delay", "latency", delay=["lag"], latency=["delay"]),
             False,
             True,
         ),
-        (["delay", "bump"], told("missing", "delay"), False, False),
-        ("unlisted_magnus", told("unlisted", "unlisted"), True, True),
-        ("unlisted_magnus", told("missing", "side_force"), False, False),
-        ("unlisted_magnus", told("sufficient"), False, False),
-        ("none", told("sufficient"), True, True),
-        ("none", told("missing", "delay"), False, False),
-        ("outliers", told("unlisted", "unlisted"), False, False),
+        (["delay", "bump"], diagnosis("missing", "delay"), False, False),
+        ("unlisted_magnus", diagnosis("unlisted", "unlisted"), True, True),
+        ("unlisted_magnus", diagnosis("missing", "side_force"), False, False),
+        ("unlisted_magnus", diagnosis("sufficient"), False, False),
+        ("none", diagnosis("sufficient"), True, True),
+        ("none", diagnosis("missing", "delay"), False, False),
+        ("outliers", diagnosis("unlisted", "unlisted"), False, False),
     ],
 )
 def test_names(kind, answer: dict, exact: bool, found: bool) -> None:
@@ -62,9 +62,9 @@ def test_names(kind, answer: dict, exact: bool, found: bool) -> None:
 
 
 def test_the_size_of_a_tie_counts_the_name_itself() -> None:
-    answer = told("missing", "delay", "bump", delay=["lag", "latency"])
+    answer = diagnosis("missing", "delay", "bump", delay=["lag", "latency"])
     assert naming("pair", ("delay", "bump"), answer)["tie_size"] == 2.0
-    assert naming("none", (), told("sufficient"))["tie_size"] is None
+    assert naming("none", (), diagnosis("sufficient"))["tie_size"] is None
 
 
 def test_a_name_stands_for_one_effect() -> None:
@@ -151,7 +151,7 @@ def opened(tmp_path: Path):
     parameters = {key: value for key, value in BIAS.items() if key != "name"}
     right = Model.from_rig(rig, VALUES, effects=[Effect("tilt_bias", parameters)], time_step="continuous")
     save_model(answer / "model.toml", right)
-    (answer / "diagnosis.json").write_text(json.dumps(told("missing", "tilt_bias")))
+    (answer / "diagnosis.json").write_text(json.dumps(diagnosis("missing", "tilt_bias")))
     (answer / "seconds.json").write_text('{"seconds": 2.5}')
     return answer, folder, clean, seen
 

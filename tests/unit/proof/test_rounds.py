@@ -28,7 +28,7 @@ def test_the_only_round_is_the_proof_itself(tmp_path: Path) -> None:
     assert (only.places, only.seed, only.plan.names()[0]) == (Places(tmp_path), 5, "rig-0001")
 
 
-def test_a_seed_that_nobody_told_is_drawn_for_each(tmp_path: Path) -> None:
+def test_a_missing_seed_is_drawn_for_each(tmp_path: Path) -> None:
     assert [one.seed for one in Rounds(tmp_path, 2, hidden=2, nulls=1)] == [None, None]
 
 
@@ -58,7 +58,7 @@ def test_every_round_is_checked(rounds: Path, finished: Path) -> None:
     ("gone", "words"),
     [
         (("opened/rig-0002",), "its seals are not all open"),
-        (("opened", "keys.json"), "its keys are not given out"),
+        (("opened", "keys.json"), "its keys are not released"),
         (("opened", "keys.json", "manifest.json", "answers/rig-0003"), "its rigs are not all diagnosed"),
         (
             ("opened", "keys.json", "manifest.json", "answers", "commitments.json"),
@@ -72,8 +72,8 @@ def test_a_last_round_that_is_unfinished_is_named(rounds: Path, gone: tuple[str,
     last = rounds / "round-2"
     remove(last, *gone)
     last.mkdir(exist_ok=True)
-    told = f"{last}: not finished, and not checked: {words}; the same command goes on"
-    assert verify_all(rounds) == Checked(3, told)
+    line = f"{last}: not finished, and not checked: {words}; the same command goes on"
+    assert verify_all(rounds) == Checked(3, line)
     answer = next((rounds / "round-1" / "answers").rglob("*.json"))
     answer.write_bytes(answer.read_bytes() + b" ")
     with pytest.raises(IrtError, match="the answer is not the one of the manifest"):
@@ -83,7 +83,7 @@ def test_a_last_round_that_is_unfinished_is_named(rounds: Path, gone: tuple[str,
 @pytest.mark.parametrize(
     ("gone", "message"),
     [
-        (("round-1/opened", "round-1/keys.json"), "round-1: its keys are not given out, though .* began"),
+        (("round-1/opened", "round-1/keys.json"), "round-1: its keys are not released, though .* began"),
         (("round-1",), "round-1: is not there, though .* began"),
         (("round-2/manifest.json",), "manifest.json: no such file"),
     ],
@@ -102,7 +102,7 @@ def test_nothing_finished_is_nothing_to_check(rounds: Path) -> None:
     remove(rounds, "round-2", "round-1/keys.json")
     for place in (rounds, rounds / "round-1"):
         with pytest.raises(
-            IrtError, match="round-1: not finished, and not checked: its keys are not given out"
+            IrtError, match="round-1: not finished, and not checked: its keys are not released"
         ):
             verify_all(place)
 

@@ -94,9 +94,9 @@ def test_pictures_and_scores_lie_beside_the_page(page: Path, results: Results) -
         picture = (page.parent / "proof" / name).read_bytes()
         assert picture.startswith(b"\x89PNG")
         assert len(picture) > 3000
-    told = json.loads((page.parent / "proof" / "scores.json").read_text())
-    assert [one["rig"] for one in told["rigs"]] == [one.rig for one in results.scores]
-    assert len(told["baselines"]) == len(results.entries)
+    content = json.loads((page.parent / "proof" / "scores.json").read_text())
+    assert [one["rig"] for one in content["rigs"]] == [one.rig for one in results.scores]
+    assert len(content["baselines"]) == len(results.entries)
 
 
 def test_pictures_show_the_scores(page: Path, score, places, tmp_path: Path) -> None:

@@ -77,5 +77,5 @@ def test_a_seal_belongs_to_one_rig() -> None:
 def test_bytes_depend_on_the_content_alone() -> None:
     assert canonical({"b": 0.1, "a": [1, None]}) == canonical({"a": [1, None], "b": 0.1})
     assert canonical({"b": 0.1, "a": "ü"}) == b'{"a":"\\u00fc","b":0.1}'
-    with pytest.raises(IrtError, match="not to be written as JSON"):
+    with pytest.raises(IrtError, match="cannot be written as JSON"):
         canonical({"a": float("nan")})

@@ -62,9 +62,9 @@ def test_each_platform_keeps_caches_in_its_place(monkeypatch, platform, variable
 
 @pytest.mark.slow
 def test_a_network_is_trained_once(needed, quick, folder):
-    told = []
-    first = obtain(needed, progress=lambda *step: told.append(step))
-    assert told
+    steps = []
+    first = obtain(needed, progress=lambda *step: steps.append(step))
+    assert steps
     assert needed.path().parent == folder
     again = obtain(needed, progress=lambda *_: pytest.fail("trained again"))
     assert again.metadata == {"format": again.metadata["format"], **first.metadata}
@@ -92,9 +92,9 @@ def test_a_stopped_training_goes_on(needed, quick):
 
     with pytest.raises(KeyboardInterrupt):
         obtain(needed, progress=stop)
-    told = []
-    obtain(needed, progress=lambda *step: told.append(step))
-    assert min(done for done, _, text in told if text.startswith("training")) == 6
+    steps = []
+    obtain(needed, progress=lambda *step: steps.append(step))
+    assert min(done for done, _, text in steps if text.startswith("training")) == 6
 
 
 def test_a_broken_checkpoint_in_the_cache_is_left_behind(needed, quick):
@@ -105,7 +105,7 @@ def test_a_broken_checkpoint_in_the_cache_is_left_behind(needed, quick):
     assert not checkpoint.exists()
 
 
-def test_a_cache_that_cannot_be_written_is_told(needed, tmp_path, monkeypatch):
+def test_a_cache_that_cannot_be_written_is_reported(needed, tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("IRT_CACHE", str(tmp_path / "file" / "cache"))
     with pytest.raises(IrtError, match=r"cannot be made: .*set IRT_CACHE to a folder"):

@@ -48,7 +48,7 @@ def test_where_a_gear_would_leave_its_range_the_time_scale_gives_way():
     np.testing.assert_allclose(PAPER.of(found)[:, :4], at[:, :4])
 
 
-def test_what_stamps_tell_stays(stamped_drive):
+def test_a_stamped_time_scale_stays(stamped_drive):
     coordinates = Coordinates(stamped_drive)
     parameters = np.array([[0.05, 0.04, 3e-4, 12.0, 1.1]])
     np.testing.assert_allclose(coordinates.parameters(coordinates.of(parameters) + np.eye(5)[4]), parameters)

@@ -9,7 +9,7 @@ from irt.tuning.outcome import noise_left
 
 @dataclass
 class Oracle:
-    """Tells the true difference, by looking a simulation up among those it knows; both orders alike."""
+    """Returns the true difference by a lookup of known simulations, in both orders alike."""
 
     inputs: np.ndarray
     scaled: np.ndarray
@@ -26,7 +26,7 @@ class Oracle:
 
 @dataclass
 class Constant:
-    """Estimates the same difference whatever it sees."""
+    """Estimates a constant difference."""
 
     difference: tuple[float, ...]
 
@@ -76,7 +76,7 @@ def test_the_difference_is_the_mean_over_recordings_where_each_is_seen_by_itself
     np.testing.assert_allclose(trace.scaled[1], 0.1 + 0.3, rtol=1e-6)
 
 
-def test_what_stamps_tell_is_not_moved(stamped_drive):
+def test_a_stamped_time_scale_is_not_changed(stamped_drive):
     tuner = Tuner(stamped_drive, Constant((0.1,) * 5), joint=True)
     trace = tuner.iterate(np.full((2, 5), 0.5), [np.zeros((40, 2))], 2)
     assert not trace.scaled[..., 3].any()
@@ -143,6 +143,6 @@ def test_a_marble_that_meets_the_wall_makes_no_spike():
     np.testing.assert_array_equal(without_spikes(observed), observed)
 
 
-def test_too_short_to_tell_spikes():
+def test_too_short_for_spikes():
     observed = np.array([[0.0, 0.0], [0.5, 0.0], [0.0, 0.0]])
     np.testing.assert_array_equal(without_spikes(observed), observed)

@@ -37,11 +37,11 @@ def test_joint_observations_are_brought_to_the_size_of_one(small_drive):
     assert float((pairs.gain * pairs.inputs[:400]).std()) == pytest.approx(1.0, rel=1e-3)
 
 
-def test_nothing_is_varied_that_stamps_tell(stamped_drive):
+def test_the_time_scale_is_not_varied_with_stamps(stamped_drive):
     assert not simulate_pairs(stamped_drive, 10, seed=0).scaled[:, 3].any()
 
 
 def test_progress_ends_at_the_total(small_drive):
-    told = []
-    simulate_pairs(small_drive, 30, seed=0, progress=lambda *step: told.append(step))
-    assert told[-1] == (66, 66, "simulating pairs")
+    steps = []
+    simulate_pairs(small_drive, 30, seed=0, progress=lambda *step: steps.append(step))
+    assert steps[-1] == (66, 66, "simulating pairs")

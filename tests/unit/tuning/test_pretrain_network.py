@@ -49,9 +49,9 @@ def test_a_resumed_training_ends_with_the_same_bytes(small_drive, recipe, tmp_pa
     pretrain(small_drive, whole, recipe(**changes))
     with pytest.raises(KeyboardInterrupt):
         pretrain(small_drive, resumed, recipe(**changes), progress=stop_after(7))
-    told = []
-    pretrain(small_drive, resumed, recipe(**changes), resume=True, progress=lambda *step: told.append(step))
-    trained = [done for done, _, text in told if text.startswith("training")]
+    steps = []
+    pretrain(small_drive, resumed, recipe(**changes), resume=True, progress=lambda *step: steps.append(step))
+    trained = [done for done, _, text in steps if text.startswith("training")]
     assert trained == list(range(CHECKPOINT_EPOCHS + 1, 13))
     assert resumed.read_bytes() == whole.read_bytes()
     assert not checkpoint_path(resumed).exists()
@@ -69,26 +69,26 @@ def test_without_resume_training_begins_anew(small_drive, recipe, stopped, tmp_p
     assert stopped.read_bytes() == other.read_bytes()
 
 
-def test_nothing_to_resume_is_told(small_drive, recipe, tmp_path):
+def test_nothing_to_resume_is_reported(small_drive, recipe, tmp_path):
     with pytest.raises(IrtError, match=r"net\.checkpoint\.safetensors: no such file"):
         pretrain(small_drive, tmp_path / "net.safetensors", recipe(), resume=True)
 
 
-def test_a_checkpoint_of_another_training_is_told(small_drive, recipe, stopped):
+def test_a_checkpoint_of_another_training_is_refused(small_drive, recipe, stopped):
     with pytest.raises(IrtError, match="of another training: its recipe is"):
         pretrain(small_drive, stopped, recipe(seed=1), resume=True)
     with pytest.raises(IrtError, match="of another training: its drive is"):
         pretrain(Drive.paper(), stopped, recipe(), resume=True)
 
 
-def test_a_checkpoint_cut_short_is_told(small_drive, recipe, stopped):
+def test_a_truncated_checkpoint_is_refused(small_drive, recipe, stopped):
     checkpoint = checkpoint_path(stopped)
     checkpoint.write_bytes(checkpoint.read_bytes()[:-100])
     with pytest.raises(IrtError, match="cut short"):
         pretrain(small_drive, stopped, recipe(), resume=True)
 
 
-def test_a_checkpoint_that_lacks_a_moment_is_told(small_drive, recipe, stopped):
+def test_a_checkpoint_that_lacks_a_moment_is_refused(small_drive, recipe, stopped):
     checkpoint = checkpoint_path(stopped)
     tensors, metadata = read_tensors(checkpoint)
     del tensors["adam.exp_avg.joined.weight"]
@@ -139,11 +139,11 @@ def test_a_recipe_needs_at_least_one_of_each(recipe, name):
 @pytest.mark.parametrize(
     ("name", "message"), [("", "is a folder"), ("file/net", "the folder cannot be made")]
 )
-def test_an_output_that_cannot_be_written_is_told_before_the_work(
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
     small_drive, recipe, tmp_path, name, message
 ):
     (tmp_path / "file").touch()
-    told = []
+    steps = []
     with pytest.raises(IrtError, match=message):
-        pretrain(small_drive, tmp_path / name, recipe(), progress=lambda *step: told.append(step))
-    assert not told
+        pretrain(small_drive, tmp_path / name, recipe(), progress=lambda *step: steps.append(step))
+    assert not steps

@@ -13,20 +13,20 @@ def target():
     return DRIVE.simulate(TRUTH)[0][0]
 
 
-def asks(batches, told):
+def asks(batches, received):
     for batch in batches:
-        told.append((yield batch))
+        received.append((yield batch))
 
 
 def proposals(count):
     return DRIVE.parameters(np.random.default_rng(count).random((count, 5)))
 
 
-def test_it_is_told_what_each_proposal_shows(target):
-    told = []
+def test_it_receives_the_simulation_of_each_proposal(target):
+    received = []
     batch = np.vstack([proposals(2), TRUTH])
-    (path,) = run(DRIVE, [[target]], [asks([batch], told)], 10)
-    (seen,) = told
+    (path,) = run(DRIVE, [[target]], [asks([batch], received)], 10)
+    (seen,) = received
     expected = np.abs(target - DRIVE.simulate(batch)[0]).mean(axis=(1, 2))
     np.testing.assert_allclose(seen.mae, expected)
     assert seen.mae[2] == 0.0
@@ -37,12 +37,12 @@ def test_it_is_told_what_each_proposal_shows(target):
 
 @pytest.mark.parametrize("rollouts", [1, 3, 4, 7, 11])
 def test_no_rollout_counts_beyond_what_is_given(target, rollouts):
-    told = []
-    search = asks([proposals(3), proposals(1), proposals(5), proposals(2)], told)
+    received = []
+    search = asks([proposals(3), proposals(1), proposals(5), proposals(2)], received)
     (path,) = run(DRIVE, [[target]], [search], rollouts)
     assert len(path.mae) == rollouts
-    # A batch that was cut is never told: a search may rely on what it has asked for.
-    assert sum(map(len, told)) <= rollouts
+    # A cut batch is never returned: a search may rely on a complete answer.
+    assert sum(map(len, received)) <= rollouts
 
 
 def test_searches_of_different_length_do_not_mind_each_other(target):

@@ -70,7 +70,7 @@ def test_a_file_gives_back_the_same_network(network, observations, saved):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.9, 0.99999])
-def test_a_file_cut_short_is_told_in_one_line(saved, share):
+def test_a_truncated_file_is_refused_in_one_line(saved, share):
     data = saved.read_bytes()
     saved.write_bytes(data[: int(share * len(data))])
     with pytest.raises(IrtError, match=r"net\.safetensors: cut short or no safetensors file") as caught:
@@ -78,12 +78,12 @@ def test_a_file_cut_short_is_told_in_one_line(saved, share):
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_file_is_told():
+def test_a_missing_file_is_refused():
     with pytest.raises(IrtError, match="nowhere: no such file"):
         load_network("nowhere")
 
 
-def test_something_else_in_safetensors_is_told(tmp_path):
+def test_other_safetensors_are_refused(tmp_path):
     write_tensors(tmp_path / "other", {"x": np.zeros(3)}, {"format": "pt"})
     with pytest.raises(IrtError, match="other: not a trained network"):
         load_network(tmp_path / "other")
@@ -102,7 +102,7 @@ def test_something_else_in_safetensors_is_told(tmp_path):
         ),
     ],
 )
-def test_weights_of_another_shape_are_told(network, tmp_path, name, value, message):
+def test_weights_of_another_shape_are_refused(network, tmp_path, name, value, message):
     tensors = {f"network.{key}": weight for key, weight in network.weights.items()}
     tensors[name] = value
     write_tensors(

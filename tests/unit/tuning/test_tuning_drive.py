@@ -29,7 +29,7 @@ def test_start_velocity_is_a_way_from_row_to_row(wave):
     assert middle[1, 0] == pytest.approx(0.06 * 25 / 240)
 
 
-def test_stamps_tell_the_time_scale(stamped_drive):
+def test_stamps_determine_the_time_scale(stamped_drive):
     scaled = np.array([[0.5, 0.5, 0.5, 0.9, 0.5]])
     parameters = stamped_drive.parameters(scaled)
     assert parameters[0, 3] == 12.0
@@ -94,7 +94,7 @@ def test_a_wrong_start_state_is_taken_out_where_marbles_move(stamped_drive):
     ],
     ids=lambda change: next(iter(change)),
 )
-def test_whatever_changes_a_drive_changes_its_digest(small_drive, change):
+def test_each_change_of_a_drive_changes_its_digest(small_drive, change):
     assert replace(small_drive, **change).digest != small_drive.digest
 
 

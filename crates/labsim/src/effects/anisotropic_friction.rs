@@ -1,4 +1,4 @@
-//! Rolling along the grain of the wood is easier than across it.
+//! Rolling resistance that is lower along the grain of the wood than across it.
 
 use pulp::Simd;
 
@@ -24,7 +24,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "resistance across the grain over that along it",
+            means: "resistance across the grain divided by that along it",
         },
         Parameter {
             name: "grain_rad",
@@ -38,10 +38,10 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             means: "angle from x to the grain, towards y",
         },
     ],
-    does: "The grain of the wood lets the marble roll along it and brakes it across it, always against its motion.",
+    does: "Rolling resistance is lower along the grain of the wood than across it, and always acts against the motion.",
     matters: "For slow marbles that coast at an angle to the grain, and for starts: across the grain they need more tilt.",
-    looks: "Marbles run out farther along the grain than across it and need less tilt to start; the same slope takes them \
-            elsewhere when the board is turned under it.",
+    looks: "Marbles coast farther along the grain than across it and start at less tilt. The same slope gives another path \
+            after the board has been turned on its frame.",
     references: &[
         "Allevato, Short, Pryor, Thomaz: Iterative residual tuning for system identification and sim-to-real robot learning, 2020",
         "Zmitrowicz: Models of kinematics dependent anisotropic and heterogeneous friction, Int. J. Solids and Structures 43, 2006",

@@ -38,11 +38,11 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             "turn of the knob about y after a reversal until the board follows",
         ),
     ],
-    does: "After each reversal the knob turns through a gap before it takes the board along: a cord that slips on its pulley, \
-           gears with clearance. At the start the board is in the middle of the gap.",
-    matters: "Whenever the command reverses, the more the smaller its amplitude is; a swing within the gap moves nothing.",
-    looks: "The board stands still after each reversal for a fixed angle of the knob, whatever the speed, and is off by half the \
-            gap in between. Tilt over command is a parallelogram.",
+    does: "After each reversal the knob turns through a gap before it moves the board: gears with clearance, or a cord that \
+           slips on its pulley. At the start the board is in the middle of the gap.",
+    matters: "Whenever the command reverses, the more the smaller its amplitude. A swing within the gap moves nothing.",
+    looks: "After each reversal the board stands still over a fixed angle of the knob, at any speed; in between it trails by \
+            half the gap. Tilt over command is a parallelogram.",
     references: &[
         "Nordin, Gutman: Controlling mechanical systems with backlash: a survey, Automatica 38, 2002",
         "Visintin: Differential Models of Hysteresis, Springer, 1994 (the play operator)",

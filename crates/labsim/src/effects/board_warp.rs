@@ -33,11 +33,12 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         parameter("curvature_xy_per_m", "c_xy, twist; positive where the corners with x y > 0 stand up"),
         parameter("curvature_yy_per_m", "c_yy, curvature along y; positive as in a bowl"),
     ],
-    does: "The board has bent under its weight or with the weather: its slope changes in proportion to the place. A curvature of \
-           0.1 1/m lifts the ends of the paper's board by a millimetre.",
-    matters: "On runs that leave the middle, and in slow ones: at the edge 0.1 1/m is worth a tilt of 14 mrad.",
-    looks: "A force linear in the position that does not depend on the command: a marble swings about the middle of a bowl with \
-            the frequency √(5/7 g c)/2π, and leaves a dome. A rolling friction that seems too high or too low without it.",
+    does: "The board has bent under its weight or with the weather, so that its slope changes in proportion to the distance \
+           from its centre. A curvature of 0.1 1/m lifts the ends of the paper's board by a millimetre.",
+    matters: "In runs that leave the middle, and in slow ones: at the edge, 0.1 1/m equals a tilt of 14 mrad.",
+    looks: "A force linear in the position and independent of the command. In a bowl the marble oscillates about the middle \
+            with the frequency √(5/7 g c)/2π; from a dome it rolls away. A model without the warp fits a rolling friction that \
+            is too high or too low.",
     references: &[
         "do Carmo: Differential Geometry of Curves and Surfaces, 1976, ch. 3 (the second fundamental form)",
         "Goldstein: Classical Mechanics, 3rd ed., ch. 6 (oscillations)",

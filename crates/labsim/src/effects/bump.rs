@@ -15,8 +15,8 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     shrunk: false,
     equation: "height = h exp(-r²/(2 w²)), acceleration = -g grad(height)",
     parameters: &[
-        Parameter::on_board("x_m", 0.138, "where it is, along x"),
-        Parameter::on_board("y_m", 0.1155, "where it is, along y"),
+        Parameter::on_board("x_m", 0.138, "its centre along x"),
+        Parameter::on_board("y_m", 0.1155, "its centre along y"),
         Parameter {
             name: "height_m",
             unit: "m",
@@ -26,7 +26,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: -2,
             optional: false,
             reach: None,
-            means: "height at its middle; a dent's is negative",
+            means: "height at its centre; negative for a dent",
         },
         Parameter {
             name: "width_m",
@@ -37,12 +37,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "w, the distance at which 61 % of the height are left",
+            means: "w, standard deviation of its profile: distance at which the height is 61 % of that at the centre",
         },
     ],
-    does: "A place of the board stands out or is pressed in by fractions of a millimetre; the marble is slowed and sped up, and turned aside.",
-    matters: "On the runs that pass it, most where the marble is slow.",
-    looks: "Local and repeatable; it pushes along the slope whatever the marble's direction, which a patch of other friction does not.",
+    does: "One place of the board is raised or dented by fractions of a millimetre. It slows the marble down, speeds it up and \
+           deflects it.",
+    matters: "In runs that pass the place, most where the marble is slow.",
+    looks: "Local and repeatable. The push is along the slope and does not depend on the marble's direction, unlike that of a \
+            patch of other friction.",
     references: &["Goldstein: Classical Mechanics, 3rd ed., sect. 1.4 (constraint to a surface)"],
 };
 

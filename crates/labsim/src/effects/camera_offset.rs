@@ -1,4 +1,4 @@
-//! The camera does not look at the board's centre.
+//! A camera that is not centred on the board.
 
 use pulp::Simd;
 
@@ -29,13 +29,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     shrunk: false,
     equation: "seen = position + offset",
     parameters: &[
-        parameter("x_edges", "where the board's centre is seen, along x"),
-        parameter("y_edges", "where the board's centre is seen, along y"),
+        parameter("x_edges", "tracked position of the board's centre along x"),
+        parameter("y_edges", "tracked position of the board's centre along y"),
     ],
-    does: "The tracker's zero is not the board's centre: the camera stands aside, or its calibration was for another place.",
-    matters: "At the rims, and together with anything that depends on the place; away from them a shifted marble rolls as any other.",
-    looks: "A constant shift from row 0 on. As a rollout starts where the marble is seen, all that is left of it are rims that are \
-            met too early on one side and too late on the other.",
+    does: "The tracker's zero is not the board's centre: the camera is off-centre, or was calibrated for another position.",
+    matters: "At the rims, and together with effects that depend on the place. Elsewhere a shifted marble rolls like any \
+              other.",
+    looks: "A constant shift from row 0 on. Since a rollout starts at the tracked position, the shift shows only at the rims: \
+            they are met too early on one side and too late on the other.",
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 6.1 (principal point offset)"],
 };
 

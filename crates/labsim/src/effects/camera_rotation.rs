@@ -1,4 +1,4 @@
-//! The camera is turned about its line of sight.
+//! A camera that is rotated about its line of sight.
 
 use pulp::Simd;
 
@@ -25,10 +25,10 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         reach: None,
         means: "a, angle of the picture about the board's centre, from x towards y",
     }],
-    does: "The axes of the picture are not those of the board: the camera is turned about its line of sight.",
-    matters: "In every run, by the angle times the distance from the board's centre.",
-    looks: "A rotation of the whole picture, the same at all times: each knob seems to move the marble along both axes, and so do \
-            the rims, which with coupled axes stay straight.",
+    does: "The camera is rotated about its line of sight, so that the picture's axes are not the board's.",
+    matters: "In every run: the error is the angle times the distance from the board's centre.",
+    looks: "The whole picture is rotated by the same angle at all times. Each knob seems to move the marble along both axes. \
+            The rims appear rotated too, which they do not with cross_coupling.",
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 2.4 (isometries)"],
 };
 

@@ -1,4 +1,4 @@
-//! The camera's clock runs away from that of the commands.
+//! A camera clock that drifts from the clock of the commands.
 
 use pulp::Simd;
 
@@ -22,14 +22,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: 0,
         optional: false,
         reach: None,
-        means: "part by which the last row lasts longer than the first, over the mean",
+        means: "(last row length - first row length) / mean row length",
     }],
-    does: "Commands are issued by one clock and pictures taken by another, which slows down or speeds up in the course of \
-           a recording: a clock that warms up, a loop that grows with its log. On average the two agree.",
-    matters: "In recordings without stamps; the pictures of the middle are off by an eighth of the drift of the whole \
-              duration, those of the ends by nothing.",
-    looks: "An error of phase that grows towards the middle of a recording and vanishes again, in bounces and coasting as in \
-            the answer to commands.",
+    does: "One clock issues the commands, another triggers the pictures, and its rate changes in the course of a recording: a \
+           clock that warms up, or a loop that slows down as its log grows. On average the two agree.",
+    matters: "In recordings without time stamps. The timing error is greatest in the middle, an eighth of the drift times the \
+              whole duration, and zero at both ends.",
+    looks: "A phase error that grows towards the middle of a recording and vanishes again, in bounces and coasting as well as \
+            in responses to commands.",
     references: &[
         "Mills: Computer Network Time Synchronization, CRC Press, 2006",
         "Allan: Time and frequency (time-domain) characterization, estimation, and prediction of precision clocks and \

@@ -1,4 +1,4 @@
-//! The knob moves in steps.
+//! A knob that moves in steps.
 
 use pulp::Simd;
 
@@ -7,7 +7,7 @@ use crate::board::Rig;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-/// Steps below this (rad) are no steps: a command divided by them would not be a finite number.
+/// Smaller steps (rad) are ignored: a command divided by them would not be finite.
 const FINEST: f64 = 1e-12;
 
 pub(super) const ABOUT: EffectSpec = EffectSpec {
@@ -28,8 +28,9 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         reach: None,
         means: "smallest turn of the knob",
     }],
-    does: "The knob stops only at multiples of a smallest turn: a servo's encoder, a stepper motor or a message with few digits.",
-    matters: "When commands are not many steps large; small amplitudes suffer most, and below half a step nothing moves.",
+    does: "The knob stops only at multiples of a smallest turn: the resolution of a servo's encoder, of a stepper motor or of \
+           a message with few digits.",
+    matters: "When commands span only a few steps. Small amplitudes suffer most; below half a step nothing moves.",
     looks: "A staircase instead of a smooth tilt. Small commands are lost or rounded up, and a slow sinusoid gains harmonics.",
     references: &["Widrow, Kollár: Quantization Noise, Cambridge University Press, 2008"],
 };

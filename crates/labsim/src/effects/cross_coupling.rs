@@ -1,4 +1,4 @@
-//! One knob also tilts the board about the other axis.
+//! Knobs that also tilt the board about the other axis.
 
 use pulp::Simd;
 
@@ -31,17 +31,18 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     parameters: &[
         parameter(
             "x_from_y",
-            "a, tilt about x for each radian of tilt that the y knob makes",
+            "a, tilt about x per radian of tilt that the y knob causes",
         ),
         parameter(
             "y_from_x",
-            "b, tilt about y for each radian of tilt that the x knob makes",
+            "b, tilt about y per radian of tilt that the x knob causes",
         ),
     ],
-    does: "A knob tilts the board about the other axis too: axes that do not meet the frame at right angles, a gimbal that \
-           twists. Opposite values of both turn the axes, by 17 degrees at 0.3.",
-    matters: "As soon as one knob moves while the other rests, or both move in another rhythm.",
-    looks: "The marble answers along x when only the knob about x moves, which should roll it along y, in the shape of that command.",
+    does: "Each knob also tilts the board about the other axis: axes that are not square to the frame, or a gimbal that \
+           twists. Opposite values of the two parameters rotate the axes, by 17 degrees at 0.3.",
+    matters: "As soon as one knob moves while the other rests, or the two move at different times.",
+    looks: "When only the knob about x moves, which should roll the marble along y, the marble also moves along x, in the \
+            shape of that command.",
     references: &["Skogestad, Postlethwaite: Multivariable Feedback Control, 2nd ed., Wiley, 2005, ch. 3"],
 };
 

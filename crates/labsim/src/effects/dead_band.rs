@@ -1,4 +1,4 @@
-//! Small commands have no answer.
+//! A range of small commands that the board does not follow.
 
 use pulp::Simd;
 
@@ -24,14 +24,15 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "b, the angle on either side of zero within which the board stays level, the mean of both axes",
+            means: "b, half width of the band about zero in which the board stays level; mean of both axes",
         },
         Parameter::y_minus_x("y_minus_x_rad", "rad", 0.1, 20.0, 0),
     ],
-    does: "About zero the knob turns without moving the board, beyond that the board follows by so much less: a slack cord \
-           with springs that hold the board level, or a controller that ignores small errors.",
-    matters: "When commands are not much larger than the band; half the drive is lost where they are twice as large.",
-    looks: "Drive is missing about zero, by a fixed angle beyond it, and the same way up and down: no memory, which a backlash has.",
+    does: "Around zero the knob turns without moving the board. Outside this band the board follows, offset by the band's half \
+           width. Causes are a slack cord with springs that hold the board level, or a controller that ignores small errors.",
+    matters: "When commands are not much larger than the band: commands of twice its half width lose half of their effect.",
+    looks: "The tilt is too small by a fixed angle, and zero within the band, alike for rising and falling commands. There is \
+            no memory, unlike with backlash.",
     references: &[
         "Slotine, Li: Applied Nonlinear Control, Prentice Hall, 1991, sect. 5.2 (common nonlinearities)",
         "Tao, Kokotović: Adaptive Control of Systems with Actuator and Sensor Nonlinearities, Wiley, 1996",

@@ -1,4 +1,4 @@
-//! The board answers late.
+//! A constant delay of all commands.
 
 use pulp::Simd;
 
@@ -24,14 +24,15 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 1,
             optional: false,
             reach: None,
-            means: "time from a command to the knob's answer, the mean of both axes",
+            means: "time from a command to the knob's response; mean of both axes",
         },
         Parameter::y_minus_x("y_minus_x_s", "s", 0.3, 120.0, 1),
     ],
-    does: "The board answers every command the same time late: networks, controllers and drives pass commands on in turn.",
-    matters: "Whenever the command changes within the delay; a slow sinusoid hides it as a shift of phase.",
-    looks: "A pure shift in time of everything that the commands cause. Steps or several frequencies tell it from a lag; a camera \
-            that lags looks the same, unless its picture shows the tilt itself.",
+    does: "Networks, controllers and drives pass commands on with a constant dead time. The board answers every command late \
+           by that time.",
+    matters: "Whenever the command changes within the delay. A slow sinusoid hides a delay as a phase shift.",
+    looks: "A pure time shift of every response to the commands. Steps, or several frequencies, distinguish it from a lag. A \
+            camera with latency looks the same, unless its picture shows the tilt itself.",
     references: &[
         "Allevato, Short, Pryor, Thomaz: Iterative residual tuning for system identification and sim-to-real robot learning, 2020",
         "Åström, Murray: Feedback Systems, 2nd ed., sect. 10.2 (time delays)",

@@ -1,4 +1,4 @@
-//! The board answers late, by another time for each command.
+//! A delay that varies from command to command.
 
 use pulp::Simd;
 
@@ -25,11 +25,11 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         reach: None,
         means: "standard deviation of a command's delay about its mean",
     }],
-    does: "Each command takes another time to arrive, as on a network that others use or in a controller without a clock of \
-           its own; one that a later command has overtaken is dropped. No command arrives before it is sent.",
-    matters: "When commands change fast: what is lost is the command's rate times the spread of the delays.",
-    looks: "An error that grows with the rate of the command and differs between runs of equal commands, so that no simulation \
-            predicts it; its mean over many runs is a short delay.",
+    does: "The transport delay differs from command to command, as on a shared network or in a controller without a clock of \
+           its own. A command that a later one overtakes is dropped. No command arrives before it is sent.",
+    matters: "When commands change fast: the error is the command's rate times the spread of the delays.",
+    looks: "An error that grows with the command's rate and differs between repetitions of the same commands, so that no \
+            simulation predicts it. Its mean over many runs is a short delay.",
     references: &["Nilsson: Real-Time Control Systems with Delays, PhD thesis, Lund Institute of Technology, 1998"],
 };
 

@@ -1,4 +1,4 @@
-//! The marble's centre of mass is not in its middle.
+//! A centre of mass that is off the marble's centre.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -28,7 +28,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: -2,
             optional: false,
             reach: None,
-            means: "distance of the centre of mass from the marble's middle, over the radius",
+            means: "distance of the centre of mass from the marble's centre, divided by the radius",
         },
         Parameter {
             name: "phase_rad",
@@ -39,8 +39,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "angle of the centre of mass before the top where the way begins: towards +x, or ahead if it follows \
-                    the path",
+            means: "initial angle of the centre of mass from the top: towards +x, or forwards if it follows the path",
         },
         Parameter {
             name: "lean_rad",
@@ -51,23 +50,22 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "angle of the centre of mass out of that plane, towards +y, where the way begins; nothing if it follows \
-                    the path",
+            means: "initial angle of the centre of mass out of that plane, towards +y; ignored if it follows the path",
         },
         Parameter::choice(
             "follows_path",
             1.0,
-            "1 if the heavy side stays in the plane of the motion and goes on turning forward wherever the path leads; 0 if \
-             it keeps to its place in a marble that rolls, and turns back with it",
+            "1 if the heavy side stays in the plane of motion and always turns forwards; 0 if it is fixed in the rolling \
+             marble and turns back with it",
         ),
     ],
-    does: "The marble is heavier on one side, or out of round. Its weight drives it on while the heavy side comes down and holds \
-           it back while that goes up again; at speed the heavy side's own inertia adds to both. What is fixed in a rolling \
-           marble turns with it in three dimensions: back if the marble rolls back, and out of the plane of the motion where \
-           the path bends. A marble that is turned about the vertical along with its path keeps the heavy side in that plane.",
-    matters: "For slow marbles: the weight is worth a tilt of offset radians, forth and back once a turn.",
-    looks: "A ripple of the speed with a wavelength of 2πR, the marble's circumference (43 mm), in whatever direction it rolls. \
-            A heavy side that keeps its place is below in a marble at rest, which is slow to leave.",
+    does: "The marble is heavier on one side, or out of round. Its weight drives it while the heavy side comes down and brakes \
+           it while that side goes up; at speed the inertia of the heavy side adds to both. The heavy side of a rolling marble \
+           turns with it in three dimensions: backwards if the marble rolls back, and out of the plane of motion where the \
+           path bends. In a marble that turns about the vertical along with its path, the heavy side stays in that plane.",
+    matters: "For slow marbles: once a turn the weight pushes as a tilt of offset radians does, forwards and then backwards.",
+    looks: "A ripple of the speed with a wavelength of 2πR, the marble's circumference (43 mm), in any rolling direction. A \
+            heavy side that is fixed in the marble is at the bottom when it rests, so the marble starts late.",
     references: &[
         "Routh: The Advanced Part of a Treatise on the Dynamics of a System of Rigid Bodies, 6th ed., Macmillan, 1905",
         "Chaplygin: On a motion of a heavy body of revolution on a horizontal plane, Regular and Chaotic Dynamics 7(2), 2002 (of 1897)",
@@ -79,15 +77,15 @@ pub(crate) struct EccentricMarble<S: Simd> {
     /// g × offset
     weight: Lanes<S>,
     follows_path: Mask<S>,
-    /// Sine and cosine of the angle of a heavy side from the top that follows the path.
+    /// Sine and cosine of the angle from the top, for a heavy side that follows the path.
     sin: Lanes<S>,
     cos: Lanes<S>,
-    /// Direction of the heavy side of a marble that keeps it in its place.
+    /// Direction of a heavy side that is fixed in the marble.
     heavy: Vector<S>,
     /// 1/(2 R)
     half_curvature: f64,
-    /// Length of the last substep (s). The marble has rolled through it as it moves now, and is turned
-    /// by that no sooner: turned as it moved before, a marble that swings would gain energy.
+    /// Length of the last substep (s). The marble is turned for it with its present velocity: with the velocity
+    /// before, a marble that swings would gain energy.
     last: Lanes<S>,
 }
 
@@ -117,7 +115,7 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
         );
         let [x, y, z] = before.turned;
         let angle = (x * x + y * y + z * z).sqrt().to_array();
-        // The tangent of half the angle over the angle: what the axis times the angle is to be multiplied by.
+        // tan(angle/2)/angle, the factor that turns axis times angle into axis times tan(angle/2).
         let tangent = Lanes::from_fn(x.simd(), |lane| match angle[lane] {
             0.0 => 0.5,
             angle => libm::tan(0.5 * angle) / angle,
@@ -130,7 +128,7 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
         let (vx, vy) = (marbles.vx, marbles.vy);
         let one = vx.like(1.0);
         let (mut push_x, mut push_y) = (vx.like(0.0), vx.like(0.0));
-        // A fit asks one answer of all lanes, and pays for that one alone.
+        // In a fit all lanes have the same choice, so only that branch is computed.
         if self.follows_path.any() {
             let inverse = one.over(length(vx, vy));
             let (x, y) = (vx * inverse, vy * inverse);
@@ -140,7 +138,7 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
         if (!self.follows_path).any() {
             self.roll(marbles);
             let [heavy_x, heavy_y, heavy_z] = self.heavy;
-            // Over g: what throws the heavy side outwards, of the roll and of the spin about the vertical.
+            // Centrifugal terms over g, of the roll and of the spin about the vertical.
             let curvature = 2.0 / GRAVITY * self.half_curvature;
             let ahead = curvature * (vx * heavy_x + vy * heavy_y);
             let spin = curvature * marbles.spin;
@@ -158,12 +156,12 @@ impl<S: Simd> Effect<S> for EccentricMarble<S> {
 }
 
 impl<S: Simd> EccentricMarble<S> {
-    /// Turns a heavy side that follows the path by a way (m).
+    /// Turns a heavy side that follows the path by a path length (m).
     #[inline(always)]
     fn turn(&mut self, way: Lanes<S>) {
         let one = way.like(1.0);
         let half = self.half_curvature * way;
-        // The tangent of half the angle makes Cayley's form a rotation by the whole of it.
+        // With the tangent of half the angle, Cayley's form is a rotation by the full angle.
         let tangent = half * (one + 1.0 / 3.0 * (half * half));
         let part = (2.0 * tangent).over(one + tangent * tangent);
         let (sin, cos) = (self.sin, self.cos);
@@ -171,7 +169,7 @@ impl<S: Simd> EccentricMarble<S> {
         self.cos = cos - part * (sin + tangent * cos);
     }
 
-    /// Turns a heavy side that keeps its place by how the marble has rolled and spun in the last substep.
+    /// Turns a heavy side that is fixed in the marble by the marble's rotation in the last substep.
     #[inline(always)]
     fn roll(&mut self, marbles: &Marbles<S>) {
         let half = self.half_curvature * self.last;

@@ -1,4 +1,4 @@
-//! The board resists more or less along its frame.
+//! Rolling resistance that differs along the frame.
 
 use pulp::Simd;
 
@@ -27,7 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "distance from the rim to the marble's edge within which it counts; it begins over two millimetres",
+            means: "distance from the rim to the marble's edge within which it acts; its onset is two millimetres wide",
         },
         Parameter {
             name: "factor",
@@ -38,13 +38,13 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "resistance there over that elsewhere",
+            means: "resistance there divided by that elsewhere",
         },
     ],
-    does: "Along the frame the marble rolls in a seam, over glue or dust, or rubs against the rim: rolling resists there by a \
-           factor more or less, two to three times more on real boards.",
+    does: "Along the frame the marble rolls in a seam, over glue or dust, or rubs against the rim. There the rolling \
+           resistance is multiplied by a factor, two to three on real boards.",
     matters: "In runs that follow the rim, which is where most mazes lead, and where marbles come to rest at it.",
-    looks: "Marbles that roll along the rim slow down sooner than in the open, along all four sides, whatever the direction.",
+    looks: "Marbles that roll along the rim slow down sooner than in the open, along all four sides and in both directions.",
     references: &[
         "Johnson: Contact Mechanics, Cambridge University Press, 1985, ch. 8 (rolling contact of elastic bodies)",
     ],
@@ -52,7 +52,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
 
 #[derive(Clone)]
 pub(crate) struct FrameFriction<S: Simd> {
-    /// How far from the board's centre a marble's centre can get (m).
+    /// Maximum distance of a marble's centre from the board's centre along x and y (m).
     reach_x: Lanes<S>,
     reach_y: Lanes<S>,
     width: Lanes<S>,

@@ -1,4 +1,4 @@
-//! A disc of the board resists more or less than the rest.
+//! A disc of the board with another rolling resistance.
 
 use pulp::Simd;
 
@@ -18,8 +18,8 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     shrunk: false,
     equation: "resistance = rolling_friction g × factor where |position - place| < radius",
     parameters: &[
-        Parameter::on_board("x_m", 0.138, "where its middle is, along x"),
-        Parameter::on_board("y_m", 0.1155, "where its middle is, along y"),
+        Parameter::on_board("x_m", 0.138, "its centre along x"),
+        Parameter::on_board("y_m", 0.1155, "its centre along y"),
         Parameter {
             name: "radius_m",
             unit: "m",
@@ -29,7 +29,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "its radius; the rim is two millimetres wide",
+            means: "its radius; its edge is two millimetres wide",
         },
         Parameter {
             name: "factor",
@@ -40,13 +40,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "resistance there over that elsewhere",
+            means: "resistance there divided by that elsewhere",
         },
     ],
-    does: "One place of the board is rougher, softer, dusty or polished: rolling resists there by a factor more or less.",
-    matters: "On runs that pass it, most on slow ones, and where marbles come to rest.",
-    looks: "Local and repeatable, always against the motion: runs that pass it in opposite directions lose the same, where a bump \
-            gives back what it took. Marbles stop there.",
+    does: "One place of the board is rougher, softer, dusty or polished. There the rolling resistance is multiplied by a \
+           factor.",
+    matters: "In runs that pass the place, most in slow ones, and where marbles come to rest.",
+    looks: "Local, repeatable and always against the motion. Runs that pass it in opposite directions lose the same speed, \
+            whereas a bump returns what it took. Marbles stop there.",
     references: &[
         "Tabor: The mechanism of rolling friction II. The elastic range, Proc. Royal Society A 229, 1955",
         "Johnson: Contact Mechanics, Cambridge University Press, 1985, ch. 9 (rolling contact of inelastic bodies)",
@@ -57,7 +58,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
 pub(crate) struct FrictionPatch<S: Simd> {
     x: Lanes<S>,
     y: Lanes<S>,
-    /// Square of the distance at which the patch ends, and one over how much less it is where the rim begins.
+    /// Square of the outer radius of the edge, and one over its difference to the square of the inner radius.
     end: Lanes<S>,
     steepness: Lanes<S>,
     /// factor - 1

@@ -1,4 +1,4 @@
-//! A straight strip of the board resists more or less than the rest.
+//! A straight strip of the board with another rolling resistance.
 
 use pulp::Simd;
 
@@ -21,7 +21,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         Parameter::on_board(
             "offset_m",
             0.138,
-            "distance from the board's centre to the strip's middle line, to the left of its direction",
+            "distance of the strip's centre line from the board's centre, to the left of its direction",
         ),
         Parameter {
             name: "angle_rad",
@@ -54,12 +54,12 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "resistance there over that elsewhere",
+            means: "resistance there divided by that elsewhere",
         },
     ],
-    does: "A strip of tape, a seam or a worn track crosses the board: rolling resists on it by a factor more or less.",
-    matters: "On runs that cross it, most on slow ones and on those that roll along it.",
-    looks: "Runs lose speed whenever they cross one line, by the same in both directions; marbles come to rest on it.",
+    does: "A strip of tape, a seam or a worn track crosses the board. On it the rolling resistance is multiplied by a factor.",
+    matters: "In runs that cross it, most in slow ones and in those that roll along it.",
+    looks: "Runs lose speed where they cross one line, equally in both directions. Marbles come to rest on it.",
     references: &[
         "Tabor: The mechanism of rolling friction II. The elastic range, Proc. Royal Society A 229, 1955",
         "Johnson: Contact Mechanics, Cambridge University Press, 1985, ch. 9 (rolling contact of inelastic bodies)",

@@ -1,4 +1,4 @@
-//! The gear ratio differs between the two directions.
+//! A gear ratio that differs between the two directions.
 
 use pulp::Simd;
 
@@ -31,18 +31,18 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     parameters: &[
         parameter(
             "asymmetry_x",
-            "part by which positive turns about x count more, negative ones less",
+            "a, relative increase of the tilt for positive turns about x, decrease for negative ones",
         ),
         parameter(
             "asymmetry_y",
-            "part by which positive turns about y count more, negative ones less",
+            "a, relative increase of the tilt for positive turns about y, decrease for negative ones",
         ),
     ],
-    does: "A turn of the knob to one side tilts the board more than the same turn to the other: springs of unequal tension, \
-           a lever that does not stand upright at zero.",
-    matters: "Whenever the knob works on both sides of zero; commands on one side only see another gear ratio and nothing else.",
-    looks: "The gain depends on the sign of the command. A symmetric command makes the marble drift to one side, by an amount in \
-            proportion to its amplitude, where a board that is not level drifts the same for all.",
+    does: "A turn of the knob to one side tilts the board more than the same turn to the other side: springs of unequal \
+           tension, or a lever that is not upright at zero.",
+    matters: "Whenever the knob works on both sides of zero. Commands on one side alone only see another gear ratio.",
+    looks: "The gain depends on the command's sign. Under a symmetric command the marble drifts to one side in proportion to \
+            the amplitude. On a board that is not level the drift does not depend on the amplitude.",
     references: &["Ljung: System Identification, 2nd ed., sect. 5.2 (models with nonlinearities)"],
 };
 

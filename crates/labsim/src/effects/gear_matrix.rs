@@ -1,4 +1,4 @@
-//! Each command moves both axes.
+//! Commands that each move both axes.
 
 use pulp::Simd;
 
@@ -31,19 +31,19 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     parameters: &[
         parameter(
             "x_from_y",
-            "a, tilt about x (rad) for each unit of the command about y",
+            "a, tilt about x (rad) per unit of the command about y",
         ),
         parameter(
             "y_from_x",
-            "b, tilt about y (rad) for each unit of the command about x",
+            "b, tilt about y (rad) per unit of the command about x",
         ),
     ],
-    does: "The two commands are not those of the board's axes: two motors at the corners, swapped cables, a frame turned by any \
-           angle. These are the off-diagonal parts of a matrix of gears, and gear_x and gear_y are its diagonal, which may be \
+    does: "The two commands do not drive the board's own axes: two motors at the corners, swapped cables, or a frame turned by \
+           any angle. These parameters are the off-diagonal entries of a gear matrix. Its diagonal, gear_x and gear_y, may be \
            zero or of either sign.",
-    matters: "Whenever one command alone tilts the board about both axes, or about the other one.",
-    looks: "The marble answers each command along a direction of its own. Where a gear of the diagonal is zero, cross_coupling \
-            cannot describe it, since it mixes what the gears make of the commands.",
+    matters: "Whenever one command alone tilts the board about both axes, or about the other axis.",
+    looks: "Each command moves the marble along a direction of its own. Where a diagonal entry is zero, cross_coupling cannot \
+            describe this, because it mixes commands that the gears have already scaled.",
     references: &["Skogestad, Postlethwaite: Multivariable Feedback Control, 2nd ed., Wiley, 2005, ch. 3"],
 };
 

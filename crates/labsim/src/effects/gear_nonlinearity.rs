@@ -1,4 +1,4 @@
-//! The gear ratio depends on the angle.
+//! A gear ratio that depends on the angle.
 
 use pulp::Simd;
 
@@ -24,14 +24,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "b, the part by which the gear ratio changes per square of the knob's angle, the mean of both axes",
+            means: "b, relative change of the gear ratio per squared knob angle; mean of both axes",
         },
         Parameter::y_minus_x("y_minus_x_per_rad2", "1/rad²", 60.0, 2e4, 0),
     ],
-    does: "Large turns of the knob tilt the board more or less than small ones in proportion, the same on both sides: cords \
-           that wind up, lever arms that turn away.",
-    matters: "With large amplitudes; at a tenth of a radian the range reaches 60 % of the tilt.",
-    looks: "The gain depends on the amplitude. A sinusoid gains its third harmonic, without memory and whatever its frequency.",
+    does: "The gear ratio changes with the size of the turn, alike on both sides: cords that wind up, lever arms that turn \
+           away.",
+    matters: "With large amplitudes: at a tenth of a radian, the ends of the range change the tilt by 60 %.",
+    looks: "The gain depends on the amplitude. A sinusoid gains its third harmonic at any frequency; there is no memory.",
     references: &["Ljung: System Identification, 2nd ed., sect. 5.2 (models with nonlinearities)"],
 };
 

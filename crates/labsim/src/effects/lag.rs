@@ -1,4 +1,4 @@
-//! The knob follows its command like a first-order servo.
+//! A first-order lag of the knob.
 
 use pulp::Simd;
 
@@ -24,17 +24,17 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 1,
             optional: false,
             reach: None,
-            means: "time T in which the knob comes within 37 % of a step, the mean of both axes",
+            means: "T, time constant: after T the knob still lacks 37 % of a step; mean of both axes",
         },
         Parameter::y_minus_x("y_minus_x_s", "s", 0.5, 2e3, 1),
     ],
-    does: "The knob creeps towards its command, the slower the nearer it is, as a position servo with a soft gain does.",
+    does: "The knob approaches its command exponentially, as a position servo with a low gain does.",
     matters: "When commands change within a few time constants.",
-    looks: "Phase grows and amplitude falls with frequency. One slow sinusoid cannot tell it from a delay.",
+    looks: "Phase lag grows and amplitude falls with frequency. A single slow sinusoid does not distinguish it from a delay.",
     references: &["Åström, Murray: Feedback Systems, 2nd ed., sect. 6.3 (step response)"],
 };
 
-/// Part of a time constant below which an exponential is all rounding.
+/// Substep over time constant below which an exponential is dominated by rounding.
 const SHORT: f64 = 1e-9;
 
 #[derive(Clone)]
@@ -46,7 +46,7 @@ pub(crate) struct Lag<S: Simd> {
     steps: [Step<S>; 2],
 }
 
-/// What a substep leaves of the way to the command: at its end, and on average.
+/// Share of the distance to the command that remains after a substep: at its end, and on average.
 #[derive(Clone)]
 struct Step<S: Simd> {
     at_end: Lanes<S>,
@@ -60,7 +60,7 @@ impl<S: Simd> Step<S> {
         let follows = time.gt(zero);
         let share = length.over(follows.select(time, one));
         let left = (-share).exp_decay();
-        // A substep of no length leaves the knob where it is.
+        // A substep of zero length does not move the knob.
         let lasts = share.gt(SHORT * one);
         let on_average = lasts.select((one - left).over(lasts.select(share, one)), one);
         Self {

@@ -1,4 +1,4 @@
-//! The picture is older than its row says.
+//! A picture that is older than its row's time.
 
 use pulp::Simd;
 
@@ -24,11 +24,13 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         reach: None,
         means: "age of a picture when its row is written",
     }],
-    does: "A row tells where the marble was some time ago: exposure, transfer and search in the picture take that long. Row 0, \
-           from which a rollout starts, is as old as the others; the marble is ahead of it by its velocity times the age.",
-    matters: "Where the marble is asked for now, as by a controller; and where the command changes within the age of the picture.",
-    looks: "Every answer comes late by the same time. Positions that start at row 0 cannot tell it from a delay of the commands: \
-            the tilt in the picture can, by parallax, or any event whose true time is known.",
+    does: "A row holds a position from some time ago, because exposure, transfer and detection take time. Row 0, from which a \
+           rollout starts, is as old as the others: the marble is ahead of it by its velocity times this age.",
+    matters: "Where the present position is needed, as in control, and where the command changes within the age of the \
+              picture.",
+    looks: "Every response is late by the same time. From positions that start at row 0 it cannot be distinguished from a \
+            delay of the commands. The tilt in the picture distinguishes them, by parallax, and so does any event whose true \
+            time is known.",
     references: &["Corke, Good: Dynamic effects in visual closed-loop systems, IEEE Trans. Robotics and Automation 12(5), 1996"],
 };
 

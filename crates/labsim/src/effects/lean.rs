@@ -1,4 +1,4 @@
-//! The table leans otherwise in each run.
+//! A tilt offset that differs from run to run.
 
 use pulp::Simd;
 
@@ -37,11 +37,12 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             "standard deviation of the lean over runs, the same about x and y; a rollout does not depend on it",
         ),
     ],
-    does: "The board leans while its knobs are level, by another angle in each run: somebody leans on the table, the rig was \
-           moved between sessions, a servo finds its zero anew after each homing.",
-    matters: "As soon as the lean is comparable to the resistance to rolling, in rigs whose runs were recorded hours or days \
-              apart; 0.05 to 0.3 degrees have been seen.",
-    looks: "A constant push in each run, in another direction from run to run; a constant tilt_bias explains none of them.",
+    does: "The board is tilted while its knobs are level, by another angle in each run: somebody leans on the table, the rig \
+           was moved between sessions, or a servo finds a new zero at each homing.",
+    matters: "As soon as the lean is comparable to the rolling resistance, in rigs whose runs were recorded hours or days \
+              apart. Leans of 0.05 to 0.3 degrees have been observed.",
+    looks: "A constant push within each run, with a direction that changes from run to run. One constant tilt_bias fits none \
+            of them.",
     references: &[
         "Gelman, Carlin, Stern, Dunson, Vehtari, Rubin: Bayesian Data Analysis, 3rd ed., ch. 5 (hierarchical models)",
     ],

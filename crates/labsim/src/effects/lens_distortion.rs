@@ -1,4 +1,4 @@
-//! The lens bends straight lines.
+//! Radial distortion of the camera's lens.
 
 use pulp::Simd;
 
@@ -27,12 +27,12 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: 0,
         optional: false,
         reach: None,
-        means: "k, part by which the scale grows over an edge; a barrel's is negative",
+        means: "k, relative change of the scale at a distance of one edge; negative for a barrel",
     }],
-    does: "The lens magnifies the margin of its picture more than the middle, or less: pincushion or barrel.",
-    matters: "Near the rim and in the corners; in the middle there is nothing to see.",
-    looks: "Worst at the edges and the same in all directions. Straight paths that do not pass the middle are bent, and the board \
-            seems to end too early or too late.",
+    does: "The lens magnifies the margin of the picture more than the middle (pincushion) or less (barrel).",
+    matters: "Near the rim and in the corners; in the middle the error vanishes.",
+    looks: "The error is greatest at the edges and the same in all directions. Straight paths that do not pass through the \
+            middle appear bent, and the board seems too small or too large.",
     references: &[
         "Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 7.4 (radial distortion)",
         "Brown: Close-range camera calibration, Photogrammetric Engineering 37(8), 1971",

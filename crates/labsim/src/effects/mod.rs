@@ -1,14 +1,13 @@
 //! The catalogue of physical effects that a rollout may have beyond its five parameters.
 //!
-//! One file holds one effect: its words and numbers in `ABOUT`, its physics in an implementation of
-//! [`Effect`] for the marbles of a SIMD register. Both engines run that same code. The list at the end of
-//! [`catalogue!`](self) is in the order in which effects act, from the command to the picture, so a
-//! rollout does not depend on the order in which they are named.
+//! Each effect has a file: its description in `ABOUT`, its physics in an implementation of [`Effect`] for the
+//! marbles of a SIMD register. Both engines run the same code. The list in [`catalogue!`](self) is in the order
+//! in which effects act, from the command to the picture. A rollout does not depend on the order in which the
+//! caller names them.
 //!
-//! What stands apart at its end is no hypothesis: it simulates what a diagnosis learned and no effect of the
-//! catalogue explains.
+//! The entry after `apart` is no hypothesis. It simulates what a diagnosis has learned beyond the catalogue.
 //!
-//! An effect whose parameters are neutral leaves every bit of a rollout as it is.
+//! An effect with neutral parameters does not change a single bit of a rollout.
 
 #![expect(
     clippy::inline_always,
@@ -30,51 +29,51 @@ use crate::per_rollout::PerRollout;
 /// An effect and the values of its parameters.
 #[derive(Debug, Clone, Copy)]
 pub struct EffectInstance<'a> {
-    /// Which one.
+    /// The effect.
     pub effect: &'static EffectSpec,
     /// In the order of [`EffectSpec::parameters`].
     pub values: PerRollout<'a, f64>,
 }
 
-/// What an effect does to the marbles of a register, each with its own values of the parameters.
+/// The physics of an effect for the marbles of a register, each with its own values of the parameters.
 ///
-/// An effect acts in one place, which its `ABOUT` names, and implements the method of that place.
+/// An effect acts at one [`Hook`], which its `ABOUT` names, and implements the method of that hook.
 pub(crate) trait Effect<S: Simd>: Clone {
     /// `values` are in the order of [`EffectSpec::parameters`].
     fn new(simd: S, rig: &Rig, values: &[Lanes<S>]) -> Self;
 
-    /// [`Hook::OnArrival`]: seconds by which a command comes late about x and about y; `draw` is standard
-    /// normal, another for each call and rollout.
+    /// [`Hook::OnArrival`]: delay (s) of a command about x and about y; `draw` returns a new standard
+    /// normal number for each call and rollout.
     fn late(&self, _draw: impl FnMut() -> Lanes<S>) -> Option<Pair<S>> {
         None
     }
 
-    /// [`Hook::OnClock`]: factor of a row's duration, the middle of which is `part` of the recording after
-    /// its middle; commands keep to the clock that the factor is of.
+    /// [`Hook::OnClock`]: factor of a row's duration. `part` is the row's middle minus the recording's middle, as a
+    /// part of the recording. Commands keep the original clock.
     #[inline(always)]
     fn pace(&self, part: Lanes<S>) -> Lanes<S> {
         part.like(1.0)
     }
 
-    /// [`Hook::OnKnob`]: the knob's angles (rad) on average over the next `length` seconds; the first call,
-    /// of zero seconds, asks where it settles if the angles have long been what they are. A copy that is asked
-    /// for a vanishing length ([`crate::motion::PEEK_S`]) says where the knob is now.
+    /// [`Hook::OnKnob`]: the knob's mean angles (rad) over the next `length` seconds. The first call, of zero
+    /// seconds, returns the steady state under these angles. A copy that is called with a vanishing length
+    /// ([`crate::motion::PEEK_S`]) returns the knob's present angles.
     #[inline(always)]
     fn turn(&mut self, _knob: &mut Pair<S>, _length: Lanes<S>) {}
 
-    /// [`Hook::OnTilt`]: the board's angles (rad), and the knob's, which they come from.
+    /// [`Hook::OnTilt`]: the board's angles (rad), from those of the knob.
     #[inline(always)]
     fn tilt(&self, _tilt: &mut Pair<S>, _knob: &Pair<S>) {}
 
-    /// [`Hook::OnMarble`]: how the board is tilted (rad) in the next seconds, first those of which there are
-    /// none, before row 0; then while the marbles are held, and in each substep before [`Effect::act`].
+    /// [`Hook::OnMarble`]: the board's angles (rad) over the next `length` seconds. The first call, of zero seconds, is
+    /// before row 0; later calls are while the marbles are held, and in each substep before [`Effect::act`].
     #[inline(always)]
     fn pass(&mut self, _tilt: &Pair<S>, _length: Lanes<S>) {}
 
-    /// [`Hook::OnMarble`]: the marbles are let go, and have rolled before.
+    /// [`Hook::OnMarble`]: the marbles are released after they have rolled by `before`.
     fn let_go(&mut self, _before: &Rolled<S>) {}
 
-    /// [`Hook::OnMarble`]: what acts on the marbles in the next substep.
+    /// [`Hook::OnMarble`]: the accelerations of the marbles in the next substep.
     #[inline(always)]
     fn act(&mut self, _marbles: &Marbles<S>, _push: &mut Push<S>) {}
 
@@ -82,14 +81,14 @@ pub(crate) trait Effect<S: Simd>: Clone {
     #[inline(always)]
     fn rims(&self, _rims: &mut Rims<S>) {}
 
-    /// [`Hook::OnSpin`]: the board's torque against a spin about the vertical, over weight and radius.
+    /// [`Hook::OnSpin`]: the board's torque against a spin about the vertical, divided by weight and radius.
     fn spin(&self, _friction: &mut Lanes<S>) {}
 
-    /// [`Hook::OnPicture`]: where the camera sees a marble (board edges) while the board is tilted.
+    /// [`Hook::OnPicture`]: position of a marble in the picture (board edges) at the board's angles.
     #[inline(always)]
     fn see(&self, _seen: &mut Pair<S>, _tilt: &Pair<S>) {}
 
-    /// [`Hook::OnExposure`]: seconds by which a picture is older than its row.
+    /// [`Hook::OnExposure`]: age of a picture (s) at its row's time.
     #[inline(always)]
     fn age(&self) -> Option<Lanes<S>> {
         None
@@ -113,7 +112,7 @@ macro_rules! any {
     ($($module:ident: $Type:ident),*) => {
         $(mod $module;)*
 
-        /// Any effect that the engine knows.
+        /// Any effect of the engine.
         #[derive(Clone)]
         pub(crate) enum Any<S: Simd> {
             $($Type($module::$Type<S>)),*
@@ -233,12 +232,12 @@ pub fn effects() -> &'static [&'static EffectSpec] {
     CATALOGUE
 }
 
-/// What simulates like an effect of the catalogue and is no hypothesis; it acts after those of its place.
+/// Effects that are no hypotheses; each acts after those of the catalogue at its hook.
 pub fn apart() -> &'static [&'static EffectSpec] {
     APART
 }
 
-/// Every effect that the engine knows, in the order in which they act.
+/// All effects of the engine, in the order in which they act.
 pub fn known() -> impl Iterator<Item = &'static EffectSpec> + Clone {
     CATALOGUE.iter().chain(APART).copied()
 }
@@ -259,14 +258,14 @@ pub fn effect(name: &str) -> Result<&'static EffectSpec> {
     })
 }
 
-/// The values about x and about y of what the axes have on average, and what is more about y than about x.
+/// The values about x and y, from their mean and their difference y minus x.
 #[inline(always)]
 fn by_axis<S: Simd>(mean: Lanes<S>, y_minus_x: Lanes<S>) -> Pair<S> {
     let half = 0.5 * y_minus_x;
     [mean - half, mean + half]
 }
 
-/// Effects sorted by when they act.
+/// Effects in the order in which they act.
 pub(crate) fn in_order<'a>(chosen: &[EffectInstance<'a>]) -> Vec<EffectInstance<'a>> {
     let place = |one: &EffectInstance<'_>| known().position(|about| about.name == one.effect.name);
     let mut sorted = chosen.to_vec();
@@ -274,7 +273,7 @@ pub(crate) fn in_order<'a>(chosen: &[EffectInstance<'a>]) -> Vec<EffectInstance<
     sorted
 }
 
-/// The effects of one place, for the marbles of a register; `rollout` is asked for a lane's.
+/// The effects of some hooks, for the marbles of a register; `rollout` maps a lane to its rollout.
 pub(crate) fn acting<S: Simd>(
     simd: S,
     rig: &Rig,

@@ -23,11 +23,11 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: 2,
         optional: false,
         reach: None,
-        means: "shift of the picture for a radian of tilt: how high the board lies above the axes it turns about",
+        means: "shift of the picture per radian of tilt: height of the board above its axes",
     }],
-    does: "The camera stands still while the board tilts: a board that does not lie in its axes moves sideways in the picture.",
-    matters: "With a tall gimbal or a camera that looks from the side; it grows with the tilt.",
-    looks: "An answer to the command at once, before the marble has moved, with the command's own shape.",
+    does: "The camera stands still while the board tilts. A board above or below its axes moves sideways in the picture.",
+    matters: "With a tall gimbal, or with a camera that looks from the side. The shift grows with the tilt.",
+    looks: "An immediate response to the command, before the marble has moved, in the shape of the command itself.",
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 6.1"],
 };
 

@@ -1,4 +1,4 @@
-//! The camera looks at the board from an angle.
+//! A camera that views the board at an angle.
 
 use pulp::Simd;
 
@@ -34,17 +34,17 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     parameters: &[
         parameter(
             "slope_x",
-            "p_x, part by which the distance to the camera grows over an edge along x",
+            "p_x, relative growth of the distance to the camera per edge along x",
         ),
         parameter(
             "slope_y",
-            "p_y, part by which the distance to the camera grows over an edge along y",
+            "p_y, relative growth of the distance to the camera per edge along y",
         ),
     ],
     does: "One side of the board is farther from the camera than the other and looks smaller.",
-    matters: "Away from the board's centre; the error grows with the square of the distance from it.",
-    looks: "The scale changes across the board, in a straight line from side to side; straight paths stay straight, evenly \
-            run ones seem to slow down.",
+    matters: "Away from the board's centre: the error grows with the square of the distance from it.",
+    looks: "The scale changes linearly across the board. Straight paths stay straight, but motion at constant speed seems to \
+            slow down or speed up.",
     references: &["Hartley, Zisserman: Multiple View Geometry, 2nd ed., sect. 2.4 (projective transformations)"],
 };
 

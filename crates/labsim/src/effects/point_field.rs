@@ -1,4 +1,4 @@
-//! A pull towards a point, or a push from it.
+//! Attraction to a point, or repulsion from it.
 
 use pulp::Simd;
 
@@ -43,14 +43,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: -2,
             optional: false,
             reach: None,
-            means: "k, force over mass times the squared distance, far away; positive pulls",
+            means: "k, force per mass times the squared distance, far away; positive attracts",
         },
     ],
-    does: "A magnet, a charge or an air jet on or beside the board pulls the marble to it or pushes it away, with the inverse \
-           square of the distance; it is taken to lie three centimetres below or above the board.",
-    matters: "Within some centimetres of the point; a marble that rests easily is moved from farther away.",
-    looks: "Pulls that all point to one place and do not depend on the marble's speed or the command. The point may lie outside \
-            the rim, where a bump of the board cannot.",
+    does: "A magnet, a charge or an air jet on or beside the board attracts or repels the marble with the inverse square of \
+           the distance. The source is assumed to lie three centimetres below or above the board.",
+    matters: "Within some centimetres of the point. Marbles with little rolling resistance are moved from farther away.",
+    looks: "Forces that all point to one place and depend neither on the marble's speed nor on the command. The point may lie \
+            outside the rim, where no bump of the board can.",
     references: &[
         "Griffiths: Introduction to Electrodynamics, 4th ed., sect. 2.1 (Coulomb's law)",
         "Binney, Tremaine: Galactic Dynamics, 2nd ed., sect. 2.2.2 (Plummer's softened point)",

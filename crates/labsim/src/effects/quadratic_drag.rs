@@ -1,4 +1,4 @@
-//! Resistance in proportion to the square of the speed.
+//! Drag that is proportional to the square of the speed.
 
 use pulp::Simd;
 
@@ -23,12 +23,12 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: 0,
         optional: false,
         reach: None,
-        means: "q, part of the velocity that is lost on each metre of the way",
+        means: "q, part of the velocity that is lost per metre of the path",
     }],
-    does: "The marble loses a fixed part of its speed on each metre: air that it has to push aside. On a steel marble that \
-           is some thousandths of 1/m; what a fit finds beyond stands for another loss on the way.",
-    matters: "At high speed only: at half the speed it brakes a quarter as much.",
-    looks: "A coasting marble slows as v/(1 + q v t): fast at first, hardly at all when slow. Near rest it rolls as without it.",
+    does: "The marble loses a fixed part of its velocity per metre to the air that it displaces. For a steel marble the \
+           coefficient is some thousandths of 1/m. A much larger fitted value stands for another loss.",
+    matters: "At high speed only: half the speed brakes a quarter as much.",
+    looks: "A coasting marble slows down as v/(1 + q v t): fast at first, hardly at all when slow. Near rest nothing changes.",
     references: &["Clift, Grace, Weber: Bubbles, Drops, and Particles, Academic Press, 1978, ch. 5"],
 };
 
@@ -44,7 +44,7 @@ impl<S: Simd> Effect<S> for QuadraticDrag<S> {
         }
     }
 
-    /// Dividing by 1 + q |v| h is not only stable but the law's own solution.
+    /// Dividing by 1 + q |v| h is stable, and is the exact solution of the law.
     #[inline(always)]
     fn act(&mut self, marbles: &Marbles<S>, push: &mut Push<S>) {
         let [wx, wy] = marbles.rolling();

@@ -1,4 +1,4 @@
-//! The knob follows its command like a servo of second order.
+//! A second-order lag of the knob.
 
 use pulp::Simd;
 
@@ -24,7 +24,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 1,
             optional: false,
             reach: None,
-            means: "T, one over the undamped angular frequency, the mean of both axes",
+            means: "T, inverse of the undamped angular frequency; mean of both axes",
         },
         Parameter {
             name: "damping_ratio",
@@ -35,19 +35,20 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "ζ; below 1 the knob overshoots, above 1 it creeps",
+            means: "ζ; below 1 the knob overshoots, above 1 it does not",
         },
         Parameter::y_minus_x("y_minus_x_s", "s", 0.25, 2e3, 1),
     ],
-    does: "The knob has inertia: a servo accelerates it towards its command and brakes it, and it overshoots where it is damped \
-           too little.",
+    does: "The knob has inertia. A servo accelerates it towards its command and brakes it; with too little damping it \
+           overshoots.",
     matters: "When commands change within a few time constants, and on steps.",
-    looks: "Answers begin smoothly, where those of a lag begin with their steepest slope; they may swing about the command before \
-            they settle. Phase falls by up to half a turn with frequency, a lag's by a quarter.",
+    looks: "Step responses begin smoothly, whereas those of a first-order lag begin with their steepest slope. They may \
+            oscillate about the command before they settle. The phase falls by up to 180° with frequency; that of a \
+            first-order lag by 90°.",
     references: &["Åström, Murray: Feedback Systems, 2nd ed., sect. 7.3 (second-order systems)"],
 };
 
-/// Part of a time constant below which a difference of exponentials is all rounding.
+/// Substep over time constant below which a difference of exponentials is dominated by rounding.
 const SHORT: f64 = 1e-9;
 /// Squared product of frequency and time below which sine and cosine, or hyperbolic ones, are by their series.
 const NEAR: f64 = 1.0;
@@ -65,12 +66,12 @@ pub(crate) struct SecondOrderLag<S: Simd> {
     steps: [Step<S>; 2],
 }
 
-/// What a substep makes of the way from the command and of the rate times T: each of the way and of the rate.
+/// Propagation over a substep of the deviation from the command and of the rate times T.
 #[derive(Clone)]
 struct Step<S: Simd> {
     way: Pair<S>,
     rate: Pair<S>,
-    /// Of the way, on average over the substep.
+    /// Mean deviation over the substep.
     on_average: Pair<S>,
 }
 

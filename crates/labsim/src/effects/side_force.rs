@@ -23,13 +23,13 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: -1,
         optional: false,
         reach: None,
-        means: "k, angle in which the velocity turns each second; positive to the left",
+        means: "k, angle by which the velocity turns per second; positive to the left",
     }],
-    does: "The marble is turned aside in proportion to its speed, as spin about the vertical does through contact and air; the \
-           force does no work.",
-    matters: "On long stretches: the direction is off by the rate times the time.",
-    looks: "Paths curve the same way, left or right, wherever the marble goes and whatever the speed: a coasting one runs in a \
-            circle of radius v/k. A board that is not level bends paths towards one side of the room instead.",
+    does: "A force across the motion, proportional to the speed, as spin about the vertical causes through contact and air. It \
+           does no work.",
+    matters: "On long runs: the direction is off by the rate times the time.",
+    looks: "All paths curve to the same side, left or right, at any place and any speed. A coasting marble runs in a circle of \
+            radius v/k. A board that is not level bends paths towards one side of the room instead.",
     references: &[
         "Johnson: Contact Mechanics, Cambridge University Press, 1985, ch. 8 (rolling contact of elastic bodies)",
         "Rubinow, Keller: The transverse force on a spinning sphere moving in a viscous fluid, J. Fluid Mechanics 11, 1961",

@@ -1,4 +1,4 @@
-//! The knob turns no faster than its drive can.
+//! A limit on the knob's rate.
 
 use pulp::Simd;
 
@@ -24,14 +24,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: -1,
             optional: false,
             reach: None,
-            means: "the fastest that the knob turns, the mean of both axes",
+            means: "maximum rate of the knob; mean of both axes",
         },
         Parameter::y_minus_x("y_minus_x_rad_per_s", "rad/s", 1.0, 1e6, -1),
     ],
-    does: "The knob turns towards its command at a rate that its motor cannot exceed, and stops there.",
-    matters: "Where the command changes faster than the rate: on steps, and on the steep stretches of a sinusoid.",
-    looks: "Only the fast stretches suffer: steps become ramps of equal slope whatever their size, sinusoids become triangles. \
-            Half the amplitude at the same frequency may pass untouched, which a lag never allows.",
+    does: "The knob turns towards its command at no more than the motor's maximum rate, and stops there.",
+    matters: "Where the command changes faster than the rate: on steps, and on the steep parts of a sinusoid.",
+    looks: "Only fast changes are distorted: steps of any size become ramps of equal slope, and sinusoids become triangles. \
+            Half the amplitude at the same frequency may pass unchanged, which it never does with a lag.",
     references: &[
         "Klyde, McRuer, Myers: Pilot-induced oscillation analysis and prediction with actuator rate limiting, \
          J. Guidance, Control, and Dynamics 20(1), 1997",
@@ -49,7 +49,7 @@ pub(crate) struct SlewLimit<S: Simd> {
 #[derive(Clone)]
 struct Axis<S: Simd> {
     rate: Lanes<S>,
-    /// The most that the knob turns in a substep (rad), and one over it.
+    /// Maximum turn of the knob in a substep (rad), and its inverse.
     most: Lanes<S>,
     inverse: Lanes<S>,
 }
@@ -76,7 +76,7 @@ impl<S: Simd> Effect<S> for SlewLimit<S> {
         };
         let one = length.like(1.0);
         if length.ne(self.length).any() {
-            // A knob without limit turns by more than there is.
+            // Without a limit the maximum turn is infinite.
             self.length = length;
             for axis in &mut self.axes {
                 axis.most = (axis.rate * length.max(1e-300 * one)).min(1e3 * one);
@@ -85,7 +85,7 @@ impl<S: Simd> Effect<S> for SlewLimit<S> {
         }
         for ((knob, turned), axis) in knob.iter_mut().zip(turned).zip(&self.axes) {
             let way = *knob - *turned;
-            // The part of the substep in which the knob turns; for the rest of it, it has arrived.
+            // The part of the substep in which the knob turns; after it the knob stands at its command.
             let turning = way.abs() * axis.inverse;
             let arrives = turning.le(one);
             let moved = arrives.select(way, way.clamp(axis.most));

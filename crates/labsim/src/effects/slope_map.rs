@@ -1,4 +1,4 @@
-//! The board has slopes of its own, as a smooth map.
+//! A board that is not flat, as a smooth map of slopes.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -67,12 +67,13 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         slope("slope_13", "rms slope of one half wave along x times three along y"),
         slope("slope_04", "rms slope of four half waves along y"),
     ],
-    does: "The board is not flat: plywood that has warped, a printed plate, paper that lifts. Its height is a sum of cosines that \
-           fit the board, so that the push is that of a smooth surface and gives back what it takes. n_ij makes the root mean \
-           square of each mode's slope over the board equal to its coefficient.",
-    matters: "Where local slopes are comparable to the tilts played; a degree has been seen on real boards.",
-    looks: "Marbles come to rest at the same places, and drift from others on a level board; what is left over depends on the \
-            place and not on the command.",
+    does: "The board is not flat: warped plywood, a printed plate, paper that lifts. Its height is a sum of cosines over the \
+           board, so the force is conservative, like that of any smooth surface. n_ij scales each mode so that the root mean \
+           square of its slope over the board equals its coefficient.",
+    matters: "Where local slopes are comparable to the commanded tilts. Slopes of one degree have been observed on real \
+              boards.",
+    looks: "Marbles come to rest at the same places, and drift away from others while the board is level. Residuals depend on \
+            the place and not on the command.",
     references: &[
         "Strang: The discrete cosine transform, SIAM Review 41(1), 1999",
         "Gelman, Carlin, Stern, Dunson, Vehtari, Rubin: Bayesian Data Analysis, 3rd ed., ch. 20 (basis functions and shrinkage)",
@@ -84,7 +85,7 @@ pub(crate) struct SlopeMap<S: Simd> {
     /// π over the edges (1/m).
     wave_x: f64,
     wave_y: f64,
-    /// Most that each mode pushes along x and along y (m/s²).
+    /// Maximum acceleration of each mode along x and y (m/s²).
     modes: [[Lanes<S>; 2]; MODES.len()],
 }
 

@@ -1,25 +1,25 @@
-//! What the catalogue says of an effect.
+//! The catalogue entry of an effect.
 
 use std::fmt;
 
 use crate::error::{Error, Result};
 
-/// Where in the way from command to picture an effect sits.
+/// Position of an effect in the chain from command to picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Stage {
     /// Between the command and the knob.
     Actuation,
-    /// When things happen.
+    /// The times of commands and rows.
     Timing,
     /// Between the knob and the board, and the shape of the board.
     Board,
     /// Where the marble touches board and rim.
     Contact,
-    /// The air around it.
+    /// Air resistance.
     Air,
     /// Forces at a distance.
     Field,
-    /// Between the marble and what the tracker reports.
+    /// Between the marble and the tracker's output.
     Sensing,
 }
 
@@ -41,70 +41,70 @@ impl fmt::Display for Stage {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[expect(
     clippy::enum_variant_names,
-    reason = "an effect acts on the knob, on the tilt: so it is said"
+    reason = "an effect acts on the knob, on the tilt: the names say so"
 )]
 pub(crate) enum Hook {
-    /// When commands arrive.
+    /// Arrival times of commands.
     OnArrival,
-    /// How long a row lasts.
+    /// Durations of rows.
     OnClock,
-    /// The knob's angles; within a row too if it moves while the command holds still.
+    /// The knob's angles; with `moves` also within a row, while the command is constant.
     OnKnob { moves: bool },
     /// The board's angles.
     OnTilt,
-    /// What acts on the marble in each substep.
+    /// The marble's acceleration in each substep.
     OnMarble(Memory),
     /// The rim.
     OnRims,
-    /// How the board resists a spin about the vertical.
+    /// The board's friction against spin about the vertical.
     OnSpin,
-    /// Where the camera sees the marble.
+    /// The marble's position in the picture.
     OnPicture,
-    /// When the picture was taken.
+    /// The time of the picture.
     OnExposure,
-    /// What the tilt sensor reports.
+    /// The tilt sensor's output.
     OnGauge,
 }
 
-/// What an effect on the marble depends on besides where the marble is and how it moves.
+/// State that an effect on the marble depends on besides the marble's position and velocity.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Memory {
     /// Nothing.
     None,
-    /// How late it is, and how the board turns.
+    /// The time, and the board's angles.
     Time,
-    /// How the marble has been turned by its path.
+    /// The marble's orientation, from its path.
     Turning,
 }
 
 /// A parameter of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameter {
-    /// Its name; it carries the unit where that could be doubted.
+    /// Its name, with the unit where it is not obvious.
     pub name: &'static str,
     /// SI, empty for a plain number.
     pub unit: &'static str,
-    /// The plausible values: where a search looks; of a choice the usual answer twice.
+    /// Plausible values, in which a search draws; for a choice, the usual value twice.
     pub range: (f64, f64),
     /// The value without effect.
     pub neutral: f64,
-    /// The values that physics allows.
+    /// The physically possible values.
     pub allowed: (f64, f64),
-    /// With which power of the time scale it changes where all of the motion runs slower under weaker pushes,
-    /// along the same path: 1 of a time, -1 of a speed, -2 of a push, or of a tilt of the board.
+    /// Power of the time scale with which it changes if the marble follows the same path more slowly under weaker
+    /// accelerations: 1 for a time, -1 for a speed, -2 for an acceleration or a tilt of the board.
     pub time_power: i8,
-    /// Whether it refines the effect: every fit holds it at its neutral value unless it is named. Optional
+    /// Whether it is a refinement, which a fit holds at its neutral value unless the parameter is named. Optional
     /// parameters come after all others of their effect.
     pub optional: bool,
-    /// The values that a fit may take without a price; `None` for those of `range`. It is wider where real
-    /// rigs have values that a search seldom needs, which would make its draws too coarse.
+    /// The values that a fit does not penalise; `None` for `range`. It is wider than `range` where real rigs have
+    /// rare values that would make the draws of a search too coarse.
     pub reach: Option<(f64, f64)>,
-    /// What it is, in a few words.
+    /// A short description.
     pub means: &'static str,
 }
 
 impl Parameter {
-    /// A place on the paper's board, along x or along y.
+    /// A coordinate on the paper's board, along x or y.
     pub(super) const fn on_board(
         name: &'static str,
         half_edge_m: f64,
@@ -123,7 +123,7 @@ impl Parameter {
         }
     }
 
-    /// A question that is answered by 1 (yes) or 0 (no): both are tried, and nothing between them.
+    /// A switch with the values 1 (yes) and 0 (no). A fit tries both and nothing in between.
     pub(super) const fn choice(name: &'static str, usual: f64, means: &'static str) -> Self {
         Self {
             name,
@@ -138,7 +138,7 @@ impl Parameter {
         }
     }
 
-    /// Optional: by how much another parameter of the effect, the mean of both axes, is larger about y than about x.
+    /// Optional: the value about y minus the value about x of another parameter, which is the mean of both axes.
     pub(super) const fn y_minus_x(
         name: &'static str,
         unit: &'static str,
@@ -155,37 +155,36 @@ impl Parameter {
             time_power,
             optional: true,
             reach: None,
-            means: "its value about y minus that about x",
+            means: "value about y minus value about x",
         }
     }
 
-    /// Whether it is an angle that is looked for half-way round or farther.
+    /// Whether it is an angle that is searched over half a turn or more.
     pub(crate) fn is_wide(&self) -> bool {
         self.unit == "rad" && self.range.1 - self.range.0 >= std::f64::consts::PI
     }
 
-    /// Whether it is a question of yes or no, which no fit slides along.
+    /// Whether it is a switch, which no fit changes continuously.
     pub fn is_choice(&self) -> bool {
         self.range.0 == self.range.1
     }
 }
 
-/// What the catalogue says of an effect.
+/// The catalogue entry of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EffectSpec {
-    /// Its name in every file and report.
+    /// Its name in all files and reports.
     pub name: &'static str,
-    /// Where it sits.
+    /// Its position in the chain from command to picture.
     pub stage: Stage,
     pub(crate) acts: Hook,
-    /// Whether today's diagnosis tries it.
+    /// Whether the diagnosis tests it.
     pub hypothesis: bool,
-    /// Whether its parameters are drawn from one normal distribution about zero, whose size is estimated: a fit
-    /// shrinks them.
+    /// Whether a fit shrinks its parameters: they have a common normal prior about zero with an estimated size.
     pub shrunk: bool,
-    /// The physics, in one line.
+    /// Its equation, in one line.
     pub equation: &'static str,
-    /// Its parameters, in the order in which arrays hold them.
+    /// Its parameters, in the order of arrays.
     pub parameters: &'static [Parameter],
     /// What it does.
     pub does: &'static str,
@@ -203,23 +202,23 @@ impl EffectSpec {
         self.parameters.iter().map(|one| one.neutral).collect()
     }
 
-    /// Whether it matters how the marble has been turned by its path.
+    /// Whether it depends on the marble's orientation.
     pub fn turns(&self) -> bool {
         self.acts == Hook::OnMarble(Memory::Turning)
     }
 
-    /// Whether it is a law of the rim: how a marble leaves it.
+    /// Whether it changes the rim's contact law.
     pub fn is_of_rims(&self) -> bool {
         self.acts == Hook::OnRims
     }
 
-    /// Whether it changes what is measured of the board's angles, and nothing else.
+    /// Whether it changes the measured angles of the board and nothing else.
     pub fn is_of_gauge(&self) -> bool {
         self.acts == Hook::OnGauge
     }
 
-    /// Whether it acts between the command and the board's tilt: none of it is left where a measured tilt is
-    /// played in the place of the commands.
+    /// Whether it acts between the command and the board's tilt. It has no effect where a measured tilt replaces
+    /// the commands.
     pub fn moves_board(&self) -> bool {
         matches!(
             self.acts,
@@ -227,7 +226,7 @@ impl EffectSpec {
         )
     }
 
-    /// Refuses values that no physics allows.
+    /// Refuses physically impossible values.
     pub(crate) fn check(&self, values: &[f64]) -> Result<()> {
         for (parameter, &value) in self.parameters.iter().zip(values) {
             let (low, high) = parameter.allowed;

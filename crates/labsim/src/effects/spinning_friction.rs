@@ -1,4 +1,4 @@
-//! The board resists a marble that spins about the vertical.
+//! Friction of the board against spin about the vertical.
 
 use pulp::Simd;
 
@@ -22,13 +22,13 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: 0,
         optional: false,
         reach: None,
-        means: "what the torque over weight and radius is more than the rig's",
+        means: "increase of torque/(weight × radius) over the rig's value",
     }],
-    does: "Marble and board touch in a small disc, whose friction slows a spin about the vertical. Marbles get that spin from the rim's \
-           friction; one that rolls along a rim spins all the time.",
+    does: "Marble and board touch in a small disc, whose friction slows down a spin about the vertical. The rim's friction \
+           causes that spin. A marble that rolls along a rim spins all the time.",
     matters: "From the first contact with the rim on. Steel on wood has 0.0003 to 0.001; above 0.02 every spin ends at once.",
-    looks: "No error before the marble meets a wall. Then it rolls along walls too fast, and leaves the second wall at another speed \
-            and angle.",
+    looks: "No error before the marble meets a wall. After that it rolls along walls too fast, and leaves the second wall at \
+            another speed and angle.",
     references: &[
         "Johnson: Contact Mechanics, Cambridge University Press, 1985, sec. 3.9 (torsion of a contact disc)",
         "Todorov: MuJoCo, Computation: contact, torsional friction",

@@ -1,4 +1,4 @@
-//! The cord's spring stores force and gives it back late.
+//! Hysteresis of the cord's spring.
 
 use pulp::Simd;
 
@@ -25,7 +25,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "what the spring adds to a small turn, as a part of it; negative where it swallows some",
+            means: "angle that the spring adds to a small turn, relative to that turn; negative if it takes some away",
         },
         Parameter {
             name: "width_rad",
@@ -36,22 +36,22 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "stretch at which the spring gives way",
+            means: "stretch at which the spring yields",
         },
         Parameter::choice(
             "jumps",
             1.0,
-            "1 if each change of the command is one step of the law, as a simulator takes it; 0 if the knob passes through \
-             all angles of a turn",
+            "1 if each change of the command is one step of the model, as in a discrete simulator; 0 if the knob passes \
+             through all angles of a turn",
         ),
     ],
-    does: "The cord and its spring are stretched with each turn, and pull the board farther than the knob alone would until they \
-           give way at their width; on the way back they have to be let off first: the Bouc-Wen law of hysteresis, which knows \
-           angles but no time. At the start the spring is relaxed.",
-    matters: "When the knob reverses or jumps; what is added tends to strength times width, and is the whole stretch where a jump \
-              is one step of the law.",
-    looks: "Tilt over command is a loop that leads the command, and small swings make small loops inside the large one. Backlash \
-            lags instead and has sharp corners, lag makes a loop that widens with frequency.",
+    does: "Each turn stretches the cord and its spring, which pull the board farther than the knob alone would, until they \
+           yield at their width. On the way back the stretch has to be released first. This is the Bouc-Wen model of \
+           hysteresis, which depends on angles and not on time. At the start the spring is relaxed.",
+    matters: "When the knob reverses or jumps. The added angle tends to strength times width. Where a jump is one step of the \
+              model, a relaxed spring adds strength times the whole jump.",
+    looks: "Tilt over command is a loop that leads the command; small swings make minor loops inside the large one. Backlash \
+            lags instead and has sharp corners. A lag makes a loop that widens with frequency.",
     references: &[
         "Wen: Method for random vibration of hysteretic systems, J. Engineering Mechanics Division ASCE 102(2), 1976",
         "Ismail, Ikhouane, Rodellar: The hysteresis Bouc-Wen model, a survey, Archives of Computational Methods in Engineering 16, 2009",
@@ -63,7 +63,7 @@ pub(crate) struct SpringHysteresis<S: Simd> {
     strength: Lanes<S>,
     width: Lanes<S>,
     jumps: Mask<S>,
-    /// What was commanded last and what the spring holds then (rad).
+    /// The last command and the spring's stretch then (rad).
     before: Option<(Pair<S>, Pair<S>)>,
 }
 
@@ -96,20 +96,20 @@ impl<S: Simd> Effect<S> for SpringHysteresis<S> {
 }
 
 impl<S: Simd> SpringHysteresis<S> {
-    /// What the spring holds after a change of the command.
+    /// The spring's stretch after a change of the command.
     #[inline(always)]
     fn stretched(&self, held: Lanes<S>, way: Lanes<S>) -> Lanes<S> {
         let (zero, one) = (way.like(0.0), way.like(1.0));
         let (mut jumped, mut passed) = (held, held);
-        // A fit asks one answer of all lanes, and pays for that one alone.
+        // In a fit all lanes have the same choice, so only that branch is computed.
         if self.jumps.any() {
-            // One step takes no more than there is, so that a long one ends where it leads.
+            // One step releases no more than the present stretch, so a long step ends at the limit.
             let gives = (way.abs().over(self.width)).min(one);
             let left = (way * held).gt(zero).select(one - gives, one);
             jumped = held * left + way;
         }
         if (!self.jumps).any() {
-            // What is held against the turn is let off first; then the rest of the turn stretches.
+            // A stretch against the turn is released first; the rest of the turn stretches the spring.
             let against = (way * held).lt(zero);
             let let_off = against.select(way.clamp(held.abs()), zero);
             let (slack, rest) = (held + let_off, way - let_off);

@@ -1,4 +1,4 @@
-//! A marble at rest holds on more than one that rolls.
+//! Break-away resistance of a marble at rest.
 
 use pulp::Simd;
 
@@ -27,7 +27,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: Some((1.0, 8.0)),
-            means: "tilt at which a marble that has rested long breaks away, over the tilt that keeps it rolling",
+            means: "tilt at which a long rested marble breaks away, divided by the tilt that keeps it rolling",
         },
         Parameter {
             name: "rest_time_s",
@@ -38,13 +38,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 1,
             optional: true,
             reach: None,
-            means: "time at rest in which break-away comes within 37 % of its last value; at 0 it has it at once",
+            means: "time constant with which the break-away tilt rises during rest; at 0 it rises at once",
         },
     ],
-    does: "A marble that has come to rest, if only to turn back, needs more tilt to start than to roll on: it has settled into \
-           the surface, the deeper the longer it rests.",
-    matters: "Around stops and reversals, when the tilt stays near the resistance; fast runs do not know it.",
-    looks: "Late starts after rests, then a jump; a slow drive back and forth moves the marble in jerks. Coasting is as without it.",
+    does: "A marble at rest needs more tilt to start than a rolling one needs to roll on. It has settled into the surface, the \
+           deeper the longer it rests. The instant of rest at a reversal counts too.",
+    matters: "Around stops and reversals, while the tilt is near the rolling resistance. Fast runs are not affected.",
+    looks: "Late starts after rests, then a jump. A slow drive back and forth moves the marble in jerks (stick-slip). Coasting \
+            does not change.",
     references: &[
         "Karnopp: Computer simulation of stick-slip friction in mechanical dynamic systems, J. Dynamic Systems, Measurement, \
          and Control 107(1), 1985",
@@ -57,9 +58,9 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
 pub(crate) struct StaticFriction<S: Simd> {
     ratio: Lanes<S>,
     rest_time: Lanes<S>,
-    /// Whether in some lane break-away grows with the time at rest.
+    /// Whether the break-away tilt grows with the time at rest in some lane.
     grows: bool,
-    /// For how long the marbles have been at rest (s); before they are let go, for ever.
+    /// Time at rest (s); infinite before the release.
     rested: Lanes<S>,
 }
 
@@ -79,7 +80,7 @@ impl<S: Simd> Effect<S> for StaticFriction<S> {
         let [wx, wy] = marbles.rolling();
         let rest = wx.like(REST);
         let still = wx.abs().lt(rest) & wy.abs().lt(rest);
-        // A marble that turns back comes to rest in between, if only within a substep.
+        // A marble that reverses is at rest in between, even if only within a substep.
         let (ahead_x, ahead_y) = (wx + 5.0 / 7.0 * push.x, wy + 5.0 / 7.0 * push.y);
         let turns = (wx * ahead_x + wy * ahead_y).le(wx.like(0.0));
         let (zero, one) = (wx.like(0.0), wx.like(1.0));

@@ -1,4 +1,4 @@
-//! Resistance falls as the marble speeds up.
+//! Rolling resistance that falls with the speed.
 
 use pulp::Simd;
 
@@ -24,7 +24,7 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: 0,
             optional: false,
             reach: None,
-            means: "part by which the resistance is higher near rest than at speed",
+            means: "relative excess of the resistance near rest over that at speed",
         },
         Parameter {
             name: "speed_m_per_s",
@@ -35,12 +35,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
             time_power: -1,
             optional: false,
             reach: None,
-            means: "v_s, speed at which 37 % of the excess are left",
+            means: "v_s, speed at which 37 % of the excess remain",
         },
     ],
-    does: "Rolling resists more when slow than when fast: the marble sinks into the surface, or sticks to it, as long as it has time to.",
-    matters: "Near rest, in starts and on the last centimetres of a run-out; at three times the speed v_s a twentieth is left of it.",
-    looks: "A marble that coasts brakes harder and harder and stops short. Starts need more tilt than rolling on does.",
+    does: "Rolling resistance is higher at low speed than at high speed: a slow marble has time to sink into the surface or to \
+           stick to it.",
+    matters: "Near rest: in starts, and in the last centimetres before a stop. At three times v_s a twentieth of the excess \
+              remains.",
+    looks: "A coasting marble decelerates more and more and stops short. Starting takes more tilt than rolling on.",
     references: &[
         "Tustin: The effects of backlash and of speed-dependent friction on the stability of closed-cycle control systems, \
          J. IEE 94(2A), 1947",

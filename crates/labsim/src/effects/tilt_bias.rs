@@ -1,4 +1,4 @@
-//! The table is not level.
+//! A constant tilt of the board while the knobs are level.
 
 use pulp::Simd;
 
@@ -32,9 +32,10 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         parameter("bias_x_rad", "tilt about x while the knobs are level"),
         parameter("bias_y_rad", "tilt about y while the knobs are level"),
     ],
-    does: "The board leans while its knobs are level: the table is not level, or the knobs' zero is not the board's.",
-    matters: "As soon as the bias is comparable to the resistance to rolling; a milliradian is enough.",
-    looks: "A constant push in one direction, the same when the command is mirrored. The marble may creep at rest.",
+    does: "The board is tilted while its knobs are level: the table is not level, or the knobs' zero is not the board's.",
+    matters: "As soon as the bias is comparable to the rolling resistance; a milliradian is enough.",
+    looks: "A constant push in one direction, which stays the same when the command is mirrored. A marble at rest may start to \
+            creep.",
     references: &["Ljung: System Identification, 2nd ed., sect. 14.1 (offsets)"],
 };
 

@@ -1,4 +1,4 @@
-//! What measures the board's tilt has a zero and a gain of its own.
+//! Zero and gain errors of the sensor that measures the board's tilt.
 
 use pulp::Simd;
 
@@ -45,14 +45,14 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     parameters: &[
         zero("zero_x_rad", "measured tilt about x of a board that is level"),
         zero("zero_y_rad", "measured tilt about y of a board that is level"),
-        gain("gain_x", "change of the measured tilt about x for each radian of tilt"),
-        gain("gain_y", "change of the measured tilt about y for each radian of tilt"),
+        gain("gain_x", "change of the measured tilt about x per radian of tilt"),
+        gain("gain_y", "change of the measured tilt about y per radian of tilt"),
     ],
-    does: "What measures the tilt, markers under a camera or an inertial unit, is not aligned with the board and not to its \
-           scale. The marble's motion and its picture stay as they are.",
-    matters: "Wherever a measured tilt is compared with the tilt that moves the marble: 20 to 50 mrad of zero are usual.",
-    looks: "The marble rests, or rolls evenly, at a measured tilt that is not zero; its acceleration is not 5/7 g times the \
-            measured tilt but another multiple of it, alike at all tilts.",
+    does: "The tilt sensor, markers under a camera or an inertial unit, is not aligned with the board and has a scale error. \
+           The marble's motion and its picture do not change.",
+    matters: "Wherever a measured tilt is compared with the tilt that moves the marble. Zeros of 20 to 50 mrad are common.",
+    looks: "The marble rests, or rolls at constant speed, at a measured tilt that is not zero. Its acceleration is \
+            proportional to the measured tilt, but with a factor other than 5/7 g.",
     references: &["Ljung: System Identification, 2nd ed., sect. 14.1 (offsets)"],
 };
 

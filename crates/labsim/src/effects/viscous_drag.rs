@@ -1,4 +1,4 @@
-//! Resistance in proportion to the speed.
+//! Drag that is proportional to the speed.
 
 use pulp::Simd;
 
@@ -23,12 +23,12 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: -1,
         optional: false,
         reach: None,
-        means: "c, part of the velocity that is lost each second",
+        means: "c, part of the velocity that is lost per second",
     }],
-    does: "The marble and its spin lose a fixed part of their speed each second, as on felt, rubber or a film of oil.",
-    matters: "For fast marbles and long runs: a speed above rolling_friction g/c loses more to drag than to rolling resistance.",
-    looks: "The speed of a coasting marble falls exponentially and would never reach rest. Drive and answer part in phase, as with a lag, \
-            but coasting shows it.",
+    does: "The marble loses a fixed part of its velocity and spin per second, as on felt, rubber or a film of oil.",
+    matters: "For fast marbles and long runs: above the speed rolling_friction g/c, drag exceeds rolling resistance.",
+    looks: "The speed of a coasting marble decays exponentially and would never reach zero. The response to the drive shifts \
+            in phase, as with a lag, but coasting reveals the drag.",
     references: &[
         "Olsson, Åström, Canudas de Wit, Gäfvert, Lischinsky: Friction models and friction compensation, European J. Control 4(3), 1998",
         "Landau, Lifshitz: Fluid Mechanics, 2nd ed., § 20 (Stokes' formula)",

@@ -1,4 +1,4 @@
-//! The rim throws the marble back more or less than the rig says.
+//! A correction of the rim's restitution.
 
 use pulp::Simd;
 
@@ -26,12 +26,12 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
         time_power: 0,
         optional: false,
         reach: None,
-        means: "what the rim's restitution is more than the rig's",
+        means: "restitution of the rim minus that of the rig file",
     }],
-    does: "The rim returns more or less of the normal speed than the rig says: hard wood, felt or rubber.",
-    matters: "From the first contact with the rim on; runs that stay inside know nothing of it.",
-    looks: "No error before the marble meets a wall, then one that stays: the marble lies at the rim where it should have come \
-            back, or the other way round.",
+    does: "The rim returns more or less of the normal velocity than the rig file says: hard wood, felt or rubber.",
+    matters: "From the first contact with the rim on. Runs that never touch it are not affected.",
+    looks: "No error before the marble meets a wall, then a lasting one: the marble stays at the rim where it should have \
+            rebounded, or the reverse.",
     references: &[
         "Stronge: Impact Mechanics, Cambridge University Press, 2000",
         "Johnson: Contact Mechanics, Cambridge University Press, 1985, ch. 11 (dynamic effects and impact)",

@@ -1,4 +1,4 @@
-//! From commands to what pushes the marbles of a register: knobs, board, gravity.
+//! From commands to the accelerations of the marbles of a register: knobs, board, gravity.
 
 #![expect(
     clippy::inline_always,
@@ -30,26 +30,26 @@ pub(crate) struct Actuation<S: Simd> {
     peeked: Vec<Any<S>>,
     tilts: Vec<Any<S>>,
     gauges: Vec<Any<S>>,
-    /// Commands that do not come as rows begin, and when rows do.
+    /// Delayed commands, and the times of rows.
     command_delay: Option<(CommandDelay<S>, Timeline)>,
     /// Whether knobs move within rows.
     moves: bool,
-    /// How the commands of this row go to the next ones.
+    /// Ramps from the commands of this row to the next ones.
     ramp: Option<Ramp<S>>,
     /// The commands as they have arrived (rad), on average over the last substep.
     command: Pair<S>,
     /// Where the knobs were in the last substep (rad).
     turned: Pair<S>,
     length: Lanes<S>,
-    /// Factor that damping leaves of velocities in a substep of this row.
+    /// Damping factor of velocities in a substep of this row.
     damping: Lanes<S>,
     /// The board's angles (rad).
     pub(super) tilt: Pair<S>,
-    /// What gravity, friction and damping do in a substep.
+    /// Gravity, friction and damping of a substep.
     pub(super) push: Push<S>,
 }
 
-/// Commands that go evenly from one row's to the next one's.
+/// Linear ramps from one row's command to the next one's.
 struct Ramp<S: Simd> {
     /// At the row's beginning and end (rad).
     ends: [Pair<S>; 2],
@@ -58,7 +58,7 @@ struct Ramp<S: Simd> {
 }
 
 impl<S: Simd> Actuation<S> {
-    /// Knobs that have long been at the angles before row 0; `job` is asked for a lane's rollout.
+    /// Knobs in the steady state of the angles before row 0; `job` maps a lane to its rollout.
     pub(super) fn new<'a, 'b: 'a>(
         simd: S,
         setup: &Setup<'_>,
@@ -113,7 +113,7 @@ impl<S: Simd> Actuation<S> {
         actuation
     }
 
-    /// Says what the command of a row is (rad), in the first lane, where it was not known from the start.
+    /// Sets the command of a row (rad) in the first lane, if it was not known from the start.
     pub(crate) fn issue(&mut self, row: usize, command: [f64; 2]) {
         if let Some((command_delay, _)) = &mut self.command_delay {
             command_delay.issue(row, command);
@@ -125,7 +125,7 @@ impl<S: Simd> Actuation<S> {
         self.moves || self.command_delay.is_some()
     }
 
-    /// Seconds that each of a row's substeps lasts.
+    /// Duration of a row's substeps (s).
     #[inline(always)]
     pub(super) fn length<'a, 'b: 'a>(
         &self,
@@ -180,7 +180,7 @@ impl<S: Simd> Actuation<S> {
         }
     }
 
-    /// Moves the board, if it moves within rows, to where it is in this substep.
+    /// Updates the board's angles for this substep, if they change within rows.
     #[inline(always)]
     pub(super) fn substep(&mut self, row: usize, substep: u32) {
         let arrived = match &mut self.command_delay {
@@ -205,7 +205,7 @@ impl<S: Simd> Actuation<S> {
         }
     }
 
-    /// Where the knobs are under a command, on average over a substep.
+    /// Mean angles of the knobs under a command over a substep.
     #[inline(always)]
     fn answer(&mut self, mut knob: Pair<S>) -> Pair<S> {
         if !self.knobs.is_empty() {
@@ -230,7 +230,7 @@ impl<S: Simd> Actuation<S> {
                 (None, None) => self.command,
             };
             let length = self.length.like(PEEK_S);
-            // Of copies, since an effect remembers every angle that it is asked for.
+            // On copies, because an effect remembers every angle that it is called with.
             self.peeked.clone_from(&self.knobs);
             length.simd().vectorize(Turning {
                 effects: &mut self.peeked,
@@ -259,7 +259,7 @@ impl<S: Simd> Actuation<S> {
         for effect in &self.tilts {
             effect.tilt(&mut tilt, &knob);
         }
-        // A board that effects would turn over stands on edge.
+        // Tilts beyond a right angle are clamped.
         let most = tilt[0].like(FRAC_PI_2);
         [tilt[0].clamp(most), tilt[1].clamp(most)]
     }
@@ -283,7 +283,7 @@ impl<S: Simd> Actuation<S> {
     }
 }
 
-/// Where effects turn knobs, as a function of its own: the loop over substeps is slow where it holds all effects.
+/// The effects on knobs, in a separate function: inlined, all effects would slow down the loop over substeps.
 struct Turning<'a, S: Simd> {
     effects: &'a mut [Any<S>],
     knob: &'a mut Pair<S>,
@@ -315,7 +315,7 @@ fn still<S: Simd>(zero: Lanes<S>) -> Push<S> {
     }
 }
 
-/// Seconds that each of a row's substeps lasts by the clock of the commands.
+/// Duration of a row's substeps (s) by the clock of the commands.
 #[inline(always)]
 fn clock_length<'a, 'b: 'a, S: Simd>(
     simd: S,

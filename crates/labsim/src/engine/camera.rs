@@ -1,4 +1,4 @@
-//! From where the marbles are to where the camera sees them, and back.
+//! The camera: from the marbles' positions to the picture, and back.
 
 use pulp::Simd;
 
@@ -9,22 +9,22 @@ use crate::effects::{Any, Hook};
 use crate::lanes::Lanes;
 use crate::motion::{Marbles, Pair};
 
-/// Rounds of Newton's method in which a place is found from its picture: more than enough.
+/// Iterations of Newton's method from a picture to a position, with a margin.
 const ROUNDS: usize = 8;
 
-/// A picture is met within this distance (board edges), and a velocity within this part.
+/// Tolerance of Newton's method: a distance in the picture (board edges), and a relative one of the velocity.
 const MET: f64 = 1e-13;
 const MET_VELOCITY: f64 = 1e-8;
 
 /// Step of the camera's slopes (m).
 const STEP: f64 = 1e-6;
 
-/// The camera that sees the rollouts of a register.
+/// The camera for the rollouts of a register.
 pub(super) struct Camera<S: Simd> {
     pub(super) edges_per_m: Lanes<S>,
     effects: Vec<Any<S>>,
     age: Lanes<S>,
-    /// When pictures are taken, unless it is when rows begin.
+    /// Times of pictures, if they are not the beginnings of rows.
     pub(super) schedule: Option<Schedule<S>>,
 }
 
@@ -69,7 +69,7 @@ impl<S: Simd> Camera<S> {
         }
     }
 
-    /// Where marbles at these places (m) are seen (board edges) while the board is tilted.
+    /// Positions in the picture (board edges) of marbles at these positions (m) and board angles.
     #[inline(always)]
     pub(super) fn see(&self, place: Pair<S>, tilt: &Pair<S>) -> Pair<S> {
         let mut seen = [place[0] * self.edges_per_m, place[1] * self.edges_per_m];
@@ -79,14 +79,14 @@ impl<S: Simd> Camera<S> {
         seen
     }
 
-    /// Whether a picture is taken before so many substeps of the row have passed, or just then.
+    /// Whether a picture is due up to this number of substeps of the row.
     #[inline(always)]
     pub(super) fn is_due(&self, substeps: f64) -> bool {
         matches!(&self.schedule, Some(schedule) if schedule.is_due(substeps))
     }
 
-    /// Takes the pictures of a stretch of a row, from one number of substeps to another, in which the
-    /// marbles move evenly; `write` is told lane, row and what is seen.
+    /// Takes the pictures of a part of a row, from one number of substeps to another, in which the marbles move
+    /// at constant velocity; `write` receives lane, row and observed position.
     #[inline(always)]
     pub(super) fn expose(
         &mut self,
@@ -116,8 +116,8 @@ impl<S: Simd> Camera<S> {
         self.schedule = Some(schedule);
     }
 
-    /// Places (m) and velocities (m/s) at row 0 of marbles that are then seen at `start`, moving by
-    /// `velocity`: where they are, if the picture is not older than its row.
+    /// Positions (m) and velocities (m/s) at row 0 of marbles with observed position `start` and observed
+    /// `velocity`.
     pub(super) fn place(
         &self,
         start: Pair<S>,
@@ -138,7 +138,7 @@ impl<S: Simd> Camera<S> {
         (place, moves)
     }
 
-    /// A round of Newton's method, where the picture is not met.
+    /// An iteration of Newton's method, for lanes that have not converged.
     fn nearer(&self, place: Pair<S>, start: Pair<S>, tilt: &Pair<S>) -> Pair<S> {
         let seen = self.see(place, tilt);
         let miss = [start[0] - seen[0], start[1] - seen[1]];
@@ -147,7 +147,7 @@ impl<S: Simd> Camera<S> {
         [0, 1].map(|axis| missed.select(place[axis] + step[axis], place[axis]))
     }
 
-    /// Velocity (m/s) of marbles seen to move by `velocity`; `guess` where the picture is plain.
+    /// Velocity (m/s) of marbles with observed `velocity`; `guess` without effects on the picture.
     fn velocity(
         &self,
         place: Pair<S>,
@@ -163,7 +163,7 @@ impl<S: Simd> Camera<S> {
         })
     }
 
-    /// Derivatives of what is seen (edges/m): along x, along y.
+    /// Derivatives of the observed position (edges/m): along x, along y.
     fn slopes(&self, [x, y]: Pair<S>, tilt: &Pair<S>) -> [Pair<S>; 2] {
         let step = x.like(STEP);
         let along = |ahead: Pair<S>, behind: Pair<S>| {
@@ -186,7 +186,7 @@ fn solve<S: Simd>([[ax, ay], [bx, by]]: [Pair<S>; 2], [x, y]: Pair<S>) -> Pair<S
     ]
 }
 
-/// When the pictures of a lane's rollout are taken: of the rows after the first, in which the marble is let go.
+/// Times of the pictures of a lane's rollout, for the rows after its release.
 fn exposures(timeline: &Timeline, lane: usize, age: f64, first: usize, rows: usize) -> Vec<Moment> {
     let moment = |what: usize| {
         let row = first + what;
@@ -200,7 +200,7 @@ fn exposures(timeline: &Timeline, lane: usize, age: f64, first: usize, rows: usi
     (1..rows).map(moment).collect()
 }
 
-/// Where something is at a moment of a stretch; before it, by its velocity (per stretch).
+/// Linear interpolation within a part of a row; before it, extrapolation by the velocity (per part).
 #[expect(
     clippy::inline_always,
     reason = "code that is not inlined into the dispatched function runs without its SIMD registers"

@@ -1,4 +1,4 @@
-//! Commands that come late, or by another clock than that of the rows.
+//! Commands that arrive late, or follow another clock than the rows.
 
 #![expect(
     clippy::inline_always,
@@ -16,11 +16,11 @@ use crate::effects::Any;
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-/// The commands of the rollouts of a register, as they come.
+/// The commands of the rollouts of a register, as they arrive.
 pub(super) enum CommandDelay<S: Simd> {
-    /// Those of both axes at the same moments.
+    /// Commands of both axes arrive at the same times.
     Together(Course<S, 2>),
-    /// Each axis' at its own.
+    /// Each axis has its own arrival times.
     Apart([Course<S, 1>; 2]),
 }
 
@@ -54,7 +54,7 @@ impl<S: Simd> CommandDelay<S> {
         Self::Apart([of_axis(&x, 0), of_axis(&y, 1)])
     }
 
-    /// Says what the command of a row is (rad), in the first lane, before it comes.
+    /// Sets the command of a row (rad) in the first lane, before it arrives.
     pub(super) fn issue(&mut self, row: usize, command: [f64; 2]) {
         match self {
             Self::Together(both) => both.issue(row, command),
@@ -65,7 +65,7 @@ impl<S: Simd> CommandDelay<S> {
         }
     }
 
-    /// The last command that came (rad).
+    /// The last command that arrived (rad).
     #[inline(always)]
     pub(super) fn last(&self) -> Pair<S> {
         match self {
@@ -74,7 +74,7 @@ impl<S: Simd> CommandDelay<S> {
         }
     }
 
-    /// The command on average over a substep, where it is another than in the substep before.
+    /// The mean command of a substep, if it differs from that of the substep before.
     #[inline(always)]
     pub(super) fn substep(&mut self, row: usize, substep: u32) -> Option<Pair<S>> {
         match self {
@@ -99,7 +99,7 @@ pub(super) struct Course<S: Simd, const AXES: usize> {
     begins: Vec<usize>,
     /// In which of them the command of each row comes in the first lane, unless a later one overtakes it.
     comes: Vec<Option<usize>>,
-    /// The last commands that came (rad).
+    /// The last commands that arrived (rad).
     command: [Lanes<S>; AXES],
     /// Whether the last substep saw more than one command.
     was_mixed: bool,
@@ -113,10 +113,10 @@ struct Issued<'a> {
     places: Vec<(usize, u32)>,
 }
 
-/// The first command of each lane that comes in a row; or the second, and so on.
+/// The n-th command of each lane that arrives in a row.
 #[derive(Clone)]
 struct Wave<const AXES: usize> {
-    /// When (substeps after the row's beginning), infinite where none comes.
+    /// Arrival time (substeps after the row's beginning), infinite if none arrives.
     at: [f64; 8],
     /// What it is (rad): about each axis in each lane.
     command: [[f64; 8]; AXES],
@@ -227,7 +227,7 @@ impl<S: Simd, const AXES: usize> Course<S, AXES> {
     }
 }
 
-/// Seconds by which each command comes late in each lane, about x and about y.
+/// Delay (s) of each command in each lane, about x and about y.
 fn lateness<'a, 'b: 'a, S: Simd>(
     simd: S,
     late: &[Any<S>],

@@ -1,4 +1,4 @@
-//! Two engines that answer one question: where is the marble seen at each row?
+//! The two engines. Both return the observed position of the marble at each row.
 
 mod actuation;
 mod camera;
@@ -29,7 +29,7 @@ use crate::motion::{Pair, Rims, Rolled};
 use crate::noise::Noise;
 use crate::parameters::Parameters;
 
-/// Which physics moves the marble.
+/// The physics engine.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Engine {
     /// Full 3-D rigid bodies: the reference.
@@ -39,7 +39,7 @@ pub enum Engine {
 }
 
 impl Engine {
-    /// Every engine, with the name users know it by.
+    /// All engines with their public names.
     pub const ALL: [(&str, Self); 2] = [("rolling", Self::Rolling), ("rapier", Self::Rapier)];
 }
 
@@ -61,9 +61,9 @@ impl FromStr for Engine {
 /// The physics updates of one timestep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
-    /// How many updates.
+    /// Number of updates.
     pub substeps: u32,
-    /// How long each of them is (s).
+    /// Length of each update (s).
     pub length_s: f64,
 }
 
@@ -97,7 +97,7 @@ impl Step {
 /// The timesteps of one rollout.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Clock {
-    /// Every timestep is alike.
+    /// All timesteps are equal.
     Even(Step),
     /// Each timestep has its own length.
     Stamped(Vec<Step>),
@@ -138,18 +138,18 @@ impl Clock {
     }
 }
 
-/// What a command does until the next one.
+/// How a command continues until the next one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Hold {
     /// It holds.
     #[default]
     Zero,
-    /// It goes evenly to the next one; the last one holds. So a measured tilt is played.
+    /// Linear ramp to the next command; the last one holds. Used for a measured tilt.
     First,
 }
 
 impl Hold {
-    /// Every kind, with the name users know it by.
+    /// All kinds with their public names.
     pub const ALL: [(&str, Self); 2] = [("zero", Self::Zero), ("first", Self::First)];
 }
 
@@ -166,27 +166,27 @@ impl FromStr for Hold {
     }
 }
 
-/// Where the results of a rollout go, a pair a row.
+/// Output of a rollout, one pair per row.
 pub(crate) struct Sink<'a> {
     /// Observed positions (board edges).
     pub(crate) marble: &'a mut [[f64; 2]],
-    /// The board's angles as the tilt sensor reports them (rad); none where nobody asks.
+    /// The board's angles from the tilt sensor (rad); none if not requested.
     pub(crate) tilt: &'a mut [[f64; 2]],
-    /// Variances of predictions (board edges squared); none where nothing corrects them.
+    /// Variances of predictions (board edges squared); none in a free run.
     pub(crate) variance: &'a mut [[f64; 2]],
-    /// What a filter knew as it took in each row, along both axes; none where nobody asks.
+    /// The filter's state at each row, along both axes; none if not requested.
     pub(crate) corrections: &'a mut [[Correction; 2]],
     /// Where the marble fell, if it did; of one entry, or none where nobody asks.
     pub(crate) fall: &'a mut [Option<Fall>],
 }
 
-/// What all rollouts of a batch share.
+/// Data shared by all rollouts of a batch.
 #[derive(Clone, Copy)]
 pub(crate) struct Setup<'a> {
     pub(crate) rig: &'a Rig,
     /// In the order in which they act.
     pub(crate) effects: &'a [EffectInstance<'a>],
-    /// How many rows are observed.
+    /// Number of observed rows.
     pub(crate) rows: usize,
     pub(crate) hold: Hold,
     /// Inner walls and holes, unless there are none.
@@ -200,7 +200,7 @@ impl Setup<'_> {
         self.effects.iter().any(|one| places(one.effect.acts))
     }
 
-    /// Whether nothing but the marbles changes within a row.
+    /// Whether only the marbles change within a row.
     pub(crate) fn is_plain(&self) -> bool {
         if self.hold == Hold::First || self.obstacles.is_some() {
             return false;
@@ -212,7 +212,7 @@ impl Setup<'_> {
         })
     }
 
-    /// The effects in some places, for a register; `job` is asked for a lane's rollout.
+    /// The effects of some hooks, for a register; `job` maps a lane to its rollout.
     fn acting<'j, 'b: 'j, S: Simd>(
         &self,
         simd: S,
@@ -246,7 +246,7 @@ impl Setup<'_> {
         friction
     }
 
-    /// Those that act on marbles, which are let go on boards at these angles.
+    /// The effects on marbles, which are released on boards at these angles.
     fn forces<'j, 'b: 'j, S: Simd>(
         &self,
         simd: S,
@@ -280,27 +280,27 @@ pub(crate) struct Job<'a> {
     pub(crate) commands: &'a [[f64; 2]],
     /// Knob angles before row 0 (rad).
     pub(crate) knobs_before: [f64; 2],
-    /// The row in which the marble is let go and first observed.
+    /// The row in which the marble is released and first observed.
     pub(crate) first: usize,
     /// Observed position at that row (board edges).
     pub(crate) start: [f64; 2],
     /// Observed velocity at that row (board edges per second); the marble rolls without slip.
     pub(crate) start_velocity: [f64; 2],
-    /// How far the marble has rolled before (m).
+    /// Path length before the release (m).
     pub(crate) rolled: f64,
-    /// The rotation that this has turned it by: its axis times its angle (rad).
+    /// Rotation of the marble along this path: axis times angle (rad).
     pub(crate) turned: [f64; 3],
     pub(crate) clock: Clock,
-    /// Of what effects draw.
+    /// Seed of the effects' random numbers.
     pub(crate) seed: u64,
-    /// What corrects the marble in every row; nothing in a free run.
+    /// Observations that correct the marble in every row; none in a free run.
     pub(crate) measured: Option<Measured<'a>>,
 }
 
-/// What was seen of a marble, from the row on in which it is let go.
+/// Observations of a marble, from the row of its release on.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Measured<'a> {
-    /// Positions (board edges); not a number where the tracker lost the marble.
+    /// Positions (board edges); NaN where the tracker lost the marble.
     pub(crate) observed: &'a [[f64; 2]],
     pub(crate) noise: Noise,
 }

@@ -189,11 +189,11 @@ impl<S: Simd> Substeps<S> {
     }
 }
 
-/// Whose rollouts the lanes of a register are.
+/// The rollouts in the lanes of a register.
 #[derive(Clone, Copy)]
 pub(crate) struct LaneGroup<'a, 'b> {
     pub(crate) jobs: &'a [Job<'b>],
-    /// What empty lanes repeat, and nobody reads.
+    /// The rollout that empty lanes repeat; their output is discarded.
     pub(crate) filler: &'a Job<'b>,
 }
 
@@ -204,7 +204,7 @@ impl<'a, 'b> LaneGroup<'a, 'b> {
     }
 }
 
-/// The rollouts of a register, as far as they have come.
+/// State of the rollouts of a register.
 pub(crate) struct Register<S: Simd> {
     rims: Rims<S>,
     pub(crate) actuation: Actuation<S>,
@@ -253,12 +253,12 @@ impl<S: Simd> Register<S> {
         }
     }
 
-    /// Plays the commands of a row before the marbles are let go.
+    /// Plays the commands of a row before the release of the marbles.
     #[inline(always)]
     fn wait(&mut self, row: usize, substeps: u32, group: LaneGroup<'_, '_>) {
         self.begin_row(row, group);
         let moves = self.actuation.moves();
-        // A board that stands still in a row is passed in one go.
+        // A board that is constant within a row takes one step.
         let (times, substeps) = if moves { (substeps, 1) } else { (1, substeps) };
         let length = if self.forces.is_empty() {
             Lanes::splat(self.rims.reach_x.simd(), 0.0)
@@ -275,7 +275,7 @@ impl<S: Simd> Register<S> {
         }
     }
 
-    /// Lets the marbles go.
+    /// Releases the marbles.
     pub(crate) fn release(&self, group: LaneGroup<'_, '_>) -> Marbles<S> {
         let lanes = |value: fn(&Job<'_>) -> f64| {
             Lanes::from_fn(self.rims.reach_x.simd(), |lane| value(group.of(lane)))
@@ -327,7 +327,7 @@ impl<S: Simd> Register<S> {
         )
     }
 
-    /// Writes down what the camera sees, and the tilt sensor, as a row begins.
+    /// Writes the observations of camera and tilt sensor at the beginning of a row.
     #[inline(always)]
     pub(crate) fn observe(
         &mut self,
@@ -359,7 +359,7 @@ impl<S: Simd> Register<S> {
         }
     }
 
-    /// The substeps of a row, of whatever kind of board.
+    /// The substeps of a row, for any kind of board.
     pub(crate) fn play(
         &mut self,
         row: usize,
@@ -461,8 +461,8 @@ impl<S: Simd> NullaryFnOnce for Among<'_, '_, S> {
     }
 }
 
-/// What effects do to marbles in a substep, as a function of its own: the loop over substeps is slow where it
-/// holds all effects.
+/// The effects on marbles in a substep, in a separate function: inlined, all effects would slow down the loop over
+/// substeps.
 struct Acting<'a, S: Simd> {
     effects: &'a mut [Any<S>],
     tilt: &'a Pair<S>,

@@ -1,4 +1,4 @@
-//! What happens to single rollouts of a register at moments within their rows.
+//! Events of single rollouts of a register at times within their rows.
 
 #![expect(
     clippy::inline_always,
@@ -9,22 +9,22 @@ use pulp::Simd;
 
 use crate::lanes::Lanes;
 
-/// A moment of a rollout.
+/// An event of a rollout.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Moment {
     /// The row in which it falls.
     pub(super) row: usize,
     /// Substeps after the row's beginning.
     pub(super) at: f64,
-    /// What happens then.
+    /// The event.
     pub(super) what: usize,
 }
 
-/// The moments of each lane's rollout, in order.
+/// The events of each lane's rollout, in order of time.
 pub(super) struct Schedule<S: Simd> {
     moments: Vec<Vec<Moment>>,
     taken: Vec<usize>,
-    /// When the next ones of this row come (substeps after its beginning), infinite where none does.
+    /// Times of the next events of this row (substeps after its beginning), infinite without one.
     next: Lanes<S>,
 }
 
@@ -37,13 +37,13 @@ impl<S: Simd> Schedule<S> {
         }
     }
 
-    /// Turns to the moments of a row.
+    /// Selects the events of a row.
     #[inline(always)]
     pub(super) fn begin_row(&mut self, row: usize) {
         self.next = Lanes::from_fn(self.next.simd(), |lane| self.when(lane, row));
     }
 
-    /// When a lane's next moment comes, infinite if not in this row.
+    /// Time of a lane's next event, infinite if it is not in this row.
     #[inline(always)]
     fn when(&self, lane: usize, row: usize) -> f64 {
         match self
@@ -56,8 +56,7 @@ impl<S: Simd> Schedule<S> {
         }
     }
 
-    /// Lets `happen` see the moments that come before so many substeps of a row have passed, or just
-    /// then: first those of the first lane.
+    /// Calls `happen` with the events up to this number of substeps of a row, the first lane first.
     #[inline(always)]
     pub(super) fn take(
         &mut self,
@@ -76,14 +75,14 @@ impl<S: Simd> Schedule<S> {
         self.next = Lanes::from_fn(self.next.simd(), |lane| next[lane]);
     }
 
-    /// Whether in any lane something happens before so many substeps have passed, or just then.
+    /// Whether any lane has an event up to this number of substeps.
     #[inline(always)]
     pub(super) fn is_due(&self, substeps: f64) -> bool {
         self.next.le(self.next.like(substeps)).any()
     }
 }
 
-/// When the rows of the rollouts of a register begin.
+/// Times of the rows of a register's rollouts.
 pub(super) struct Timeline {
     /// Of each row, the end of the last one behind them: a time for each lane (s).
     begins: Vec<[f64; 8]>,
@@ -107,12 +106,12 @@ impl Timeline {
         self.begins[row][lane]
     }
 
-    /// How many rows there are.
+    /// Number of rows.
     pub(super) fn rows(&self) -> usize {
         self.steps.len()
     }
 
-    /// How many substeps a row has.
+    /// Number of substeps of a row.
     pub(super) fn substeps(&self, row: usize) -> f64 {
         f64::from(self.steps[row].0)
     }

@@ -1,4 +1,4 @@
-//! What a filter knows of each row once all rows have been seen: the push that was needed, and the tracker's error.
+//! Fixed-interval smoothing of the filter: the random acceleration and the tracker's error in each row, given all rows.
 //!
 //! The filter is linear about the simulated marble, so what comes after a row acts on it through sums that are built
 //! from the last row backwards (Bierman 1973, "Fixed interval smoothing with discrete measurements"; no covariance
@@ -17,11 +17,10 @@ pub struct Estimate {
     pub deviation: f64,
 }
 
-/// What one axis of one row shows, given all rows of the stretch.
+/// Smoothed estimates of one axis of one row, given all rows of the stretch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Smoothed {
-    /// The acceleration by random pushes, of all kinds, between the row before and this one (m/s²); not a number in
-    /// first rows.
+    /// Random acceleration of all kinds between the previous row and this one (m/s²); NaN in first rows.
     pub push: Estimate,
     /// The tracker's lasting error (board edges).
     pub lasting: Estimate,
@@ -35,24 +34,24 @@ impl Correction {
         )
     }
 
-    /// What is seen of the state (board edges).
+    /// Observation of the state (board edges).
     fn seen(&self) -> Vector4<f64> {
         Vector4::new(self.edges_per_m, 0.0, 0.0, 1.0)
     }
 
-    /// What a deviation goes on as once the row has been taken in.
+    /// A deviation after the row's correction.
     fn taken_in(&self, covariance: &Matrix4<f64>) -> Matrix4<f64> {
         let seen = self.seen();
         Matrix4::identity() - self.weight * covariance * seen * seen.transpose()
     }
 
-    /// What the push that lasts gives since the row before: velocity and place for each m/s² (s, s²).
+    /// Velocity and position per m/s² of the lasting acceleration since the previous row (s, s²).
     fn of_pull(&self) -> (f64, f64) {
         let s = self.seconds;
         (0.5 * s * (self.kept + 1.0), s * s * (self.kept + 2.0) / 6.0)
     }
 
-    /// What the state becomes since the row before.
+    /// Propagation of the state since the previous row.
     fn transition(&self) -> Matrix4<f64> {
         let (of_velocity, of_place) = self.of_pull();
         let moves = 1.0 - self.rests;
@@ -71,7 +70,7 @@ impl Correction {
     }
 }
 
-/// Goes back over the rows of one axis.
+/// Smooths the rows of one axis, from the last one backwards.
 pub(super) fn smoothed(rows: &[Correction]) -> Vec<Smoothed> {
     let (mut slope, mut curvature) = (Vector4::zeros(), Matrix4::zeros());
     let mut found = Vec::with_capacity(rows.len());
@@ -102,7 +101,7 @@ pub(super) fn smoothed(rows: &[Correction]) -> Vec<Smoothed> {
     found
 }
 
-/// The acceleration between two rows, from what all rows from the second one on say of the state there.
+/// The acceleration between two rows, from the information of all rows from the second one on.
 fn push(
     last: &Correction,
     row: &Correction,
@@ -113,7 +112,7 @@ fn push(
     let after = last.taken_in(&before) * before;
     let pull = last.pull + last.weight * last.off * last.seen().dot(&before.column(2));
     let s = row.seconds;
-    // Friction holds a marble that rests against the push that lasts, in the mean.
+    // On average, friction holds a resting marble against the lasting acceleration.
     let of_pull = (1.0 - row.rests) * row.of_pull().0 / s;
     // Covariances of the acceleration with the state in the second row.
     let with_pull = row.transition() * after.column(2) * of_pull;

@@ -1,4 +1,4 @@
-//! What a fit may do to one parameter.
+//! The coordinate of one free parameter: its transform, range and bounds.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -7,18 +7,18 @@ use crate::effects::Parameter;
 use crate::error::{Error, Result};
 use crate::parameters::{FRICTION, GEAR_Y, MOST_SUBSTEPS, TIME};
 
-/// How far beyond the ranges a fit may look, for a truth that lies a little outside.
+/// Factor by which a fit may leave the ranges, for true values slightly outside.
 const REACH: f64 = 3.0;
-/// A logarithm needs a smallest value: this share of the largest that is allowed.
+/// Smallest value of a logarithmic coordinate, as a share of the largest allowed one.
 pub(super) const SMALLEST: f64 = 1e-4;
-/// A size whose plausible values run over as large a factor is a scale.
+/// A magnitude whose range spans this factor is a scale parameter.
 const DECADES: f64 = 1e3;
 /// Below this a timestep rounds to no physics update at all, and the marble never moves.
 const SHORTEST_TIME_SCALE: f64 = 0.5;
-/// The share of a right angle by which a fit may tilt the board at most.
+/// Maximum tilt of the board in a fit, as a share of a right angle.
 const STEEPEST: f64 = 0.99;
 
-/// What a coordinate does to its parameter.
+/// The transform from a coordinate to its parameter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Shape {
     /// The logarithm of its magnitude.
@@ -39,12 +39,12 @@ pub(super) struct Axis {
     /// The range.
     pub(super) low: f64,
     pub(super) high: f64,
-    /// Beyond these it costs to go.
+    /// Values outside these are penalised.
     pub(super) reach: (f64, f64),
-    /// What it may take at most.
+    /// Hard bounds.
     pub(super) lower: f64,
     pub(super) upper: f64,
-    /// With which power of the time scale the parameter changes along the first symmetry, of an effect's.
+    /// Power of the time scale with which an effect's parameter changes along the first symmetry.
     pub(super) time_power: f64,
 }
 
@@ -96,8 +96,8 @@ pub(super) fn base_axis(
     }
 }
 
-/// The axis of an effect's parameter: a logarithm where it is a scale, whose neutral value is not zero or whose
-/// plausible values run over decades.
+/// The axis of an effect's parameter: logarithmic for a scale, whose neutral value is not zero or whose range spans
+/// decades.
 pub(super) fn effect_axis(
     effect: &str,
     parameter: &Parameter,

@@ -1,8 +1,8 @@
-//! What was measured, axis by axis: the marble's x and y, the tilt about x and about y.
+//! The measured channels: the marble's x and y, the tilt about x and y.
 //!
-//! Each channel has a noise of its own. Residuals are kept in units of one common scale (board edges): those
-//! of a channel are multiplied by its weight, the common scale over the channel's. What the model misses
-//! counts as well as what the sensor does, so weights follow the residuals once there are some.
+//! Each channel has its own noise. Residuals are kept in units of one common scale (board edges): those of a
+//! channel are multiplied by its weight, the common scale over the channel's. Model errors count as well as
+//! sensor noise, so the weights follow the residuals as soon as there are any.
 
 use super::problem::Problem;
 use super::robust::{self, signal_noise};
@@ -13,19 +13,19 @@ pub(super) const CHANNELS: usize = 4;
 pub(super) const TILT: std::ops::Range<usize> = 2..4;
 pub(super) const MARBLE: std::ops::Range<usize> = 0..2;
 
-/// Weights that change by less than this part have settled: scales are known to some percent.
+/// Weights have converged when they change by less than this part: scales are known to a few percent.
 const SETTLED: f64 = 0.05;
 
 /// The channels of a problem, and how they count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Channels {
-    /// Whether what was measured ever changes. A channel that does not counts for nothing.
+    /// Whether the measured values ever change. A constant channel is ignored.
     pub(super) active: [bool; CHANNELS],
     /// Standard deviations of the sensors (board edges, rad), given or from the recordings' own changes.
     pub(super) noise: [f64; CHANNELS],
     /// Common units over the channel's.
     pub(super) weights: [f64; CHANNELS],
-    /// No residual counts for more than one of this scale (common units).
+    /// Lower bound of the scale of the residuals (common units).
     pub(super) floor: f64,
 }
 
@@ -44,7 +44,7 @@ impl Channels {
             .collect();
         let mut active = [false; CHANNELS];
         active[MARBLE].copy_from_slice(&robust::changes(&marble));
-        // A marble that never moves at all says that it rests.
+        // A marble that never moves still shows that it rests.
         if !active[0] && !active[1] {
             let seen = marble.iter().copied().flatten();
             active[MARBLE].fill(seen.flatten().any(|one| one.is_finite()));
@@ -91,12 +91,12 @@ impl Channels {
         self.active[TILT].contains(&true)
     }
 
-    /// How many axes of the marble count.
+    /// Number of axes of the marble in use.
     pub(super) fn marble_axes(&self) -> usize {
         self.active[MARBLE].iter().filter(|active| **active).count()
     }
 
-    /// Whether other weights are about the same.
+    /// Whether other weights are nearly the same.
     pub(super) fn is_settled(&self, other: &Self) -> bool {
         let same = |(one, other): (&f64, &f64)| (one / other).ln().abs() < SETTLED;
         self.weights.iter().zip(&other.weights).all(same)

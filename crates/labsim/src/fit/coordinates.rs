@@ -1,4 +1,4 @@
-//! The coordinates that a fit moves in: in logarithms the symmetries of the motion are straight lines.
+//! The coordinates of a fit. In logarithms the symmetries of the motion are straight lines.
 //!
 //! Two families of changes leave a recording of the five parameters as it is, the first without
 //! damping, the second until a wall is met:
@@ -8,9 +8,9 @@
 //! - `observation_scale` times r, `gear_x`, `gear_y` and `rolling_friction` divided by r.
 //!
 //! With logarithms of the gears and the two scales, and the friction relative to the gears, both are
-//! straight lines along which the friction's coordinate stands still: a fit that cannot tell their
-//! members apart slides along a straight valley, and steps of equal size are equal relative changes.
-//! Effects' parameters have logarithms where they are scales, and otherwise count in their ranges.
+//! straight lines of constant friction coordinate. Where recordings do not distinguish the members of a
+//! family, the loss has a straight valley, and steps of equal size are equal relative changes.
+//! Effects' parameters are logarithmic if they are scales, and otherwise in units of their ranges.
 
 mod bounds;
 mod shrunk;
@@ -27,19 +27,19 @@ use crate::parameters::{FRICTION, GEAR_X, GEAR_Y, SCALE, TIME};
 #[derive(Debug, Clone)]
 pub(super) struct Coordinates {
     axes: Vec<Axis>,
-    /// All values; behind those of the problem the leans of all recordings, where they are sought.
+    /// All values: those of the problem, then the leans of all recordings if they are estimated.
     held: Vec<f64>,
     /// Friction over root-mean-square gear at which its coordinate is 1.
     friction_unit: f64,
-    /// Those that are shrunk towards zero.
+    /// The groups that are shrunk towards zero.
     groups: Vec<Group>,
-    /// Where the leans begin among the axes, and how many values the problem itself has.
+    /// Index of the first lean among the axes, and number of the problem's own values.
     tail: usize,
     own: usize,
 }
 
 impl Coordinates {
-    /// The coordinates of a problem; `senses` says which side of zero is searched for each gear.
+    /// The coordinates of a problem; `senses` is the sign of each gear.
     pub(super) fn new(problem: &Problem<'_>, senses: [f64; 2]) -> Result<Self> {
         let mut held = Vec::new();
         let mut axes: Vec<Axis> = Vec::new();
@@ -94,7 +94,7 @@ impl Coordinates {
         self.tail
     }
 
-    /// The lean of a recording among all values, if it is sought.
+    /// The lean of a recording among all values, if it is estimated.
     pub(super) fn lean(&self, recording: usize) -> Option<std::ops::Range<usize>> {
         let begin = self.own + 2 * recording;
         (begin + 2 <= self.held.len()).then_some(begin..begin + 2)
@@ -160,7 +160,7 @@ impl Coordinates {
         self.axes.iter().map(|axis| axis.slot).collect()
     }
 
-    /// Coordinates of values, moved to the nearest that a fit may take.
+    /// Coordinates of values, clamped to the bounds.
     pub(super) fn to_z(&self, values: &[f64]) -> Vec<f64> {
         let clipped = |slot: usize| match self.find(slot) {
             Some(i) => {
@@ -180,7 +180,7 @@ impl Coordinates {
         self.axes.iter().map(coordinate).collect()
     }
 
-    /// All values at coordinates; none that a fit may not take.
+    /// All values at coordinates, within the bounds.
     pub(super) fn to_values(&self, z: &[f64]) -> Vec<f64> {
         let mut values = self.held.clone();
         for (axis, magnitude) in self.axes.iter().zip(self.magnitudes(z)) {
@@ -192,9 +192,9 @@ impl Coordinates {
     /// Coordinates after a step along the direction in which the slope of one of them is taken.
     ///
     /// The time scale and the observation scale move along the symmetries of the motion: differences along
-    /// single coordinates would each catch other stops and impacts, whose jumps then do not cancel along a
-    /// symmetry, where nothing happens at all. The gears move without the friction: one that nothing
-    /// shows has no slope then.
+    /// single coordinates would each see other stops and impacts, and their jumps would not cancel along a
+    /// symmetry, which changes nothing. The gears move without the friction, so that a gear without any
+    /// influence has no slope.
     pub(super) fn shifted(&self, z: &[f64], i: usize, step: f64) -> Vec<f64> {
         let mut shifted = z.to_vec();
         shifted[i] += step;
@@ -212,7 +212,7 @@ impl Coordinates {
         shifted
     }
 
-    /// What else moves along that direction, and how fast.
+    /// The other coordinates that move along that direction, and their rates.
     pub(super) fn along(&self, z: &[f64], i: usize) -> Vec<(usize, f64)> {
         match self.find(FRICTION) {
             Some(friction) if self.axes[i].slot <= GEAR_Y => {
@@ -228,7 +228,7 @@ impl Coordinates {
         }
     }
 
-    /// Which coordinates move along a symmetry with one of the scales, and with which power of it.
+    /// The coordinates that move along a symmetry with one of the scales, and their powers of it.
     fn symmetry(&self, i: usize) -> Vec<(usize, f64)> {
         let (Some(x), Some(y)) = (self.find(GEAR_X), self.find(GEAR_Y)) else {
             return Vec::new();
@@ -270,7 +270,7 @@ impl Coordinates {
         values
     }
 
-    /// A coordinate whose parameter lies at a place of its range, 0 to 1.
+    /// The coordinate of a parameter at a relative position in its range, 0 to 1.
     pub(super) fn within(&self, i: usize, place: f64) -> f64 {
         let axis = &self.axes[i];
         let value = axis.clip(axis.low + place * (axis.high - axis.low));
@@ -280,7 +280,7 @@ impl Coordinates {
         }
     }
 
-    /// How far a coordinate goes while its parameter changes by so much.
+    /// Change of a coordinate for a change of its parameter.
     pub(super) fn per_unit(&self, i: usize, change: f64) -> f64 {
         match self.axes[i].shape {
             Shape::Linear(unit) => change / unit,
@@ -288,8 +288,8 @@ impl Coordinates {
         }
     }
 
-    /// The derivatives of the free values by the coordinates, a row for each value; bounds are not
-    /// seen.
+    /// The derivatives of the free values by the coordinates, a row for each value; bounds are
+    /// ignored.
     pub(super) fn derivative(&self, z: &[f64]) -> Vec<Vec<f64>> {
         let magnitudes = self.magnitudes(z);
         let row = |i: usize| {

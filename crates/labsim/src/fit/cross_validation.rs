@@ -1,8 +1,8 @@
-//! Whether a map learned in some recordings predicts the others.
+//! Cross-validation of maps: whether a map that is fitted to some recordings predicts the others.
 //!
-//! The evidence of a map supposes that nothing else is wrong with the model. On real rigs something is, and a map
-//! of many coefficients explains that in a single run, where it is of no use in the next. So a map is let go only
-//! where it does better than none in recordings that it was not fitted to: each half predicts the other.
+//! The evidence of a map assumes that the rest of the model is right. On real rigs it is not, and a map of many
+//! coefficients absorbs other errors of a single run without predicting the next. Therefore a map is released only
+//! if it improves the prediction of recordings that it was not fitted to: each half predicts the other.
 
 use super::coordinates::Coordinates;
 use super::descent::{End, Pace, minimise};
@@ -52,7 +52,8 @@ impl Search<'_> {
         Ok(with < without)
     }
 
-    /// The stretches by turns of recordings, or of themselves where there is one recording; none of one stretch.
+    /// Two halves of the stretches, alternating by recording, or by stretch if there is one recording; none for one
+    /// stretch.
     fn halves(&self) -> Option<[Vec<Stretch>; 2]> {
         let stretches = self.problem.stretches;
         let first = stretches.first()?.recording;
@@ -72,7 +73,7 @@ impl Search<'_> {
         halves.iter().all(has_window).then_some(halves)
     }
 
-    /// Where a solution goes with its maps let go, in some of the stretches alone.
+    /// A solution refined with released maps on some of the stretches.
     fn fitted(&self, train: &Problem<'_>, mut open: Coordinates, best: &End) -> Result<Vec<f64>> {
         let windows = self.part(train);
         let mut point = self.inherited(&windows, best.point.z.clone(), best);
@@ -101,7 +102,7 @@ impl Search<'_> {
         Ok(point.z)
     }
 
-    /// What coordinates leave over in some of the stretches, where only start states are estimated.
+    /// Residuals at coordinates in some of the stretches, with only the start states estimated.
     fn left(
         &self,
         test: &Problem<'_>,

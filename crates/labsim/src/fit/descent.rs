@@ -1,8 +1,8 @@
 //! Levenberg-Marquardt for many candidates in lockstep.
 //!
-//! The ground is rough: every stop and every impact that moves by a physics update is a small jump of the
-//! loss. So steps are tried with several dampings and several start states at once, and since windows
-//! know nothing of each other, each window takes the start state that suits it best.
+//! The loss is rough: it jumps wherever a stop or an impact moves by a physics update. Therefore steps are
+//! tried with several dampings and several start states at once. Windows are independent, so each window takes
+//! its best start state.
 
 use nalgebra::{DVector, Matrix4, Vector4};
 use rand_chacha::ChaCha8Rng;
@@ -20,9 +20,9 @@ use crate::error::Result;
 const TRIALS: [f64; 3] = [0.01, 0.3, 10.0];
 const FIRST_DAMPING: f64 = 1e-2;
 const LEAST_DAMPING: f64 = 1e-9;
-/// Damping above which a candidate has nowhere left to go.
+/// Damping above which a candidate has converged.
 const STUCK: f64 = 1e3;
-/// Relative gain below which a candidate has arrived.
+/// Relative gain below which a candidate has converged.
 const ARRIVED: f64 = 1e-4;
 /// Largest change of a coordinate in one step.
 const LONGEST_STEP: f64 = 0.7;
@@ -31,23 +31,23 @@ const LONGEST_DRAW: f64 = 0.01;
 /// Candidates and start states drawn in each round of the search nearby.
 const DRAWS: usize = 12;
 const STATE_DRAWS: usize = 8;
-/// The furthest that candidates of the search nearby may lie, in coordinates.
+/// Maximum distance of candidates in the search nearby, in coordinates.
 const FURTHEST: f64 = 0.1;
 
-/// How a descent goes.
+/// Settings of a descent.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pace {
-    /// At most.
+    /// Maximum number of iterations.
     pub(super) iterations: usize,
-    /// How slopes are taken.
+    /// Method of the slopes.
     pub(super) look: Look,
-    /// How many start states are tried with each step.
+    /// Number of start states that are tried with each step.
     pub(super) variants: usize,
-    /// Whether the coordinates stay where they are, and only start states move.
+    /// Whether only the start states move.
     pub(super) held: bool,
 }
 
-/// Where a candidate ended.
+/// End point of a candidate.
 #[derive(Debug, Clone)]
 pub(super) struct End {
     pub(super) point: Point,
@@ -57,7 +57,7 @@ pub(super) struct End {
     pub(super) path: Vec<Vec<f64>>,
 }
 
-/// A candidate on its way.
+/// A candidate in progress.
 struct Walker {
     point: Point,
     residual: Vec<f64>,
@@ -112,7 +112,7 @@ pub(super) fn minimise(
     Ok(ends.collect())
 }
 
-/// One iteration of all walkers that are still under way.
+/// One iteration of all walkers in progress.
 fn walk(
     shooting: &Shooting<'_>,
     live: &mut [&mut Walker],
@@ -163,9 +163,8 @@ fn walk(
     Ok(())
 }
 
-/// Looks around a solution for a better one, where the ground is too rough for slopes to lead on: each
-/// round draws candidates from the normal distribution that the normal equations describe, and start
-/// states for each of them.
+/// Searches around a solution for a better one, where the loss is too rough for slopes: each round draws
+/// candidates from the normal distribution of the normal equations, and start states for each of them.
 pub(super) fn search_nearby(
     shooting: &Shooting<'_>,
     mut point: Point,
@@ -220,12 +219,12 @@ pub(super) fn search_nearby(
     Ok(point)
 }
 
-/// The loss of residuals at coordinates, and what it costs to leave the ranges.
+/// The loss of residuals at coordinates, and the penalty outside the ranges.
 pub(super) fn loss(shooting: &Shooting<'_>, z: &[f64], residual: &[f64], scale: f64) -> f64 {
     robust::loss(residual, scale) + outside(shooting, z)
 }
 
-/// What it costs to leave the ranges, and to be far from zero where that is shrunk.
+/// The penalty outside the ranges, and the prior of shrunk coordinates.
 fn outside(shooting: &Shooting<'_>, z: &[f64]) -> f64 {
     let coordinates = shooting.coordinates;
     let excess = coordinates.excess(z);
@@ -284,8 +283,8 @@ fn varied(
     variants
 }
 
-/// Simulates candidates from variants of their start states; each window takes the one that suits it
-/// best. Returns point, residuals and loss of each candidate.
+/// Simulates candidates from variants of their start states; each window takes its best one. Returns point,
+/// residuals and loss of each candidate.
 fn suited(
     shooting: &Shooting<'_>,
     candidates: Vec<Vec<Point>>,

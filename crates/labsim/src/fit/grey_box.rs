@@ -1,10 +1,10 @@
-//! The most probable values where the marble is also pushed at random, and the evidence for the model.
+//! Maximum a posteriori fits with random accelerations of the marble, and the evidence of the model.
 //!
-//! The likelihood is that of the filter ([`crate::filter`]), and what never repeats is a size that is estimated.
-//! Values have a prior: the mean and the variance of their plausible ranges; the coefficients of a map are drawn from one
-//! normal distribution about zero, whose spread is a size that is estimated, too (`MacKay` 1992). Fisher's scoring goes uphill in the
-//! values, the start states and the sizes of what is random together. The evidence is Laplace's approximation about
-//! the top, over values and start states, with the sizes at their best ("Bayesian interpolation", 1992).
+//! The likelihood is that of the filter ([`crate::filter`]); the sizes of its random quantities are estimated. Values
+//! have a normal prior with the mean and the variance of their plausible ranges. The coefficients of a map have a
+//! common normal prior about zero with an estimated spread (`MacKay` 1992). Fisher scoring maximises the posterior of
+//! the values, the start states and the sizes together. The evidence is Laplace's approximation at the maximum, over
+//! values and start states, with the sizes at their best ("Bayesian interpolation", 1992).
 
 use std::sync::atomic::AtomicBool;
 
@@ -28,11 +28,11 @@ const STEP: f64 = 1e-4;
 const SIZE_STEP: f64 = 1e-3;
 /// The same in start states (board edges, board edges a row).
 const STATE_STEP: f64 = 1e-5;
-/// What is known about start states beforehand, as standard deviations: places (board edges) about the first guess,
-/// and rates (board edges a row) about rest.
+/// Prior standard deviations of start states: positions (board edges) about the first guess, and rates (board edges
+/// per row) about rest.
 const STATES: [f64; 4] = [1.0, 1.0, 0.1, 0.1];
-/// The most that a coordinate, and the logarithm of a size, change in one step: a push that is needless shrinks
-/// by many powers of ten.
+/// Maximum change of a coordinate, and of the logarithm of a size, in one step: a needless size shrinks by many
+/// powers of ten.
 const FARTHEST: f64 = 0.7;
 const FARTHEST_SIZE: f64 = 2.0;
 /// An ascent ends where a step gains less [nats].
@@ -50,29 +50,29 @@ const TRIED: [(f64, f64, f64); 5] = [
 ];
 /// Fisher's information in one innovation about the logarithm of its variance.
 const SPREAD: f64 = 0.5 * TAIL / (TAIL + 3.0);
-/// What is known about the logarithm of a size beforehand: a deviation of ten, so that those without effect stay.
+/// Prior of the logarithm of a size: a standard deviation of ten, which keeps sizes without influence in place.
 const KNOWN: f64 = 0.01;
 
-/// The top that an ascent has reached.
+/// The maximum that an ascent has reached.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Probable {
     /// The five parameters, then those of the effects.
     pub values: Vec<f64>,
     /// Start states of the stretches, as of [`super::Refined`].
     pub states: Vec<Option<[f64; 4]>>,
-    /// The sizes of what is random.
+    /// The sizes of the random quantities.
     pub noise: Noise,
-    /// Of what was seen [nats].
+    /// Log-likelihood of the observations [nats].
     pub log_likelihood: f64,
-    /// Logarithm of the probability of what was seen, over all values [nats].
+    /// Log evidence: marginal likelihood of the observations over all values [nats].
     pub log_evidence: f64,
     /// Places of the free parameters among all.
     pub slots: Vec<usize>,
-    /// Their covariance, where the sizes of what is random are not known.
+    /// Their covariance, with the sizes marginalised.
     pub covariance: DMatrix<f64>,
 }
 
-/// Where an ascent is.
+/// Present point of an ascent.
 #[derive(Clone)]
 struct Place {
     z: Vec<f64>,
@@ -82,7 +82,7 @@ struct Place {
     spreads: Vec<f64>,
 }
 
-/// An ascent: its place, the posterior there, and how careful it is.
+/// An ascent: its point, the posterior there, and its damping.
 struct Ascent {
     place: Place,
     damping: f64,
@@ -90,8 +90,8 @@ struct Ascent {
 }
 
 impl Problem<'_> {
-    /// Goes uphill from values and sizes of what is random, all of them in lockstep; start states begin at those of
-    /// the stretches where they are given.
+    /// Ascends from values and sizes of the random quantities, all in lockstep; start states begin at those of the
+    /// stretches, if given.
     ///
     /// The gears of all values must have the signs of the first ones.
     ///
@@ -169,7 +169,7 @@ struct Hill<'a> {
     coordinates: &'a Coordinates,
     guesses: Vec<State>,
     prior: Prior,
-    /// Which sizes are estimated: those that are not zero everywhere.
+    /// The estimated sizes: those that are not zero everywhere.
     sizes: Vec<usize>,
 }
 
@@ -423,7 +423,7 @@ impl Hill<'_> {
         }
     }
 
-    /// Logarithm of the prior, up to what only its widths decide.
+    /// Log prior up to the terms of its widths alone.
     fn log_prior(&self, place: &Place) -> f64 {
         let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
         let of_values: f64 = place
@@ -463,7 +463,7 @@ impl Hill<'_> {
         sum
     }
 
-    /// Calls with window, row, axis, innovation and variance of everything that was seen, along axes that move.
+    /// Calls with window, row, axis, innovation and variance of each observation, along axes that change.
     fn each_innovation(&self, found: &Filtered, mut of: impl FnMut(usize, usize, usize, f64, f64)) {
         let active = &self.shooting.windows.channels.active[MARBLE];
         for (number, window) in self.shooting.windows.all.iter().enumerate() {
@@ -490,7 +490,7 @@ impl Hill<'_> {
     }
 }
 
-/// What a start state is expected to be: where the marble was seen, at rest.
+/// Prior mean of a start state: the observed position, at rest.
 fn middle(guess: &State) -> State {
     [guess[0], guess[1], 0.0, 0.0]
 }

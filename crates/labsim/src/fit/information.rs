@@ -1,9 +1,9 @@
-//! What recordings tell about the parameters, to first order around a solution.
+//! Information of recordings about the parameters, to first order around a solution.
 //!
-//! The Jacobian of all residuals, freed of what the start states can take up, tells which changes of the
-//! parameters the recordings would show (Gauss-Newton theory). It is trusted only where it holds: after
-//! an impact or a stop a small change may send the marble elsewhere, and such rows say less than their
-//! slopes pretend.
+//! The Jacobian of all residuals, with the start states eliminated, gives the changes of the parameters that
+//! the recordings would show (Gauss-Newton theory). Its rows are weighted by the accuracy of the linearisation:
+//! after an impact or a stop a small change may send the marble elsewhere, and such rows hold less information
+//! than their slopes suggest.
 
 use std::ops::Range;
 
@@ -18,17 +18,17 @@ use super::slopes::{Linearisation, Look};
 use super::windows::{State, Windows};
 use crate::error::Result;
 
-/// Draws that check the linearisation, the furthest they go (in coordinates), and the error (in scales)
-/// that is no worse yet.
+/// Draws that check the linearisation, their maximum distance (in coordinates), and the tolerated error (in
+/// scales).
 const DRAWS: usize = 24;
 const FURTHEST: f64 = 0.1;
 const WORST: f64 = 5.0;
 /// Physics updates more or less with which a row is simulated to see whether it depends on them.
 const OTHER_UPDATES: [i32; 4] = [-2, -1, 1, 2];
-/// Singular values of a window's slopes by its start state below this share of the largest are none.
+/// Singular values of a window's slopes by its start state below this share of the largest count as zero.
 const SMALLEST: f64 = 1e-9;
 
-/// What recordings tell about the free parameters.
+/// Information of recordings about the free parameters.
 ///
 /// Directions are in units of the parameters' ranges, so that 1 is from one end to the other.
 #[derive(Debug, Clone, PartialEq)]
@@ -41,12 +41,11 @@ pub struct Information {
     pub directions: Vec<Vec<f64>>,
     /// How much the weighted residuals (board edges) change along each direction.
     pub singular: Vec<f64>,
-    /// The standard deviation along each direction, infinite where nothing is known.
+    /// The standard deviation along each direction, infinite if it is undetermined.
     pub deviation: Vec<f64>,
-    /// From the solution to the linearised best fit along each direction; not a number where nothing is
-    /// known.
+    /// From the solution to the linearised best fit along each direction; NaN if it is undetermined.
     pub offset: Vec<f64>,
-    /// Residuals that count, less what was fitted; at least one.
+    /// Degrees of freedom: effective residuals minus fitted values; at least one.
     pub degrees_of_freedom: f64,
     /// Robust standard deviation of the residuals (board edges).
     pub scale: f64,
@@ -74,7 +73,7 @@ impl Information {
             .collect()
     }
 
-    /// The standard deviation of each free parameter in its own unit, infinite where nothing is known.
+    /// The standard deviation of each free parameter in its own unit, infinite if it is undetermined.
     pub fn deviations(&self) -> Vec<f64> {
         let of_parameter = |i: usize| {
             let along = |(direction, deviation): (&Vec<f64>, &f64)| match direction[i] {
@@ -107,13 +106,13 @@ struct Solved {
     deviation: Vec<f64>,
     offset: Vec<f64>,
     degrees_of_freedom: f64,
-    /// How each window's start state follows the coordinates.
+    /// Derivative of each window's start state by the coordinates.
     follow: Vec<DMatrix<f64>>,
-    /// How the leans follow the others.
+    /// Derivative of the leans by the other coordinates.
     of_leans: DMatrix<f64>,
 }
 
-/// How far each residual's slope can be believed around a point, between 0 and 1.
+/// Weight of each residual's slope around a point, between 0 and 1.
 pub(super) fn trust(
     shooting: &Shooting<'_>,
     point: &Point,
@@ -220,7 +219,7 @@ impl<'a> Linear<'a> {
         let degrees_of_freedom = (weights - windows.unknowns() as f64 - count as f64).max(1.0);
         let variance = pull.norm_squared() / degrees_of_freedom / (mean_slope * mean_slope)
             * repetition(windows, pull.as_slice());
-        // What is shrunk is known a little before anything was seen.
+        // Shrunk coordinates have a prior precision.
         if !self.shooting.coordinates.groups().is_empty() {
             let precisions = self.shooting.coordinates.known_before();
             for (i, precision) in precisions.into_iter().enumerate() {
@@ -262,10 +261,10 @@ impl<'a> Linear<'a> {
         }
     }
 
-    /// How far each residual's slope can be believed, between 0 and 1.
+    /// Weight of each residual's slope, between 0 and 1.
     ///
-    /// Parameters are drawn from what the solution leaves open; by what the linearisation is wrong there
-    /// is a noise of its own. So is the difference that a few physics updates more or less make.
+    /// Parameters are drawn from the uncertainty of the solution. The error of the linearisation there counts
+    /// as noise, and so does the difference by a few physics updates more or less.
     fn trust(&self, solved: &Solved) -> Result<Vec<f64>> {
         let mut random = ChaCha8Rng::seed_from_u64(0);
         let (mut points, mut foreseen) = (Vec::new(), Vec::new());
@@ -318,7 +317,7 @@ impl<'a> Linear<'a> {
         Ok(doubt.iter().map(|doubt| 1.0 / (1.0 + doubt)).collect())
     }
 
-    /// The change of the residuals that the linearisation foresees.
+    /// The change of the residuals by the linearisation.
     fn foreseen(&self, step: &DVector<f64>, moves: &[DVector<f64>]) -> Vec<f64> {
         let mut change = vec![0.0; self.line.residual.len()];
         for (column, step) in self.line.by_z.iter().zip(step) {
@@ -336,7 +335,7 @@ impl<'a> Linear<'a> {
         change
     }
 
-    /// Adds to the mean square error of what was foreseen, in scales; a rare large one does not decide.
+    /// Adds to the mean square error of the linearisation, in scales, bounded against rare large ones.
     fn add_doubt(
         &self,
         doubt: &mut [f64],
@@ -352,7 +351,7 @@ impl<'a> Linear<'a> {
     }
 }
 
-/// How many residuals in a row say the same: 1 for noise, more where a model is wrong.
+/// Correlation length of residuals in rows: 1 for white noise, more for a model error.
 ///
 /// One plus twice the sum of the autocorrelations, up to the first that noise alone could have: the
 /// factor by which the variance of a mean of correlated values exceeds that of independent ones.

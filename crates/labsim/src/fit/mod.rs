@@ -1,9 +1,8 @@
-//! Least squares over rollouts: which values of the parameters, the five and any effects', make the
-//! simulator do what recordings show.
+//! Least squares over rollouts: estimates the parameters, the five and those of effects, from recordings.
 //!
 //! Bounded, robust (Student-t) Levenberg-Marquardt from many start points at once, over windows of
-//! growing length whose start states are eliminated; all columns of all Jacobians of all candidates are
-//! the lanes of one batch.
+//! growing length whose start states are eliminated. All columns of all Jacobians of all candidates are
+//! simulated in one batch.
 
 mod axis;
 mod channels;
@@ -52,14 +51,14 @@ use crate::error::{Error, Result};
 /// Gauss-Newton steps for the start states, where the caller does not know them.
 const STATE_ITERATIONS: usize = 8;
 
-/// What a start point led to; values are those of all parameters, the five and then the effects'.
+/// Result of a start point; values are those of all parameters, the five and then the effects'.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimate {
-    /// Where it ended.
+    /// Its end point.
     pub values: Vec<f64>,
     /// Start states there, as those of a [`Solution`].
     pub states: Vec<Option<[f64; 4]>>,
-    /// Values on the way, the start point first; behind them the leans of all recordings where they are sought.
+    /// Values after each iteration, the start point first; after them the leans of all recordings if estimated.
     pub path: Vec<Vec<f64>>,
 }
 
@@ -68,43 +67,42 @@ pub struct Estimate {
 pub struct Solution {
     /// The five parameters, then those of the effects in order of naming.
     pub values: Vec<f64>,
-    /// Start state of each stretch: place (board edges) and rate (board edges a row); none where the
-    /// tracker saw too little.
+    /// Start state of each stretch: position (board edges) and rate (board edges per row); none if the tracker
+    /// has too few rows.
     pub states: Vec<Option<[f64; 4]>>,
-    /// Predicted minus observed for each row of each stretch (board edges); not a number where nothing
-    /// was seen.
+    /// Predicted minus observed for each row of each stretch (board edges); NaN without an observation.
     pub residuals: Vec<Vec<[f64; 2]>>,
-    /// Standard deviation of the tracker (board edges), given or estimated from the recordings alone; not a
-    /// number without a marble.
+    /// Standard deviation of the tracker (board edges), given or estimated from the recordings alone; NaN
+    /// without a marble.
     pub tracker_noise: f64,
-    /// Robust standard deviation of the residuals (board edges), freed of what was fitted; not a number without
-    /// a marble.
+    /// Robust standard deviation of the residuals (board edges), corrected for the fitted values; NaN without a
+    /// marble.
     pub noise: f64,
-    /// The same along x and along y; not a number along an axis that never changes.
+    /// The same along x and along y; NaN along an axis that never changes.
     pub axis_noise: [f64; 2],
-    /// What the fit leaves of the tilt, where a recording has any.
+    /// Residuals of the tilt, if a recording has any.
     pub tilt: Option<TiltLeft>,
     /// Negative log-likelihood of the residuals up to a constant, at a scale of `tracker_noise`, those of the
     /// tilt at the scale of its sensor.
     pub loss: f64,
-    /// What the recordings tell about the values.
+    /// Information of the recordings about the values.
     pub information: Information,
-    /// What became of the leans of runs and of the maps of slopes.
+    /// Sizes and coefficients of the leans of runs and of the maps of slopes.
     pub shrunk: Vec<Shrunk>,
-    /// What every start point led to, the best first.
+    /// Results of all start points, the best first.
     pub estimates: Vec<Estimate>,
-    /// Windows simulated, all start points together.
+    /// Number of simulated windows, for all start points together.
     pub rollouts: usize,
 }
 
-/// What a fit leaves of the tilt, about x and about y; not a number about an axis that never changes.
+/// Residuals of the tilt, about x and about y; NaN about an axis that never changes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TiltLeft {
-    /// Predicted minus measured for each row of each stretch (rad); not a number where nothing was measured.
+    /// Predicted minus measured for each row of each stretch (rad); NaN without a measurement.
     pub residuals: Vec<Vec<[f64; 2]>>,
     /// Standard deviation of the sensor (rad), given or estimated from its changes.
     pub noise: [f64; 2],
-    /// Robust standard deviation of the residuals (rad), freed of what was fitted.
+    /// Robust standard deviation of the residuals (rad), corrected for the fitted values.
     pub scale: [f64; 2],
 }
 
@@ -122,9 +120,8 @@ impl Problem<'_> {
         self.fit_from(&[], settings, progress, cancel)
     }
 
-    /// Fits the free parameters, beginning at values that the caller has reason to try, each those of all
-    /// parameters; the gears of all must have the signs of the first ones. Without any, the best ones of a
-    /// draw are taken.
+    /// Fits the free parameters from given start points, each with values of all parameters; the gears of all
+    /// must have the signs of the first ones. Without start points, the best ones of a draw are used.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -198,9 +195,8 @@ impl Problem<'_> {
         })
     }
 
-    /// What the recordings tell about the free parameters around any values, wherever they come from;
-    /// start states are estimated where they are not given, and residuals count with their own scale where
-    /// `noise` is smaller.
+    /// Information of the recordings about the free parameters around any values. Start states are estimated
+    /// if they are not given. Residuals count with their own scale if `noise` is smaller.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -257,7 +253,7 @@ impl Problem<'_> {
     }
 
     /// Mean absolute error at each of some values, from given start states: of the marble (board edges), or of
-    /// the tilt (rad) where no marble was seen.
+    /// the tilt (rad) without a marble.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -342,12 +338,12 @@ impl Problem<'_> {
         found
     }
 
-    /// Those of the marble (board edges) in each stretch.
+    /// Residuals of the marble (board edges) in each stretch.
     fn residuals(&self, windows: &Windows, residual: &[f64]) -> Vec<Vec<[f64; 2]>> {
         self.residuals_of(windows, residual, MARBLE)
     }
 
-    /// Those of the tilt (rad) in each stretch; nothing where no recording has any.
+    /// Residuals of the tilt (rad) in each stretch; empty if no recording has any.
     fn tilt_residuals(&self, windows: &Windows, residual: &[f64]) -> Vec<Vec<[f64; 2]>> {
         if !windows.channels.has_tilt() {
             return Vec::new();

@@ -2,8 +2,8 @@
 //!
 //! A start state touches only its own window's residuals, so the equations have an arrow's shape: small
 //! diagonal blocks for the states, one dense border for the coordinates. Eliminating the blocks leaves a
-//! system of the coordinates alone (Triggs et al. 2000, "Bundle adjustment", sect. 6), whatever the
-//! number of windows.
+//! system of the coordinates alone for any number of windows (Triggs et al. 2000, "Bundle adjustment",
+//! sect. 6).
 
 use nalgebra::{DMatrix, DVector, Dyn, Matrix4, OMatrix, SymmetricEigen, U4, Vector4};
 
@@ -12,9 +12,9 @@ use super::robust;
 use super::slopes::Linearisation;
 use super::windows::Windows;
 
-/// Relative ridge that keeps the spread of what nothing determines finite.
+/// Relative ridge that keeps the spread of undetermined directions finite.
 const RIDGE: f64 = 1e-6;
-/// Below every damping: keeps blocks of what nothing determines invertible.
+/// Minimum damping: keeps blocks of undetermined start states invertible.
 const FLOOR: f64 = 1e-9;
 
 type Border = OMatrix<f64, U4, Dyn>;
@@ -27,7 +27,7 @@ pub(super) struct Normal {
     states: Vec<Block>,
 }
 
-/// A window's share: block and gradient of its start state, and what ties it to the coordinates.
+/// A window's contribution: block and gradient of its start state, and its coupling to the coordinates.
 struct Block {
     ss: Matrix4<f64>,
     s: Vector4<f64>,
@@ -42,8 +42,8 @@ struct Eliminated {
 }
 
 impl Normal {
-    /// The equations at a linearisation, with robust weights at `scale`, the excess over the ranges, and what
-    /// is shrunk.
+    /// The equations at a linearisation, with robust weights at `scale`, the penalty outside the ranges and
+    /// the priors of shrunk coordinates.
     pub(super) fn new(
         line: &Linearisation,
         windows: &Windows,
@@ -72,7 +72,7 @@ impl Normal {
         normal
     }
 
-    /// Matrix and gradient of the residuals alone, each as far as its slopes are trusted, their start states
+    /// Matrix and gradient of the residuals alone, each weighted by the trust in its slopes, with the start states
     /// eliminated.
     pub(super) fn likelihood(
         line: &Linearisation,
@@ -146,7 +146,7 @@ impl Normal {
         normal
     }
 
-    /// Which coordinates may move, being inside their bounds or drawn inwards.
+    /// The coordinates that may move: inside their bounds, or with a step inwards.
     pub(super) fn free(&self, bounds: &[(f64, f64)], z: &[f64]) -> Vec<bool> {
         let gradient = self.eliminated(0.0).gradient;
         let may = |i: usize| {

@@ -1,4 +1,4 @@
-//! What becomes of the best candidate: its family, its surroundings, a whole number of physics updates.
+//! Refinement of the best candidate: its family, its neighbourhood, a whole number of physics updates.
 
 use rand_chacha::ChaCha8Rng;
 
@@ -62,7 +62,7 @@ impl Search<'_> {
         self.refined(coordinates, members, FAMILY_ITERATIONS)
     }
 
-    /// Looks around a candidate for a better one, and refines that.
+    /// Searches around a candidate for a better one, and refines that.
     pub(super) fn settled(
         &self,
         coordinates: &Coordinates,
@@ -85,8 +85,8 @@ impl Search<'_> {
             .remove(0))
     }
 
-    /// Moves to a whole number of physics updates, if the recordings have nothing against it: there a
-    /// model does the same whether it rounds the time scale, as in the paper, or not.
+    /// Moves to a whole number of physics updates if the likelihood allows it. There a model is the same whether
+    /// the time scale is rounded, as in the paper, or not.
     pub(super) fn rounded(&self, coordinates: &Coordinates, candidate: End) -> Result<End> {
         let time_scale = coordinates.to_values(&candidate.point.z)[TIME]
             .round()

@@ -1,15 +1,15 @@
-//! What is known about values before anything was seen: plausible ranges, and maps whose spread is estimated.
+//! Priors of the values: plausible ranges, and maps with an estimated spread.
 
 use super::coordinates::Coordinates;
 use super::scoring::Slope;
 
-/// The spread of a map's coefficients changes by no more than this factor in a step.
+/// Maximum factor by which the spread of a map's coefficients changes in a step.
 const FARTHEST: f64 = 3.0;
-/// It is no smaller than this share of what their range allows.
+/// Its lower bound, as a share of the largest spread.
 const SMALLEST: f64 = 1e-3;
-/// It has settled where it changes by less than this share.
+/// It has converged when it changes by less than this share.
 const SETTLED: f64 = 0.05;
-/// The fewest coefficients that a posterior is said to know: none would make the spread infinite.
+/// Lower bound of the number of determined coefficients: zero would make the spread infinite.
 const KNOWN: f64 = 1e-3;
 
 /// Normal distributions of coordinates.
@@ -44,8 +44,8 @@ impl Prior {
         prior
     }
 
-    /// Estimates the spreads of maps anew, where the posterior about coordinates is normal, and takes them into what
-    /// is known there; whether they have settled.
+    /// Updates the spreads of maps from a normal posterior about coordinates, and the posterior with them; returns
+    /// whether they have converged.
     ///
     /// The fixed point is the spread of the highest evidence (`MacKay`, "Bayesian interpolation", 1992, eq. 4.7).
     pub(super) fn respread(&self, z: &[f64], spreads: &mut [f64], slope: &mut Slope) -> bool {

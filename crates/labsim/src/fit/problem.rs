@@ -1,4 +1,4 @@
-//! What is fitted to what.
+//! The problem of a fit: model, free parameters, recordings.
 
 use crate::board::Rig;
 use crate::effects::{EffectSpec, Hook, Memory, Parameter};
@@ -6,16 +6,16 @@ use crate::engine::{Engine, Hold};
 use crate::error::{Error, Result};
 use crate::parameters::{GEAR_Y, NAMES, Parameters, TIME};
 
-/// A parameter of the model: known, or to be found.
+/// A parameter of the model: held or free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ParameterSpec {
-    /// It has this value.
+    /// Held at this value.
     Held(f64),
-    /// It is looked for.
+    /// Free.
     Free {
-        /// The plausible values, low and high; a fit may leave them by up to three times.
+        /// The plausible values, low and high; a fit may leave them by up to a factor of three.
         range: (f64, f64),
-        /// Where to look first; without it anywhere in the range.
+        /// The first start value; without it any value of the range.
         start: Option<f64>,
     },
 }
@@ -23,15 +23,15 @@ pub enum ParameterSpec {
 /// An effect whose parameters take part in a fit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hypothesis {
-    /// Which one.
+    /// The effect.
     pub effect: &'static EffectSpec,
     /// In the order of [`EffectSpec::parameters`].
     pub values: Vec<ParameterSpec>,
 }
 
 impl Hypothesis {
-    /// All parameters of an effect looked for over its plausible ranges; choices as they usually are, and
-    /// optional ones neutral.
+    /// An effect with all parameters free over their plausible ranges; switches at their usual values, and
+    /// optional parameters neutral.
     pub fn free(effect: &'static EffectSpec) -> Self {
         let free = |one: &Parameter| {
             if one.is_choice() || one.optional {
@@ -49,70 +49,68 @@ impl Hypothesis {
     }
 }
 
-/// What was commanded and what was seen.
+/// A recording: commands and observations.
 #[derive(Debug, Clone, Copy)]
 pub struct Recording<'a> {
     /// Knob angles (rad), a pair a row; command i holds from row i to row i + 1.
     pub commands: &'a [[f64; 2]],
     /// Knob angles before row 0 (rad).
     pub knobs_before: [f64; 2],
-    /// Seconds that each command holds, where they are known.
+    /// Duration of each command (s), if known.
     pub durations: Option<&'a [f64]>,
-    /// Positions (board edges); not a number in rows where the tracker lost the marble, in all of them where
-    /// there was none.
+    /// Positions (board edges); NaN in rows where the tracker lost the marble, in all rows without a marble.
     pub observed: &'a [[f64; 2]],
-    /// The board's angles about x and y (rad) as a sensor reports them, where they were measured; not a number
-    /// in rows without.
+    /// Measured angles of the board about x and y (rad), if any; NaN in rows without.
     pub tilt: Option<&'a [[f64; 2]]>,
-    /// How far the marble has rolled up to each row (board edges), where that is known; nothing else.
+    /// Path length up to each row (board edges), if known.
     pub way: Option<&'a [f64]>,
-    /// Where it rolled, a place a row without noise (board edges), where that is known; else it never turned.
+    /// Smoothed path, one position per row (board edges), if known; without it the marble's orientation is constant.
     pub path: Option<&'a [[f64; 2]]>,
 }
 
 /// Rows of a recording that are predicted from one start state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stretch {
-    /// Which recording.
+    /// Index of the recording.
     pub recording: usize,
-    /// Where it begins.
+    /// First row.
     pub first: usize,
-    /// How many rows it has.
+    /// Number of rows.
     pub rows: usize,
-    /// Whether the marble rests until its first row.
+    /// Whether the marble is at rest in the first row.
     pub at_rest: bool,
 }
 
-/// What is to be found, and the recordings that tell.
+/// Free parameters, effects and the recordings to fit.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {
     /// Board and marble.
     pub rig: &'a Rig,
     /// The five parameters.
     pub parameters: [ParameterSpec; 5],
-    /// What they leave out.
+    /// The effects.
     pub effects: &'a [Hypothesis],
-    /// All with durations, or none; with them the time scale must be held.
+    /// The recordings: all with durations or none; with durations the time scale must be held.
     pub recordings: &'a [Recording<'a>],
-    /// What is predicted.
+    /// The predicted stretches.
     pub stretches: &'a [Stretch],
-    /// Standard deviation of the tracker (board edges), if it is known: no residual counts for more.
+    /// Standard deviation of the tracker (board edges), if known: lower bound of the residuals' scale.
     pub noise: Option<f64>,
-    /// Standard deviation of the tilt sensor (rad), if it is known.
+    /// Standard deviation of the tilt sensor (rad), if known.
     pub tilt_noise: Option<f64>,
-    /// What simulates.
+    /// The engine.
     pub engine: Engine,
-    /// What a command does from its row to the next.
+    /// How a command continues from its row to the next.
     pub hold: Hold,
-    /// How many threads simulate; the result does not depend on it. One for each core by default.
+    /// Number of threads, by default one for each core; the result does not depend on it.
     pub threads: Option<usize>,
 }
 
-/// The effect whose first two parameters are another pair in each recording, and whose third is their size.
+/// The effect whose first two parameters differ between recordings; its third is their size.
 pub(super) const LEAN: &str = "lean";
 
 impl Problem<'_> {
-    /// The slots of the lean, if it is sought: it is shrunk, a pair for each recording.
+    /// The slots of the lean, if it is estimated: a shrunk pair for each recording.
     pub(super) fn lean(&self) -> Option<std::ops::Range<usize>> {
         let effects = self.effects.iter().zip(self.slots_of_effects());
         let is_sought = |one: &Hypothesis| {
@@ -145,7 +143,7 @@ impl Problem<'_> {
         self.effects.iter().map(slots).collect()
     }
 
-    /// The name of the effect and what the catalogue says of the parameter in a slot; none for the five.
+    /// The effect's name and the catalogue's parameter of a slot; none for the five.
     pub(super) fn effect_parameter(
         &self,
         slot: usize,
@@ -174,14 +172,14 @@ impl Problem<'_> {
         commands.map(|knobs| knobs[axis].abs()).fold(0.0, f64::max)
     }
 
-    /// Whether recordings tell how long their rows last.
+    /// Whether recordings have durations of rows.
     pub(super) fn is_stamped(&self) -> bool {
         self.recordings
             .first()
             .is_some_and(|one| one.durations.is_some())
     }
 
-    /// Whether what happened before a window matters to it beyond the marble's state, its way and its turning.
+    /// Whether a window depends on earlier rows beyond the marble's state, path length and orientation.
     pub(super) fn remembers(&self) -> bool {
         let has_memory = |acts: Hook| {
             matches!(
@@ -196,7 +194,7 @@ impl Problem<'_> {
         self.effects.iter().any(|one| has_memory(one.effect.acts))
     }
 
-    /// Whether it matters how the marble is turned when it is let go.
+    /// Whether an effect depends on the marble's orientation.
     pub(super) fn turns(&self) -> bool {
         self.effects.iter().any(|one| one.effect.turns())
     }
@@ -227,7 +225,7 @@ impl Problem<'_> {
         Some(&tilt[stretch.first..stretch.first + stretch.rows])
     }
 
-    /// Refuses what cannot be fitted.
+    /// Refuses problems that cannot be fitted.
     pub(super) fn check(&self) -> Result<()> {
         self.rig.check()?;
         for (name, noise) in [("noise", self.noise), ("tilt_noise", self.tilt_noise)] {
@@ -346,7 +344,7 @@ impl Problem<'_> {
                 }
                 if slot <= GEAR_Y && low == 0.0 && high == 0.0 {
                     let what = format!("range of {}", NAMES[slot]);
-                    return Err(Error::invalid(what, "something to search", "0 to 0"));
+                    return Err(Error::invalid(what, "a range of nonzero width", "0 to 0"));
                 }
                 match start {
                     Some(start) if !start.is_finite() => Err(Error::invalid(

@@ -1,14 +1,14 @@
-//! The sizes of what is random as an ascent changes them.
+//! The sizes of the random quantities in an ascent.
 
 use crate::noise::Noise;
 
-/// The smallest and the largest sizes: of the white and the lasting error (board edges), how long that lasts (s),
-/// the push (m²/s³), the push that lasts (m/s²), how long (s), the restitution, the jitter (s), and the departure from
-/// walls (s). Zero stays.
+/// Bounds of the sizes: white error and correlated error (board edges), its correlation time (s), white acceleration
+/// (m²/s³), correlated acceleration (m/s²), its correlation time (s), restitution, delay jitter (s), and departure
+/// from walls (s). Zero stays zero.
 const SMALLEST: [f64; SIZES] = [1e-6, 1e-6, 0.01, 1e-10, 1e-5, 0.03, 1e-3, 1e-5, 1e-4];
 /// A restitution that is anywhere from 0 to 1 has a deviation of 0.3.
 const LARGEST: [f64; SIZES] = [0.1, 0.1, 5.0, 10.0, 10.0, 5.0, 0.3, 1.0, 1.0];
-/// How many sizes are estimated: all but the start velocity, the last of a [`Noise`].
+/// Number of estimated sizes: all but the start velocity, the last of a [`Noise`].
 pub(super) const SIZES: usize = 9;
 
 /// The sizes that are estimated.
@@ -17,7 +17,7 @@ pub(super) fn sizes(noise: &Noise) -> [f64; SIZES] {
     std::array::from_fn(|i| all[i])
 }
 
-/// Noise of other sizes, each within its bounds; zero stays.
+/// Noise of other sizes, each within its bounds; zero stays zero.
 pub(super) fn with_sizes(noise: &Noise, sizes: [f64; SIZES]) -> Noise {
     let within = |i: usize| match sizes[i] {
         0.0 => 0.0,

@@ -1,5 +1,4 @@
-//! From values that are about right to the bottom of the valley they lie in, and what values as they are
-//! leave over: fits without a search, for those who know where to look.
+//! Fits without a search: local refinement of values that are nearly right, and residuals of given values.
 
 use std::sync::atomic::AtomicBool;
 
@@ -16,31 +15,30 @@ use crate::error::Result;
 use crate::filter::Smoothed;
 use crate::noise::Noise;
 
-/// Start states tried with each step.
+/// Number of start states that are tried with each step.
 const VARIANTS: usize = 4;
-/// First rows by which start states are found before whole stretches refine them, and steps for each.
+/// Numbers of first rows from which start states are estimated before whole stretches, and steps for each.
 const HEADS: [usize; 2] = [12, 36];
 const HEAD_ITERATIONS: usize = 4;
 /// Steps of start states alone over whole stretches, for descents that begin with those.
 const HELD_ITERATIONS: usize = 6;
 
-/// Where values have led.
+/// Result of a refinement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Refined {
     /// The five parameters, then those of the effects.
     pub values: Vec<f64>,
     /// Start states, as those of a [`super::Solution`].
     pub states: Vec<Option<[f64; 4]>>,
-    /// Predicted minus observed for each row of each stretch (board edges); not a number where nothing
-    /// was seen.
+    /// Predicted minus observed for each row of each stretch (board edges); NaN without an observation.
     pub residuals: Vec<Vec<[f64; 2]>>,
-    /// The same of the tilt (rad); nothing where no recording has any.
+    /// The same for the tilt (rad); empty if no recording has any.
     pub tilt_residuals: Vec<Vec<[f64; 2]>>,
 }
 
 impl Problem<'_> {
-    /// Refines values over whole stretches, all of them in lockstep; where `held`, parameters stay as they
-    /// are and only start states are estimated.
+    /// Refines values over whole stretches, all of them in lockstep; with `held`, only start states are
+    /// estimated.
     ///
     /// The gears of all values must have the signs of the first ones.
     ///
@@ -78,8 +76,8 @@ impl Problem<'_> {
             minimise(&shooting, starts, whole.channels.floor, pace, &|_| ())
         };
         if !held {
-            // Start states that are off lead parameters astray, and fitted ones may hold them where they are:
-            // the better of two descents is taken.
+            // Wrong start states mislead the parameters, and fitted ones may hold them at the start point: the
+            // better of two descents is used.
             let settled = minimised(&coordinates, &starts, HELD_ITERATIONS, true)?;
             starts.extend(settled.into_iter().map(|end| end.point));
         }
@@ -114,8 +112,8 @@ impl Problem<'_> {
 
     /// Predicts each row of whole stretches from all rows before, at values and with noise, one for each of them.
     ///
-    /// The marble starts in the states of the stretches that are given for each of the values, else where it is first
-    /// seen, at rest on average. The gears of all values must have the signs of the first ones.
+    /// The marble starts in the given states of the stretches for each of the values, else at the first observed
+    /// position, at rest on average. The gears of all values must have the signs of the first ones.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -148,7 +146,7 @@ impl Problem<'_> {
         shooting.filter(&trials.iter().collect::<Vec<_>>(), &noise)
     }
 
-    /// What all rows of each stretch say of the random push in every row, at values that start in given states.
+    /// Smoothed random acceleration in each row, given all rows of its stretch, at values with given start states.
     ///
     /// # Errors
     /// As [`Problem::fit`].
@@ -172,7 +170,7 @@ impl Problem<'_> {
         shooting.smooth(&trial, noise)
     }
 
-    /// Where a filter starts: where the marble was first seen, at rest.
+    /// Start state of a filter: the first observed position, at rest.
     pub(super) fn filter_states(&self, whole: &Windows) -> Vec<State> {
         let start = |window: &Window| {
             let seen = self.recordings[window.recording].observed[window.first];
@@ -186,7 +184,7 @@ impl Problem<'_> {
         whole.all.iter().map(start).collect()
     }
 
-    /// The channels weighted by what the best of some points leaves over.
+    /// The channels weighted by the residuals of the best of some points.
     fn weighted(
         &self,
         coordinates: &Coordinates,
@@ -201,8 +199,8 @@ impl Problem<'_> {
         Ok(best.map_or(whole.channels, |best| whole.reweighted(best)))
     }
 
-    /// Points with the start states that the first rows tell, then some more: a guess that is a little off
-    /// ends at the rim in a stretch that never meets it, and no slope leads away from there.
+    /// Points with start states from the first rows, then from more rows: a slightly wrong guess may end at the
+    /// rim in a stretch that never meets it, where no slope leads away.
     pub(super) fn begun(
         &self,
         coordinates: &Coordinates,
@@ -225,7 +223,7 @@ impl Problem<'_> {
             held: true,
         };
         let first = HEADS.into_iter().filter(|rows| *rows < whole.rows);
-        // Where no stretch is longer than first rows are, it stands for them.
+        // If no stretch is longer than the first rows, whole stretches replace them.
         let own = (whole.rows <= HEADS[0]).then_some(whole.rows);
         for rows in first.chain(own) {
             let heads = Windows::heads(self, &whole.channels, rows);
@@ -244,7 +242,7 @@ impl Problem<'_> {
     }
 }
 
-/// Whether one end of a descent lies deeper than another.
+/// Whether one end point of a descent has a lower loss than another.
 fn is_better(shooting: &Shooting<'_>, one: &End, other: &End) -> bool {
     let scale = |end: &End| robust::scale(&end.residual, &shooting.windows.known);
     let floor = shooting.windows.channels.floor;

@@ -1,17 +1,17 @@
-//! Scales and weights that a few wild rows cannot move.
+//! Robust scales and weights.
 
 /// Standard deviation of a normal variable over its median absolute deviation.
 const MAD_TO_SD: f64 = 1.4826;
-/// No camera sees better than this (board edges); keeps scales positive on simulated data without
-/// noise.
+/// Smallest noise of a camera (board edges); keeps scales positive on simulated data without noise.
 pub(super) const FINEST: f64 = 1e-6;
-/// Degrees of freedom of the Student-t likelihood: rows beyond about three scales lose their say.
+/// Degrees of freedom of the Student-t likelihood: rows beyond about three scales lose their
+/// weight.
 const TAIL: f64 = 4.0;
 
-/// Rows on either side of five between which the marble's way is taken: they have noise of their own.
+/// Rows on either side of five between which the marble's displacement is measured, so that its noise is independent.
 const BESIDE: usize = 3;
-/// Differences while the marble moves that say more than all, over those of all, and how many it takes.
-/// Of noise without pixels the ratio is 0.9 to 1.15.
+/// Ratio of the moving rows' noise to that of all rows above which the moving rows are used, and the minimum number
+/// of such rows. Without pixel quantisation the ratio is 0.9 to 1.15.
 const STUCK: f64 = 1.2;
 const ENOUGH: usize = 200;
 
@@ -36,7 +36,7 @@ pub(super) fn weight(residual: f64, scale: f64) -> f64 {
     (TAIL + 1.0) / (TAIL * scale * scale + residual * residual)
 }
 
-/// How much a residual pulls, and the slope of that; near zero both are those of least squares.
+/// Influence of a residual and its derivative; near zero both are those of least squares.
 pub(super) fn influence(residual: f64, scale: f64) -> (f64, f64) {
     let ratio = (residual / scale).powi(2) / TAIL;
     (
@@ -45,18 +45,18 @@ pub(super) fn influence(residual: f64, scale: f64) -> (f64, f64) {
     )
 }
 
-/// The robust standard deviation of residuals, where known.
+/// The robust standard deviation of the known residuals.
 pub(super) fn scale(residuals: &[f64], known: &[bool]) -> f64 {
     let seen = residuals.iter().zip(known).filter(|(_, known)| **known);
     (MAD_TO_SD * median(seen.map(|(residual, _)| residual.abs()).collect())).max(FINEST)
 }
 
-/// The standard deviation of a tracker (board edges), from recordings alone; an axis whose values are all the
-/// same tells nothing of it.
+/// The standard deviation of a tracker (board edges), from recordings alone. Axes with constant values are
+/// ignored.
 ///
-/// Motion is smooth from row to row, so that of fourth differences mostly noise is left: their standard
-/// deviation is √70 times the tracker's. A tracker that reads pixels errs alike for as long as the marble
-/// stays within one, though: where rows in which it moves differ by much more than the others, they tell.
+/// Motion is smooth from row to row, so fourth differences are mostly noise; their standard deviation is √70
+/// times the tracker's. A tracker that reads whole pixels repeats its error while the marble stays within one.
+/// If the differences of moving rows are much larger than those of all rows, only the moving rows are used.
 pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -> f64 {
     let recordings: Vec<&[[f64; 2]]> = recordings.into_iter().collect();
     let changes = changes(&recordings);
@@ -72,7 +72,7 @@ pub fn tracker_noise<'a>(recordings: impl IntoIterator<Item = &'a [[f64; 2]]>) -
 
 /// The standard deviation of the sensor of one signal (in the signal's unit), from its changes alone.
 ///
-/// A signal that is held over rows is taken at its changes; no sensor is finer than the steps that it reads.
+/// A signal that is held over rows is sampled at its changes. The noise is at least that of its quantisation steps.
 pub(super) fn signal_noise(series: &[Vec<f64>]) -> f64 {
     let step = series
         .iter()

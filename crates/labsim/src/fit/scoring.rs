@@ -1,11 +1,11 @@
-//! What an ascent knows about a place: slope and curvature, with the start states apart.
+//! Fisher scoring of an ascent: slope and curvature, with separate blocks for the start states.
 
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
 use super::windows::State;
 
-/// What is known about a place: the log-likelihood, the curvature and the slope of the log-posterior, in values and
-/// in logarithms of sizes, and in the start state of each window.
+/// Log-likelihood at a point, and curvature and slope of the log-posterior in values, in logarithms of sizes and in
+/// the start state of each window.
 pub(super) struct Slope {
     pub(super) log_likelihood: f64,
     pub(super) curvature: DMatrix<f64>,
@@ -13,7 +13,7 @@ pub(super) struct Slope {
     pub(super) starts: Vec<Start>,
 }
 
-/// The part of a start state, which nothing else has to do with but what is common to all windows.
+/// The block of a start state, which is coupled only to the values and sizes common to all windows.
 #[derive(Clone)]
 pub(super) struct Start {
     pub(super) curvature: Matrix4<f64>,
@@ -28,7 +28,7 @@ pub(super) struct Step {
 }
 
 impl Slope {
-    /// Curvature and slope in what is common, with start states at their best; and the inverse curvatures of those.
+    /// Curvature and slope in values and sizes with the start states eliminated, and the inverse curvatures of those.
     pub(super) fn without_starts(
         &self,
         damping: f64,

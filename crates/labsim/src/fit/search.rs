@@ -1,4 +1,4 @@
-//! What a search simulates: candidates, their residuals and losses, and what they cost.
+//! The simulations of a search: candidates, their residuals and losses, and the number of windows.
 
 use std::cell::Cell;
 use std::sync::atomic::AtomicBool;
@@ -18,22 +18,22 @@ use crate::error::{Error, Result};
 
 /// Rows of the windows, stage after stage, and iterations spent on each; whole stretches come last.
 const HORIZONS: [(usize, usize); 2] = [(24, 7), (60, 6)];
-/// Start states tried with each step.
+/// Number of start states that are tried with each step.
 pub(super) const VARIANTS: usize = 4;
-/// Physics updates on the way to whole stretches are this many times longer than the engine's.
+/// Length of physics updates in the stages before whole stretches, relative to the engine's.
 pub(super) const COARSENESS: f64 = 5.0;
 
-/// The recordings of one fit, and what the search has cost so far.
+/// The recordings of one fit, and the number of windows simulated so far.
 pub(super) struct Search<'a> {
     pub(super) problem: &'a Problem<'a>,
     pub(super) cancel: &'a AtomicBool,
     pub(super) progress: Progress<'a>,
-    /// All stretches uncut, and how the channels count.
+    /// All stretches uncut, and the channels' weights.
     pub(super) whole: Windows,
     pub(super) horizons: Vec<(usize, usize)>,
     rollouts: Cell<usize>,
     pub(super) done: Cell<usize>,
-    /// Iterations there are at most.
+    /// Maximum number of iterations.
     pub(super) total: Cell<usize>,
 }
 
@@ -47,7 +47,7 @@ impl<'a> Search<'a> {
         let whole = Windows::cut(problem, &Channels::of(problem), longest.unwrap_or(1));
         if whole.all.is_empty() {
             let expected =
-                "a stretch with at least three rows in which the marble was seen, or tilt measured";
+                "a stretch with at least three rows of tracked positions or measured tilt";
             return Err(Error::invalid("recordings", expected, "none"));
         }
         let fits = |stage: &(usize, usize)| 3 * stage.0 <= 2 * whole.rows;
@@ -63,7 +63,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// How many windows were simulated so far.
+    /// Number of windows simulated so far.
     pub(super) fn rollouts(&self) -> usize {
         self.rollouts.get()
     }
@@ -84,7 +84,7 @@ impl<'a> Search<'a> {
         self.minimised(coordinates, &self.whole, candidates, pace, 1.0)
     }
 
-    /// What the recordings say of the sizes of what is shrunk.
+    /// Evidence of the sizes of shrunk groups.
     pub(super) fn evidence(
         &self,
         coordinates: &Coordinates,
@@ -132,7 +132,7 @@ impl<'a> Search<'a> {
         Shooting::new(self.problem, coordinates, windows, coarseness, self.cancel)
     }
 
-    /// Runs what simulates, and adds up what it cost.
+    /// Runs simulations and counts their windows.
     pub(super) fn counted<T>(
         &self,
         shooting: &Shooting<'_>,

@@ -1,17 +1,17 @@
-//! How thoroughly a fit searches, and where it reports its progress.
+//! Settings of a fit's search and its progress callback.
 
-/// Called with how many iterations are done, how many there will be, and the rows of a window.
+/// Called with the number of iterations done, their total, and the rows of a window.
 pub type Progress<'a> = &'a dyn Fn(usize, usize, usize);
 
-/// How thoroughly a fit searches.
+/// Settings of a fit's search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
-    /// Start points that are refined.
+    /// Number of start points that are refined.
     pub starts: usize,
-    /// Of the draw of start points; the same seed gives the same bits for any number of threads.
+    /// Seed of the start points; the same seed gives the same bits for any number of threads.
     pub seed: u64,
-    /// How often the best one's surroundings are searched for a better one, at most: where the ground is
-    /// rough, slopes end a little above the bottom. None for a quick look.
+    /// Maximum number of random searches around the best point: on a rough loss, slopes end slightly above the
+    /// minimum. Zero for a quick fit.
     pub rounds: usize,
 }
 

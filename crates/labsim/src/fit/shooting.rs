@@ -27,30 +27,30 @@ pub(super) struct Point {
     pub(super) states: Vec<State>,
 }
 
-/// What predicts windows.
+/// The predictor of windows.
 pub(super) struct Shooting<'a> {
     pub(super) problem: &'a Problem<'a>,
     pub(super) coordinates: &'a Coordinates,
     pub(super) windows: &'a Windows,
     cancel: &'a AtomicBool,
-    /// Physics updates this many times longer than the engine's own: for the way to a solution. Stamped
-    /// recordings are simulated with the engine's own all the same.
+    /// Length of physics updates relative to the engine's own, for the stages before a solution. Stamped
+    /// recordings always use the engine's own.
     coarseness: f64,
     rollouts: Cell<usize>,
 }
 
-/// What a filter says of each stretch at some values.
+/// Output of the filter for each stretch at some values.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Filtered {
-    /// Positions as predicted from all rows before (board edges); empty where the tracker saw too little.
+    /// Positions as predicted from all rows before (board edges); empty if the tracker has too few rows.
     pub predicted: Vec<Vec<[f64; 2]>>,
-    /// Variances about them (board edges squared); not a number in first rows.
+    /// Variances about them (board edges squared); NaN in first rows.
     pub variance: Vec<Vec<[f64; 2]>>,
-    /// Log-likelihoods of what was seen along each axis.
+    /// Log-likelihoods of the observations along each axis.
     pub log_likelihood: Vec<[f64; 2]>,
 }
 
-/// A point, and how many physics updates a row has.
+/// A point, and the number of physics updates per row.
 pub(super) struct Trial {
     pub(super) values: Vec<f64>,
     pub(super) states: Vec<State>,
@@ -75,7 +75,7 @@ impl<'a> Shooting<'a> {
         }
     }
 
-    /// How many windows were simulated so far.
+    /// Number of windows simulated so far.
     pub(super) fn rollouts(&self) -> usize {
         self.rollouts.get()
     }
@@ -116,7 +116,7 @@ impl<'a> Shooting<'a> {
         }
     }
 
-    /// A start state between the walls, and at rest where the recording says so.
+    /// A start state between the walls, and at rest if the recording is.
     pub(super) fn within(&self, values: &[f64], window: &Window, mut state: State) -> State {
         if !self.problem.bends_pictures() {
             let reach = self.problem.rig.reach_m();
@@ -170,7 +170,7 @@ impl<'a> Shooting<'a> {
         Ok(residuals)
     }
 
-    /// Residuals of some places, whose first channel is given, from what was predicted there.
+    /// Residuals from predictions, with the first channel given.
     fn compare(
         &self,
         places: std::ops::Range<usize>,
@@ -198,7 +198,7 @@ impl<'a> Shooting<'a> {
         self.with_batch(trials, rows, (indices, windows), |batch| self.run(batch))
     }
 
-    /// Does something with the rollouts of trials over windows of the same length, trial after trial.
+    /// Calls a function with the rollouts of trials over windows of the same length, trial after trial.
     fn with_batch<T>(
         &self,
         trials: &[&Trial],
@@ -330,7 +330,7 @@ impl<'a> Shooting<'a> {
         Ok(filtered)
     }
 
-    /// What all rows of each stretch say of the random push in every row; empty where the tracker saw too little.
+    /// Smoothed random accelerations of each stretch; empty if the tracker has too few rows.
     pub(super) fn smooth(&self, trial: &Trial, noise: Noise) -> Result<Vec<Vec<[Smoothed; 2]>>> {
         let mut smoothed = vec![Vec::new(); self.windows.all.len()];
         self.with_filters(&[trial], &[noise], |filter, windows| {
@@ -353,7 +353,7 @@ impl<'a> Shooting<'a> {
         let of_marble = self.windows.lengths.iter().filter(|((_, has), _)| *has);
         for ((rows, _), indices) in of_marble {
             let windows: Vec<&Window> = indices.iter().map(|&i| &self.windows.all[i]).collect();
-            // An axis along which no marble ever moves says nothing.
+            // Axes with constant positions are ignored.
             let active = &self.windows.channels.active[MARBLE];
             let of_window = |window: &&Window| -> Vec<[f64; 2]> {
                 let seen = self.problem.recordings[window.recording].observed;
@@ -394,7 +394,7 @@ impl<'a> Shooting<'a> {
         Ok(())
     }
 
-    /// Simulates a batch, with the tilt where it counts.
+    /// Simulates a batch, with the tilt if it is in use.
     fn run(&self, batch: &Batch<'_>) -> Result<Observed> {
         let (engine, threads) = (self.problem.engine, self.problem.threads);
         if self.windows.channels.has_tilt() {
@@ -412,7 +412,7 @@ impl<'a> Shooting<'a> {
         if begin == 0 || window.tilts == 0 {
             return recording.knobs_before;
         }
-        // The tilt of a row is that of the command before, or of its own where that has been arrived at.
+        // The tilt of a row is that of the previous command, or of its own for commands that ramp to it.
         recording.commands[begin - usize::from(self.problem.hold == Hold::Zero)]
     }
 
@@ -440,15 +440,15 @@ impl<'a> Shooting<'a> {
         effects
     }
 
-    /// How far a marble goes while it is seen to go one edge (m).
+    /// True displacement per observed board edge (m).
     fn edge_m(&self, trial: &Trial) -> f64 {
         self.problem.rig.board.edge_x_m / trial.values[SCALE]
     }
 
-    /// How the marbles of all windows are turned when they are let go, trial after trial.
+    /// Orientations of the marbles of all windows at their release, trial after trial.
     fn turned(&self, trials: &[&Trial], windows: &[&Window]) -> Vec<[f64; 3]> {
         let (turns, radius_m) = (self.problem.turns(), self.problem.rig.marble.radius_m);
-        // Most trials see at one scale.
+        // Most trials share one observation scale.
         let mut known: HashMap<(usize, u64), Vec<[f64; 3]>> = HashMap::new();
         let mut all = Vec::with_capacity(trials.len() * windows.len());
         for trial in trials {
@@ -467,7 +467,7 @@ impl<'a> Shooting<'a> {
     }
 }
 
-/// Trials that differ in more than their start states, and for each of the others one that is its like.
+/// Trials that differ in more than their start states, and for each other trial the one that it equals.
 fn distinct(trials: &[Trial]) -> (Vec<usize>, Vec<(usize, usize)>) {
     let mut own: Vec<usize> = Vec::new();
     let mut twins = Vec::new();

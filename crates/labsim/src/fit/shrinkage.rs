@@ -1,10 +1,10 @@
-//! Coordinates that are drawn from one normal distribution about zero: the leans of runs, the slopes of a map.
+//! Empirical Bayes for coordinates with a common normal prior about zero: the leans of runs, the slopes of a map.
 //!
 //! Their size, the standard deviation of that distribution, is estimated from the recordings (empirical Bayes:
 //! Gelman et al., Bayesian Data Analysis, 3rd ed., ch. 5; `MacKay`, Neural Computation 4, 1992). Around a solution
-//! the likelihood of the coordinates is normal, so the evidence of every size is known in closed form: it is
-//! looked at over all sizes at once, and none can hold a fit at zero. Residuals that repeat each other from row
-//! to row count as often as they are independent, else a misfit of the model would pass for knowledge.
+//! the likelihood of the coordinates is normal, so the evidence of every size has a closed form. It is evaluated
+//! on a grid of sizes, so that a fit cannot get stuck at zero. Correlated residuals count by their effective
+//! number, so that a model error does not pass for information.
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
@@ -16,49 +16,48 @@ use super::shooting::{Point, Shooting};
 use super::slopes::Look;
 use crate::error::Result;
 
-/// Sizes looked at, over so many decades below the largest.
+/// Number of sizes in the grid, and its decades below the largest size.
 const SIZES: usize = 400;
 const DECADES: f64 = 3.0;
 /// The largest size, over the half width of a coefficient's range.
 const LARGEST: f64 = 3.0;
-/// No coefficient is known better than this (rad): stops and impacts that move by a physics update make the ground
-/// rough, and a spirit level does not show it.
+/// Lower bound of a coefficient's standard deviation (rad): stops and impacts that move by a physics update make the
+/// loss rough, and a spirit level does not resolve less.
 const FINEST: f64 = 5e-5;
 /// A group is zero unless the log evidence of its size exceeds that of zero by this: the 95 % point of what noise
 /// gives, half of which is exactly zero (Self, Liang, J. American Statistical Association 82, 1987).
 const EVIDENT: f64 = 1.353;
 /// Half of the 95 % point of the squared normal: how far the log evidence falls to the ends of an interval.
 const FALL: f64 = 1.921;
-/// Sizes that differ by less than this part have settled.
+/// Sizes have converged when they change by less than this part.
 const SETTLED: f64 = 0.05;
 
-/// What became of coordinates that are shrunk towards zero.
+/// Estimated size and coefficients of a group that is shrunk towards zero.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shrunk {
-    /// The effect whose they are.
+    /// Their effect.
     pub effect: &'static str,
-    /// Estimated standard deviation of their distribution; zero where the recordings do not show that there is
-    /// any.
+    /// Estimated standard deviation of their distribution; zero without evidence in the recordings.
     pub size: f64,
     /// Its 95 % interval, by the profile of the evidence.
     pub interval: [f64; 2],
     /// By how much the log evidence of the best size exceeds that of zero.
     pub gain: f64,
-    /// How many coefficients the recordings fix, of as many as there are.
+    /// Effective number of coefficients that the recordings determine, and their total number.
     pub effective: f64,
-    /// The coefficients; of leans a pair for each recording.
+    /// The coefficients; for leans a pair for each recording.
     pub values: Vec<f64>,
     /// Their posterior standard deviations.
     pub deviations: Vec<f64>,
 }
 
-/// What recordings say of the size of one group.
+/// Evidence of the size of one group.
 #[derive(Debug, Clone)]
 pub(super) struct Evidence {
     best: f64,
     interval: [f64; 2],
     gain: f64,
-    /// How often residuals repeat each other.
+    /// Number of correlated residuals per independent one.
     pub(super) repetition: f64,
     /// The likelihood's precision of the coefficients, along its own directions.
     precision: DVector<f64>,
@@ -66,12 +65,12 @@ pub(super) struct Evidence {
 }
 
 impl Evidence {
-    /// The size to go on with: zero unless there is evidence of one.
+    /// The size for the next iteration: zero unless there is evidence of one.
     pub(super) fn size(&self) -> f64 {
         if self.gain > EVIDENT { self.best } else { 0.0 }
     }
 
-    /// What is reported of a group that was fitted with a size.
+    /// The result for a group that was fitted with a size.
     pub(super) fn report(&self, coordinates: &Coordinates, group: usize, z: &[f64]) -> Shrunk {
         let own = &coordinates.groups()[group];
         let size = own.size;
@@ -107,8 +106,8 @@ impl Evidence {
     }
 }
 
-/// What recordings say of the sizes of all groups, linearised at a point; residuals count with their own scale
-/// where `noise` is smaller.
+/// Evidence of the sizes of all groups, linearised at a point; residuals count with their own scale if `noise` is
+/// smaller.
 pub(super) fn evidence(
     shooting: &Shooting<'_>,
     point: &Point,
@@ -140,8 +139,8 @@ pub(super) fn evidence(
                 matrix[(rows[i], columns[j])]
             })
         };
-        // What the other coordinates can take up within their ranges is no evidence. Without the ranges they could
-        // take up all: pushes of any size look the same at another scale of the picture.
+        // Changes that the other coordinates can absorb within their ranges are no evidence. Without the ranges they
+        // could absorb everything: pushes of any size look the same at another observation scale.
         let mut of_others = part(&others, &others);
         let largest = of_others.diagonal().amax().max(f64::MIN_POSITIVE);
         for (i, &other) in others.iter().enumerate() {
@@ -232,7 +231,7 @@ fn profile(
     }
 }
 
-/// Whether sizes have settled.
+/// Whether sizes have converged.
 pub(super) fn is_settled(before: &[f64], after: &[f64]) -> bool {
     let same = |(before, after): (&f64, &f64)| {
         before == after || *before > 0.0 && *after > 0.0 && (after / before).ln().abs() < SETTLED

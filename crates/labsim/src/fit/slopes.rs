@@ -11,52 +11,52 @@ use crate::parameters::TIME;
 /// curvature of the motion.
 const STEP: f64 = 1e-3;
 const STATE_STEP: f64 = 1e-4;
-/// The share of these steps with which a careful look is taken.
+/// Share of these steps for the second, smaller step of careful slopes.
 const FINE: f64 = 0.03;
 /// Two slopes agree within this share of their sizes, or this much (edges per unit).
 const AGREEMENT: f64 = 0.1;
 const AGREEMENT_FLOOR: f64 = 0.01;
 
-/// Residuals at a point and their slopes, a column of all residuals for each coordinate and for each
-/// component of the start states; a window's state moves its own residuals only. Where coordinates are
-/// held there are no columns for them.
+/// Residuals at a point and their slopes, one column of all residuals for each coordinate and for each
+/// component of the start states; a window's state moves its own residuals only. Held coordinates have no
+/// columns.
 #[derive(Debug, Clone)]
 pub(super) struct Linearisation {
-    /// Predicted minus observed (board edges); zero where nothing was seen.
+    /// Predicted minus observed (board edges); zero without an observation.
     pub(super) residual: Vec<f64>,
     pub(super) by_z: Vec<Vec<f64>>,
     pub(super) by_state: Vec<Vec<f64>>,
 }
 
-/// How slopes are taken.
+/// Method of the slopes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Look {
-    /// To one side: on the way.
+    /// One-sided: during a descent.
     Quick,
-    /// To both sides, believing the gentler slope where they disagree.
+    /// Two-sided; the gentler slope is used where the two disagree.
     Both,
-    /// With steps of two sizes as well, again believing the gentler slope: where an impact shortly
-    /// before or after decides where the marble goes, a step of one size sees a cliff.
+    /// Also with steps of two sizes, and again the gentler slope: near an impact that decides the marble's
+    /// direction, a step of one size sees a jump.
     Careful,
 }
 
-/// What a finite difference moves.
+/// The direction of a finite difference.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Column {
-    /// A coordinate, and what moves along with it.
+    /// A coordinate, and those that move along with it.
     Along(usize),
     /// The time scale, by a physics update a row more or less of equal length.
     Updates(usize),
     /// The lean about x or y of all recordings at once: each has a coordinate of its own.
     Lean(usize),
-    /// A delay, by a whole row: what its tilt tells.
+    /// A delay, by a whole row, for its tilt.
     Row(usize),
     /// A component of every window's start state.
     State(usize),
 }
 
 impl Shooting<'_> {
-    /// Residuals and slopes at each point; where `held`, slopes by start states alone.
+    /// Residuals and slopes at each point; with `held`, slopes by start states alone.
     pub(super) fn linearise(
         &self,
         points: &[Point],
@@ -101,9 +101,9 @@ impl Shooting<'_> {
     }
 
     /// Slopes along directions. The number of physics updates is the centre's for every column: one that
-    /// rounded to another number would jump. But then a change of the time scale also changes how long an
-    /// update is, and what impacts do depends on that a little; so this column is taken a second time,
-    /// with one update more or less of equal length.
+    /// rounded to another number would jump. But then a change of the time scale also changes the length of an
+    /// update, on which impacts depend slightly. Therefore this column is computed a second time, with one
+    /// update more or less of equal length.
     fn slopes(
         &self,
         points: &[Point],
@@ -178,8 +178,8 @@ impl Shooting<'_> {
             .collect()
     }
 
-    /// Coordinates of delays that the tilt shows in steps of rows only, since the knob goes at once to the
-    /// command that has come. Along them a finite difference of less than a row sees nothing.
+    /// Coordinates of delays that change the tilt in steps of rows only, because the knob follows a command
+    /// at once. A finite difference of less than a row sees no change along them.
     fn stepped_delays(&self, look: Look) -> Vec<usize> {
         let problem = self.problem;
         let moves = |acts: Hook| acts == Hook::OnKnob { moves: true };
@@ -197,8 +197,8 @@ impl Shooting<'_> {
             .collect()
     }
 
-    /// A trial with one thing moved, and how far: not at all where bounds forbid it. A side that is `free`
-    /// is that which leads inwards.
+    /// A trial with a step along one direction, and the step's length: zero where bounds forbid it. The `free`
+    /// side is the one that leads inwards.
     fn moved(
         &self,
         centre: &Trial,
@@ -283,7 +283,7 @@ impl Shooting<'_> {
         }
     }
 
-    /// Slopes in the places of what they are by.
+    /// Slopes sorted into the columns of their directions.
     fn sorted(
         &self,
         columns: &[Column],
@@ -329,8 +329,7 @@ impl Shooting<'_> {
             .all(|(clipped, z)| (clipped - z).abs() < 1e-12)
     }
 
-    /// Difference quotients; not a number where there is none: outside the bounds, beyond the walls, and
-    /// where a marble at rest would move.
+    /// Difference quotients; NaN outside the bounds, beyond the walls and where a marble at rest would move.
     fn one_sided(
         &self,
         trial: &Trial,
@@ -351,11 +350,10 @@ impl Shooting<'_> {
     }
 }
 
-/// The mean of two one-sided slopes, or the gentler one where they disagree; one that is not a number is
-/// left to the other.
+/// The mean of two one-sided slopes, or the gentler one where they disagree; if one is NaN, the other one.
 ///
 /// They disagree where a stop or an impact lies on one side: such an event moves by whole physics
-/// updates, a jump that a finite difference takes for a cliff.
+/// updates, and a finite difference sees the jump as a steep slope.
 fn agreed(ahead: &[f64], behind: Option<&Vec<f64>>) -> Vec<f64> {
     let behind = behind.map_or(ahead, Vec::as_slice);
     let one = |(&ahead, &behind): (&f64, &f64)| {

@@ -1,8 +1,8 @@
-//! The search for the best values: from a draw over the ranges to the bottom of the deepest valley found.
+//! The search for the best values: from draws over the ranges to the deepest minimum found.
 //!
-//! The way goes from short windows to whole stretches: in short ones nearly every start point finds the
-//! gears; in long ones friction, walls and stops come in. All candidates move in lockstep, so that an
-//! iteration is two batches of rollouts for any number of candidates, recordings and parameters.
+//! Stages go from short windows to whole stretches. In short windows nearly every start point finds the gears;
+//! in long ones friction, walls and stops matter. All candidates move in lockstep, so that an iteration is two
+//! batches of rollouts for any number of candidates, recordings and parameters.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
@@ -20,20 +20,20 @@ use crate::error::Result;
 use crate::parameters::TIME;
 
 const WHOLE_ITERATIONS: usize = 12;
-/// How often the channels are weighted anew after the descent, at most.
+/// Maximum number of updates of the channels' weights after the descent.
 const REWEIGHTS: usize = 4;
-/// How often the sizes of what is shrunk are estimated after the descent, at most.
+/// Maximum number of updates of the shrunk groups' sizes after the descent.
 const RESIZES: usize = 4;
-/// So many rounds even where noise alone seems to be left.
+/// Minimum number of rounds, even if the residuals seem to be noise.
 const FEWEST_ROUNDS: usize = 2;
-/// Residuals this many times the tracker's noise may be noise, which is estimated too.
+/// Residuals up to this many times the tracker's noise may be noise, because that noise is estimated too.
 const NOISE_LIKE: f64 = 1.06;
-/// The search ends where noise is left and a round changes the log-likelihood by less.
+/// The search ends when the residuals are noise and a round changes the log-likelihood by less than this.
 const LITTLE: f64 = 3.0;
 
 impl Search<'_> {
-    /// Refines given start points, or where there are none the best ones of a draw; returns what the
-    /// coordinates mean and where the start points led, the best first.
+    /// Refines given start points, or without any the best ones of a draw; returns the coordinates' map and the
+    /// results of the start points, the best first.
     pub(super) fn run(
         &mut self,
         points: &[Vec<f64>],
@@ -63,7 +63,7 @@ impl Search<'_> {
         let mut best = candidates.remove(0);
         if self.maps_predict(&coordinates, &best)? {
             coordinates.open_maps();
-            // From short windows on: over whole stretches nothing leads from no map to the right one.
+            // From short windows on: over whole stretches no descent leads from no map to the right one.
             let start = vec![best.point.z.clone()];
             best = self.descend(&coordinates, start, true)?.remove(0);
         }
@@ -77,7 +77,7 @@ impl Search<'_> {
             self.reweight(std::slice::from_mut(&mut best));
         }
         let mut random = ChaCha8Rng::seed_from_u64(settings.seed);
-        // With effects a fit is one of many, and each member takes more slopes.
+        // A fit with effects is one of many, and each family member takes more slopes.
         let members = settings.starts / (1 + usize::from(!self.problem.effects.is_empty()));
         for round in 1..=settings.rounds {
             let before = best.clone();
@@ -107,7 +107,7 @@ impl Search<'_> {
         Ok((coordinates, candidates))
     }
 
-    /// Whether what a candidate leaves over is no more than the tracker's noise.
+    /// Whether a candidate's residuals are no more than the tracker's noise.
     fn is_explained(&self, candidate: &End) -> bool {
         self.whole.is_noise(&candidate.residual, NOISE_LIKE)
     }
@@ -120,8 +120,8 @@ impl Search<'_> {
 
     /// Refines start points in longer and longer windows, and the better half in whole stretches.
     ///
-    /// There the start points as they were count as well if it `keeps` them: short windows may lead away from
-    /// where a fit has led before.
+    /// With `keeps`, the original start points compete there as well: short windows may lead away from the result
+    /// of an earlier fit.
     fn descend(
         &mut self,
         coordinates: &Coordinates,
@@ -172,7 +172,7 @@ impl Search<'_> {
             shorter = Some(windows);
         }
         if self.horizons.is_empty() {
-            // No windows have found start states on the way, and from guesses a joint descent leads astray.
+            // Without short windows there are no estimated start states, and a joint descent from guesses fails.
             let begun = ends.iter().map(|end| end.point.z.clone()).collect();
             let begun = self
                 .problem
@@ -207,7 +207,7 @@ impl Search<'_> {
         Ok(self.ranked(coordinates, candidates))
     }
 
-    /// Weights the channels by what the first of some candidates leaves over; false where they have settled.
+    /// Weights the channels by the residuals of the first candidate; false once they have converged.
     fn reweight(&mut self, candidates: &mut [End]) -> bool {
         let before = self.whole.channels;
         let after = self.whole.reweighted(&candidates[0].residual);
@@ -219,7 +219,7 @@ impl Search<'_> {
         !after.is_settled(&before)
     }
 
-    /// Estimates the sizes of what is shrunk anew; true where they have settled.
+    /// Updates the sizes of shrunk groups; true once they have converged.
     fn resize(&self, coordinates: &mut Coordinates, best: &mut End) -> Result<bool> {
         let before = coordinates.sizes();
         let found = self.evidence(coordinates, &best.point)?;
@@ -240,7 +240,7 @@ impl Search<'_> {
         Ok(settled)
     }
 
-    /// The candidates' places by their losses over windows, the best first.
+    /// The candidates' indices by their losses over windows, the best first.
     fn ranked_in(&self, windows: &Windows, coordinates: &Coordinates, ends: &[End]) -> Vec<usize> {
         let shooting = self.shooting(coordinates, windows, COARSENESS);
         let scale = windows.smallest_scale(ends.iter().map(|end| end.residual.as_slice()));
@@ -258,7 +258,7 @@ impl Search<'_> {
         coordinates.find(TIME).is_some() && self.problem.rig.marble.damping_per_s == 0.0
     }
 
-    /// How many iterations there are at most.
+    /// Maximum number of iterations.
     fn total(&self, coordinates: &Coordinates, rounds: usize) -> usize {
         let times = 1 + usize::from(!self.problem.effects.is_empty());
         let descent =

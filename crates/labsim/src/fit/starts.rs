@@ -1,4 +1,4 @@
-//! Where a search begins, and begins anew.
+//! Start points of a search, and redraws during it.
 
 use std::cmp::Ordering;
 
@@ -16,10 +16,10 @@ use crate::effects::Parameter;
 use crate::error::Result;
 use crate::parameters::{GEAR_X, GEAR_Y};
 
-/// Rows of the windows in which start points are screened, and how many are drawn for each refined.
+/// Rows of the windows for screening start points, and number of draws per refined start point.
 const SCREEN_ROWS: usize = 24;
 const SCREENED_PER_START: usize = 32;
-/// How many values of an effect are drawn anew, for each of its parameters.
+/// Number of redrawn values of an effect, per parameter.
 const REDRAWN: usize = 64;
 
 impl Search<'_> {
@@ -63,7 +63,7 @@ impl Search<'_> {
         Ok((coordinates, starts))
     }
 
-    /// Which signs of the gears are searched.
+    /// The signs of the gears to search.
     fn senses(&self) -> Vec<[f64; 2]> {
         let of_gear = |slot: usize| match self.problem.parameters[slot] {
             ParameterSpec::Held(value) => vec![if value < 0.0 { -1.0 } else { 1.0 }],
@@ -96,8 +96,8 @@ impl Search<'_> {
         values.map(|values| coordinates.to_z(&values))
     }
 
-    /// Start points over the ranges: the given one first; if one is given of some parameters only, every
-    /// second draw has it.
+    /// Start points over the ranges: the given one first; if it fixes only some parameters, every second draw
+    /// has their values.
     fn drawn(&self, coordinates: &Coordinates, settings: &Settings) -> Vec<Vec<f64>> {
         let given = self.given(coordinates);
         let count = match given {
@@ -129,9 +129,9 @@ impl Search<'_> {
 
     /// Replaces the worse half of the candidates by draws of effects' values around the best one.
     ///
-    /// What has a place on the board says nothing of it to those who look elsewhere: slopes do not lead
-    /// there. But with everything else about right a draw that comes near stands out. To one or two
-    /// parameters slopes lead, wide angles not counted; none where no effect has more.
+    /// Slopes do not lead to a local effect from elsewhere on the board. But if all other values are nearly right,
+    /// a draw near it has a clearly lower loss. Effects with one or two parameters, wide angles not counted,
+    /// need no draws; without other effects there are none.
     pub(super) fn redrawn(
         &self,
         coordinates: &Coordinates,
@@ -188,7 +188,7 @@ impl Search<'_> {
     }
 }
 
-/// A number that sorts.
+/// A sort key for a number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Total(f64);
 

@@ -1,4 +1,4 @@
-//! Recordings cut into windows, each with a start state of its own.
+//! Recordings cut into windows with separate start states.
 
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -10,9 +10,9 @@ use super::robust::{self, median};
 /// Position (board edges) and its rate (board edges a row).
 pub(super) type State = [f64; 4];
 
-/// Rows from which the first guess of a window's start state is made.
+/// Number of rows for the first guess of a window's start state.
 const GUESS_ROWS: usize = 6;
-/// A window with fewer rows that the tracker saw says less than its start state takes.
+/// Minimum number of tracked rows: fewer do not determine more than the start state.
 const FEWEST: usize = 3;
 
 /// Rows that are predicted from one start state.
@@ -25,14 +25,14 @@ pub(super) struct Window {
     pub(super) at_rest: bool,
     /// First guess of the start state.
     pub(super) guess: State,
-    /// Where its residuals begin among those of all windows, and how many of them are the tilt's.
+    /// Index of its first residual among those of all windows, and number of residuals of the tilt.
     pub(super) offset: usize,
     pub(super) tilts: usize,
-    /// Whether the marble was seen: else there is no start state.
+    /// Whether the marble was tracked; without it there is no start state.
     pub(super) has_marble: bool,
-    /// Seconds of a row where the recording is stamped.
+    /// Duration of a row (s) if the recording is stamped.
     pub(super) row_s: Option<f64>,
-    /// How far the marble has rolled before (board edges).
+    /// Path length before the window (board edges).
     pub(super) rolled: f64,
 }
 
@@ -59,11 +59,11 @@ pub(super) struct Windows {
     pub(super) all: Vec<Window>,
     /// The indices of the windows of each length, those with and those without a marble.
     pub(super) lengths: Vec<((usize, bool), Vec<usize>)>,
-    /// What was measured: positions (board edges) and tilts (rad) of each window.
+    /// Measured positions (board edges) and tilts (rad) of each window.
     pub(super) observed: Vec<f64>,
-    /// False where nothing was, and where the channel counts for nothing.
+    /// False without a measurement, and for ignored channels.
     pub(super) known: Vec<bool>,
-    /// How residuals count.
+    /// Weights of the residuals.
     pub(super) channels: Channels,
     /// The most rows a window may have.
     pub(super) rows: usize,
@@ -190,8 +190,8 @@ impl Windows {
         channels.weighted(common, scales)
     }
 
-    /// The robust standard deviation of the residuals of some channels, in their own unit; not a number where
-    /// nothing was measured.
+    /// The robust standard deviation of the residuals of some channels, in their own unit; NaN without
+    /// measurements.
     pub(super) fn scale(&self, residual: &[f64], channels: Range<usize>) -> f64 {
         let found = self.in_own_units(residual, channels);
         if found.is_empty() {
@@ -208,7 +208,7 @@ impl Windows {
             .max(self.channels.floor)
     }
 
-    /// Weights the channels anew, and residuals with them.
+    /// Updates the channels' weights and the residuals.
     pub(super) fn rescale(&mut self, after: Channels, residuals: &mut [&mut [f64]]) {
         for residual in residuals {
             for (channel, i) in self.channels_of(0..CHANNELS) {
@@ -250,7 +250,7 @@ impl Windows {
             .collect()
     }
 
-    /// How many components of start states the windows have together.
+    /// Number of components of all start states.
     pub(super) fn unknowns(&self) -> usize {
         let axes = self.channels.marble_axes();
         self.with_marble()
@@ -263,8 +263,7 @@ impl Windows {
         self.all.iter().filter(|window| window.has_marble)
     }
 
-    /// How many components of a start state are open: none where no marble was seen, 2 where every window
-    /// starts at rest, else 4.
+    /// Number of free components of a start state: 0 without a marble, 2 if every window starts at rest, else 4.
     pub(super) fn components(&self) -> usize {
         if self.with_marble().next().is_none() {
             0
@@ -275,12 +274,12 @@ impl Windows {
         }
     }
 
-    /// How many residuals there are.
+    /// Number of residuals.
     pub(super) fn len(&self) -> usize {
         self.observed.len()
     }
 
-    /// How many of them are known.
+    /// Number of known residuals.
     pub(super) fn count(&self) -> usize {
         self.known.iter().filter(|known| **known).count()
     }
@@ -290,7 +289,7 @@ impl Windows {
         self.all.iter().map(|window| window.guess).collect()
     }
 
-    /// Start states found in shorter windows that begin in the same rows, else the guesses.
+    /// Start states from shorter windows that begin in the same rows, else the guesses.
     pub(super) fn inherited(&self, shorter: &Self, states: &[State]) -> Vec<State> {
         let found = |window: &Window| {
             let origin = (window.recording, window.first);
@@ -309,7 +308,7 @@ fn is_seen(place: &[f64; 2]) -> bool {
     place.iter().all(|coordinate| coordinate.is_finite())
 }
 
-/// Position and rate at a row, from medians over the nearest rows seen: one outlier is harmless.
+/// Position and rate at a row, from medians over the nearest tracked rows, robust against one outlier.
 fn guess(observed: &[[f64; 2]], first: usize, at_rest: bool) -> State {
     let mut near: Vec<usize> = (0..observed.len())
         .filter(|&row| is_seen(&observed[row]))

@@ -1,19 +1,19 @@
-//! Which rollouts share a group: those that take equally long and move alike.
+//! Grouping of rollouts by duration and by similar motion.
 //!
-//! Lanes of a register that meet a rim or stop in different substeps all pay for each; with like
-//! neighbours they do so together. The order decides only which marbles share a register, never a result.
+//! All lanes of a register pay for each substep in which one lane meets a rim or stops; lanes that move
+//! alike do so in the same substeps. The order decides only which marbles share a register, never a result.
 
 use crate::board::{Board, GRAVITY, SUBSTEP_S};
 use crate::engine::Job;
 
-/// Lanes of the widest register: what is smaller need not be sorted.
+/// Lanes of the widest register; smaller groups are not sorted.
 pub(super) const REGISTER: usize = 8;
 
-/// Where a rollout tends to (board edges): its start, the way of its start velocity, what its tilts
-/// at three rows would add along x and y, and what friction would take, were there no rims.
+/// Features of a rollout without rims (board edges): its start, the displacement by its start velocity and by
+/// its tilts at three rows along x and y, and the loss by friction.
 type Outline = [f64; 11];
 
-/// The rollouts' indices, the longest first, so that no thread is left with a long group at the end.
+/// The rollouts' indices, the longest first, so that no thread ends with a long group.
 pub(super) fn order(jobs: &[&Job<'_>], board: &Board, rows: usize) -> Vec<usize> {
     let compare = |a: &usize, b: &usize| {
         let (a, b) = (jobs[*a], jobs[*b]);
@@ -29,8 +29,8 @@ pub(super) fn order(jobs: &[&Job<'_>], board: &Board, rows: usize) -> Vec<usize>
     order
 }
 
-/// Whether two rollouts may be of one group of lanes: those whose marbles are let go at the same row, and
-/// unless they are plain, with equally many substeps in each.
+/// Whether two rollouts may share a group of lanes: their marbles are released at the same row and, unless they
+/// are plain, all rows have the same number of substeps.
 pub(super) fn may_share(a: &Job<'_>, b: &Job<'_>, rows: usize, plain: bool) -> bool {
     a.first == b.first && (plain || a.clock.compare(&b.clock, a.first + rows).is_eq())
 }

@@ -1,4 +1,4 @@
-//! What every effect that the engine knows keeps to, whatever its physics.
+//! Properties that all effects of the engine share.
 
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
@@ -243,7 +243,7 @@ fn company_and_threads_do_not_matter() {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
     #[test]
-    fn rollouts_stay_finite_whatever_is_plausible_or_allowed(
+    fn rollouts_stay_finite_for_plausible_and_allowed_values(
         places in prop::collection::vec(0.0..=1.0_f64, 8), corner: bool,
     ) {
         for (number, effect) in known().enumerate() {

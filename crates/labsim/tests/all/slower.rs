@@ -14,7 +14,7 @@ const SLOWER: f64 = 3.0;
 const SAME: f64 = 0.05;
 /// With a parameter that did not change with the rest it is farther from there, so many times.
 const OTHER: f64 = 3.0;
-/// A heavy side also pulls outwards as the marble turns, which its gravity does not tell the size of; and what
+/// A heavy side also pulls outwards as the marble turns, whose size its gravity does not determine; and what
 /// passes close to a point that pulls is thrown far.
 const NEARLY: ([&str; 2], f64) = (["eccentric_marble", "point_field"], 0.5);
 

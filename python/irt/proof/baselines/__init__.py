@@ -1,1 +1,1 @@
-"""What a user would reach for without this package: other methods, on the same rigs as the diagnosis."""
+"""Baselines: standard methods on the same rigs as the diagnosis."""

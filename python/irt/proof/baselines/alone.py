@@ -1,4 +1,4 @@
-"""The base model refitted, and nothing else: what a tuning leaves behind."""
+"""Baseline: the refitted base model without further effects, as after a tuning."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ TITLE = "base refit alone"
 
 
 def enter(task: Task) -> Entry:
-    """Say that nothing is missing, and predict with five parameters."""
-    return Entry(told=False, named=(), predictions=predicted(task.base, task.tests))
+    """Report no missing physics, and predict with five parameters."""
+    return Entry(detected=False, named=(), predictions=predicted(task.base, task.tests))

@@ -1,4 +1,4 @@
-"""What another method is given, and what it answers."""
+"""Input and output of the baseline methods."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A rig as another method sees it.
+    """Input of a method: a rig and the runs to predict.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Task:
     base : Model
         Five parameters fitted to them, by irt.
     tests : tuple of Recording
-        What to predict: commands, and the first rows, where a prediction starts; NaN after these.
+        Runs to predict: commands, and the first rows, where a prediction starts; NaN after these.
     """
 
     rig: Rig
@@ -45,7 +45,7 @@ class Task:
         Raises
         ------
         IrtError
-            If a file is not as it must be.
+            If a file is invalid.
         """
         rig = load_rig(folder)
         path = folder / "models" / "base.toml"
@@ -53,13 +53,13 @@ class Task:
         return cls(rig, load_model(path) if path.exists() else refitted(rig), tests)
 
     def row_s(self, recording: Recording) -> float:
-        """Return how long a row lasts [s], by its stamps or by the base model."""
+        """Return the duration of a row [s], from its stamps or the base model."""
         if recording.durations is not None:
             return float(np.median(recording.durations))
         return float(self.base.values[PARAMETERS.index("time_scale")]) * SUBSTEP_S
 
     def starts(self) -> Array:
-        """Return the state in row 0 of each test, (w, 4): place [edges] and velocity [edges/s]."""
+        """Return the state in row 0 of each test, (w, 4): position [edges] and velocity [edges/s]."""
         states = np.zeros((len(self.tests), 4))
         for state, test in zip(states, self.tests, strict=True):
             state[:2] = test.marble[0]
@@ -71,30 +71,30 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """What another method says of a rig.
+    """Answer of a method for a rig.
 
     Attributes
     ----------
-    told : bool or None
-        Whether something is missing from the base model; None where the method does not say.
+    detected : bool or None
+        Whether the base model lacks physics; None if the method does not report it.
     named : tuple of str or None
-        What; None where the method names nothing.
+        Names of the missing effects; None if the method names none.
     predictions : dict
-        Positions in each test, (n, 2) [board edges]; empty where it predicts nothing.
+        Positions in each test, (n, 2) [board edges]; empty without predictions.
     missing : str
-        Why there is no answer, if there is none.
+        Reason for a missing answer; empty otherwise.
     """
 
-    told: bool | None = None
+    detected: bool | None = None
     named: tuple[str, ...] | None = None
     predictions: dict[str, Array] = field(default_factory=dict)
     missing: str = ""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the entry as JSON takes it; what is not finite is None."""
+        """Return the entry as JSON content; ``told`` is `detected`; paths that are not finite are None."""
         paths = {name: _finite(path) for name, path in self.predictions.items()}
         named = None if self.named is None else list(self.named)
-        return {"told": self.told, "named": named, "predictions": paths, "missing": self.missing}
+        return {"told": self.detected, "named": named, "predictions": paths, "missing": self.missing}
 
 
 Method = Callable[[Task], Entry]

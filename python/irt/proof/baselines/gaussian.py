@@ -1,9 +1,9 @@
-"""A Gaussian process for what the base model leaves over: state and commands in, acceleration out.
+"""Baseline: a Gaussian process for the residual acceleration of the base model, given state and commands.
 
-Rows of smoothed recordings say how much faster the marble is after a row than the base model takes it from
-the same state. A Gaussian process (Rasmussen and Williams, 2006, algorithm 2.1) with one length for all
-inputs, each in its own deviation, learns that; length and noise are those of a grid with which half of the
-recordings predicts the other half best. A prediction is the base model's path and, row by row, the push.
+Rows of smoothed recordings give the difference of the velocity after a row from that of the base model from
+the same state. A Gaussian process (Rasmussen and Williams, 2006, algorithm 2.1) learns this difference, with
+one length scale for all standardised inputs. Length and noise are chosen from a grid by two-fold cross-
+validation over recordings. A prediction is the base model's path plus the accumulated residual acceleration.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from irt.start_state import Inputs, simulate
 Array = NDArray[np.float64]
 
 TITLE = "Gaussian process on the residual"
-#: Rows learned from at most, evenly taken.
+#: Maximum number of rows to learn from, evenly spaced.
 MOST = 600
 LENGTHS = (1.0, 2.0, 4.0, 8.0)
 NOISES = (0.3, 1.0, 3.0, 10.0, 30.0)
-#: Parts into which a row is cut, to see how fast the marble is at its end.
+#: Parts of a row, the last of which gives the velocity at its end.
 _PARTS = 4
 
 
@@ -39,13 +39,13 @@ class Process:
     Attributes
     ----------
     middle, spread : (f,) arrays
-        By which inputs are made alike.
+        Mean and standard deviation of the inputs.
     points : (k, f) array
-        Inputs learned from, made alike.
+        Standardised training inputs.
     weights : (k, o) array
-        Of each point.
+        Weights of the points.
     length : float
-        Of the kernel.
+        Length scale of the kernel.
     """
 
     middle: Array
@@ -66,14 +66,14 @@ class Process:
         return cls(middle, spread, points, cho_solve(factor, outputs), length)
 
     def mean(self, inputs: Array) -> Array:
-        """Return what is expected at (w, f) inputs, (w, o)."""
+        """Return the mean at (w, f) inputs, (w, o)."""
         return np.asarray(
             _kernel((inputs - self.middle) / self.spread, self.points, self.length) @ self.weights
         )
 
 
 def enter(task: Task) -> Entry:
-    """Learn what the base model leaves over, and predict; it says nothing of what that is."""
+    """Learn the base model's residual acceleration, and predict; name nothing."""
     runs = smoothed(task)
     if len(runs) < 2:
         return Entry(missing=f"fewer than two recordings have {WINDOW} rows")
@@ -102,12 +102,12 @@ def _error(task: Task, rows: Sequence[tuple[Array, Array]], length: float, noise
 
 
 def features(states: Array, knobs: Array, before: Array) -> Array:
-    """Return what a push may depend on, (w, 8): states (w, 4), this row's commands and the last's (w, 2)."""
+    """Return the inputs (w, 8): states (w, 4), commands of this row and of the last one (w, 2)."""
     return np.concatenate([states, knobs, before], axis=1)
 
 
 def advance(base: Model, states: Array, knobs: Array, row_s: float) -> Array:
-    """Return where the base model takes (w, 4) states in a row of (w, 2) commands, (w, 4)."""
+    """Return the states (w, 4) after a row of the base model, from (w, 4) states under (w, 2) commands."""
     part = row_s / _PARTS
     inputs = Inputs.of_whole(
         np.repeat(knobs[:, None], _PARTS + 1, axis=1), np.full((len(knobs), _PARTS + 1), part)
@@ -124,7 +124,7 @@ def _closed(base: Model) -> dict[str, Parameter]:
 
 
 def _rows(base: Model, run: Smoothed) -> tuple[Array, Array]:
-    """Return inputs (k, 8) and the acceleration that the base model lacks (k, 2), off the ends."""
+    """Return inputs (k, 8) and residual accelerations of the base model (k, 2), without the ends."""
     after = advance(base, run.states[:-1], run.knobs[:-1], run.row_s)
     push = (run.states[1:, 2:] - after[:, 2:]) / run.row_s
     before = np.concatenate([run.knobs[:1], run.knobs[:-2]])
@@ -135,12 +135,12 @@ def _rows(base: Model, run: Smoothed) -> tuple[Array, Array]:
 
 def _predicted(task: Task, process: Process, tests: Sequence[Recording]) -> list[Array]:
     """Return the path (n, 2) in each test, all tests of one length together."""
-    told = predicted(task.base, tests)
+    predictions = predicted(task.base, tests)
     paths: list[Array] = [np.zeros((0, 2))] * len(tests)
     for rows in sorted({len(test.knobs) for test in tests}):
         chosen = [i for i, test in enumerate(tests) if len(test.knobs) == rows]
         knobs = np.array([tests[i].knobs for i in chosen])
-        base = np.array([told[tests[i].name] for i in chosen])
+        base = np.array([predictions[tests[i].name] for i in chosen])
         rolled = _rolled(process, base, knobs, task.row_s(tests[chosen[0]]), task.base.reach)
         for i, path in zip(chosen, rolled, strict=True):
             paths[i] = path
@@ -148,10 +148,10 @@ def _predicted(task: Task, process: Process, tests: Sequence[Recording]) -> list
 
 
 def _rolled(process: Process, base: Array, knobs: Array, row_s: float, reach: Array) -> Array:
-    """Return paths (w, n, 2): what base paths (w, n, 2) become under the push, inside the rim.
+    """Return paths (w, n, 2): base paths (w, n, 2) plus the residual acceleration, inside the rim.
 
-    The base model's own push depends on the commands alone, but for friction and walls; so its path stays as
-    it is, and what the push adds is summed up beside it.
+    Apart from friction and walls, the base model's acceleration depends only on the commands. Therefore its
+    path is kept, and the displacement by the residual acceleration is added to it.
     """
     velocity = np.gradient(base, row_s, axis=1)
     added, rate = np.zeros_like(base), np.zeros_like(base[:, 0])

@@ -1,8 +1,8 @@
-"""PySINDy on smoothed data: a sparse law for the acceleration out of a library of terms.
+"""Baseline: PySINDy on smoothed data, a sparse regression of the acceleration on a library of terms.
 
-The library holds the base model's terms and one for each effect that is a term of a state equation. Terms are
-put on one scale, so that the threshold means a share of the acceleration; the strongest one beyond the base
-model's is what is named.
+The library holds the base model's terms and one term for each effect that has one in a state equation. Terms
+are standardised, so that the threshold is a share of the acceleration. The strongest term outside the base
+model is named.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 TITLE = "PySINDy on smoothed data"
 #: Terms with a smaller share of the acceleration's deviation are dropped.
 THRESHOLD = 0.1
-#: Terms for one axis: own knob and the friction's sign are the base model's, and name nothing.
+#: Terms for one axis; those of the own knob and of friction belong to the base model and name nothing.
 TERMS = (
     "",
     "",
@@ -38,7 +38,7 @@ _PARTS = 4
 
 
 def enter(task: Task) -> Entry:
-    """Find the law of both axes, name the strongest term that the base model lacks, and predict."""
+    """Regress both axes, name the strongest term outside the base model, and predict."""
     if not is_installed("pysindy"):
         return Entry(missing="pysindy is not installed")
     import pysindy  # noqa: PLC0415
@@ -67,7 +67,7 @@ def enter(task: Task) -> Entry:
     )
     named = strongest(np.max(shares, axis=0))
     paths = _rolled(task, laws)
-    return Entry(told=bool(named), named=named, predictions=dict(by_name(task.tests, paths)))
+    return Entry(detected=bool(named), named=named, predictions=dict(by_name(task.tests, paths)))
 
 
 def library(states: Array, knobs: Array, axis: int) -> Array:
@@ -75,7 +75,7 @@ def library(states: Array, knobs: Array, axis: int) -> Array:
     speed = np.hypot(states[:, 2], states[:, 3])
     place, other = states[:, axis], states[:, 1 - axis]
     rate, across = states[:, 2 + axis], states[:, 3 - axis]
-    # A knob tilts the board about its own axis, and so pushes along the other.
+    # A knob tilts the board about its own axis, which accelerates the marble along the other one.
     own, foreign = knobs[:, 1 - axis], knobs[:, axis]
     one = np.ones(len(states))
     return np.stack(
@@ -84,7 +84,7 @@ def library(states: Array, knobs: Array, axis: int) -> Array:
 
 
 def strongest(shares: Array) -> tuple[str, ...]:
-    """Return the effect whose term has the largest share (10,); none if no such term is left."""
+    """Return the effect whose term has the largest share (10,); none if all such terms were dropped."""
     extra = [index for index, name in enumerate(TERMS) if name and shares[index] > 0.0]
     return (TERMS[max(extra, key=lambda index: shares[index])],) if extra else ()
 
@@ -124,7 +124,7 @@ def _rolled(task: Task, laws: Sequence[Array]) -> list[Array]:
 
 def _stepped(state: Array, knobs: Array, laws: Sequence[Array], step: float) -> Array:
     def rate(at: Array) -> Array:
-        # Far out a polynomial law runs away; the rim has stopped the marble by then.
+        # A polynomial diverges far outside; the rim has stopped the marble by then.
         at = np.clip(at, -1e3, 1e3)
         pushes = [library(at, knobs, axis) @ law for axis, law in enumerate(laws)]
         return np.concatenate([at[:, 2:], np.stack(pushes, axis=1)], axis=1)

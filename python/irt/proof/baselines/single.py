@@ -1,7 +1,8 @@
-"""The effect of the catalogue that fits the recordings best: no runs held out, no calibration.
+"""Baseline: the single effect with the smallest training error, without held-out runs or calibration.
 
 Each effect is fitted together with the five parameters by irt's own least squares, from the base fit and
-several sizes of the effect to either side; the one with the least training error is named, whatever it gains.
+several sizes of the effect on both sides. The effect with the smallest training error is always named, even
+for a negligible gain.
 """
 
 from __future__ import annotations
@@ -19,21 +20,21 @@ from irt.proof.baselines.entry import Entry, Task, predicted
 Array = NDArray[np.float64]
 
 TITLE = "best single effect by training error"
-#: Sizes from which a fit of an effect starts, as shares of the way to the ends of its ranges.
+#: Start sizes of an effect, as shares of the distance to the ends of its ranges.
 SIZES = (0.02, 0.15, 0.5)
 
 
 def enter(task: Task) -> Entry:
-    """Fit every effect of the catalogue, and name the one with the least training error."""
+    """Fit every effect of the catalogue, and name the one with the smallest training error."""
     case = Case.of(task.rig, threads=1)
     base = case.fit()
     fits = [case.fit((one.name,), points=starts(one.name, base), rounds=1) for one in hypothetical()]
     best = min(fits, key=training_error)
-    return Entry(told=True, named=best.effects, predictions=predicted(best.model, task.tests))
+    return Entry(detected=True, named=best.effects, predictions=predicted(best.model, task.tests))
 
 
 def starts(name: str, base: Fitted) -> Array:
-    """Return where the fit of an effect starts, (k, 5 + p): the base fit, and sizes of the effect."""
+    """Return the start points of an effect's fit, (k, 5 + p): the base fit, and sizes of the effect."""
     parameters = effect(name).required
     shares = [sign * size for size in SIZES for sign in (1.0, -1.0)]
     sized = (itertools.product(*(_values(one, share) for one in parameters)) for share in shares)
@@ -47,12 +48,12 @@ def training_error(fitted: Fitted) -> float:
 
 
 def _values(one: EffectParameter, share: float) -> Sequence[float]:
-    """Return where a parameter starts for an effect of a size: a choice with every answer."""
+    """Return the start values of a parameter for a size of the effect; a choice has all its values."""
     return one.choices if one.is_choice else (_part(one, share),)
 
 
 def _part(one: EffectParameter, share: float) -> float:
-    """Return a value part of the way from neutral to an end; below zero is towards the other one."""
+    """Return a value at a share of the distance from neutral to an end; negative towards the other end."""
     if not one.low <= one.neutral <= one.high:
         return 0.5 * (one.low + one.high) + 0.5 * share * (one.high - one.low)
     if one.neutral in (one.low, one.high):

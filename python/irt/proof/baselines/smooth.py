@@ -1,4 +1,4 @@
-"""States from noisy positions: local polynomials, as users of regression methods take them."""
+"""States from noisy positions by local polynomials, as is common before regression methods."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Smoothed:
     knobs : (n, 2) array
         Commands [rad].
     states : (n, 4) array
-        Places [edges] and velocities [edges/s].
+        Positions [edges] and velocities [edges/s].
     acceleration : (n, 2) array
         [edges/s^2].
     row_s : float
-        How long a row lasts [s].
+        Duration of a row [s].
     """
 
     knobs: Array

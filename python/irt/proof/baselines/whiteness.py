@@ -1,7 +1,7 @@
-"""Residual tests of the textbook for whether something is missing (Ljung, System Identification, 1999, 16.6).
+"""Baseline: residual tests for missing physics (Ljung, System Identification, 1999, 16.6).
 
-If the base model were the truth, its residuals would be white and owe nothing to the commands. Both are
-tested with chi-squared statistics at 95 % together, as MATLAB's ``resid`` draws its bands.
+The residuals of a true model are white and uncorrelated with the commands. Both properties are tested with
+chi-squared statistics, at 95 % together, like the bands of MATLAB's ``resid``.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ LEVEL = 0.05
 
 
 def enter(task: Task) -> Entry:
-    """Say whether the residuals of the base model look like noise; the tests name and predict nothing."""
+    """Test whether the residuals of the base model are noise; the tests name and predict nothing."""
     runs = evaluate(task.base, task.rig.recordings).runs
     residuals = [
         run.free_prediction - recording.marble
         for run, recording in zip(runs, task.rig.recordings, strict=True)
     ]
     inputs = [recording.knobs for recording in task.rig.recordings]
-    told = min(white(residuals), unrelated(residuals, inputs)) < LEVEL / 2
-    return Entry(told=bool(told))
+    detected = min(white(residuals), unrelated(residuals, inputs)) < LEVEL / 2
+    return Entry(detected=bool(detected))
 
 
 def white(residuals: list[Array]) -> float:
@@ -47,7 +47,7 @@ def white(residuals: list[Array]) -> float:
 
 
 def unrelated(residuals: list[Array], inputs: list[Array]) -> float:
-    """Return the p-value of residuals (n, 2) owing nothing to the commands of 25 rows before (n, 2)."""
+    """Return the p-value of residuals (n, 2) uncorrelated with the commands of 25 rows before (n, 2)."""
     from scipy.stats import chi2  # noqa: PLC0415
 
     past = np.concatenate([_lagged(one) for one in inputs])
@@ -62,7 +62,7 @@ def unrelated(residuals: list[Array], inputs: list[Array]) -> float:
 
 
 def _centred(values: Array) -> Array:
-    """Return values about their mean; a row without a marble has none."""
+    """Return values minus their mean; zero for a row without a marble."""
     return np.nan_to_num(values - np.nanmean(values))
 
 

@@ -1,5 +1,5 @@
 """The concealed world: rigs simulated in PyBullet with hidden physics, written from the physics alone.
 
-Nothing here imports `irt`, whose catalogue it is to examine; only the names, units and signs of effects are
-the same, so that answers can be compared with labels.
+Nothing here imports `irt`, whose catalogue it examines. Only names, units and signs of effects are the same,
+so that answers can be compared with labels.
 """

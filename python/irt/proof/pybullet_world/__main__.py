@@ -5,12 +5,12 @@
     {"record": {"index": 3, "kind": "single", "seed": 7, "csv": "step,knob_x_rad,..."}}
     {"csv": "step,knob_x_rad,..."}
 
-Besides, "physics": ["lag"] says what to hide, and "tracker": "irt.tracking:positions" has the rig seen
-through a camera and read by that function. ``--tracker MODULE:FUNCTION SHARE`` has it so for a share of rigs.
+Optional keys: "physics": ["lag"] selects the hidden physics, and "tracker": "irt.tracking:positions" renders
+pictures and tracks them with that function. ``--tracker MODULE:FUNCTION SHARE`` does so for a share of rigs.
 
-The rig's folder gets the training runs. The label, test runs and all, goes to whoever asked, in memory: what
-becomes of it before it leaves this process is `conceal`'s. A further run of a rig is recorded from commands
-and a start in row 0, by the same physics and the same tracker.
+The training runs are written into the rig's folder. The label with the test runs is returned in memory;
+`conceal` is its last step before it leaves this process. A further run of a rig is recorded from commands and
+a start in row 0, with the same physics and the same tracker.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ def make(
 ) -> tuple[str, dict[str, Any]]:
     """Write the training runs of the rig with that index; return its name and its label.
 
-    A `tracker`, named as "module:function", reads the rig off rendered pictures. It is named by who asks, as
-    this package knows of none.
+    A `tracker`, given as "module:function", reads rendered pictures. The caller names it, because this
+    package imports none.
     """
     spec = _drawn(index, kind, seed, physics, tracker)
     recorded = record(spec, None if tracker is None else _named(tracker))
@@ -58,7 +58,7 @@ def further(
     physics: Iterable[str] = (),
     tracker: str | None = None,
 ) -> str:
-    """Return a run that was asked for, as the tracker of the rig with that index saw it."""
+    """Return a requested run of the rig with that index, as tracked."""
     spec = _drawn(index, kind, seed, physics, tracker)
     return record_further(spec, csv, None if tracker is None else _named(tracker))
 
@@ -78,14 +78,14 @@ def _named(tracker: str) -> Watch:
 
 
 def conceal(label: dict[str, Any]) -> dict[str, Any]:
-    """Return what leaves this process of a label: the place where it is to be sealed."""
+    """Return the part of a label that leaves this process; the hook for sealing it."""
     return {"label": label}
 
 
 def serve(requests: Iterable[str], answers: TextIO, tracker: str | None = None, share: float = 0.0) -> None:
-    """Answer requests until there are no more; one that cannot be met is answered by {"error": "..."}.
+    """Answer requests until the input ends; failures are answered by {"error": "..."}.
 
-    A share of the rigs for which no tracker is asked is seen through a camera, and read by this one.
+    A share of the rigs without a requested tracker is rendered and read by this one.
     """
     for line in requests:
         if not line.strip():
@@ -101,7 +101,7 @@ def serve(requests: Iterable[str], answers: TextIO, tracker: str | None = None, 
 
 
 def _is_watched(asked: dict[str, Any], share: float) -> bool:
-    """Whether a rig is among those that are seen through a camera: the same each time it is asked for."""
+    """Return whether a rig is seen through a camera, the same for each request."""
     return bool(np.random.default_rng([asked["seed"], asked["index"], 1]).random() < share)
 
 
@@ -111,11 +111,11 @@ def _answered(verb: str, asked: dict[str, Any]) -> dict[str, Any]:
         return {"made": name, **conceal(label)}
     if verb == "record":
         return {"csv": further(**asked)}
-    raise ValueError(f"a request is to make or to record, not to {verb}")
+    raise ValueError(f"a request must be make or record, not {verb}")
 
 
 def main() -> None:
-    """Serve standard input; PyBullet's greeting on standard output must not reach the one who asks."""
+    """Serve standard input; PyBullet's greeting must not reach the protocol on standard output."""
     parser = argparse.ArgumentParser(prog="python -m irt.proof.pybullet_world")
     parser.add_argument(
         "--tracker", nargs=2, metavar=("MODULE:FUNCTION", "SHARE"), help="of rigs seen through a camera"

@@ -1,9 +1,8 @@
-"""Pictures of a run: a camera above the board, its lens, the light and the noise of its pixels.
+"""Rendered pictures of a run: a camera above the board, its lens, the light and the noise of its pixels.
 
-What a rig hides in its sensing is done to the picture and not to numbers: the camera is calibrated as it was
-mounted, and then it has been pushed aside, turned, or leaned over, its lens is another, or the board lies
-above the axes that it turns about. Rendered by PyBullet on the processor: some 5 ms a picture of a
-camera so coarse that a tracker misses by 0.2 to 0.3 mm.
+Hidden sensing effects change the picture and not the numbers: after its calibration the camera is shifted,
+rotated or tilted, or its lens changes, or the board lies above its axes. PyBullet renders on the CPU, in some
+5 ms per picture. The resolution is so low that a tracker's error is 0.2 to 0.3 mm.
 """
 
 from __future__ import annotations
@@ -25,13 +24,13 @@ from .spec import Spec
 
 Picture = NDArray[np.uint8]
 
-#: Pixels of two millimetres: with smaller ones the tracker missed by 0.08 mm, less than engines differ by.
+#: Pixels of two millimetres: with smaller ones the tracker's error was 0.08 mm, less than engines differ.
 WIDTH, HEIGHT = 160, 120
-#: Pixels along a side of those that make one of the picture for the calibration; odd.
+#: Oversampling of the calibration's picture along a side; odd.
 FINER = 5
-#: Height of the camera [m]; half of what it sees of the board's plane, along y.
+#: Height of the camera [m]; half of its field of view in the board's plane, along y.
 DISTANCE_M, HALF_VIEW_M = 0.6, 0.14
-#: Of the plate that the tracker is calibrated on: as large as the board, and as high as the marble's middle.
+#: Plate for the calibration: as large as the board, at the height of the marble's centre.
 CORNERS_M = np.array([[-0.5, -0.5, 1], [0.5, -0.5, 1], [0.5, 0.5, 1], [-0.5, 0.5, 1]]) * [
     EDGE_X_M,
     EDGE_Y_M,
@@ -47,9 +46,9 @@ class Camera:
     Attributes
     ----------
     eye, forward, up : (3,) arrays
-        Where it is [m] and how it is turned.
+        Position [m] and orientation.
     lens : float
-        Part by which its picture is larger per squared board edge from its middle.
+        Relative magnification per squared board edge from its centre.
     """
 
     eye: Array
@@ -58,7 +57,7 @@ class Camera:
     lens: float = 0.0
 
     def look(self, points: Array) -> Array:
-        """Return where points (n, 3) [m] are seen (n, 2) [pixels right of and below the corner's middle]."""
+        """Return the pixels (n, 2), right of and below the corner's centre, of points (n, 3) [m]."""
         right = np.cross(self.forward, self.up)
         away = points - self.eye
         seen = np.stack([away @ right, away @ self.up], axis=1) / (away @ self.forward)[:, None]
@@ -69,7 +68,7 @@ class Camera:
         return np.asarray(seen * FOCAL * [1.0, -1.0] + MIDDLE)
 
     def straightened(self) -> tuple[Array, Array] | None:
-        """Return from where (h, w), to the right and down, a pixel takes its light; None without a lens."""
+        """Return the source pixel (h, w), to the right and down, of each pixel; None without a lens."""
         if self.lens == 0.0:
             return None
         down, right = np.mgrid[:HEIGHT, :WIDTH].astype(np.float64)
@@ -85,24 +84,24 @@ class Camera:
         return 1.0 + self.lens * square * (DISTANCE_M / EDGE_X_M) ** 2
 
 
-#: Depth in the buffer from which on there is nothing.
+#: Depth in the buffer that means background.
 NOTHING = 0.99
-#: Where no camera sees the marble.
+#: A position outside every picture.
 NOWHERE = np.array([0.0, 0.0, -1.0])
 FOCAL = HEIGHT / 2 * DISTANCE_M / HALF_VIEW_M
-#: Where the line of sight meets the picture: the renderer's rows begin at its lower margin.
+#: The principal point; the renderer's rows begin at the lower margin.
 MIDDLE = (WIDTH / 2, HEIGHT / 2 - 1)
 
 
 def mounted(spec: Spec) -> Camera:
-    """Return the camera as it was calibrated: up to three degrees aslant."""
+    """Return the calibrated camera: tilted by up to three degrees."""
     random = spec.random(0, 4)
     lean_x, lean_y = random.uniform(-0.05, 0.05, 2)
     return _aimed(np.array([lean_x, lean_y]), 0.0, np.zeros(2), 0.0)
 
 
 def now(spec: Spec) -> Camera:
-    """Return the camera as it is: as mounted, but for what the rig hides in its sensing."""
+    """Return the actual camera: the calibrated one with the hidden sensing effects."""
     random = spec.random(0, 4)
     lean = random.uniform(-0.05, 0.05, 2)
     hidden = {str(one["name"]): one for one in spec.effects}
@@ -110,7 +109,7 @@ def now(spec: Spec) -> Camera:
     aslant, shift = hidden.get("perspective"), hidden.get("camera_offset")
     turn, lens = hidden.get("camera_rotation"), hidden.get("lens_distortion")
     if aslant is not None:
-        # Over an edge the distance grows by the sine of the lean: far is where the slope is positive.
+        # Over an edge the distance grows by the sine of the tilt; the far side has the positive slope.
         lean = lean - DISTANCE_M / EDGE_X_M * scale * np.array([aslant["slope_x"], aslant["slope_y"]])
     aside = np.zeros(2) if shift is None else -np.array([shift["x_edges"], shift["y_edges"]])
     return _aimed(
@@ -134,7 +133,7 @@ def pictures(spec: Spec, run: int, played: Played) -> Iterator[Picture]:
     try:
         alone, bent = _Scene(p, client, board=False), camera.straightened()
         for place in _moved(spec, played):
-            # Nothing but the marble moves, and nothing stands before it.
+            # Only the marble moves, and nothing occludes it.
             marble, covered = alone.seen(camera, place)
             picture = np.where(covered[:, :, None], marble, still)
             yield light.on(_sampled(picture, bent), random)
@@ -143,10 +142,10 @@ def pictures(spec: Spec, run: int, played: Played) -> Iterator[Picture]:
 
 
 def calibration(spec: Spec) -> Picture:
-    """Return the picture (h, w, 3) on which the tracker was calibrated, before anything moved the camera.
+    """Return the picture (h, w, 3) for the tracker's calibration, before the camera was moved.
 
-    A plate as large as the board lies on it, as high as the marble's middle: so a camera that leans sees the
-    marble where it is, and not where its middle hides the board.
+    A plate as large as the board lies on it at the height of the marble's centre, so that a tilted camera
+    maps the marble's centre and not the point of the board behind it.
     """
     return _still(spec, mounted(spec), finer=FINER, what=6, plate=True)
 
@@ -163,7 +162,7 @@ def _still(spec: Spec, camera: Camera, *, finer: int, what: int, plate: bool) ->
         scene = _Scene(p, client, plate=plate)
         sharp = _sampled(scene.render(camera, NOWHERE, finer), camera.straightened())
         light = _Light.of(spec)
-        # Sixteen pictures make one that is so much the cleaner.
+        # The mean of sixteen pictures has less noise.
         light = replace(light, grain=light.grain / 4) if plate else light
         return light.on(sharp, spec.random(0, what))
     finally:
@@ -171,14 +170,14 @@ def _still(spec: Spec, camera: Camera, *, finer: int, what: int, plate: bool) ->
 
 
 def perfect(spec: Spec, played: Played) -> Array:
-    """Return what a tracker without error reads (n, 2) [board edges] off the pictures of a run."""
+    """Return the positions (n, 2) [board edges] of an errorless tracker on the pictures of a run."""
     plane = _homography(mounted(spec).look(CORNERS_M), CORNERS_M[:, :2] / EDGE_X_M * spec.observation_scale)
     pixels = np.column_stack([now(spec).look(_moved(spec, played)), np.ones(len(played.places))]) @ plane.T
     return np.asarray(pixels[:, :2] / pixels[:, 2:])
 
 
 def _moved(spec: Spec, played: Played) -> Array:
-    """Return where the marble's middle is in the room (n, 3) [m]."""
+    """Return the marble's centre in the room (n, 3) [m]."""
     hidden = {one.name: one for one in spec.hidden}
     parallax, yaw = hidden.get("parallax"), hidden.get("yaw")
     height = parallax.height_m_per_rad / spec.observation_scale if isinstance(parallax, Parallax) else 0.0
@@ -199,7 +198,7 @@ def _turned(tilt: Array) -> Array:
 
 
 def _aimed(lean: Array, turn: float, aside: Array, lens: float) -> Camera:
-    """Return a camera over a place of the board [m], leaned and turned about its line of sight [rad]."""
+    """Return a camera over a point of the board [m], tilted, and rotated about its line of sight [rad]."""
     sines = np.clip(lean, -0.6, 0.6)
     down = -math.sqrt(1.0 - float(sines @ sines))
     forward = np.array([-sines[0], -sines[1], down])
@@ -210,7 +209,7 @@ def _aimed(lean: Array, turn: float, aside: Array, lens: float) -> Camera:
 
 
 class _Scene:
-    """The board, its frame, the table and the marble, to be looked at."""
+    """The rendered scene: board, frame, table and marble."""
 
     def __init__(self, p: ModuleType, client: int, *, board: bool = True, plate: bool = False) -> None:
         self.p, self.client = p, client
@@ -234,7 +233,7 @@ class _Scene:
     def render(self, camera: Camera, place: Array, finer: int = 1) -> Picture:
         """Return a pinhole's picture (h, w, 3); the board's tilt of a hundredth shows in the marble alone.
 
-        The renderer knows no half-covered pixels: an odd `finer` averages squares of so many to the pixel.
+        The renderer has no antialiasing; an odd `finer` averages squares of that many pixels per side.
         """
         fine, _ = self.seen(camera, place, finer)
         # Pixels stand for their corner, so that those of a square are moved to be about it.
@@ -243,7 +242,7 @@ class _Scene:
         return np.asarray(np.rint(squares.mean(axis=(1, 3))), dtype=np.uint8)
 
     def seen(self, camera: Camera, place: Array, finer: int = 1) -> tuple[Picture, NDArray[np.bool_]]:
-        """Return colours (h, w, 3) of so many times the pixels, and where there is anything at all (h, w)."""
+        """Return colours (h, w, 3) at `finer` times the resolution, and the foreground mask (h, w)."""
         p, size = self.p, (finer * HEIGHT, finer * WIDTH)
         p.resetBasePositionAndOrientation(
             self.marble, place.tolist(), [0, 0, 0, 1], physicsClientId=self.client
@@ -276,7 +275,7 @@ class _Light:
 
     @classmethod
     def of(cls, spec: Spec) -> _Light:
-        """Draw a rig's."""
+        """Draw the light of a rig."""
         random = spec.random(0, 7)
         fall, grain = random.uniform(-0.15, 0.15, 2), float(random.uniform(3.0, 20.0))
         down, right = np.mgrid[-0.5 : 0.5 : HEIGHT * 1j, -0.5 : 0.5 : WIDTH * 1j]
@@ -284,14 +283,14 @@ class _Light:
         return cls(level[:, :, None].astype(np.float32), grain)
 
     def on(self, picture: Picture, random: np.random.Generator) -> Picture:
-        """Return a picture under this light, with another noise for each draw."""
+        """Return a picture under this light, with fresh noise."""
         noise = random.standard_normal(picture.shape, dtype=np.float32)
         noisy = np.rint(picture * self.level + np.float32(self.grain) * noise)
         return np.asarray(np.clip(noisy, 0, 255), dtype=np.uint8)
 
 
 def _sampled(picture: Picture, where: tuple[Array, Array] | None) -> Picture:
-    """Return a picture read between pixels (h, w) of another; what lies outside repeats its margin."""
+    """Return a picture interpolated at pixels (h, w) of another; its margin is repeated outside."""
     if where is None:
         return picture
     right, down = np.clip(where[0], 0, WIDTH - 1.001), np.clip(where[1], 0, HEIGHT - 1.001)

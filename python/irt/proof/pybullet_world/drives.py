@@ -1,4 +1,4 @@
-"""What the knobs do in a run, and where the marble lies before."""
+"""Excitations of the knobs, and start positions."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from .physics import EDGE_X_M, EDGE_Y_M, GRAVITY, RADIUS_M, Array
 
 ROWS = 120
-#: The knobs' largest angle [rad]; a servo that takes part in the game turns no farther.
+#: The knobs' largest angle [rad], as of the game's servo.
 MOST_RAD, LEAST_RAD = 0.15, 0.03
 
 Random = np.random.Generator
 
 
 def paper(random: Random) -> Array:
-    """Draw the paper's sinusoid, a period of 100 rows, either way round and from any phase."""
+    """Draw the paper's sinusoid, a period of 100 rows, in either direction and from any phase."""
     phase = 2.0 * np.pi * np.arange(ROWS) / 100.0 + random.uniform(0.0, 2.0 * np.pi)
     return np.asarray(np.stack([np.sin(phase), np.cos(phase)], axis=1) * random.choice([-1.0, 1.0], 2))
 
@@ -34,7 +34,7 @@ def steps(random: Random) -> Array:
 
 
 def holds(random: Random) -> Array:
-    """Draw pushes of 4 to 10 rows with level knobs between, in which the marble coasts."""
+    """Draw pulses of 4 to 10 rows with level knobs in between, in which the marble coasts."""
     pushes = _levels(random, 8, 16)
     quiet = np.zeros(ROWS, dtype=bool)
     row = int(random.integers(4, 10))
@@ -47,7 +47,7 @@ def holds(random: Random) -> Array:
 
 
 def chirp(random: Random) -> Array:
-    """Draw sines that speed up from half a period a run to up to five."""
+    """Draw chirps from half a period per run to up to five."""
     time = np.arange(ROWS) / ROWS
     end = random.uniform(2.0, 5.0, 2)
     phase = 2.0 * np.pi * (0.5 * time[:, None] + 0.5 * (end - 0.5) * time[:, None] ** 2)
@@ -72,10 +72,10 @@ DRIVES: dict[str, Callable[[Random], Array]] = {
 
 
 def drive(kind: str, random: Random, gears: tuple[float, float], row_s: float) -> Array:
-    """Draw commands (ROWS, 2) [rad], as they are written: six digits, at most `MOST_RAD`.
+    """Draw commands (ROWS, 2) [rad] with six digits, at most `MOST_RAD`.
 
-    Each knob's amplitude is such that without friction and rim the marble would move over 1 to 3 times half
-    the board's edge; its commands set in over three rows.
+    Each knob's amplitude is chosen so that without friction and rim the marble would move over 1 to 3 times
+    half the board's edge; the commands ramp up over three rows.
     """
     shape = DRIVES[kind](random) * np.minimum(1.0, np.arange(ROWS) / 3.0)[:, None]
     knobs = np.zeros_like(shape)
@@ -88,12 +88,12 @@ def drive(kind: str, random: Random, gears: tuple[float, float], row_s: float) -
         reach = per_rad * np.ptp(np.cumsum(np.cumsum(unit)))
         wanted = float(random.uniform(1.0, 3.0)) * edge / 2.0
         knobs[:, axis] = min(max(wanted / reach, LEAST_RAD), MOST_RAD) * unit
-    # Adding zero takes the sign from those that are zero.
+    # Adding zero removes the sign of negative zeros.
     return knobs.round(6) + 0.0
 
 
 def start(kind: str, random: Random) -> tuple[float, float]:
-    """Draw where the marble lies [m]: "centre", or "anywhere" well inside the rim."""
+    """Draw the start position [m]: "centre", or "anywhere" well inside the rim."""
     if kind == "centre":
         return 0.0, 0.0
     room = np.array([EDGE_X_M, EDGE_Y_M]) / 2.0 - RADIUS_M

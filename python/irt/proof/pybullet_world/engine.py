@@ -1,11 +1,11 @@
 """PyBullet: a marble on a board with four rim walls, as rigid bodies in three dimensions.
 
-The board stands still and gravity turns about it, which at these tilts is the same motion; a board set from
-one tilt to the next between two steps would throw the marble up. Rolling friction is Bullet's own: a length
-there, so that `mu * radius / lateral friction` is the dimensionless `mu` that a tilt has to exceed. Damping
-is off: Bullet's grows with spin. Measured at 1/960 s and 50 iterations of the solver: acceleration beyond the
-threshold is 5/7 g (sin(tilt) - mu) to 1e-4 from rest and at speeds of 0.1 to 0.3 m/s, where 1/240 s is 1 to 2
-% off.
+The board is fixed and gravity turns instead, which is the same motion at these tilts; a board that jumps to
+its next tilt between two steps would throw the marble up. Rolling friction is Bullet's own, a length: `mu *
+radius / lateral friction` for the dimensionless `mu` that a tilt has to exceed. Damping is off, because
+Bullet's grows with spin. Measured at 1/960 s and 50 solver iterations: above the threshold the acceleration
+is 5/7 g (sin(tilt) - mu) to 1e-4, from rest and at speeds of 0.1 to 0.3 m/s, where 1/240 s is off by 1 to 2
+%.
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ class Base:
 
 @dataclass(frozen=True)
 class Played:
-    """A run as it truly was, a row for each command.
+    """The true run, one row for each command.
 
     Attributes
     ----------
     places : (n, 2) array
-        The marble's middle [m] when the row's picture is taken.
+        The marble's centre [m] at the time of the row's picture.
     tilts : (n, 2) array
-        Of the board [rad], then.
+        Tilts of the board [rad] at that time.
     seen : (n, 2) array
-        What a perfect tracker reads [board edges].
+        Positions of a perfect tracker [board edges].
     """
 
     places: Array
@@ -66,7 +66,7 @@ class Played:
 
 
 def bullet() -> ModuleType:
-    """Import PyBullet without its greeting, which no user asked for and no protocol of lines expects."""
+    """Import PyBullet without its greeting, which would break the line protocol."""
     if "pybullet" not in sys.modules:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -90,7 +90,7 @@ def play(
     hidden: Sequence[Physics] = (),
     random: np.random.Generator | None = None,
 ) -> Played:
-    """Simulate a run of a marble at rest on a board whose knobs have been level.
+    """Simulate a run that starts at rest with level knobs.
 
     Parameters
     ----------
@@ -99,11 +99,11 @@ def play(
     commands : (n, 2) array
         Knob angles [rad], each from its row to the next.
     start_m : tuple
-        Where the marble lies at row 0 [m].
+        Position of the marble at row 0 [m].
     hidden : sequence of Physics
-        What acts besides, in the order in which it acts.
+        Hidden physics, in the order in which it acts.
     random : Generator
-        For physics that does not repeat; the same seed gives the same run.
+        Generator of random physics; the same seed gives the same run.
     """
     rows: Array = np.asarray(base.row_s * np.arange(len(commands)), dtype=np.float64)
     exposed = rows
@@ -115,7 +115,7 @@ def play(
     path = roll(base, tilts, start_m, hidden)
     moments = STEP_S * np.arange(steps + 1)
     places = np.stack([np.interp(exposed, moments, path[:, axis]) for axis in (0, 1)], axis=1)
-    # The picture of a moment at which the board moves on shows the board before.
+    # A picture at the time of a change of the board shows the board before it.
     then = tilts[np.ceil(exposed / STEP_S - 1e-9).astype(int)]
     seen = places / EDGE_X_M * base.observation_scale
     for one in hidden:
@@ -130,7 +130,7 @@ def arrived(
     times = rows
     for one in hidden:
         times = one.arrive(times, random)
-    # A command that a later one has overtaken does nothing.
+    # An overtaken command is dropped.
     soonest_after = np.append(np.minimum.accumulate(times[::-1])[::-1][1:], np.inf)
     kept = times < soonest_after
     knots = np.concatenate([[-1.0], times[kept], [max(steps * STEP_S, times[-1]) + 1.0]])
@@ -157,7 +157,7 @@ def gravity(tilts: Array) -> Array:
 
 
 def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequence[Physics]) -> Array:
-    """Return where the marble's middle is (steps + 1, 2) [m]."""
+    """Return the marble's centre (steps + 1, 2) [m]."""
     p = bullet()
     heavy = RADIUS_M * np.array([(0.0, 0.0, 0.0), *(one.heavy_side() for one in hidden)]).sum(axis=0)
     with _world(p, base, start_m, heavy) as (client, body):
@@ -187,7 +187,7 @@ def roll(base: Base, tilts: Array, start_m: tuple[float, float], hidden: Sequenc
 
 
 class _Push:
-    """Everything that acts on the marble but gravity and contact."""
+    """Forces and torques on the marble other than gravity and contact."""
 
     def __init__(self, p: ModuleType, client: int, body: int, base: Base, hidden: Sequence[Physics]) -> None:
         self.p, self.client, self.body = p, client, body
@@ -199,7 +199,7 @@ class _Push:
         self.factor = 1.0
 
     def apply(self, marble: Marble) -> None:
-        """Apply it for the next step."""
+        """Apply them for the next step."""
         p, client, body = self.p, self.client, self.body
         (marble.vx, marble.vy, _), marble.spin = p.getBaseVelocity(body, physicsClientId=client)
         for force in self.forces:
@@ -259,7 +259,7 @@ def _world(
             rollingFriction=_rolling(base.rolling_friction),
             linearDamping=0.0,
             angularDamping=0.0,
-            # Bullet takes a sphere beside its centre of mass for the box around it.
+            # Bullet treats a sphere that is off its centre of mass as its bounding box.
             localInertiaDiagonal=[0.4 * MASS_KG * RADIUS_M**2] * 3,
             activationState=p.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=client,
@@ -277,7 +277,7 @@ def _box(
 
 
 def _material(p: ModuleType, client: int, body: int) -> None:
-    """Set friction, which of two bodies that touch multiplies, and a dead contact."""
+    """Set friction, which multiplies over the two bodies of a contact, and no restitution."""
     p.changeDynamics(body, -1, lateralFriction=LATERAL_FRICTION, restitution=0.0, physicsClientId=client)
 
 

@@ -1,4 +1,4 @@
-"""What a tracker adds to what it should read."""
+"""Noise of a tracker."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import numpy as np
 
 from .physics import EDGE_X_M, Array, between
 
-#: Kinds of noise and how often each is drawn.
+#: Kinds of noise and their probabilities.
 KINDS = {"white": 0.5, "heavy": 0.25, "coloured": 0.25}
 LEAST_M, MOST_M = 0.2e-3, 2e-3
-#: Share of samples in the tails of heavy noise, how much wider those are, and what coloured noise carries on.
+#: Share of samples in the tails of heavy noise, their relative width, and the autocorrelation of coloured
+#: noise.
 TAILS, WIDER, CARRIED = 0.1, 4.0, 0.6
 
 
@@ -38,7 +39,7 @@ def noise(kind: str, rows: int, random: np.random.Generator) -> Array:
 
 
 def outliers(seen: Array, share: float, random: np.random.Generator) -> Array:
-    """Let the tracker take something else for the marble in a share of the rows after the first."""
+    """Replace a share of the rows after the first by outliers."""
     taken = random.random(len(seen)) < share
     taken[0] = False
     elsewhere = random.uniform([-0.45, -0.38], [0.45, 0.38], seen.shape)

@@ -1,4 +1,4 @@
-"""Physics that the catalogue does not have: repeatable, plausible, and none of its effects renamed."""
+"""Physics outside the catalogue: repeatable, plausible, and different from all of its effects."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Washboard(Physics):
 
 @dataclass(frozen=True)
 class Draught(Physics):
-    """A fan that swings past: a wind along one direction, a sine of the time since the marble is let go."""
+    """An oscillating fan: wind along one direction, a sine of the time since the release."""
 
     name: ClassVar[str] = "draught"
     push_m_per_s2: float
@@ -61,7 +61,7 @@ class Draught(Physics):
 
 @dataclass(frozen=True)
 class Swirl(Physics):
-    """A fan above the board: air that turns about a point and takes the marble round, which no slope can."""
+    """A fan above the board: air that circulates about a point, a force that no slope can cause."""
 
     name: ClassVar[str] = "swirl"
     x_m: float
@@ -103,7 +103,7 @@ class Groove(Physics):
 
 @dataclass(frozen=True)
 class Crease(Physics):
-    """A board of two halves that meet at an angle along a line: a push that changes its sign there."""
+    """A board of two halves at an angle: a push that changes its sign at their joint."""
 
     name: ClassVar[str] = "crease"
     slope_rad: float
@@ -125,7 +125,7 @@ class Crease(Physics):
 
 @dataclass(frozen=True)
 class Resonance(Physics):
-    """A board on soft springs that swings past where its knob tells it to be, at so many radians a second."""
+    """A board on soft springs that oscillates about its commanded angle, with a natural frequency [rad/s]."""
 
     name: ClassVar[str] = "resonance"
     rate_rad_per_s: float
@@ -136,28 +136,28 @@ class Resonance(Physics):
         return cls(between(9.0, 2.5, strength), float(random.uniform(0.05, 0.2)))
 
     def turn(self, knobs: Array, step_s: float) -> Array:
-        # The exact step of a state (angle - told, speed): decay times a rotation, which never grows.
+        # The exact step of a state (angle - goal, speed): decay times a rotation, which never grows.
         natural, fade = self.rate_rad_per_s, self.damping * self.rate_rad_per_s
         ringing = math.sqrt(natural**2 - fade**2)
         cos, sin = math.cos(ringing * step_s), math.sin(ringing * step_s) / ringing
         left = math.exp(-fade * step_s)
 
-        def swing(told: list[float]) -> Iterator[float]:
+        def swing(goals: list[float]) -> Iterator[float]:
             at, speed = 0.0, 0.0
-            for goal in told:
+            for goal in goals:
                 away = at - goal
                 at = goal + left * (away * (cos + fade * sin) + speed * sin)
                 speed = left * (speed * (cos - fade * sin) - away * natural**2 * sin)
                 yield at
 
-        return np.array([list(swing(told)) for told in knobs.T.tolist()]).T
+        return np.array([list(swing(goals)) for goals in knobs.T.tolist()]).T
 
 
 @dataclass(frozen=True)
 class SoftCord(Physics):
-    """A cord that gives under the motor's speed: the faster the knob turns, the less of its angle arrives.
+    """A cord that yields at speed: the faster the knob turns, the less of its angle reaches the board.
 
-    The knob follows its command in a quarter of a second; its angle counts 1/(1 + (speed/soft)^2).
+    The knob follows its command in a quarter of a second; its angle is scaled by 1/(1 + (speed/soft)^2).
     """
 
     name: ClassVar[str] = "soft_cord"
@@ -170,8 +170,8 @@ class SoftCord(Physics):
     def turn(self, knobs: Array, step_s: float) -> Array:
         left = math.exp(-step_s / 0.25)
         paths = [
-            list(accumulate(told, lambda at, goal: goal + (at - goal) * left, initial=0.0))[1:]
-            for told in knobs.T.tolist()
+            list(accumulate(goals, lambda at, goal: goal + (at - goal) * left, initial=0.0))[1:]
+            for goals in knobs.T.tolist()
         ]
         angles = np.array(paths).T
         speeds = np.diff(angles, axis=0, prepend=np.zeros((1, 2))) / step_s
@@ -180,7 +180,7 @@ class SoftCord(Physics):
 
 @dataclass(frozen=True)
 class WarmMotors(Physics):
-    """Motors that tire as they warm up: the knobs turn less and less far, each by a share of its own."""
+    """Motors that weaken as they warm up: the knobs' turns shrink, each by its own share."""
 
     name: ClassVar[str] = "warm_motors"
     x_share: float
@@ -199,7 +199,7 @@ class WarmMotors(Physics):
 
 @dataclass(frozen=True)
 class SwayingTable(Physics):
-    """Whoever turns both knobs leans on the table: their product turns each of them on [rad/rad^2]."""
+    """A player who turns both knobs leans on the table: their product adds to each angle [rad/rad^2]."""
 
     name: ClassVar[str] = "swaying_table"
     x_per_rad: float
@@ -216,7 +216,7 @@ class SwayingTable(Physics):
 
 @dataclass(frozen=True)
 class Dust(Physics):
-    """A marble that picks up dust as it rolls: its resistance doubles on the first `way_m`, and so on."""
+    """A marble that picks up dust: its resistance grows with the path length and doubles after `way_m`."""
 
     name: ClassVar[str] = "dust"
     way_m: float
@@ -289,7 +289,7 @@ class Yaw(Physics):
 
 @dataclass(frozen=True)
 class MagneticLine(Physics):
-    """A steel strip under the board: pulls to a line with the inverse of the distance, from 2 cm below."""
+    """A steel strip 2 cm below the board: attraction to a line with the inverse of the distance."""
 
     name: ClassVar[str] = "magnetic_line"
     distance_m: float

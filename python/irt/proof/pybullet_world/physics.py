@@ -1,4 +1,4 @@
-"""What hidden physics may do, and where: the places of a rig in which something can act."""
+"""Base class of hidden physics: the places of a rig in which it can act."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ MASS_KG = 0.0105
 
 @dataclass(slots=True)
 class Marble:
-    """What a force on the marble may depend on, at the beginning of a step.
+    """State for forces on the marble, at the beginning of a step.
 
     Attributes
     ----------
     time, length : float
-        Since the marble was let go, and how long the step lasts [s].
+        Time since the release, and length of the step [s].
     x, y, vx, vy : float
-        Its middle in the board's frame [m, m/s].
+        The marble's centre in the board's frame [m, m/s].
     spin : tuple
         Angular velocity about x, y, z [rad/s].
     way : float
-        How far it has rolled [m].
+        Path length since the release [m].
     pull_x, pull_y : float
-        Acceleration that gravity would give it along the board, if it slid freely [m/s^2].
+        Acceleration of a freely sliding marble by gravity along the board [m/s^2].
     friction : float
-        Rolling friction of the base: the tilt up to which it stays.
+        Rolling friction of the base: the tilt up to which the marble rests.
     """
 
     x: float
@@ -51,16 +51,16 @@ class Marble:
 
     @property
     def speed(self) -> float:
-        """Of its middle [m/s]."""
+        """Speed of the centre [m/s]."""
         return math.hypot(self.vx, self.vy)
 
 
 @dataclass(frozen=True)
 class Physics:
-    """Something that a simulator of five parameters lacks. A kind of it overrides the place where it acts.
+    """Physics beyond the five parameters. A subclass overrides the methods of the places where it acts.
 
-    The fields of a kind are its parameters. Times are in seconds since the marble is let go at row 0, arrays
-    of knobs and tilts have one row for each step of the engine, angles in radians about x and about y.
+    The fields of a subclass are its parameters. Times are in seconds since the release at row 0. Arrays of
+    knobs and tilts have one row for each step of the engine, with angles in radians about x and about y.
     """
 
     name: ClassVar[str] = ""
@@ -75,31 +75,31 @@ class Physics:
         return {"name": self.name, **asdict(self)}
 
     def arrive(self, times: Array, random: np.random.Generator) -> Array:
-        """Return when commands (n,) reach the knob that would reach it at `times`."""
+        """Return the arrival times at the knob (n,) of commands issued for `times`."""
         return times
 
     def expose(self, times: Array) -> Array:
-        """Return when pictures (n,) are taken that belong to rows at `times`."""
+        """Return the times of the pictures (n,) of rows at `times`."""
         return times
 
     def turn(self, knobs: Array, step_s: float) -> Array:
-        """Return where knobs (n, 2) are that are told to be at `knobs`, at rest at zero before."""
+        """Return the actual angles (n, 2) of knobs commanded to `knobs`, at rest at zero before."""
         return knobs
 
     def lean(self, tilts: Array) -> Array:
-        """Return how the board is tilted (n, 2) that its knobs alone would tilt by `tilts`."""
+        """Return the actual tilts (n, 2) of a board that its knobs alone would tilt by `tilts`."""
         return tilts
 
     def force(self, marble: Marble) -> tuple[float, float]:
-        """Return a force through the marble's middle, over its mass [m/s^2]."""
+        """Return a force through the marble's centre, divided by its mass [m/s^2]."""
         return 0.0, 0.0
 
     def torque(self, marble: Marble) -> tuple[float, float, float]:
-        """Return a torque on the marble, over its mass [m^2/s^2]."""
+        """Return a torque on the marble, divided by its mass [m^2/s^2]."""
         return 0.0, 0.0, 0.0
 
     def resist(self, marble: Marble) -> float:
-        """Return the factor by which rolling resistance is another here and now."""
+        """Return the factor on the rolling resistance in this state."""
         return 1.0
 
     def bounce(self, restitution: float) -> float:
@@ -107,11 +107,11 @@ class Physics:
         return restitution
 
     def heavy_side(self) -> tuple[float, float, float]:
-        """Return where the centre of mass is when the marble is let go, from its middle [radii]."""
+        """Return the centre of mass at the release, relative to the marble's centre [radii]."""
         return 0.0, 0.0, 0.0
 
     def see(self, seen: Array, tilts: Array) -> Array:
-        """Return what the tracker reads (n, 2) [board edges] where it should read `seen`."""
+        """Return the tracked positions (n, 2) [board edges] for errorless positions `seen`."""
         return seen
 
 
@@ -131,6 +131,6 @@ def either(random: np.random.Generator) -> float:
 
 
 def on_board(random: np.random.Generator, share: float) -> tuple[float, float]:
-    """Return a place [m] within that share of the board about its centre."""
+    """Return a point [m] within that share of the board about its centre."""
     x, y = random.uniform(-0.5, 0.5, 2) * share
     return float(x * EDGE_X_M), float(y * EDGE_Y_M)

@@ -1,4 +1,4 @@
-"""From a spec to recordings on the disk and a label that never lies beside them."""
+"""From a spec to recordings on disk and a separate label."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from .engine import Played, play
 from .physics import EDGE_X_M, EDGE_Y_M, MASS_KG, RADIUS_M, Array
 from .spec import TEST, TRAIN, Spec
 
-#: What reads rendered runs: a picture of the board at the calibration, one from before the run, the
-#: run's pictures, the board's length along x and y, the marble's radius [board edges]; to positions (n, 2).
-#: Where it can make nothing of a run it raises a ValueError that says why.
+#: A tracker of rendered runs. Its arguments are the calibration's picture of the board, one from before the
+#: run, the run's pictures, the board's length along x and y, and the marble's radius [board edges]; it
+#: returns positions (n, 2), or raises a ValueError with the reason for an unreadable run.
 Watch = Callable[[Picture, Picture, Iterable[Picture], tuple[float, float], float], Array]
 
-#: Index of a run that is recorded later, for what is drawn in it.
+#: Index of a run that is recorded later, for its random numbers.
 FURTHER = TRAIN + TEST
 
-#: Why a run that was read is lost all the same.
+#: Reason for a run that is lost although it was read.
 UNSEEN = "no marble in the first picture, where every prediction starts"
 
 RIG_TOML = f"""\
@@ -48,19 +48,19 @@ class Recorded:
     Attributes
     ----------
     spec : Spec
-        What was simulated.
+        The simulated rig.
     commands : (runs, n, 2) array
         Knob angles [rad].
     clean : (runs, n, 2) array
-        What a perfect tracker would have read [board edges].
+        Positions of a perfect tracker [board edges].
     seen : (runs, n, 2) array
-        What the tracker read [board edges], NaN where it lost the marble.
+        Tracked positions [board edges], NaN where the tracker lost the marble.
     sigma : float
-        Standard deviation of what the tracker adds, but for outliers [board edges]; NaN if it read nothing.
+        Standard deviation of the tracker's noise without outliers [board edges]; NaN if it read nothing.
     signal : float
-        Mean absolute difference of paths with and without what is hidden, over the noise.
+        Mean absolute difference of paths with and without the hidden physics, divided by the noise.
     refused : mapping of int to str
-        Runs of which the tracker could make nothing, and why.
+        Unreadable runs and the reasons.
     """
 
     spec: Spec
@@ -80,7 +80,7 @@ class Recorded:
         return _csv(self.commands[run], self.seen[run])
 
     def lost(self) -> dict[str, str]:
-        """Return the runs that are no recordings, by name, and why: nothing sealed may look as if read."""
+        """Return the unreadable runs by name, with the reasons, so that a seal does not pass them as read."""
         return {
             name: self.refused.get(run, UNSEEN)
             for run, name in enumerate(self.names())
@@ -88,7 +88,7 @@ class Recorded:
         }
 
     def label(self) -> dict[str, Any]:
-        """Return the truth, and the test runs, as what JSON can hold."""
+        """Return the truth and the test runs as JSON content."""
         spec = self.spec
         tests = {
             name: {"csv": self.text(run), "clean": self.clean[run].tolist()}
@@ -123,7 +123,7 @@ class Recorded:
 
 
 def kind(spec: Spec) -> str | list[str]:
-    """Return what a diagnosis should say: a name, two, "none", "outliers" or "unlisted_" and a name."""
+    """Return the right answer: one name, two, "none", "outliers" or "unlisted_" and a name."""
     if spec.beyond is not None:
         return f"unlisted_{spec.beyond['name']}"
     names = [str(one["name"]) for one in spec.effects]
@@ -133,15 +133,15 @@ def kind(spec: Spec) -> str | list[str]:
 
 
 def record(spec: Spec, watch: Watch | None = None) -> Recorded:
-    """Simulate all runs of a rig and read them as its tracker does.
+    """Simulate all runs of a rig and track them.
 
-    A run that the tracker cannot read is lost, and the rig stays: one drawn instead would be one that the
-    tracker can read, and the proof would tell of such rigs alone.
+    An unreadable run is lost and the rig is kept. A redrawn rig would be a readable one, which would bias the
+    proof towards such rigs.
 
     Raises
     ------
     ValueError
-        If the rig is to be seen through a camera and nobody watches.
+        If the rig is seen through a camera and there is no tracker.
     """
     if spec.through_camera and watch is None:
         raise ValueError(f"{spec.name} is to be seen through a camera: say what reads its pictures")
@@ -151,7 +151,7 @@ def record(spec: Spec, watch: Watch | None = None) -> Recorded:
     if watch is not None and spec.through_camera:
         clean = np.array([camera.perfect(spec, one) for one in played])
         seen, refused = _watched(spec, played, watch)
-        # Of most samples: where the marble was lost or taken for another there is no noise to tell.
+        # From most samples only: lost rows and outliers do not show the noise.
         missed = np.abs(seen - clean)[~np.isnan(seen)]
         sigma = 1.4826 * float(np.median(missed)) if len(missed) else math.nan
     else:
@@ -174,12 +174,12 @@ def record(spec: Spec, watch: Watch | None = None) -> Recorded:
 
 
 def record_further(spec: Spec, csv: str, watch: Watch | None = None) -> str:
-    """Record one more run of a rig, in the format of recordings: commands, and where row 0 shows the marble.
+    """Record one more run of a rig from commands and a position in row 0, in the format of recordings.
 
     Raises
     ------
     ValueError
-        If the run cannot be read, or is to be seen through a camera and nobody watches.
+        If the run is unreadable, or is seen through a camera without a tracker.
     """
     if spec.through_camera and watch is None:
         raise ValueError(f"{spec.name} is to be seen through a camera: say what reads its pictures")
@@ -199,35 +199,35 @@ def record_further(spec: Spec, csv: str, watch: Watch | None = None) -> str:
 
 
 def _jumped(spec: Spec, run: int, seen: Array) -> Array:
-    """Return a run with a rig's outliers; where nothing at all was read, nothing was taken for the marble."""
+    """Return a run with a rig's outliers; an unreadable run has none."""
     if np.isnan(seen).all():
         return seen
     return noise.outliers(seen, spec.outliers, spec.random(run, 3))
 
 
 def _watched(spec: Spec, played: list[Played], watch: Watch, first: int = 0) -> tuple[Array, dict[int, str]]:
-    """Return what a tracker reads (runs, n, 2) [board edges] off pictures of runs, numbered from a first.
+    """Return tracked positions (runs, n, 2) [board edges] of rendered runs, numbered from a first.
 
-    Besides, the runs of which it can make nothing, and why: their positions are NaN.
+    Also returns the unreadable runs with the reasons; their positions are NaN.
     """
     edges = spec.observation_scale, spec.observation_scale * EDGE_Y_M / EDGE_X_M
     radius = spec.observation_scale * RADIUS_M / EDGE_X_M
     calibration, empty = camera.calibration(spec), camera.empty(spec)
     read, refused = [], {}
     for run, one in enumerate(played, start=first):
-        # Rendered before they are read: what goes wrong there is no fault of the tracker's.
+        # Rendered before the tracking, so that errors of rendering do not count as the tracker's.
         pictures = list(camera.pictures(spec, run, one))
         try:
             read.append(watch(calibration, empty, pictures, edges, radius))
         except Exception as error:
-            # Whatever it is: a tracker that breaks on a run has not read it, and that counts.
+            # Any exception: a tracker that fails on a run has not read it.
             read.append(np.full_like(one.seen, np.nan))
             refused[run] = f"{error}" if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
     return np.array(read), refused
 
 
 def _known(value: float) -> float | None:
-    """Return a number as JSON takes it: None for NaN, on which no seal can be put."""
+    """Return a number as JSON content: None for NaN, which cannot be sealed."""
     return None if math.isnan(value) else value
 
 
@@ -240,7 +240,7 @@ def _csv(commands: Array, marble: Array) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write beside and move there, so that nobody reads half of it."""
+    """Write a temporary file and rename it, so that no reader sees a part."""
     beside = path.with_name(f".{path.name}.part")
     beside.write_text(text, encoding="utf-8")
     beside.replace(path)

@@ -1,8 +1,9 @@
-"""A rim that gives back speed.
+"""A rim with restitution.
 
-Bullet stops a marble in the steps in which it comes near a wall, each by what is left of the gap, so that at
-a labyrinth's speeds of centimetres a second little is left for its own restitution: of 0.9 it returned 0 to
-0.2, as the steps fell. So the dead contact is Bullet's, and the impulse that follows it is given here.
+Bullet slows a marble down over the steps in which it approaches a wall, so that at a labyrinth's speeds of
+centimetres per second hardly any speed remains for its own restitution: with 0.9 the measured restitution was
+0 to 0.2, depending on the timing of the steps. Therefore Bullet computes an inelastic contact, and this
+module applies the impulse of the rebound.
 """
 
 from __future__ import annotations
@@ -16,12 +17,12 @@ from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array
 
 LATERAL_FRICTION = 0.5  # two bodies multiply to 0.25
 
-#: Farther from the rim [m] than this the marble is free, and slower [m/s] than this it leans on the rim.
+#: Distance from the rim [m] above which the marble is free, and speed [m/s] below which it leans on the rim.
 FREE_M, LEANS_M_PER_S = 2.5e-4, 1e-3
 
 
 class Rim:
-    """The rim's restitution, and the friction that goes with its impulse."""
+    """The rim's restitution, with the friction of its impulse."""
 
     def __init__(self, p: ModuleType, client: int, body: int, restitution: float) -> None:
         self.p, self.client, self.body = p, client, body
@@ -30,7 +31,7 @@ class Rim:
         self.approach = [0.0, 0.0]
 
     def apply(self, place: Sequence[float]) -> None:
-        """Send a marble at `place` [m] back that the last step has stopped at the rim."""
+        """Rebound a marble at `place` [m] that the last step has stopped at the rim."""
         moves, turns = self.p.getBaseVelocity(self.body, physicsClientId=self.client)
         for axis, edge in enumerate((EDGE_X_M, EDGE_Y_M)):
             side = 1.0 if place[axis] > 0.0 else -1.0
@@ -48,7 +49,7 @@ class Rim:
 def _kicked(
     moves: Array, turns: Array, axis: int, side: float, speed: float
 ) -> tuple[list[float], list[float]]:
-    """Return velocity [m/s] and spin [rad/s] after an impulse that sends the marble off at that speed."""
+    """Return velocity [m/s] and spin [rad/s] after the impulse of a rebound at that speed."""
     arm = np.zeros(3)
     arm[axis] = side * RADIUS_M
     slip = moves + np.cross(turns, arm)
@@ -56,7 +57,7 @@ def _kicked(
     size = float(np.hypot(*np.delete(slip, axis)))
     moves[axis] = -side * speed
     if size > 0.0:
-        # Coulomb's limit, or what stops the slip of a sphere: two sevenths of it.
+        # The smaller of Coulomb's limit and two sevenths of the slip, which stops a sphere's slip.
         rubbed = -slip / size * min(LATERAL_FRICTION**2 * speed, 2.0 / 7.0 * size)
         moves = moves + rubbed
         turns = turns + np.cross(arm, rubbed) / (0.4 * RADIUS_M**2)

@@ -1,4 +1,4 @@
-"""What is to be simulated: everything about a rig, drawn from a seed."""
+"""Specification of a rig: all its properties, drawn from a seed."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Physics
 
 TRAIN, TEST = 8, 4
 KINDS = ("none", "outliers", "single", "pair", "unlisted")
-#: A rig is drawn again unless the marble misses its plain way by so many times the noise.
+#: A rig is redrawn unless the hidden physics changes the path by this many times the noise.
 SHOWS = 3.0
-#: Runs that are simulated to find out, unless the first of them miss by less than this part of that.
+#: Runs that are simulated for this check, unless the first ones are below this part of the threshold.
 PROBES, HOPELESS = (0, 3, 6, 9), 0.25
-#: Draws until another noise and other parameters are drawn too, and how often that is done until magnitudes
-#: come from the largest fifth of their range and noise from the smallest.
+#: Draws until noise and parameters are redrawn too, and number of such redraws until magnitudes come from the
+#: largest fifth of their range and noise from the smallest.
 DRAWS, GROWS = 2, 9
 
 _KNOWN = {one.name: one for one in (*EFFECTS, *BEYOND)}
@@ -31,22 +31,22 @@ _ORDER = list(_KNOWN)
 
 @dataclass(frozen=True)
 class Spec:
-    """A rig: the same spec gives the same recordings, byte for byte.
+    """A rig; the same spec gives the same recordings, byte for byte.
 
     Attributes
     ----------
     name : str
-        Of the rig; says nothing about it.
+        Neutral name of the rig.
     seed : int
-        Of drives, starts, noise, and of physics that does not repeat.
+        Seed of drives, starts, noise and random physics.
     gear_x, gear_y, rolling_friction, time_scale, observation_scale : float
         The five parameters, in the units of the recordings' format.
     effects : tuple of dict
-        Effects of the catalogue that are hidden: name and parameters.
+        Hidden effects of the catalogue: name and parameters.
     beyond : dict, optional
-        Physics that no catalogue has: name and parameters.
+        Hidden physics outside the catalogue: name and parameters.
     outliers : float
-        Share of rows in which the tracker reads something else.
+        Share of rows with an outlier of the tracker.
     noise, sigma : str, float
         Kind of tracker noise, and its standard deviation [board edges].
     drive : str
@@ -80,33 +80,33 @@ class Spec:
 
     @property
     def hidden(self) -> tuple[Physics, ...]:
-        """What acts, in the order in which it acts."""
+        """The hidden physics, in the order in which it acts."""
         return made(self.effects if self.beyond is None else (*self.effects, self.beyond))
 
     def random(self, run: int, what: int) -> np.random.Generator:
-        """Return the generator of a run's drive (0), of physics that does not repeat (1), or of noise (2)."""
+        """Return the random generator of a run's drive (0), random physics (1) or noise (2)."""
         return np.random.default_rng([self.seed, run, what])
 
     def excitation(self, run: int) -> tuple[Array, tuple[float, float]]:
-        """Return a run's commands (rows, 2) [rad] and where the marble lies before [m]."""
+        """Return a run's commands (rows, 2) [rad] and start position [m]."""
         random = self.random(run, 0)
         kinds = list(drives.DRIVES)
         kind = kinds[int(random.integers(len(kinds)))] if self.drive == "mixed" else self.drive
         commands = drives.drive(kind, random, (self.gear_x, self.gear_y), self.base.row_s)
-        # Even where all starts are apart, one run in four begins in the middle, and the other way round.
+        # With starts anywhere one run in four still begins in the centre, and the reverse.
         other = {"centre": "anywhere", "anywhere": "centre"}[self.starts]
         return commands, drives.start(other if run % 4 == 3 else self.starts, random)
 
     def play(self, run: int) -> Played:
-        """Simulate a run as it is."""
+        """Simulate a run."""
         commands, start_m = self.excitation(run)
         return play(self.base, commands, start_m, self.hidden, self.random(run, 1))
 
     def missed(self, run: int, played: Played, without: Sequence[str] = ()) -> float:
-        """Return by how much a run misses the same run without some of its physics [board edges].
+        """Return the distance of a run from the same run without some of its physics [board edges].
 
-        That marble starts where a camera without it would see the first row, as any simulation would have it.
-        Without names, all that is hidden is left out.
+        The other run starts at the first tracked position, as any simulation does. Without names, all hidden
+        physics is left out.
         """
         left = tuple(one for one in self.hidden if without and one.name not in without)
         commands, start_m = self.excitation(run)
@@ -119,7 +119,7 @@ class Spec:
         return float(np.abs(played.seen - plain.seen).mean())
 
     def to_json(self) -> dict[str, Any]:
-        """Return all of it as what JSON can hold."""
+        """Return the spec as JSON content."""
         return {**asdict(self), "effects": [dict(one) for one in self.effects]}
 
 
@@ -153,7 +153,7 @@ def draw(
     physics: Sequence[str] = (),
     through_camera: bool = False,
 ) -> Spec:
-    """Draw a rig in which what is hidden shows.
+    """Draw a rig whose hidden physics changes the path noticeably.
 
     Parameters
     ----------
@@ -162,9 +162,9 @@ def draw(
     kind : str
         "none", "outliers", "single", "pair", "unlisted".
     name : str
-        Of the rig.
+        Name of the rig.
     physics : sequence of str
-        Names of what to hide; drawn too if there are none.
+        Names of the physics to hide; drawn as well if empty.
     through_camera : bool
         Whether the recording is read from rendered pictures.
 
@@ -189,7 +189,7 @@ def draw(
 
 
 def shows(spec: Spec, name: str) -> bool:
-    """Return whether the marble goes another way for that physics, beside what else is hidden."""
+    """Return whether that physics changes the path noticeably, given the other hidden physics."""
     least = SHOWS * spec.sigma
     missed: list[float] = []
     for run in PROBES:

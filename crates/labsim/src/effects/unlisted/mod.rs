@@ -1,4 +1,4 @@
-//! What no effect of the catalogue explains: profiles over board, velocity, tilt and time, powers of the speed, a mode.
+//! Physics outside the catalogue: profiles over board, velocity, tilt and time, powers of the speed, a vibration mode.
 
 mod mode;
 mod profile;
@@ -59,7 +59,7 @@ const fn rate(name: &'static str, means: &'static str) -> Parameter {
 }
 
 const fn phase(name: &'static str, means: &'static str) -> Parameter {
-    // Of a narrow profile at the board's end it is many radians.
+    // The phase of a narrow profile at the board's edge is many radians.
     parameter(name, "rad", (-10.0, 10.0), 200.0, 0, means)
 }
 
@@ -88,7 +88,7 @@ const fn power(name: &'static str, means: &'static str) -> Parameter {
 /// How many profiles there are, and the parameters of each.
 const PROFILES: usize = 5;
 const OF_PROFILE: usize = 18;
-/// Those of them by which it counts.
+/// Those of them that scale the profile's contribution.
 const SIZES: std::ops::Range<usize> = 1..6;
 
 macro_rules! parameters {
@@ -108,7 +108,7 @@ macro_rules! parameters {
                 },
                 push(concat!("push_", $n, "_x_m_per_s2"), concat!("acceleration along x where the ", $nth, " profile is 1")),
                 push(concat!("push_", $n, "_y_m_per_s2"), concat!("acceleration along y where the ", $nth, " profile is 1")),
-                strength(concat!("brake_", $n, "_m_per_s2"), concat!("what the ", $nth, " profile adds to the drag where it is 1")),
+                strength(concat!("brake_", $n, "_m_per_s2"), concat!("drag that the ", $nth, " profile adds where it is 1")),
                 gear(concat!("gear_", $n, "_x"), concat!("share of the board's angle about x that the ", $nth, " profile adds where it is 1")),
                 gear(concat!("gear_", $n, "_y"), concat!("share of the board's angle about y that the ", $nth, " profile adds where it is 1")),
                 wave(concat!("wave_", $n, "_x_per_m"), concat!("phase of the ", $nth, " profile for each metre along x")),
@@ -131,10 +131,10 @@ macro_rules! parameters {
                 ),
             )*
             strength("drag_strength", "drag, deceleration at 0.1 m/s; negative drives on"),
-            power("drag_power", "p, with which power of the speed the drag grows"),
+            power("drag_power", "p, power of the speed with which the drag grows"),
             strength("side_strength", "side, acceleration to the left at 0.1 m/s"),
-            power("side_power", "q, with which power of the speed the push to the side grows"),
-            parameter("mode_gain", "", (-2.0, 2.0), 100.0, 0, "how much of the mode's way from the board's angles adds to them"),
+            power("side_power", "q, power of the speed with which the side push grows"),
+            parameter("mode_gain", "", (-2.0, 2.0), 100.0, 0, "share of the mode's deviation from the board's angles that is added to them"),
             Parameter {
                 name: "mode_rate_rad_per_s",
                 unit: "rad/s",
@@ -144,7 +144,7 @@ macro_rules! parameters {
                 time_power: -1,
                 optional: false,
                 reach: None,
-                means: "how fast the mode swings without its damping",
+                means: "undamped angular frequency of the mode",
             },
             Parameter {
                 name: "mode_damping",
@@ -155,7 +155,7 @@ macro_rules! parameters {
                 time_power: 0,
                 optional: false,
                 reach: None,
-                means: "damping of the mode, of the critical one",
+                means: "damping ratio of the mode",
             },
         ]
     };
@@ -170,15 +170,16 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     equation: "acceleration = Σ push f(s) - (drag + Σ brake f(s)) (v/0.1)^p v̂ + side (v/0.1)^q ẑ × v̂ + 5/7 g (gain (mode - angles) + Σ gear f(s) angles), \
                s = wave · place + swift · velocity + heading · v̂ + tilt · angles + rate t + way ℓ + phase, d²mode/dt² = rate² (angles - mode) - 2 damping rate d mode/dt",
     parameters: parameters!["1" "first", "2" "second", "3" "third", "4" "fourth", "5" "fifth"],
-    does: "It stands for physics that no effect of the catalogue explains, as far as recordings show it: up to five profiles \
-           (a wave, a step, a bell, a ridge, a round spot, a line, a bowl or a saddle) of push, of drag and of the gears over the \
-           board, the marble's velocity and its direction, the board's tilt, the time and the way ℓ since row 0, a drag and a push \
-           to the side with any power of the speed, and a mode in which the board swings after its knobs. Accelerations are \
-           those of the rolling marble as it is seen, not 7/5 of them. Above 1 m/s the powers count as at 1 m/s, lines, bowls \
-           and saddles beyond 1000 radians as there; a drag with the power 0 holds a resting marble as friction does.",
-    matters: "Where a diagnosis has learned it; it is no hypothesis of its own, since it imitates many effects.",
-    looks: "Whatever the catalogue leaves: pushes that depend on the place, on the velocity, on the tilt, on the time or the way \
-            since the beginning or on how the board was turned.",
+    does: "A stand-in for physics that no effect of the catalogue explains, as far as recordings show it. It has up to five \
+           profiles (a wave, step, bell, ridge, round spot, line, bowl or saddle) of push, of drag and of the gears. A profile \
+           depends on the place, the marble's velocity and direction, the board's tilt, and the time and path length ℓ since \
+           row 0. It also has a drag and a side push with any power of the speed, and a vibration mode of the board on its \
+           knobs. Accelerations are those of the rolling marble as observed, not 7/5 of them. The powers are constant above 1 \
+           m/s; lines, bowls and saddles are constant beyond 1000 radians. A drag with the power 0 holds a resting marble as \
+           friction does.",
+    matters: "Where a diagnosis has learned it. It is no hypothesis of its own, because it can imitate many effects.",
+    looks: "Residuals that no effect of the catalogue explains: pushes that depend on place, velocity, tilt, time, path length \
+            or the history of the board's angles.",
     references: &[
         "Ljung: System Identification, 2nd ed., ch. 5 (models of nonlinear systems)",
         "Brunton, Proctor, Kutz: Discovering governing equations from data by sparse identification of nonlinear dynamical \
@@ -186,17 +187,17 @@ pub(super) const ABOUT: EffectSpec = EffectSpec {
     ],
 };
 
-/// What the speeds of the power laws are bounded by (m/s): their logarithms are those of parts of one.
+/// Upper bound of the speeds in the power laws (m/s), which keeps their logarithms below zero.
 const SLOWEST: f64 = 1e-9;
 const FASTEST: f64 = 1.0;
 
-/// Force through the centre over the acceleration of a rolling sphere.
+/// Ratio of the force per mass through the centre to the acceleration of a rolling sphere.
 const FORCE: f64 = 7.0 / 5.0;
 
 /// An acceleration that grows with a power of the speed.
 #[derive(Clone)]
 struct Law<S: Simd> {
-    /// What an acceleration at 0.1 m/s becomes at `FASTEST`.
+    /// Ratio of the acceleration at `FASTEST` to that at 0.1 m/s.
     growth: Lanes<S>,
     /// At `FASTEST` (m/s²).
     most: Lanes<S>,
@@ -205,16 +206,16 @@ struct Law<S: Simd> {
 
 #[derive(Clone)]
 pub(crate) struct Unlisted<S: Simd> {
-    /// Those that push, brake or turn the gears in any lane: in the others they add nothing to a sum that begins at zero.
+    /// Profiles with a contribution in any lane. In other lanes they add zero.
     profiles: Vec<Profile<S>>,
     brakes: bool,
     drag: Law<S>,
     side: Option<Law<S>>,
     mode: Option<Mode<S>>,
-    /// When the present substep began, after row 0, and how long it is (s).
+    /// Start of the present substep after row 0, and its length (s).
     time: Lanes<S>,
     length: Lanes<S>,
-    /// How far the marble has rolled since row 0 (m), if that matters.
+    /// Path length since row 0 (m), if a profile depends on it.
     way: Option<Lanes<S>>,
     /// The board's angles in this substep (rad).
     tilt: Option<Pair<S>>,
@@ -285,7 +286,7 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             y = y - pull * mode.away[0];
         }
         if self.brakes || self.side.is_some() {
-            // The rolling velocity after the pushes: what is slower than they are is held, not reversed.
+            // The rolling velocity after the pushes: a drag stops a slow marble and does not reverse it.
             let [wx, wy] = marbles.rolling();
             let (wx, wy) = (
                 wx + 1.0 / FORCE * (push.x + x),
@@ -305,7 +306,7 @@ impl<S: Simd> Effect<S> for Unlisted<S> {
             }
             if self.brakes {
                 let change = drag * (self.drag.power * ln).exp_decay() * push.length;
-                // The law's own solution but for third powers of what is lost: v (1 - q + p/2 q² - ...).
+                // The law's solution up to the third power of the relative loss q: v (1 - q + p/2 q² - ...).
                 let (slows, drives) = (change.max(zero), change.min(zero));
                 let share = 0.5 * (self.drag.power * slows).over(speed);
                 push.resistance = push.resistance + slows.over(one + share);

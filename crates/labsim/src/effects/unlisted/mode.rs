@@ -1,11 +1,11 @@
-//! A mode in which the board swings after its knobs.
+//! A vibration mode of the board about the angles that its knobs command.
 
 use pulp::Simd;
 
 use crate::lanes::Lanes;
 use crate::motion::Pair;
 
-/// A board on springs: where it swings after its knobs tell it to be elsewhere.
+/// A damped oscillator per axis, driven by the board's commanded angles.
 #[derive(Clone)]
 pub(super) struct Mode<S: Simd> {
     pub(super) gain: Lanes<S>,
@@ -13,14 +13,14 @@ pub(super) struct Mode<S: Simd> {
     fade: Lanes<S>,
     ringing: Lanes<S>,
     natural: Lanes<S>,
-    /// Angles (rad) and their rates (rad/s), once the board has some.
+    /// Angles (rad) and their rates (rad/s); none before the first substep.
     state: Option<[Pair<S>; 2]>,
-    /// How far the angles were from the board's in the last substep, on average (rad).
+    /// Mean deviation of the angles from the board's in the last substep (rad).
     pub(super) away: Pair<S>,
     swing: Swing<S>,
 }
 
-/// What so many seconds leave of a free swing: the decay times cosine, and times sine over the ringing.
+/// Free oscillation over a substep: the decay times the cosine, and times the sine over the ringing rate.
 #[derive(Clone)]
 struct Swing<S: Simd> {
     length: Lanes<S>,
@@ -53,7 +53,7 @@ impl<S: Simd> Mode<S> {
             self.swing = self.over(length);
         }
         let zero = length.like(0.0);
-        // It has long been where it settles.
+        // At first the mode is at rest at the board's angles.
         let [angles, rates] = self.state.get_or_insert([*tilt, [zero; 2]]);
         for axis in 0..2 {
             let (away, rate) = (angles[axis] - tilt[axis], rates[axis]);

@@ -1,4 +1,4 @@
-//! Shapes over what a push, a drag or a gear may depend on.
+//! The profiles of a push, a drag or a gear: shapes over a phase.
 
 use pulp::Simd;
 
@@ -20,32 +20,32 @@ pub(super) const SADDLE: f64 = 7.0;
 /// Phase beyond which line, bowl and saddle do not grow: a push that grows with the speed has an end.
 const FARTHEST: f64 = 1e3;
 
-/// What makes the ridge 1 where it is highest: the root of e.
+/// Scale that makes the ridge's maximum 1: the root of e.
 const RIDGE_TOP: f64 = 1.648_721_270_700_128_2;
 
 #[derive(Clone)]
 pub(super) struct Profile<S: Simd> {
     shape: Shapes<S>,
     pub(super) push: Pair<S>,
-    /// What it adds to the drag, as `Law::most`, where any lane has some.
+    /// Its contribution to the drag, as `Law::most`; none if it is zero in all lanes.
     pub(super) brake: Option<Lanes<S>>,
-    /// What it adds to the gears about x and y, as a share, where any lane has some.
+    /// Its relative contribution to the gears about x and y; none if it is zero in all lanes.
     pub(super) gear: Option<Pair<S>>,
-    /// Radians a metre along x and y.
+    /// Radians per metre along x and y.
     vector: Pair<S>,
-    /// Radians for each m/s along x and y, for the direction of motion, and for each radian about x and y, where
-    /// any lane has some.
+    /// Radians per m/s along x and y, for the direction of motion, and per radian about x and y; none if zero in all
+    /// lanes.
     swift: Option<Pair<S>>,
     heading: Option<Pair<S>>,
     tilt: Option<Pair<S>>,
     rate: Lanes<S>,
-    /// Radians for each metre rolled, where any lane has some.
+    /// Radians per metre of the path; none if zero in all lanes.
     pub(super) way: Option<Lanes<S>>,
     phase: Lanes<S>,
     across: Lanes<S>,
 }
 
-/// Which lanes have which shape, where any has another than a wave.
+/// The lanes of each shape; none where no lane has it.
 #[derive(Clone)]
 struct Shapes<S: Simd> {
     step: Option<Mask<S>>,
@@ -59,7 +59,7 @@ struct Shapes<S: Simd> {
 }
 
 impl<S: Simd> Profile<S> {
-    /// `growth` is what a drag at 0.1 m/s becomes at `FASTEST`.
+    /// `growth` is the ratio of the drag at `FASTEST` to that at 0.1 m/s.
     pub(super) fn new(values: &[Lanes<S>], growth: Lanes<S>) -> Self {
         let zero = growth.like(0.0);
         let used = |pair: Pair<S>| (pair[0].ne(zero) | pair[1].ne(zero)).any().then_some(pair);
@@ -79,7 +79,7 @@ impl<S: Simd> Profile<S> {
         }
     }
 
-    /// Its value for marbles, with the board, the time and the way as they are `now`.
+    /// Its value for marbles; `now` has the board's angles, the time and the path length.
     #[inline(always)]
     pub(super) fn at(&self, marbles: &Marbles<S>, push: &Push<S>, now: &Unlisted<S>) -> Lanes<S> {
         let [kx, ky] = self.vector;
@@ -90,7 +90,7 @@ impl<S: Simd> Profile<S> {
             angle = angle + swift[0] * wx + swift[1] * wy;
         }
         if let Some(by) = self.heading {
-            // Where what pushes a resting marble would set it going, too.
+            // A resting marble has the direction in which the push would set it going.
             let [wx, wy] = marbles.rolling();
             let (wx, wy) = (wx + 1.0 / FORCE * push.x, wy + 1.0 / FORCE * push.y);
             angle = angle + (by[0] * wx + by[1] * wy).over(length(wx, wy));

@@ -1,4 +1,4 @@
-//! One marble of a world on its way through its rollout.
+//! One marble of a world, through its rollout.
 
 use pulp::Scalar;
 use rapier3d_f64::prelude::*;
@@ -40,13 +40,13 @@ pub(super) struct Marble<'a> {
     /// one substep to the next: but for rounding, this is the simulation with substeps of that
     /// length.
     pace: f64,
-    /// What pushes the marble, in its own time (m/s²).
+    /// Acceleration of the marble, in its own time (m/s²).
     pull: Vector,
-    /// Most that rolling resistance takes from the rolling velocity in a part, in its own time (m/s).
+    /// Maximum decrease of the rolling velocity by rolling resistance in a part, in its own time (m/s).
     resistance: f64,
-    /// Most that friction with the board takes from the spin about the vertical in a part, in its own time (m/s).
+    /// Maximum decrease of the spin about the vertical by friction with the board in a part, in its own time (m/s).
     spinning: f64,
-    /// Where and how the marble moved before the last part.
+    /// Position and velocity before the last part.
     before: Option<Marbles<Scalar>>,
     obstacles: Option<&'a Obstacles>,
     /// How the marble moves that crosses a hole, and whether it is still over it. Its body lies on the board
@@ -219,7 +219,7 @@ impl<'a> Marble<'a> {
         self.pace = pace / parts;
     }
 
-    /// Lets board, gravity and whatever else there is act on the marble in its next part.
+    /// Applies board, gravity and effects to the marble in its next part.
     fn act(&mut self, marble: &mut RigidBody) {
         let row = self.row - 1;
         if self.done.is_multiple_of(self.parts) {
@@ -245,7 +245,7 @@ impl<'a> Marble<'a> {
         }
     }
 
-    /// What acts in a part of a substep.
+    /// Accelerations and friction limits of a part of a substep.
     fn part_of(&self, push: Push<Scalar>) -> Push<Scalar> {
         if self.parts == 1 {
             return push;
@@ -266,7 +266,7 @@ impl<'a> Marble<'a> {
         }
     }
 
-    /// Turns what acts in a part of a substep into rapier's forces, in the marble's time.
+    /// Converts them into rapier's forces, in the marble's time.
     fn push(&mut self, push: &Push<Scalar>, marble: &mut RigidBody) {
         let [x, y, normal, length] = [push.x, push.y, push.normal, push.length].map(number);
         let pace = self.pace;
@@ -280,7 +280,7 @@ impl<'a> Marble<'a> {
         marble.set_angular_damping(rate);
     }
 
-    /// Where the marble is and how it moves, in everybody's time.
+    /// Position and velocity of the marble, in the common time.
     fn motion(&self, marble: &RigidBody) -> Marbles<Scalar> {
         let radius = self.rig.marble.radius_m;
         let one = |value: f64| Lanes::splat(Scalar::new(), value);

@@ -1,4 +1,4 @@
-//! What board and rims do to rolling and slipping marbles within one substep.
+//! Contact of rolling and slipping marbles with board and rims within one substep.
 //!
 //! A solid sphere on a plane has five velocities that matter: of its centre along x and y (`v`), of
 //! its surface where it touches the board (`s`: the velocity at which the present spin would be a
@@ -22,8 +22,8 @@ use super::impact::impact;
 use crate::lanes::{Lanes, Mask};
 use crate::motion::{Marbles, Push, Rims, length};
 
-/// Each lane pays for a slip or an impact only in the substeps that have one; what its neighbours do
-/// decides whether the dear way is computed, never whether it counts.
+/// Slips and impacts are computed only in substeps in which some lane has one. The other lanes discard the
+/// result, so a lane never depends on its neighbours.
 #[inline(always)]
 pub(super) fn substep<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> Marbles<S> {
     let zero = push.length.like(0.0);
@@ -90,14 +90,14 @@ fn roll<S: Simd>(rims: &Rims<S>, marbles: &Marbles<S>, push: &Push<S>) -> (Marbl
     (rolling(wx, wy, spin), climbs)
 }
 
-/// The spin about the vertical that damping and the board leave after a substep.
+/// The spin about the vertical after damping and friction with the board in a substep.
 #[inline(always)]
 fn spun<S: Simd>(spin: Lanes<S>, push: &Push<S>) -> Lanes<S> {
     let spin = spin * push.damping;
     spin - spin.clamp(push.spinning)
 }
 
-/// The part of a rolling velocity that rolling resistance leaves after a substep.
+/// Factor of rolling resistance on the rolling velocity after a substep.
 #[inline(always)]
 fn unresisted<S: Simd>(wx: Lanes<S>, wy: Lanes<S>, resistance: Lanes<S>) -> Lanes<S> {
     let (zero, one) = (wx.like(0.0), wx.like(1.0));

@@ -1,9 +1,9 @@
-//! An extended Kalman filter in each lane: rows correct the marble by what was seen in them.
+//! An extended Kalman filter in each lane: each row's observation corrects the marble.
 //!
 //! The mean is the simulated marble itself, with all effects, walls and stops. The covariance goes with a
 //! marble that moves freely between two rows and is scaled by the restitution where it has met a wall. Each
-//! axis has four states: place x (m), velocity v (m/s), a push that lasts a (m/s²), and the tracker's lasting
-//! error b (board edges).
+//! axis has four states: position x (m), velocity v (m/s), a lasting acceleration a (m/s²), and the tracker's
+//! lasting error b (board edges).
 
 mod covariance;
 
@@ -22,11 +22,11 @@ use crate::noise::Noise;
 /// ([`crate::fit`]), rows beyond about three standard deviations lose their weight.
 pub(crate) const TAIL: f64 = 4.0;
 
-/// Standard deviation of a speed of which nothing is known (m/s): a hundred times what a marble on a board may
+/// Standard deviation of an unknown speed (m/s): a hundred times what a marble on a board may
 /// have, so that a row in which it changes without a reason costs about ten nats.
 const JUMP: f64 = 30.0;
 
-/// What a marble that rolls gains by a tilt (m/s² per rad).
+/// Acceleration of a rolling marble per tilt (m/s² per rad).
 const ACCELERATION: f64 = 5.0 / 7.0 * GRAVITY;
 
 /// Speed along either axis below which a marble is at rest (m/s).
@@ -37,14 +37,14 @@ pub(super) struct Estimator<S: Simd> {
     axes: [Covariance<S>; 2],
     /// Means of the tracker's lasting errors (board edges).
     lasting: Pair<S>,
-    /// Means of the pushes that last (m/s²).
+    /// Means of the lasting accelerations (m/s²).
     pull: Pair<S>,
-    /// Whether it is known of the marbles that they rest, if they do: 1 or 0.
+    /// Whether the marbles' rest is certain while they rest: 1 or 0.
     known: Lanes<S>,
-    /// The marbles' places and velocities as the row began (m, m/s).
+    /// The marbles' positions and velocities at the beginning of the row (m, m/s).
     place: Pair<S>,
     velocity: Pair<S>,
-    /// The board's angles as the row began (rad).
+    /// The board's angles at the beginning of the row (rad).
     tilt: Pair<S>,
     edges_per_m: Lanes<S>,
     variances: Variances<S>,
@@ -53,7 +53,7 @@ pub(super) struct Estimator<S: Simd> {
 }
 
 impl<S: Simd> Estimator<S> {
-    /// Filters of marbles that are let go where they were seen; none where nothing was measured.
+    /// Filters of marbles that are released at their observed positions; none without measurements.
     pub(super) fn new(
         rims: &Rims<S>,
         edges_per_m: Lanes<S>,
@@ -111,8 +111,8 @@ impl<S: Simd> Estimator<S> {
         })
     }
 
-    /// Corrects the marbles by what was seen in a row. In `out` is what the camera was predicted to see; the
-    /// tracker's lasting error is added, and the variance of the prediction written beside it.
+    /// Corrects the marbles by the observation of a row. `out` holds the predicted observation; the tracker's
+    /// lasting error is added to it, and the variance of the prediction is written beside it.
     pub(super) fn correct(
         &mut self,
         row: usize,
@@ -209,7 +209,7 @@ impl<S: Simd> Estimator<S> {
     }
 }
 
-/// One row of all lanes, as a function of its own.
+/// One row of all lanes, in a separate function.
 struct Taken<'a, 'b, 'c, 'd, S: Simd> {
     estimator: &'a mut Estimator<S>,
     row: usize,
@@ -250,7 +250,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         } = lasted;
         let still = seconds.like(REST);
         let rests = marbles.vx.abs().lt(still) & marbles.vy.abs().lt(still);
-        // Of a marble that was let go at an unknown velocity, nobody knows that it rests before it has moved.
+        // After a release at an unknown velocity, rest is not certain before the marble has moved.
         let [x, y] = estimator.velocity;
         let moved = x.abs().ge(still) | y.abs().ge(still);
         let rests = rests & (moved | estimator.known.gt(still.like(0.0)));
@@ -276,7 +276,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
                     .map_or(0.0, |out| out.marble[row - group.filler.first][axis])
             };
             let predicted = Lanes::from_fn(simd, seen) + estimator.edges_per_m * moved + *lasting;
-            // A first row that is the start itself says nothing of it.
+            // A first row that is the start state itself holds no information about it.
             let counts = |one: &Measured<'_>| last.is_some() || one.noise.start_velocity.is_none();
             let measured = of_job(&|job| {
                 let measured = job.measured.as_ref().filter(|one| counts(one));
@@ -329,7 +329,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
     }
 }
 
-/// Writes down, where that is wanted, what was known of an axis as a row was taken in.
+/// Writes the filter's state along an axis at a row, if requested.
 #[inline(always)]
 fn write_down<S: Simd>(
     out: &mut [Sink<'_>],

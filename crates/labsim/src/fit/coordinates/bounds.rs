@@ -1,10 +1,10 @@
-//! How far coordinates may go, and what it costs them to leave the ranges.
+//! Bounds of the coordinates, and the penalty outside the ranges.
 
 use super::Coordinates;
 use crate::fit::axis::{Axis, SMALLEST, Shape};
 use crate::parameters::FRICTION;
 
-/// Relative distance beyond a range that counts like a residual of one standard deviation.
+/// Relative distance outside a range that is penalised like a residual of one standard deviation.
 const LEEWAY: f64 = 0.1;
 
 impl Coordinates {
@@ -37,8 +37,8 @@ impl Coordinates {
         bounds
     }
 
-    /// How far beyond their reach parameters lie, in units of [`LEEWAY`], to be squared and halved
-    /// like residuals: where recordings say nothing, this keeps a fit near the ranges.
+    /// Distances of parameters outside their reach in units of [`LEEWAY`], to be squared and halved like
+    /// residuals. They keep a fit near the ranges where recordings hold no information.
     pub(in crate::fit) fn excess(&self, z: &[f64]) -> Vec<f64> {
         let magnitudes = self.magnitudes(z);
         let beyond = |(axis, &p): (&Axis, &f64)| {

@@ -5,20 +5,20 @@ use crate::error::Result;
 use crate::fit::axis::{Axis, effect_axis};
 use crate::fit::problem::{Hypothesis, LEAN, ParameterSpec, Problem};
 
-/// The size with which a map is let go, over the half width of its coefficients' range.
+/// Initial size of a released map, divided by the half width of its coefficients' range.
 const OPEN: f64 = 0.3;
-/// Precision (in coordinates) with which one that is held at zero is known.
+/// Precision (in coordinates) of a coefficient that is held at zero.
 const HELD: f64 = 1e12;
 
-/// Coordinates that are drawn from one normal distribution about zero.
+/// Coordinates with a common normal prior about zero.
 #[derive(Debug, Clone)]
 pub(in crate::fit) struct Group {
-    /// The effect whose they are.
+    /// Their effect.
     pub(in crate::fit) effect: &'static str,
     pub(in crate::fit) axes: Vec<usize>,
-    /// The distribution's standard deviation, in the parameters' unit; zero holds them at zero.
+    /// The prior's standard deviation, in the parameters' unit; zero holds them at zero.
     pub(in crate::fit) size: f64,
-    /// How often residuals repeat each other, which would else outweigh the distribution.
+    /// Number of correlated residuals per independent one, so that residuals do not outweigh the prior.
     repetition: f64,
     /// The value that reports the size.
     slot: Option<usize>,
@@ -54,7 +54,7 @@ impl Coordinates {
         Ok(())
     }
 
-    /// Those that are shrunk towards zero.
+    /// The groups that are shrunk towards zero.
     pub(in crate::fit) fn groups(&self) -> &[Group] {
         &self.groups
     }
@@ -65,7 +65,7 @@ impl Coordinates {
         maps.map(|group| group.axes.clone()).collect()
     }
 
-    /// Sets the size of a group; residuals repeat each other so often.
+    /// Sets the size of a group, and the number of correlated residuals per independent one.
     pub(in crate::fit) fn resize(&mut self, group: usize, size: f64, repetition: f64) {
         let group = &mut self.groups[group];
         (group.size, group.repetition) = (size, repetition);
@@ -74,7 +74,7 @@ impl Coordinates {
         }
     }
 
-    /// Takes the sizes that values report or have.
+    /// Sets the sizes from values: those that they report, or their root mean square.
     pub(in crate::fit) fn take_sizes(&mut self, values: &[f64]) {
         for group in &mut self.groups {
             match group.slot {
@@ -94,7 +94,7 @@ impl Coordinates {
         }
     }
 
-    /// Lets the maps that are held at zero go, with a size that shrinks them little; false where there are none.
+    /// Releases the maps that are held at zero, with a size that shrinks them little; false if there are none.
     pub(in crate::fit) fn open_maps(&mut self) -> bool {
         let mut opened = false;
         for group in &mut self.groups {
@@ -111,7 +111,7 @@ impl Coordinates {
         self.groups.iter().map(|group| group.size).collect()
     }
 
-    /// Coordinates with those of groups of no size at zero.
+    /// Coordinates, with zeros for groups of size zero.
     pub(in crate::fit) fn shrunk(&self, mut z: Vec<f64>) -> Vec<f64> {
         for group in self.groups.iter().filter(|group| group.size == 0.0) {
             for &i in &group.axes {
@@ -121,14 +121,13 @@ impl Coordinates {
         z
     }
 
-    /// Whether a coordinate is held at zero, being of a group without a size.
+    /// Whether a coordinate is held at zero, because its group has size zero.
     pub(in crate::fit) fn is_held(&self, i: usize) -> bool {
         let mut groups = self.groups.iter();
         groups.any(|group| group.size == 0.0 && group.axes.contains(&i))
     }
 
-    /// What each coordinate's square costs, twice: its precision before anything was seen; nothing where it is
-    /// held.
+    /// Prior precision of each coordinate; zero if it is held.
     pub(in crate::fit) fn precisions(&self) -> Vec<f64> {
         let mut precisions = vec![0.0; self.axes.len()];
         for group in &self.groups {
@@ -141,7 +140,7 @@ impl Coordinates {
         precisions
     }
 
-    /// How well each coordinate was known before anything was seen: its precision.
+    /// Prior precision of each coordinate.
     pub(in crate::fit) fn known_before(&self) -> Vec<f64> {
         let mut precisions = self.precisions();
         for group in &self.groups {
@@ -160,13 +159,13 @@ impl Coordinates {
         self.groups.iter().any(|group| group.axes.contains(&i))
     }
 
-    /// How many coordinates a draw is over.
+    /// Number of coordinates of a draw.
     pub(in crate::fit) fn drawn_axes(&self) -> usize {
         (0..self.len()).filter(|&i| !self.is_shrunk(i)).count()
     }
 }
 
-/// Those of effects whose parameters are shrunk, each of which is one group.
+/// The groups of effects with shrunk parameters, one for each effect.
 pub(super) fn groups_of_effects(problem: &Problem<'_>, axes: &[Axis]) -> Vec<Group> {
     let effects = problem.effects.iter().zip(problem.slots_of_effects());
     let group = |(one, slots): (&Hypothesis, std::ops::Range<usize>)| {
@@ -174,7 +173,7 @@ pub(super) fn groups_of_effects(problem: &Problem<'_>, axes: &[Axis]) -> Vec<Gro
         let own: Vec<usize> = (0..axes.len()).filter(is_own).collect();
         (one.effect.shrunk && !own.is_empty()).then_some(Group {
             effect: one.effect.name,
-            // A map can explain any single run: it is at zero until it predicts others.
+            // A map can explain any single run, so it is held at zero until it predicts other runs.
             size: 0.0,
             axes: own,
             repetition: 1.0,

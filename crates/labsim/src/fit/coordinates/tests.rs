@@ -145,7 +145,7 @@ fn derivatives_are_those_of_the_maps() {
 }
 
 #[test]
-fn whatever_a_step_proposes_stays_within_reach() {
+fn proposed_steps_stay_within_reach() {
     let coordinates = coordinates();
     for far in [-20.0, 20.0] {
         let clipped = coordinates.clip(&[far; FREE]);

@@ -164,7 +164,7 @@ proptest! {
     fn a_spring_adds_what_it_is_stretched_by(
         top in 0.01..0.05_f64, strength in -0.5..1.5_f64, width in 0.02..0.2_f64, jumps in 0..2_u32,
     ) {
-        // Stretched, let off, and stretched the other way by what is left of the turn: by small steps if each is one
+        // Stretched, released, and stretched the other way by the rest of the turn: by small steps if each is one
         // of the law, else however the knob gets there.
         let steps = if jumps == 1 { 50 } else { 1 };
         let stretched = width * (1.0 - f64::exp(-top / width));
@@ -260,7 +260,7 @@ fn a_gear_matrix_needs_no_gear_of_its_axis() {
 }
 
 #[test]
-fn a_run_leans_by_its_own_angles_whatever_their_size() {
+fn a_run_leans_by_its_own_angles_for_any_size() {
     for (engine, _) in ENGINES {
         let lean = |size| {
             Trial::level(11)

@@ -22,8 +22,8 @@ fn rotated([x, y]: Place, angle: f64) -> Place {
     [x * cos - y * sin, x * sin + y * cos]
 }
 
-/// Rolls a marble over a tilted board from `place` at `velocity` (edges, edges/s), and once more told
-/// to the engine as the camera sees it; holds what the camera sees to the camera's map.
+/// Rolls a marble over a tilted board from `place` at `velocity` (edges, edges/s), and once more with the observed
+/// start state; compares the observed path with the map of the true one.
 fn assert_seen(
     effects: &[(&'static str, &[f64])],
     place: Place,
@@ -46,8 +46,8 @@ fn assert_seen(
                 trial.with(name, values)
             });
         let path = trial.run(engine);
-        let told = trial.start.map(|x| x / EDGE * EDGE);
-        assert_eq!(path[0], told, "row 0 is the start");
+        let start = trial.start.map(|x| x / EDGE * EDGE);
+        assert_eq!(path[0], start, "row 0 is the start");
         for (row, (seen, place)) in path.iter().zip(&plain).enumerate() {
             let expected = map(place.map(|x| x / EDGE));
             for axis in 0..2 {

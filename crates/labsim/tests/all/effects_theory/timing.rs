@@ -70,7 +70,7 @@ proptest! {
         }
     }
 
-    /// Positions tell how late the picture of an answer is, not where it was held up.
+    /// Positions show the total delay of a response, not where it arises.
     #[test]
     fn from_rest_a_late_picture_is_a_late_command(late in 0.0..0.3_f64) {
         for (engine, within) in ENGINES {

@@ -237,7 +237,7 @@ proptest! {
     fn a_round_spot_brakes_by_where_the_marble_is(
         brake in 0.01..0.08_f64, radius in 0.015..0.04_f64, x in -0.03..0.03_f64, y in -0.03..0.03_f64,
     ) {
-        // A drag of the first power takes as much speed on each way, whatever the speed.
+        // A drag of the first power takes as much speed on each way at any speed.
         let (start, speed) = (-0.08, 0.15);
         let bell = |at: f64| f64::exp(-0.5 * ((at - x).powi(2) + y.powi(2)) / radius.powi(2));
         let named = [
@@ -389,7 +389,7 @@ fn a_window_continues_the_path_of_the_whole_run() {
             [0.01 * f64::sin(0.7 * t), 0.008 * f64::cos(0.5 * t)]
         })
         .collect();
-    // The row before the window is one substep, so that its way tells the velocity.
+    // The row before the window is one substep, so that its way gives the velocity.
     let durations: Vec<f64> = (0..24)
         .map(|row| match row {
             row if row == first - 1 => SUBSTEP,

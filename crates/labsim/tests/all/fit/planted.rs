@@ -71,7 +71,7 @@ fn excitation(random: &mut Random, rows: usize) -> Vec<[f64; 2]> {
 }
 
 impl Planted {
-    /// Runs of a truth that may have effects; `stamped` ones tell the time scale, in `moving` ones the
+    /// Runs of a truth that may have effects; `stamped` ones determine the time scale, in `moving` ones the
     /// marble rolls at row 0.
     pub(crate) fn new(
         seed: u64,

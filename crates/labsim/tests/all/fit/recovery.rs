@@ -18,7 +18,7 @@ fn what_recordings_fix_is_found_from_anywhere() {
             "{}",
             solution.tracker_noise
         );
-        // Along the first symmetry nothing but impacts tells the values apart.
+        // Along the first symmetry only impacts distinguish the values.
         let fixed =
             |values: &[f64]| [0, 1, 2].map(|i| values[i] * values[3] * values[3] * values[4]);
         for (found, truth) in fixed(&solution.values).into_iter().zip(fixed(&TRUTH)) {

@@ -6,7 +6,7 @@ use labsim::fit::{Problem, Refined};
 
 use super::planted::{NOISE, Planted, TRUTH};
 
-/// Root of the mean square of what is left over, in units of the tracker's noise.
+/// Root mean square of the residuals, in units of the tracker's noise.
 fn left(refined: &Refined) -> f64 {
     let all: Vec<f64> = refined
         .residuals

@@ -58,7 +58,7 @@ fn marble_and_tilt_give_actuation_and_motion() {
         assert!(near(tilt.scale[axis], noise, 0.15), "{:?}", tilt.scale);
         assert!(near(solution.axis_noise[axis], NOISE, 0.15));
     }
-    // Tilt tells what the marble knows little of.
+    // The tilt determines what the marble hardly shows.
     let mut without = planted;
     without.tilt.fill(None);
     let alone = without.fit(4, 0).unwrap().information.deviations();

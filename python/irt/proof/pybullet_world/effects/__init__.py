@@ -19,7 +19,7 @@ from .servo import CommandQuantisation, DeadBand, Lag, SlewLimit
 from .shape import BoardWarp, Bump, PointField
 from .timing import ClockDrift, Delay, DelayJitter, Latency
 
-#: From the command to the picture, which is the order in which they act.
+#: In the order in which they act, from the command to the picture.
 EFFECTS: tuple[type[Physics], ...] = (
     Delay,
     DelayJitter,

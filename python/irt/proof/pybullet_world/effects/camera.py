@@ -1,4 +1,4 @@
-"""Where a camera that does not stand as it should sees the marble [board edges from the centre]."""
+"""Effects of a misplaced camera on tracked positions [board edges from the centre]."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..physics import EDGE_X_M, Array, Physics, between, either
 
 @dataclass(frozen=True)
 class Parallax(Physics):
-    """The board lies above the axes that it turns about: the picture shifts [m per rad of tilt]."""
+    """A board above its axes: the picture shifts with the tilt [m per rad]."""
 
     name: ClassVar[str] = "parallax"
     height_m_per_rad: float
@@ -29,7 +29,7 @@ class Parallax(Physics):
 
 @dataclass(frozen=True)
 class Perspective(Physics):
-    """The camera looks aslant: over an edge along x and along y the distance grows by these parts."""
+    """A tilted camera: relative growth of the distance per edge along x and y."""
 
     name: ClassVar[str] = "perspective"
     slope_x: float
@@ -46,7 +46,7 @@ class Perspective(Physics):
 
 @dataclass(frozen=True)
 class LensDistortion(Physics):
-    """The lens magnifies by k r^2 more, r in board edges from the centre; a barrel's k is negative."""
+    """A lens with relative magnification k r^2, r in board edges from the centre; negative k for a barrel."""
 
     name: ClassVar[str] = "lens_distortion"
     k_per_edge2: float
@@ -61,7 +61,7 @@ class LensDistortion(Physics):
 
 @dataclass(frozen=True)
 class CameraRotation(Physics):
-    """The camera is turned about its line of sight: pictures turn by this angle [rad] from x towards y."""
+    """A camera rotated about its line of sight: pictures turn by this angle [rad] from x towards y."""
 
     name: ClassVar[str] = "camera_rotation"
     angle_rad: float
@@ -77,7 +77,7 @@ class CameraRotation(Physics):
 
 @dataclass(frozen=True)
 class CameraOffset(Physics):
-    """The tracker's zero lies beside the board's centre, which is seen here [board edges]."""
+    """A shifted zero of the tracker: tracked position of the board's centre [board edges]."""
 
     name: ClassVar[str] = "camera_offset"
     x_edges: float

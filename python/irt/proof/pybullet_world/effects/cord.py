@@ -1,4 +1,4 @@
-"""From the angle of the knob to that of the lever which it pulls: the cord, its pulley and its spring."""
+"""The cord between knob and lever, its pulley and its spring."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .servo import along
 
 @dataclass(frozen=True)
 class Backlash(Physics):
-    """The cord slips on its pulley through a gap [rad of knob] at each reversal, first through half of it."""
+    """Backlash: the cord slips on its pulley through a gap [rad of knob] at each reversal, first by half."""
 
     name: ClassVar[str] = "backlash"
     width_x_rad: float
@@ -27,8 +27,8 @@ class Backlash(Physics):
         return cls(float(x), float(y))
 
     def turn(self, knobs: Array, step_s: float) -> Array:
-        def slip(half: float, told: Array) -> Array:
-            return along(told, lambda at, knob: min(max(at, knob - half), knob + half))
+        def slip(half: float, commanded: Array) -> Array:
+            return along(commanded, lambda at, knob: min(max(at, knob - half), knob + half))
 
         widths = (self.width_x_rad, self.width_y_rad)
         return np.hstack([slip(0.5 * width, knobs[:, [axis]]) for axis, width in enumerate(widths)])
@@ -36,10 +36,10 @@ class Backlash(Physics):
 
 @dataclass(frozen=True)
 class SpringHysteresis(Physics):
-    """The spring adds `strength` times a stretch z, which gives way at `width_rad` and is let off first.
+    """Hysteresis: the spring adds `strength` times a stretch z, which yields at `width_rad`.
 
-    Bouc and Wen's law dz = dθ - (|dθ| z + dθ |z|)/(2 width) knows angles but no time, and the knob passes
-    through all angles of a turn, however sudden: so the law is solved exactly along the turn. While dθ
+    Bouc and Wen's law dz = dθ - (|dθ| z + dθ |z|)/(2 width) depends on angles and not on time, and the knob
+    passes through all angles of a turn, so the law is solved exactly along the turn. While dθ
     and z have one sign that is z → ±width + (z ∓ width) exp(-|dθ|/width), else z → z + dθ. A simulator
     that takes each command as one step of the law agrees where commands change by much less than the
     width, and stretches farther on jumps.

@@ -1,4 +1,4 @@
-"""What resists the marble on its way."""
+"""Friction and drag of the marble."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 
 from ..physics import GRAVITY, RADIUS_M, Marble, Physics, between, on_board
 
-#: Slower than this [m/s] the marble rests: Bullet lets a held one creep by some micrometres a second.
+#: Speed [m/s] below which the marble rests: in Bullet a held one creeps by some micrometres per second.
 REST_M_PER_S = 2e-5
 
 
 @dataclass(frozen=True)
 class StaticFriction(Physics):
-    """A marble that has settled into the surface needs `ratio` times the tilt that keeps it rolling."""
+    """Static friction: a resting marble needs `ratio` times the tilt that keeps it rolling."""
 
     name: ClassVar[str] = "static_friction"
     ratio: float
@@ -35,7 +35,7 @@ class StaticFriction(Physics):
 
 @dataclass(frozen=True)
 class Stribeck(Physics):
-    """Rolling resists by `strength` more near rest than at speed; 37 % are left at `speed_m_per_s`."""
+    """Resistance is higher by `strength` near rest; 37 % of the excess remain at `speed_m_per_s`."""
 
     name: ClassVar[str] = "stribeck"
     strength: float
@@ -51,7 +51,7 @@ class Stribeck(Physics):
 
 @dataclass(frozen=True)
 class ViscousDrag(Physics):
-    """Felt or a film of oil: translation and spin both lose this part of themselves each second [1/s]."""
+    """Viscous drag of felt or oil: velocity and spin lose this part per second [1/s]."""
 
     name: ClassVar[str] = "viscous_drag"
     rate_per_s: float
@@ -70,9 +70,10 @@ class ViscousDrag(Physics):
 
 @dataclass(frozen=True)
 class QuadraticDrag(Physics):
-    """A rolling marble that pushes air aside loses this part of its speed on each metre [1/m].
+    """Air drag: a rolling marble loses this part of its speed per metre [1/m].
 
-    The air holds its middle alone, so it takes 7/5 of the force that would slow a sliding body as much.
+    The force acts on the centre, so a rolling sphere needs 7/5 of the force that slows a sliding body
+    equally.
     """
 
     name: ClassVar[str] = "quadratic_drag"
@@ -89,9 +90,9 @@ class QuadraticDrag(Physics):
 
 @dataclass(frozen=True)
 class AnisotropicFriction(Physics):
-    """Wood resists `ratio` times as much across its grain as along it; the grain's angle is from x.
+    """Wood grain: resistance across it is `ratio` times that along it; the grain's angle is from x.
 
-    Against the motion, or at rest against what is about to move the marble.
+    It acts against the motion, or at rest against the driving force.
     """
 
     name: ClassVar[str] = "anisotropic_friction"
@@ -111,9 +112,9 @@ class AnisotropicFriction(Physics):
 
 @dataclass(frozen=True)
 class FrictionPatch(Physics):
-    """A disc [m] on which rolling resists `factor` times as much: dust, polish, a dried drop.
+    """A disc [m] with `factor` times the rolling resistance: dust, polish, a dried drop.
 
-    Its rim is two millimetres wide.
+    Its edge is two millimetres wide.
     """
 
     name: ClassVar[str] = "friction_patch"

@@ -1,4 +1,4 @@
-"""From the knob's angle to the board's: levers, gimbal and table."""
+"""Levers, gimbal and table, between the knob's and the board's angle."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..physics import Array, Physics, between, either
 
 @dataclass(frozen=True)
 class GearNonlinearity(Physics):
-    """The lever turns away from the cord: the gear changes by this part per squared angle [1/rad^2]."""
+    """A lever that turns away from the cord: relative change of the gear per squared angle [1/rad^2]."""
 
     name: ClassVar[str] = "gear_nonlinearity"
     cubic_per_rad2: float
@@ -20,7 +20,7 @@ class GearNonlinearity(Physics):
     @classmethod
     def draw(cls, random: np.random.Generator, strength: float) -> Self:
         size = between(3.0, 60.0, strength)
-        # A gear that falls by more than a third over the knob's way would turn the board back.
+        # A gear that falls by more than a third over the knob's range would turn the board back.
         return cls(size if random.random() < 0.5 else -min(size, 20.0))
 
     def turn(self, knobs: Array, step_s: float) -> Array:
@@ -29,7 +29,7 @@ class GearNonlinearity(Physics):
 
 @dataclass(frozen=True)
 class GearAsymmetry(Physics):
-    """Springs of unequal tension: turns to the positive side tilt by this part more, others less."""
+    """Springs of unequal tension: positive turns tilt more by this part, negative ones less."""
 
     name: ClassVar[str] = "gear_asymmetry"
     asymmetry_x: float
@@ -47,7 +47,7 @@ class GearAsymmetry(Physics):
 
 @dataclass(frozen=True)
 class CrossCoupling(Physics):
-    """Axes that do not meet at right angles: each also takes this part of the other's tilt."""
+    """Axes that are not perpendicular: each also gets this part of the other's tilt."""
 
     name: ClassVar[str] = "cross_coupling"
     x_from_y: float
@@ -65,7 +65,7 @@ class CrossCoupling(Physics):
 
 @dataclass(frozen=True)
 class TiltBias(Physics):
-    """The table is not level: the board leans by this [rad] while its knobs are level."""
+    """A table that is not level: tilt of the board [rad] while its knobs are level."""
 
     name: ClassVar[str] = "tilt_bias"
     bias_x_rad: float

@@ -1,4 +1,4 @@
-"""The marble itself, and the rim that sends it back."""
+"""The marble and the rim."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 
 from ..physics import Marble, Physics, between, either
 
-#: Rolling friction that every rig has: a tilt at which a marble on level ground stays [rad].
+#: Smallest rolling friction of a rig, as a tilt [rad].
 LEAST_FRICTION = 1.5e-4
 
 
 @dataclass(frozen=True)
 class SideForce(Physics):
-    """A spinning marble is turned aside: its velocity turns left by this angle each second [1/s].
+    """A side force on a spinning marble: its velocity turns left by this angle per second [1/s].
 
-    The force takes hold of its middle, so 7/5 of it goes to the turn of a rolling sphere.
+    The force acts on the centre, so a rolling sphere needs 7/5 of it.
     """
 
     name: ClassVar[str] = "side_force"
@@ -34,11 +34,11 @@ class SideForce(Physics):
 
 @dataclass(frozen=True)
 class EccentricMarble(Physics):
-    """A centre of mass beside the marble's middle: it turns with the rigid body in three dimensions.
+    """A centre of mass off the marble's centre, which turns with the rigid body in three dimensions.
 
-    `offset` is in radii. When the marble is let go, the heavy side lies `phase_rad` from the top towards +x
-    in the board's x-z plane, and from there `lean_rad` towards +y; as the marble rests on a level board, that
-    is below, as near as friction holds it.
+    `offset` is in radii. At the release the heavy side lies `phase_rad` from the top towards +x in the
+    board's x-z plane, and from there `lean_rad` towards +y. Since the marble rests on a level board, it is at
+    the bottom, up to the angle that friction holds.
     """
 
     name: ClassVar[str] = "eccentric_marble"
@@ -62,7 +62,7 @@ class EccentricMarble(Physics):
 
 @dataclass(frozen=True)
 class WallRestitution(Physics):
-    """A rim that returns this part of the normal speed more than the dead one that rig.toml tells of."""
+    """A rim whose restitution exceeds that of rig.toml, which is zero."""
 
     name: ClassVar[str] = "wall_restitution"
     increase: float

@@ -1,4 +1,4 @@
-"""From the command that arrived to the angle of the knob: the motor and its controller."""
+"""The motor and its controller, between the received command and the knob's angle."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..physics import Array, Physics, between
 
 @dataclass(frozen=True)
 class CommandQuantisation(Physics):
-    """The motor stops only at multiples of a smallest turn [rad]."""
+    """Quantisation: the motor stops only at multiples of a smallest turn [rad]."""
 
     name: ClassVar[str] = "command_quantisation"
     step_rad: float
@@ -30,7 +30,7 @@ class CommandQuantisation(Physics):
 
 @dataclass(frozen=True)
 class DeadBand(Physics):
-    """Within this angle of zero [rad] the cord is slack; beyond it the board follows by so much less."""
+    """Dead band: the cord is slack within this angle of zero [rad], which the board also lacks beyond."""
 
     name: ClassVar[str] = "dead_band"
     half_width_rad: float
@@ -45,7 +45,7 @@ class DeadBand(Physics):
 
 @dataclass(frozen=True)
 class SlewLimit(Physics):
-    """The motor turns no faster than this [rad/s]."""
+    """Slew limit: maximum rate of the motor [rad/s]."""
 
     name: ClassVar[str] = "slew_limit"
     rate_rad_per_s: float
@@ -56,12 +56,12 @@ class SlewLimit(Physics):
 
     def turn(self, knobs: Array, step_s: float) -> Array:
         most = self.rate_rad_per_s * step_s
-        return along(knobs, lambda at, told: at + min(max(told - at, -most), most))
+        return along(knobs, lambda at, goal: at + min(max(goal - at, -most), most))
 
 
 @dataclass(frozen=True)
 class Lag(Physics):
-    """A soft position loop: the knob covers 63 % of a step in this time [s]."""
+    """Lag of a soft position loop: the knob covers 63 % of a step in this time [s]."""
 
     name: ClassVar[str] = "lag"
     time_constant_s: float
@@ -72,10 +72,10 @@ class Lag(Physics):
 
     def turn(self, knobs: Array, step_s: float) -> Array:
         left = math.exp(-step_s / self.time_constant_s)
-        return along(knobs, lambda at, told: told + (at - told) * left)
+        return along(knobs, lambda at, goal: goal + (at - goal) * left)
 
 
 def along(knobs: Array, follow: Callable[[float, float], float]) -> Array:
-    """Return the path (n, k) of knobs that go from zero by `follow(where one is, what it is told)`."""
-    paths = [list(accumulate(told, follow, initial=0.0))[1:] for told in knobs.T.tolist()]
+    """Return the path (n, k) of knobs that start at zero and follow by `follow(angle, goal)`."""
+    paths = [list(accumulate(goals, follow, initial=0.0))[1:] for goals in knobs.T.tolist()]
     return np.array(paths).T

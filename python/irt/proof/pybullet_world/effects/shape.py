@@ -1,6 +1,6 @@
-"""A board that is not flat, and what pulls at the marble from beside it.
+"""A board that is not flat, and attraction to a point.
 
-A slope of thousandths turns the board's push: the marble feels -g grad(height) along the board.
+For slopes of some thousandths the acceleration along the board is -g grad(height).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..physics import GRAVITY, Marble, Physics, between, either, on_board
 
 @dataclass(frozen=True)
 class BoardWarp(Physics):
-    """A bent board: height = (xx x^2 + 2 xy x y + yy y^2)/2, curvatures in 1/m; a bowl's are positive."""
+    """A bent board: height = (xx x^2 + 2 xy x y + yy y^2)/2, curvatures in 1/m, positive for a bowl."""
 
     name: ClassVar[str] = "board_warp"
     curvature_xx_per_m: float
@@ -38,7 +38,7 @@ class BoardWarp(Physics):
 
 @dataclass(frozen=True)
 class Bump(Physics):
-    """A round hill of Gaussian profile, or a dent [m]; its width is the distance at which 61 % are left."""
+    """A round bump or dent of Gaussian profile [m]; its width is the standard deviation."""
 
     name: ClassVar[str] = "bump"
     x_m: float
@@ -61,9 +61,9 @@ class Bump(Physics):
 
 @dataclass(frozen=True)
 class PointField(Physics):
-    """A magnet or a charge three centimetres below a point of the board or beside it, with an inverse square.
+    """A magnet or charge three centimetres below a point on or beside the board, with an inverse square law.
 
-    `strength_m3_per_s2` is its force on the marble over mass, times the squared distance; positive pulls.
+    `strength_m3_per_s2` is its force per mass times the squared distance; positive attracts.
     """
 
     name: ClassVar[str] = "point_field"

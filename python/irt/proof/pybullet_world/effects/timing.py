@@ -1,4 +1,4 @@
-"""When commands arrive and pictures are taken."""
+"""Times of commands and pictures."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..physics import Array, Physics, between, either
 
 @dataclass(frozen=True)
 class Delay(Physics):
-    """Networks and controllers pass messages on: every command reaches the knob the same time late [s]."""
+    """Delay in networks and controllers: every command reaches the knob late by this time [s]."""
 
     name: ClassVar[str] = "delay"
     delay_s: float
@@ -27,7 +27,7 @@ class Delay(Physics):
 
 @dataclass(frozen=True)
 class DelayJitter(Physics):
-    """Each command is late by its own time: normal with this spread [s], never early. No run repeats."""
+    """Delay jitter: each command has its own normal delay with this spread [s], never early."""
 
     name: ClassVar[str] = "delay_jitter"
     sd_s: float
@@ -42,9 +42,9 @@ class DelayJitter(Physics):
 
 @dataclass(frozen=True)
 class ClockDrift(Physics):
-    """The camera's clock speeds up or slows down against that of the commands; on average they agree.
+    """A camera clock that drifts against the clock of the commands; on average they agree.
 
-    The last row lasts longer than the first by `drift` times the mean.
+    The last row is longer than the first by `drift` times the mean.
     """
 
     name: ClassVar[str] = "clock_drift"
@@ -63,7 +63,7 @@ class ClockDrift(Physics):
 
 @dataclass(frozen=True)
 class Latency(Physics):
-    """A picture is this old [s] when its row is written: exposure, transfer, and the search in it."""
+    """Age of a picture [s] when its row is written: exposure, transfer and detection."""
 
     name: ClassVar[str] = "latency"
     latency_s: float

@@ -1,11 +1,11 @@
-//! How uncertain a marble is along one axis, from row to row.
+//! Covariance of a marble's state along one axis, from row to row.
 
 use pulp::Simd;
 
 use super::{JUMP, TAIL};
 use crate::lanes::{Lanes, Mask};
 
-/// So many standard deviations beyond a wall nothing is a marble.
+/// Observations beyond a wall by more than this many standard deviations are not of the marble.
 const FAR: f64 = 3.0;
 
 /// Variances of the random quantities.
@@ -37,9 +37,9 @@ pub(super) struct Covariance<S: Simd> {
 /// A row between two corrections.
 #[derive(Clone, Copy)]
 pub(super) struct Row<S: Simd> {
-    /// How long it is (s).
+    /// Its duration (s).
     pub(super) seconds: Lanes<S>,
-    /// Shares that the lasting error, and the push that lasts, keep.
+    /// Remaining shares of the lasting error and of the lasting acceleration.
     pub(super) remembered: Lanes<S>,
     pub(super) kept: Lanes<S>,
     /// What the push at its beginning, going over evenly into that at its end, adds to velocity and place.
@@ -48,7 +48,7 @@ pub(super) struct Row<S: Simd> {
 }
 
 impl<S: Simd> Covariance<S> {
-    /// A marble that is pushed at random rolls freely for a row.
+    /// Free rolling with random accelerations for a row.
     #[inline(always)]
     pub(super) fn advance(&mut self, row: &Row<S>, variances: &Variances<S>) {
         let Row {
@@ -60,7 +60,7 @@ impl<S: Simd> Covariance<S> {
         } = *row;
         let push = variances.push * seconds;
         let one = remembered.like(1.0);
-        // Covariances of the place and the velocity after the row with what was before.
+        // Covariances of the position and the velocity after the row with the state before.
         let (place_v, place_a, place_b) = (
             self.xv + seconds * self.vv + of_place * self.va,
             self.xa + seconds * self.va + of_place * self.aa,
@@ -108,7 +108,7 @@ impl<S: Simd> Covariance<S> {
         self.vb = rests.select(push.like(0.0), self.vb);
     }
 
-    /// Gives marbles that are lost an unknown speed, where that is likelier than an outlier of the tracker.
+    /// Resets lost marbles to an unknown speed, if that is likelier than an outlier of the tracker.
     ///
     /// A marble that just stops, or just does not, or meets a corner, goes two ways from there, and a normal
     /// distribution has one middle; outliers count so little that the mean would never come back. What is seen beyond
@@ -157,7 +157,7 @@ impl<S: Simd> Covariance<S> {
         [xx, xv, xa, xb, vv, va, vb, aa, ab, bb]
     }
 
-    /// The variance of what would be seen without the error of the row (board edges squared).
+    /// The variance of the observation without the white error of the row (board edges squared).
     #[inline(always)]
     pub(super) fn seen(&self, edges_per_m: Lanes<S>) -> Lanes<S> {
         edges_per_m * (edges_per_m * self.xx + 2.0 * self.xb) + self.bb
@@ -199,8 +199,8 @@ impl<S: Simd> Covariance<S> {
         self.vv = self.vv + hit.select(more, more.like(0.0));
     }
 
-    /// Takes in how far off a prediction was; returns the variance that it had, the corrections of the states, and the
-    /// inverse of the variance that it counts with.
+    /// Updates with an innovation; returns its variance, the corrections of the states, and the inverse of the
+    /// variance with which it counts.
     ///
     /// Outliers count as if the tracker's error had the variance that a Student-t distribution gives them.
     #[inline(always)]
