@@ -233,7 +233,7 @@ fn the_tracker_has_its_noise_and_loses_its_share() {
             .play(&[[0.0; 2]; 400], &[true; 400], None)
             .expect("rows are left");
         for state in states(&fleet) {
-            square += (state.seen[0].powi(2) + state.seen[1].powi(2)) / 2.0;
+            square += f64::midpoint(state.seen[0].powi(2), state.seen[1].powi(2));
             kept += usize::from(state.seen == state.before);
         }
     }
