@@ -45,7 +45,10 @@ def test_commands(irt, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, *words in lines:
         if name == "irt":
             done = irt(*words)
-            assert (done.status, done.err) == (0, ""), words
+            # What MuJoCo does not do as the model has it is a warning.
+            may_warn = words[0] == "export"
+            assert done.status == 0, words
+            assert all(may_warn and line.startswith("warning: ") for line in done.err.splitlines()), words
 
     assert len(list((folder / "drive").iterdir())) == 6
     assert (folder / "diagnosed" / "report.html").exists()

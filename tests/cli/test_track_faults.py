@@ -137,7 +137,7 @@ def test_a_variable_frame_rate(irt, tmp_path, shown) -> None:
     done = irt("track", path, "--out", tmp_path / "out")
     assert (done.status, done.err) == (0, "")
     assert "the frame rate varies" in done.out
-    assert "times are by the file's own stamps" in done.out
+    assert "times are from the file's own stamps" in done.out
     table = np.genfromtxt(tmp_path / "out" / "run.csv", delimiter=",", names=True)
     expected = np.concatenate([[0], np.cumsum(durations[:-1])]) / tick / RATE
     np.testing.assert_allclose(table["t_s"], expected, atol=2e-3)

@@ -93,7 +93,7 @@ def test_another_drive_gets_a_network_once_and_is_announced(irt, other_rig, tmp_
     assert first.out.startswith("There is no network for this rig's drive yet: training one on 10000 ")
     kept = list(cache_folder.glob("*"))
     assert [path.suffix for path in kept] == [".safetensors"]
-    assert f"It stays in {kept[0]}." in first.out
+    assert f"It is kept in {kept[0]}." in first.out
     second = irt("tune", other_rig, "--method", "irt", "--out", tmp_path / "b")
     assert not second.out.startswith("There is no network")
     assert (tmp_path / "a" / "model.toml").read_bytes() == (tmp_path / "b" / "model.toml").read_bytes()

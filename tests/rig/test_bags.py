@@ -53,7 +53,7 @@ def test_another_reader_reads_the_bag(rig: Path, inside: Inside, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("content", "said"), [(b"no bag", "no bag"), (b"\x89MCAP0\r\n", "rig recover")], ids=["text", "cut"]
+    ("content", "said"), [(b"no bag", "not a bag"), (b"\x89MCAP0\r\n", "rig recover")], ids=["text", "cut"]
 )
 def test_what_is_no_bag_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
     path = tmp_path / "bag.mcap"

@@ -105,7 +105,7 @@ def test_page_holds_the_errors_that_evaluation_finds(tmp_path, simulated, result
     assert "<li>IRT: gears" not in page  # both methods say it, so nobody in particular does
     assert "<li>least squares: a note</li>" in page
     assert "from 2 starts" in page
-    assert "from 1 start;" in page
+    assert "from 1 start, runs begin at their fitted states;" in page
     assert page.count("<figure>") == len(list((tmp_path / "out").glob("*.svg"))) == 2 + 2 + 2 + 4
     assert "nan" not in page.split("</style>")[1].lower()
 
