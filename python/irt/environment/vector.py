@@ -49,7 +49,7 @@ Observation = NDArray[np.float32] | dict[str, NDArray[Any]]
 class LabyrinthVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     """Marbles that follow a path through a maze, each in a simulator drawn from a model's posterior.
 
-    Marble i of a reset with seed s is the only one of `LabyrinthEnv` with seed s + i, whatever the others do.
+    Marble i of a reset with seed s is the only one of `LabyrinthEnv` with seed s + i.
 
     Actions are the commands about x and about y over the largest one, from -1 to 1.
 

@@ -31,6 +31,7 @@ def to_json(model: Model) -> str:
         "written_by": f"labsim-irt {version('labsim-irt')}",
         "board": asdict(model.board),
         "marble": asdict(model.marble),
+        "maze": None if model.maze is None else asdict(model.maze),
         "recordings": {"start": model.start},
         "commands": asdict(model.commands),
         "tilt": asdict(model.tilt),

@@ -17,6 +17,7 @@ import numpy as np
 from irt.engine import SUBSTEP_S
 from irt.export import drive
 from irt.export.rebound import DEAD_STEPS, solref
+from irt.maze import Maze
 from irt.model import Model
 
 #: Time step [s]: an eighth of the engine's, so that rows of whole engine steps have whole ones here.
@@ -159,6 +160,8 @@ def _warnings(model: Model, found: Mapping[str, drive.Axis]) -> Iterator[str]:
         yield "eccentric_marble is left out: MuJoCo's marble has no heavy side that follows its path"
     if any(_is_bent(one) and _is_mixed(one, axis) for axis, one in found.items()):
         yield "gear_nonlinearity is left out about an axis that both commands move: MuJoCo bends one alone"
+    if model.maze is not None and model.maze.holes:
+        yield "the maze's holes are left out: the plate is one box; its walls are there"
     yield from drive.warnings(found)
 
 
@@ -244,7 +247,39 @@ def _board(world: ET.Element, model: Model) -> None:
             size=_n(THICK / 2.0 if x else half_x + THICK, THICK / 2.0 if y else half_y + THICK, HIGH / 2.0),
             **rim,
         )
+    if model.maze is not None:
+        _walls(body, model.maze, rim)
     _camera(body, model, radius)
+
+
+def _walls(body: ET.Element, maze: Maze, rim: Mapping[str, str]) -> None:
+    """Add inner walls, with the friction and rebound of rims: a box each, and a cylinder for either end."""
+    half, high = 0.5 * CM * maze.wall_thickness_m, CM * maze.wall_height_m
+    for number, ends in enumerate(maze.walls, start=1):
+        x0, y0, x1, y1 = (CM * one for one in ends)
+        turn = 0.5 * math.atan2(y1 - y0, x1 - x0)
+        _add(
+            body,
+            "geom",
+            name=f"wall_{number}",
+            pos=_n((x0 + x1) / 2.0, (y0 + y1) / 2.0, high / 2.0),
+            quat=_n(math.cos(turn), 0.0, 0.0, math.sin(turn)),
+            size=_n(max(math.hypot(x1 - x0, y1 - y0) / 2.0, _POINT), half, high / 2.0),
+            **rim,
+        )
+        for end, (x, y) in enumerate(((x0, y0), (x1, y1)), start=1):
+            _add(
+                body,
+                "geom",
+                name=f"wall_{number}_end_{end}",
+                pos=_n(x, y, high / 2.0),
+                size=_n(half, high / 2.0),
+                **{**rim, "type": "cylinder"},
+            )
+
+
+#: Half the length of the box of a wall that is a post [cm].
+_POINT = 1e-4
 
 
 def _camera(body: ET.Element, model: Model, radius: float) -> None:

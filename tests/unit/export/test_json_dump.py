@@ -5,6 +5,7 @@ import json
 import pytest
 
 from irt.export.jsonfile import VERSION, to_json
+from irt.maze import Maze
 from irt.model import Effect, Model, Parameter
 from irt.posterior import Component, Spread
 from irt.rig import PARAMETERS, RANGES, Board, Commands, Marble
@@ -31,6 +32,7 @@ def test_all_that_a_model_holds_is_there_with_units() -> None:
         effects=(Effect("delay", {"delay_s": 0.1}), Effect("slew_limit", {})),
         posterior=(Component(1.0, ("delay",), {"gear_x": SPREAD}),),
         commands=Commands("mA", True),
+        maze=Maze.of_layout("cyberrunner-easy"),
     )
     read = json.loads(to_json(given))
     assert (read["format"], read["version"]) == ("labsim-model", VERSION)
@@ -45,6 +47,8 @@ def test_all_that_a_model_holds_is_there_with_units() -> None:
     assert read["posterior"][0]["parameters"]["gear_x"]["linear"] == [0.001]
     assert read["simulation"]["substep_s"] == pytest.approx(1 / 240)
     assert read["commands"] == {"unit": "mA", "matrix": True}
+    assert len(read["maze"]["holes"]) == 8
+    assert read["maze"]["hole_radius_m"] == 0.0075
 
 
 def test_numbers_come_back_bit_for_bit() -> None:

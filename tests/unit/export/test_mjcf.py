@@ -11,6 +11,7 @@ import pytest
 from irt.catalogue import effects
 from irt.export.mjcf import EXPRESSED, STEP_S, to_mjcf
 from irt.export.rebound import DEAD_RATIO, rebound, solref
+from irt.maze import Maze
 from irt.model import Effect, Model, Parameter
 from irt.rig import PARAMETERS, RANGES, Board, Commands, Marble
 
@@ -46,6 +47,23 @@ def named(root: ET.Element, tag: str, name: str) -> dict[str, str]:
 
 def numbers(text: str) -> list[float]:
     return [float(word) for word in text.split()]
+
+
+def test_inner_walls_are_where_they_are_and_holes_are_warned_of() -> None:
+    maze = Maze(walls=((-0.05, 0.0, 0.03, 0.06), (0.1, 0.0, 0.1, 0.0)), holes=((0.0, -0.05),))
+    given = to_mjcf(model(maze=maze))
+    wall = named(ET.fromstring(given.text), "geom", "wall_1")
+    assert numbers(wall["pos"])[:2] == pytest.approx([-1.0, 3.0])
+    assert numbers(wall["size"]) == pytest.approx([5.0, 0.25, 0.6])
+    half = np.arctan2(0.06, 0.08) / 2.0
+    assert numbers(wall["quat"]) == pytest.approx([np.cos(half), 0.0, 0.0, np.sin(half)])
+    end = named(ET.fromstring(given.text), "geom", "wall_1_end_2")
+    assert numbers(end["pos"])[:2] == pytest.approx([3.0, 6.0])
+    assert (end["type"], numbers(end["size"])) == ("cylinder", pytest.approx([0.25, 0.6]))
+    assert any("holes are left out" in one for one in given.warnings)
+    assert not any(
+        "holes" in one for one in to_mjcf(model(maze=dataclasses.replace(maze, holes=()))).warnings
+    )
 
 
 EVERYTHING = [(info.name, {one.name: one.low for one in info.required}) for info in effects()]

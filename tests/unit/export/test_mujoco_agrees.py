@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from irt.export.mjcf import to_mjcf
+from irt.maze import Maze
 
 pytest.importorskip("mujoco", reason="mujoco is an optional package: labsim-irt[mujoco]")
 
@@ -52,3 +53,22 @@ def test_a_rim_returns_what_the_model_says() -> None:
         turned = int(np.argmax(np.array(speeds) < -1.0))
         returned.append(-min(speeds[turned : turned + 60]) / 30.0)
     assert np.mean(returned) == pytest.approx(0.6, abs=0.06)
+
+
+def test_a_marble_lies_at_an_inner_wall_where_ours_does() -> None:
+    import mujoco  # noqa: PLC0415
+
+    from mjcf_agreement import drawn  # noqa: PLC0415
+
+    plain = drawn((), np.random.default_rng(0))
+    walled = replace(plain, maze=Maze(walls=((0.05, -0.04, 0.05, 0.04),)))
+    command = 0.03 / walled.values[1]
+    ours = walled.predict(np.tile([0.0, command], (60, 1)))[-1, 0]
+    model = mujoco.MjModel.from_xml_string(to_mjcf(walled).text)
+    data = mujoco.MjData(model)
+    data.ctrl[1] = command
+    mujoco.mj_step(model, data, 4000)
+    edges_per_cm = model.numeric("edges_per_cm").data[0]
+    theirs = data.sensor("marble").data[0] * edges_per_cm
+    assert theirs == pytest.approx(ours, abs=2e-3)
+    assert theirs < 0.5 * 0.05 / 0.138

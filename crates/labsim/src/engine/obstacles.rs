@@ -331,7 +331,7 @@ impl<S: Simd> Meeting<S> {
             way.by[1] * ux - way.by[0] * uy,
         );
         let zero = along.like(0.0);
-        // Whatever is further away than the way is long is not met.
+        // What is further away than the way is long is not met.
         let beyond = along - along.max(zero).min(walls.length);
         let room = reach + length(dx, dy);
         let near = counts & (beyond * beyond + across * across).le(room * room);

@@ -1,4 +1,4 @@
-//! Marbles that are stepped together: each has the bits of a rollout by itself, whatever the others do.
+//! Marbles that are stepped together: each has the bits of a rollout by itself, for any neighbours.
 
 use std::sync::atomic::AtomicBool;
 

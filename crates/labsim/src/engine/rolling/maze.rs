@@ -306,7 +306,7 @@ impl<S: Simd> Inside<S> {
         for entry in &self.holes {
             let [x, y] = entry.each_ref().map(|array| Lanes::load(simd, array));
             let (rx, ry) = (marbles.x - x, marbles.y - y);
-            // Whatever is further away than the way is long is not crossed.
+            // What is further away than the way is long is not crossed.
             if !(rx * rx + ry * ry).le(room * room).any() {
                 continue;
             }
