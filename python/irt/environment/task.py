@@ -82,11 +82,6 @@ class Task:
         return cls(maze, points)
 
     @property
-    def length_m(self) -> float:
-        """How long the path is [m]."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
-
-    @property
     def start(self) -> Array:
         """Where marbles begin [m], (2,)."""
         return self.points[0] if self.maze.start is None else np.array(self.maze.start)
