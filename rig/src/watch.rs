@@ -85,10 +85,10 @@ pub struct MarbleWatch {
 
 impl MarbleWatch {
     /// No messages yet.
-    pub fn new(config: &Config) -> Self {
+    pub fn new(tracker: Tracker, times: Timeouts) -> Self {
         Self {
-            tracker: config.tracker.clone(),
-            times: config.timeouts,
+            tracker,
+            times,
             tally: Tally::default(),
             seen: None,
             last: None,
@@ -311,7 +311,7 @@ mod tests {
         seconds: f64,
         change: impl Fn(usize, &mut Moment, &mut PointStamped),
     ) -> (MarbleWatch, Option<Reason>) {
-        let mut watch = MarbleWatch::new(&config());
+        let mut watch = MarbleWatch::new(config().tracker, config().timeouts);
         for i in 0..(60.0 * seconds) as usize {
             let (mut moment, mut one) = point(i as f64 / 60.0, 0.001 * (i as f64 * 0.7).sin());
             change(i, &mut moment, &mut one);
