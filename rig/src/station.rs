@@ -72,7 +72,7 @@ impl Station {
         };
         let frames = Frames::begin(recorder, size, base.clock.now().nanos);
         Ok(Self {
-            marble: MarbleWatch::new(config.tracker.clone(), config.timeouts),
+            marble: MarbleWatch::new(config.tracker.clone(), config.timeouts, 0.0),
             joints: [JointWatch::new(config, 0), JointWatch::new(config, 1)],
             joint_inboxes,
             marble_inbox: (

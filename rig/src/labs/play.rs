@@ -26,6 +26,9 @@ const LOOK_S: f64 = 3.0;
 /// Duration for which zero is commanded after a file (s).
 const REST_S: f64 = 0.3;
 
+/// Shortest time between pictures of the labs' cameras (s).
+const PICTURE_S: f64 = 1.0 / 60.0;
+
 /// What a run may do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Mode {
@@ -96,7 +99,7 @@ impl Run {
             devices,
             frames,
             guard: Guard::new(config.limits, config.timeouts),
-            marble: MarbleWatch::new(config.tracker(), config.timeouts),
+            marble: MarbleWatch::new(config.tracker(), config.timeouts, PICTURE_S),
             last: None,
             states: 0,
             ticks: 0,
