@@ -1,7 +1,7 @@
 """Learners of two other labs, reduced to open-loop commands, which write what they see.
 
-``python learners.py cyberrunner OUT`` speaks ROS 2 by Cyclone DDS; ``python learners.py tag OUT`` listens for the
-bridge on TCP port 5555. Each writes JSON with rows of t [s], x_b, y_b [m], alpha, beta [rad].
+``python learners.py cyberrunner OUT`` speaks ROS 2 by Cyclone DDS; ``python learners.py tag OUT`` listens for
+the bridge on TCP port 5555. Each writes JSON with rows of t [s], x_b, y_b [m], alpha, beta [rad].
 """
 
 from __future__ import annotations

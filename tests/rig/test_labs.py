@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import tomllib
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,8 +14,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tomllib
 from laboratory import messages
+from learners import CYBERRUNNER
 from numpy.typing import NDArray
 
 from irt.cli.__main__ import main
@@ -39,10 +40,18 @@ KNOBS = PARAMETERS.format(0.07, 0.06)
 #: A hole on the way along -x.
 HOLE = "[maze]\nwall_thickness_m = 0.005\nhole_radius_m = 0.009\nholes = [[-0.04, 0.0]]\n"
 #: Commands in the lab's own unit: a negative gear, and a dead time.
-OWN = '[commands]\nunit = "of the lab"\n[[effects]]\nname = "delay"\ndelay_s = 0.1\n' + PARAMETERS.format(-3e-4, 4e-4)
+OWN = '[commands]\nunit = "of the lab"\n[[effects]]\nname = "delay"\ndelay_s = 0.1\n' + PARAMETERS.format(
+    -3e-4, 4e-4
+)
 
 #: Starts a twin, and runs a command beside it.
-BESIDE = 'rig=$1 lab=$2; shift 2; "$rig" twin --model model.toml --as "$lab" & "$@"; status=$?; kill $!; exit $status'
+BESIDE = """
+rig=$1 lab=$2; shift 2
+"$rig" twin --model model.toml --as "$lab" & "$@"
+status=$?
+kill $!
+exit $status
+"""
 
 #: The same, with something that happens while the file is played.
 FAULT = """
@@ -73,7 +82,7 @@ def test_a_cyberrunners_learner_moves_the_marble_of_the_twin(
     rig: Path, inside: Inside, cyclone: None, tmp_path: Path
 ) -> None:
     (tmp_path / "model.toml").write_text(KNOBS + HOLE)
-    (tmp_path / "rig.toml").write_text('[network]\nservices = "cyclone"\n[twin]\nlost = 0.02\n')
+    (tmp_path / "rig.toml").write_text('[network]\nservices = "cyclone"\n[twin]\nlost = 0.15\n')
     words = (rig, "cyberrunner", sys.executable, HERE / "learners.py", "cyberrunner", "out.json")
     ran = inside("bash", "-c", BESIDE, "_", *words, cwd=tmp_path)
     assert ran.returncode == 0, ran.stderr
@@ -86,13 +95,14 @@ def test_a_cyberrunners_learner_moves_the_marble_of_the_twin(
     assert alpha.max() > 0.03
     before = slice(0, int(np.flatnonzero(x < -0.025)[0]))
     seen = np.isfinite(x[before])
-    assert 0 < np.isnan(x[before]).sum() + np.isnan(x).sum() and seen.mean() > 0.8
+    assert 0.6 < seen.mean() < 1.0, "pictures are lost as configured"
     assert acceleration(t[before][seen], alpha[before][seen], x[before][seen]) == pytest.approx(
         -ROLLING, rel=0.15
     )
     assert velocity[before][seen][-1] < -0.05
-    assert np.isnan(x[-20:]).all() and np.isnan(y[-20:]).all()
-    assert np.isfinite(alpha).all() and beta.max() > 0.03
+    assert np.isnan([x[-20:], y[-20:]]).all()
+    assert np.isfinite(alpha).all()
+    assert beta.max() > 0.03
     # The reset levels the board, and brings the marble back.
     assert found["success"] == 1
     assert 0.05 < found["took"] < 5.0
@@ -129,8 +139,54 @@ def test_a_tag_learner_moves_the_marble_of_the_twin(rig: Path, inside: Inside, t
     assert np.abs(found["after"][1:3]).max() < 0.005
 
 
+COMMANDS = {"cyberrunner": "/cyberrunner_dynamixel/cmd", "tag": "/tag_hiwonder/cmd"}
+STATES = {
+    "cyberrunner": "/cyberrunner_state_estimation/estimate_subimg",
+    "tag": "/tag_state_estimation/estimate",
+}
+NAMES = {"cyberrunner": "cyberrunner", "tag": "tag-tcp"}
+
+#: A twin, a recording of it, and a learner that ends first.
+LISTEN = """
+rig=$1; shift
+"$rig" twin --model model.toml --as cyberrunner & twin=$!
+"$rig" listen --out bags --seconds 6 & listen=$!
+"$@" && wait $listen
+status=$?
+kill $twin
+exit $status
+"""
+
+
+def test_a_session_of_a_learner_is_recorded(rig: Path, inside: Inside, cyclone: None, tmp_path: Path) -> None:
+    folder = laboratory(tmp_path / "lab", "cyberrunner")
+    words = (rig, sys.executable, HERE / "learners.py", "cyberrunner", "out.json")
+    ran = inside("bash", "-c", LISTEN, "_", *words, cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+    bag = folder / "bags" / "listen.mcap"
+    rows = json.loads((folder / "out.json").read_text())["rows"]
+    commands = [tuple(row) for row in numbers(bag, COMMANDS["cyberrunner"], "vel_1", "vel_2")[:, 1:]]
+    assert commands == [(vel_1, vel_2) for _, vel_1, vel_2 in CYBERRUNNER]
+    states = numbers(bag, STATES["cyberrunner"], "alpha", "beta")
+    assert states.shape[0] > len(rows)
+    # The learner saw the same numbers.
+    assert {(row[3], row[4]) for row in rows} <= {(row[1], row[2]) for row in states}
+
+
+def test_a_recording_of_a_tag_rig_asks_for_states_alone(rig: Path, inside: Inside, tmp_path: Path) -> None:
+    folder = laboratory(tmp_path / "lab", "tag")
+    listen = (rig, "listen", "--out", "bags", "--seconds", "3")
+    ran = inside("bash", "-c", BESIDE, "_", rig, "tag-tcp", *listen, cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+    bag = folder / "bags" / "listen.mcap"
+    states = numbers(bag, STATES["tag"], "alpha", "beta")
+    assert 90 < states.shape[0] < 185
+    assert len(np.unique(states[:, 1])) == states.shape[0], "each state is there once"
+    assert numbers(bag, COMMANDS["tag"], "vel_1").size == 0
+
+
 def laboratory(folder: Path, lab: str, *, amplitude: float = 90.0) -> Path:
-    """Write a twin's model in the lab's unit, a configuration that may arm, and commands of motors 1 and 2."""
+    """Write a model in the lab's unit, a configuration that may arm, and commands of motors 1 and 2."""
     folder.mkdir(exist_ok=True)
     text = (ROOT / "rig" / "example" / f"{lab}.toml").read_text(encoding="utf-8")
     for old, new in (
@@ -158,17 +214,9 @@ def numbers(bag: Path, topic: str, *names: str) -> NDArray[np.float64]:
     rows = []
     for which, logged, message in messages(bag):
         if which == topic:
-            message = getattr(message, "state", message)
-            rows.append([logged, *(getattr(message, name) for name in names)])
+            state = getattr(message, "state", message)
+            rows.append([logged, *(getattr(state, name) for name in names)])
     return np.array(rows).reshape(-1, 1 + len(names))
-
-
-COMMANDS = {"cyberrunner": "/cyberrunner_dynamixel/cmd", "tag": "/tag_hiwonder/cmd"}
-STATES = {
-    "cyberrunner": "/cyberrunner_state_estimation/estimate_subimg",
-    "tag": "/tag_state_estimation/estimate",
-}
-NAMES = {"cyberrunner": "cyberrunner", "tag": "tag-tcp"}
 
 
 @pytest.mark.parametrize("lab", ["cyberrunner", "tag"])
@@ -223,12 +271,12 @@ def test_a_run_is_played_recorded_shown_and_imported(
 
 E_STOP = f"PYTHONPATH={HERE} {sys.executable} -c '{{}}' & peer=$!"
 PUBLISH = (
-    "import time; from ros import Bool, Peer; writer = Peer().writer(\"/rig/e_stop\", Bool)\n"
+    'import time; from ros import Bool, Peer; writer = Peer().writer("/rig/e_stop", Bool)\n'
     "while True: writer.write(Bool(True)); time.sleep(0.05)"
 )
 INTRUDE = (
     "import time; from ros import DynamixelVel, Peer\n"
-    "writer = Peer().writer(\"/cyberrunner_dynamixel/cmd\", DynamixelVel); time.sleep(30)"
+    'writer = Peer().writer("/cyberrunner_dynamixel/cmd", DynamixelVel); time.sleep(30)'
 )
 FAULTS = {
     "rig terminated": ("cyberrunner", "kill $play", "signal"),
@@ -254,24 +302,22 @@ def test_each_fault_ends_in_a_command_of_zero(
             "status": ran.returncode,
             "says": reason in ran.stderr,
             "moved": float(np.abs(commands[:, 1:]).max()) > 10.0,
-            "zero": reason == "state_silent" and lab == "tag" or not commands[-1, 1:].any(),
+            "zero": (reason == "state_silent" and lab == "tag") or not commands[-1, 1:].any(),
             "err": ran.stderr,
         }
 
     with ThreadPoolExecutor(len(FAULTS)) as pool:
         found = dict(zip(FAULTS, pool.map(observe, FAULTS), strict=True))
-    wrong = {
-        name: one for name, one in found.items() if not (one["says"] and one["moved"] and one["zero"])
-    }
+    wrong = {name: one for name, one in found.items() if not (one["says"] and one["moved"] and one["zero"])}
     assert not wrong, json.dumps(wrong, indent=1)
 
 
-def test_a_dry_run_commands_nothing_and_needs_no_learner_to_end(
-    rig: Path, inside: Inside, tmp_path: Path
-) -> None:
+def test_a_dry_run_commands_nothing(rig: Path, inside: Inside, tmp_path: Path) -> None:
     folder = laboratory(tmp_path / "lab", "cyberrunner")
     (folder / "run.csv").write_text("t_s,cmd_x,cmd_y\n0,0,0\n0.5,50,0\n1.0,0,0\n")
-    ran = inside("bash", "-c", BESIDE, "_", rig, "cyberrunner", rig, "play", "run.csv", "--out", "bags", cwd=folder)
+    ran = inside(
+        "bash", "-c", BESIDE, "_", rig, "cyberrunner", rig, "play", "run.csv", "--out", "bags", cwd=folder
+    )
     assert ran.returncode == 0, ran.stderr
     assert "dry run" in ran.stdout
     bag = folder / "bags" / "run.mcap"

@@ -8,7 +8,11 @@ use super::Lab;
 use crate::config::{
     self, Config, Mistakes, Network, Safety, TICK_S, Timeouts, Tracker, Twin, Unit,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
+
+/// Kinds of backends: of arms at the knobs, and of other labs.
+const ARMS: [&str; 4] = ["trajectory", "velocities", "kinova", "action"];
+const LABS: [&str; 2] = ["cyberrunner", "tag_tcp"];
 
 /// A configuration.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,18 +91,23 @@ impl Setup {
     /// Reads and validates a file; `backend.kind` says which it is.
     ///
     /// # Errors
-    /// [`Error::Refused`](crate::error::Error::Refused) or [`Error::Mistakes`](crate::error::Error::Mistakes).
+    /// [`Error::Refused`] or [`Error::Mistakes`].
     pub fn read(path: &Path) -> Result<(Self, String)> {
         let text = config::text(path)?;
         // A text of another form is refused with its line where it is read in full.
         let kinds: Kinds = toml::from_str(&text).unwrap_or_default();
-        if kinds
-            .backend
-            .kind
-            .is_some_and(|kind| ["cyberrunner", "tag_tcp"].contains(&kind.as_str()))
-        {
+        let kind = kinds.backend.kind.unwrap_or_default();
+        if LABS.contains(&kind.as_str()) {
             let lab = config::parse(path, &text, LabConfig::mistakes)?;
             return Ok((Self::Lab(Box::new(lab)), text));
+        }
+        if !kind.is_empty() && !ARMS.contains(&kind.as_str()) {
+            return Err(Error::refused(format!(
+                "{}, backend.kind: expected {} or {}, found \"{kind}\"",
+                path.display(),
+                ARMS.join(", "),
+                LABS.join(", ")
+            )));
         }
         let arms = config::parse(path, &text, Config::mistakes)?;
         Ok((Self::Arms(Box::new(arms)), text))
@@ -146,12 +155,12 @@ impl LabConfig {
 }
 
 impl TwinConfig {
-    /// Reads the tables of a file; a file that is not there leaves the defaults.
+    /// Reads the tables of a file; a `rig.toml` that is not there leaves the defaults.
     ///
     /// # Errors
-    /// [`Error::Refused`](crate::error::Error::Refused) or [`Error::Mistakes`](crate::error::Error::Mistakes).
+    /// [`Error::Refused`] or [`Error::Mistakes`].
     pub fn read(path: &Path) -> Result<Self> {
-        if !path.exists() {
+        if !path.exists() && path == Path::new("rig.toml") {
             return Ok(Self::default());
         }
         config::parse(path, &config::text(path)?, |read: &Self| {
