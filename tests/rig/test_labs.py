@@ -233,6 +233,16 @@ def test_a_run_is_played_recorded_shown_and_imported(
     assert np.ptp(commands[:, 1:], axis=0).min() > 170.0
     assert (commands[-1, 1:] == 0.0).all()
 
+    # The model's dead time of 0.1 s acts, and the picture is 0.03 s old; a servo's driver adds its own.
+    angles = numbers(bag, STATES[lab], "alpha", "beta")
+    lags = np.arange(0.0, 0.4, 0.005)
+    own = commands[:, 2] if lab == "cyberrunner" else commands[:, 1]
+    fits = [
+        np.corrcoef(np.interp(angles[:, 0] - lag, commands[:, 0], own), angles[:, 2])[0, 1] for lag in lags
+    ]
+    assert fits[int(np.argmin(fits))] < -0.98, "the gear about x is negative"
+    assert 0.11 < lags[int(np.argmin(fits))] < (0.16 if lab == "cyberrunner" else 0.25)
+
     # Viewers see the board as the estimator does.
     states = {row[0]: row for row in numbers(bag, STATES[lab], "alpha", "beta", "x_b", "y_b")}
     boards, balls = 0, 0

@@ -177,7 +177,8 @@ mod tests {
 
     #[test]
     fn each_fault_ends_in_its_stop_and_zero_at_once() {
-        let faults: [(&str, fn(&mut Inputs)); 7] = [
+        type Change = fn(&mut Inputs);
+        let faults: [(&str, Change); 7] = [
             ("overrun", |inputs| inputs.late_s = 0.2),
             ("state_silent", |inputs| inputs.state_age_s = 0.3),
             ("state_silent", |inputs| inputs.state_age_s = f64::NAN),
@@ -185,7 +186,7 @@ mod tests {
             ("board_tilted", |inputs| inputs.tilts = None),
             ("tracker_silent", |inputs| inputs.marble_age_s = 0.5),
             ("command_refused", |inputs| {
-                inputs.target = Some([f64::NAN, 0.0])
+                inputs.target = Some([f64::NAN, 0.0]);
             }),
         ];
         for (code, change) in faults {

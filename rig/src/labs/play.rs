@@ -144,17 +144,14 @@ impl Run {
             let times = &self.config.timeouts;
             let has_state = self.state_age_s(now) <= times.joints_s;
             let has_marble = self.marble.age_s(now.steady) <= times.tracker_s;
-            match self.devices.missing(&self.base, has_state) {
-                Some(what) => missing = what,
-                None if !has_marble => {
-                    "no marble is seen: put it on the board".clone_into(&mut missing)
-                }
-                None => {
-                    // The wait is not counted as lateness of the loop.
-                    self.base.ticker = Ticker::new(self.base.clock);
-                    return Ok(());
-                }
-            }
+            let found = self.devices.missing(&self.base, has_state);
+            let unseen = || "no marble is seen: put it on the board".to_owned();
+            let Some(what) = found.or_else(|| (!has_marble).then(unseen)) else {
+                // The wait is not counted as lateness of the loop.
+                self.base.ticker = Ticker::new(self.base.clock);
+                return Ok(());
+            };
+            missing = what;
         }
         Err(Error::refused(format!("{missing} (waited {seconds} s)")))
     }

@@ -79,7 +79,7 @@ impl Front {
     ///
     /// # Errors
     /// [`Error::Refused`](crate::error::Error::Refused) if DDS does not take it.
-    pub fn show(&mut self, sight: Sight) -> Result<()> {
+    pub fn show(&mut self, sight: &Sight) -> Result<()> {
         let ([alpha, beta], [x_b, y_b]) = (sight.seen.angles(), sight.seen.place_m);
         let [x_b_dot, y_b_dot] = sight.velocity;
         let state = StateEstimate {

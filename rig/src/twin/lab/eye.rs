@@ -95,9 +95,11 @@ impl Eye {
 
     /// The next picture whose estimate is there.
     pub fn due(&mut self, steady: f64) -> Option<Sight> {
-        self.on_the_way
-            .pop_front_if(|(due, _)| *due <= steady)
-            .map(|(_, sight)| sight)
+        let (due, _) = self.on_the_way.front()?;
+        if *due > steady {
+            return None;
+        }
+        self.on_the_way.pop_front().map(|(_, sight)| sight)
     }
 
     /// The filter's velocity (m/s); while the marble is lost, the last one.
@@ -197,8 +199,8 @@ mod tests {
         }
         let n = count as f64;
         assert_eq!(found, count);
-        assert!((lost as f64 / n - 0.2).abs() < 0.03, "{lost}");
-        assert!(((squares / (n - lost as f64)).sqrt() - 0.002).abs() < 2e-4);
+        assert!((f64::from(lost) / n - 0.2).abs() < 0.03, "{lost}");
+        assert!(((squares / (n - f64::from(lost))).sqrt() - 0.002).abs() < 2e-4);
         assert!(((tilts / n).sqrt() - 0.0009).abs() < 1e-4);
         assert!((ages / n - 0.031).abs() < 0.001, "{}", ages / n);
     }

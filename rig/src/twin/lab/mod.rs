@@ -109,7 +109,7 @@ impl LabTwin {
         }
         while let Some(sight) = self.eye.due(now.steady) {
             match &mut self.front {
-                Front::Cyberrunner(front) => front.show(sight)?,
+                Front::Cyberrunner(front) => front.show(&sight)?,
                 Front::Tag(front) => front.show(&sight),
             }
         }

@@ -149,7 +149,7 @@ impl Shared {
             Line::TooLong => Err(format!("a line of more than {LONGEST} bytes")),
         };
         match request {
-            Ok(Request::Obs) => self.latest(&self.desk()),
+            Ok(Request::Obs) => latest(&self.desk()),
             Ok(Request::Action(commands)) => {
                 self.desk().asked.commands = Some(commands);
                 done()
@@ -164,7 +164,7 @@ impl Shared {
                         desk.states == before
                     })
                     .unwrap_or_else(PoisonError::into_inner);
-                self.latest(&desk)
+                latest(&desk)
             }
             Ok(Request::Reset) => {
                 let mut desk = self.desk();
@@ -181,12 +181,13 @@ impl Shared {
             Err(error) => refusal(&error),
         }
     }
+}
 
-    fn latest(&self, desk: &Desk) -> String {
-        match &desk.latest {
-            Some((seen, picture)) => observation(seen, picture),
-            None => refusal("no state yet"),
-        }
+/// The answer with the last state.
+fn latest(desk: &Desk) -> String {
+    match &desk.latest {
+        Some((seen, picture)) => observation(seen, picture),
+        None => refusal("no state yet"),
     }
 }
 
