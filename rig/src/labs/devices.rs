@@ -47,6 +47,15 @@ pub struct Tag {
     sent: Option<[f64; 2]>,
 }
 
+impl Drop for Cyberrunner {
+    /// The motors keep their last current for ever: however a run ends, that is none.
+    fn drop(&mut self) {
+        if let Some(motors) = &self.motors {
+            let _ = motors.send(DynamixelVel::default());
+        }
+    }
+}
+
 impl Devices {
     /// Opens topics or connection; `arm` commands the motors.
     ///
