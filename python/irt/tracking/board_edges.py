@@ -29,12 +29,16 @@ FAR, STEP = 5.0, 0.5
 ENDS = 4
 #: Powers from levels to light: of pictures without a curve, and of sRGB. Powers between follow the grain.
 POWERS = (1.0, 2.2)
+#: Levels from here on are cut off.
+FULL = 250.0
 #: Points of a side that err alike: they share the grain, and blocks of a compression.
 ALIKE = 8.0
 #: A side is measured where this share of its points is.
 ENOUGH = 0.6
 #: An edge that is off by more than so much is covered [pixels]: repeated edges scatter by a tenth.
 COVERED = 0.3
+#: A point that is off its side's line by more than so much is not of it [pixels]: a grain moves it by half.
+OFF = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +74,24 @@ class _Sides:
         return np.asarray(seen, dtype=np.float64)
 
 
-def _clearest(profiles: Array) -> int:
-    """Return the colour in which inside and outside of profiles (n, samples, 3) differ most."""
-    contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
-    return int(np.argmax(np.quantile(contrast, 0.1, axis=0)))
+def _clearest(profiles: Array) -> NDArray[np.int64]:
+    """Return the colour of each point (n,) in which the inside and outside of its side differ most.
+
+    On a table as bright as the board a side shows in its hue, beside the board's shadow in its brightness.
+
+    Parameters
+    ----------
+    profiles : (v, n, samples, 3) array
+        Levels across the points of four sides in v pictures.
+    """
+    contrast = np.abs(profiles[:, :, :ENDS].mean(axis=2) - profiles[:, :, -ENDS:].mean(axis=2))
+    sides = contrast.reshape(len(profiles), 4, -1, 3).swapaxes(0, 1).reshape(4, -1, 3)
+    return np.repeat(np.argmax(np.quantile(sides, 0.1, axis=1), axis=1), contrast.shape[1] // 4)
+
+
+def _one_colour(profiles: Array, colours: NDArray[np.int64]) -> Array:
+    """Return levels (n, samples) of profiles (n, samples, 3) in each point's colour (n,)."""
+    return np.asarray(profiles[np.arange(len(profiles)), :, colours])
 
 
 def _crossings(profiles: Array, power: float) -> Array:
@@ -91,6 +109,29 @@ def _crossings(profiles: Array, power: float) -> Array:
     return np.where(crosses.any(axis=1) & (contrast > LEAST_LEVELS), places, np.nan)
 
 
+def _straightened(offsets: Array) -> Array:
+    """Return offsets of the points of sides (v, 4 `POINTS`) with those that are off a side's line laid on it.
+
+    In each picture a side is a line. What lies over it, or is left there by a picture that was not decoded as
+    it should have been, is not the side.
+    """
+    sides = offsets.reshape(-1, POINTS)
+    seen = np.isfinite(sides)
+    along = np.stack([np.ones(POINTS), np.linspace(-1.0, 1.0, POINTS)])
+    known = np.where(seen, sides, 0.0)
+    lines = np.column_stack(
+        [np.nan_to_num(np.nanmedian(np.where(seen, sides, np.nan), axis=1)), 0.0 * sides[:, 0]]
+    )
+    for _ in range(12):
+        apart = known - lines @ along
+        weights = seen / (1.0 + (apart / COVERED) ** 2) ** 2
+        normal = np.einsum("sp,ip,jp->sij", weights, along, along) + 1e-6 * np.eye(2)
+        lines = np.linalg.solve(normal, np.einsum("sp,ip,sp->si", weights, along, known)[..., None])[..., 0]
+    laid = lines @ along
+    off = seen & (np.abs(known - laid) > OFF)
+    return np.where(off, laid, sides).reshape(offsets.shape)
+
+
 def _power(profiles: Array) -> float:
     """Return the power at which the mean edge is alike on both sides of its middle."""
     offsets = np.arange(-FAR, FAR + 0.5 * STEP, STEP)
@@ -100,9 +141,10 @@ def _power(profiles: Array) -> float:
         places = _crossings(profiles, power)
         light = (profiles / 255.0) ** power
         inside, outside = light[:, :ENDS].mean(axis=1), light[:, -ENDS:].mean(axis=1)
-        seen = np.flatnonzero(np.abs(places) < FAR - 3.0)
+        # A side that is cut off at full light looks alike on both sides in levels.
+        seen = np.flatnonzero((np.abs(places) < FAR - 3.0) & (profiles.max(axis=1) < FULL))
         if len(seen) < POINTS:
-            return POWERS[0]
+            return POWERS[-1]
         part = (light[seen] - outside[seen, None]) / (inside - outside)[seen, None]
         mean = np.median(
             [np.interp(near + place, offsets, one) for one, place in zip(part, places[seen], strict=True)],
@@ -141,10 +183,10 @@ class BoardEdges:
         for _ in range(2):
             self._places = sides = _Sides.of(self.corners, lens)
             colours = [sides.profiles(picture) for picture in pictures]
-            self._channel = _clearest(np.concatenate(colours))
-            profiles = [one[..., self._channel] for one in colours]
+            self._colours = _clearest(np.array(colours))
+            profiles = [_one_colour(one, self._colours) for one in colours]
             self._curve = _power(np.concatenate(profiles[:: max(len(profiles) // 6, 1)]))
-            offsets = np.array([_crossings(one, self._curve) for one in profiles])
+            offsets = _straightened(np.array([_crossings(one, self._curve) for one in profiles]))
             seen = np.isfinite(offsets).mean(axis=0) > 0.5
             middle = np.array(
                 [np.nanmean(one) if there else np.nan for one, there in zip(offsets.T, seen, strict=True)]
@@ -185,8 +227,12 @@ class BoardEdges:
 
     def stand(self, picture: Picture) -> bool:
         """Return whether the sides are in a picture where they were in the sample."""
-        profiles = self._places.profiles(picture)[..., self._channel]
-        return bool(np.isfinite(_crossings(profiles, self._curve)).mean() >= ENOUGH)
+        return bool(np.isfinite(self._offsets(picture)).mean() >= ENOUGH)
+
+    def _offsets(self, picture: Picture) -> Array:
+        """Return how far outside of its place each point's edge is in a picture (n,) [pixels]."""
+        profiles = _one_colour(self._places.profiles(picture), self._colours)
+        return _crossings(profiles, self._curve)
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
@@ -227,7 +273,7 @@ class BoardEdges:
         slopes = self._slopes
         if slopes is None:
             return None
-        offsets = _crossings(self._places.profiles(picture)[..., self._channel], self._curve)
+        offsets = self._offsets(picture)
         seen = np.isfinite(offsets)
         if seen.mean() < ENOUGH:
             self.missed += 1
