@@ -1,8 +1,7 @@
 """The board's sides, measured along their whole length over the video: corners, their error, the tilt.
 
 Each point of a side is where the light is halfway between inside and outside. A lens blurs light, not levels:
-halfway between two levels lies outside of a bright board. So levels are taken back to light by a power, the
-one that makes the mean profile of the sides alike on both sides of its middle, as blur is.
+halfway between two levels lies outside of a bright board. So levels are taken back to light.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from irt.tracking.corners import LEAST_LEVELS, fit_line, meet
 from irt.tracking.geometry import Geometry, Lens, Pose, Size
 from irt.tracking.opencv import opencv
+from irt.tracking.rims import POWER
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -27,10 +27,6 @@ POINTS, FIRST, LAST = 48, 0.06, 0.94
 FAR, STEP = 5.0, 0.5
 #: Samples at each end that say what is inside and outside.
 ENDS = 4
-#: Powers from levels to light: of pictures without a curve, and of sRGB. Powers between follow the grain.
-POWERS = (1.0, 2.2)
-#: Levels from here on are cut off.
-FULL = 250.0
 #: Points of a side that err alike: they share the grain, and blocks of a compression.
 ALIKE = 8.0
 #: A side is measured where this share of its points is.
@@ -94,10 +90,10 @@ def _one_colour(profiles: Array, colours: NDArray[np.int64]) -> Array:
     return np.asarray(profiles[np.arange(len(profiles)), :, colours])
 
 
-def _crossings(profiles: Array, power: float) -> Array:
+def _crossings(profiles: Array) -> Array:
     """Return how far outside each point's edge is (n,) [pixels], NaN where there is none."""
     contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
-    light = (profiles / 255.0) ** power
+    light = (profiles / 255.0) ** POWER
     halfway = 0.5 * (light[:, :ENDS].mean(axis=1) + light[:, -ENDS:].mean(axis=1))
     apart = light - halfway[:, None]
     crosses = apart[:, :-1] * apart[:, 1:] <= 0.0
@@ -132,28 +128,6 @@ def _straightened(offsets: Array) -> Array:
     return np.where(off, laid, sides).reshape(offsets.shape)
 
 
-def _power(profiles: Array) -> float:
-    """Return the power at which the mean edge is alike on both sides of its middle."""
-    offsets = np.arange(-FAR, FAR + 0.5 * STEP, STEP)
-    near = np.arange(-2.0, 2.01, 0.25)
-    found = []
-    for power in POWERS:
-        places = _crossings(profiles, power)
-        light = (profiles / 255.0) ** power
-        inside, outside = light[:, :ENDS].mean(axis=1), light[:, -ENDS:].mean(axis=1)
-        # A side that is cut off at full light looks alike on both sides in levels.
-        seen = np.flatnonzero((np.abs(places) < FAR - 3.0) & (profiles.max(axis=1) < FULL))
-        if len(seen) < POINTS:
-            return POWERS[-1]
-        part = (light[seen] - outside[seen, None]) / (inside - outside)[seen, None]
-        mean = np.median(
-            [np.interp(near + place, offsets, one) for one, place in zip(part, places[seen], strict=True)],
-            axis=0,
-        )
-        found.append(float(((mean + mean[::-1] - 1.0) ** 2).sum()))
-    return POWERS[int(np.argmin(found))]
-
-
 class BoardEdges:
     """The sides of a board before a camera.
 
@@ -185,8 +159,7 @@ class BoardEdges:
             colours = [sides.profiles(picture) for picture in pictures]
             self._colours = _clearest(np.array(colours))
             profiles = [_one_colour(one, self._colours) for one in colours]
-            self._curve = _power(np.concatenate(profiles[:: max(len(profiles) // 6, 1)]))
-            offsets = _straightened(np.array([_crossings(one, self._curve) for one in profiles]))
+            offsets = _straightened(np.array([_crossings(one) for one in profiles]))
             seen = np.isfinite(offsets).mean(axis=0) > 0.5
             middle = np.array(
                 [np.nanmean(one) if there else np.nan for one, there in zip(offsets.T, seen, strict=True)]
@@ -232,7 +205,7 @@ class BoardEdges:
     def _offsets(self, picture: Picture) -> Array:
         """Return how far outside of its place each point's edge is in a picture (n,) [pixels]."""
         profiles = _one_colour(self._places.profiles(picture), self._colours)
-        return _crossings(profiles, self._curve)
+        return _crossings(profiles)
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
