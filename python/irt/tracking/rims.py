@@ -7,9 +7,9 @@ mirrors the board at its rim (steel) has its steepest change elsewhere; a step t
 inside and the bare board outside is not led there. Each kind of rim has a radius of its own, since shading
 and what mirrors move all rims of a kind alike; that of the steepest light is the marble's.
 
-A lens blurs light, so that rims of light are looked for in light. A camera halves the resolution of hue after
-its curve, in levels, and what passes a shadow in light is large where the board is bright: rims of hue are
-looked for in levels.
+A lens blurs light, so that rims of light are looked for in light. Hue runs out over the bright board where a
+codec halves its resolution or levels are cut off; in light that little outweighs the marble's own. Rims of
+hue are looked for in levels (measured: `docs/experiments.md`).
 """
 
 from __future__ import annotations

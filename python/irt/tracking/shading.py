@@ -47,8 +47,8 @@ MOST = 8.0
 #: Rounds of letting go, and steps of the search in each.
 ROUNDS, STEPS = 3, 250
 #: A ball is matt if its shading leaves less than this [share of full light]: wood-coloured paint leaves
-#: 0.007 to 0.011, a steel ball on a white board 0.036.
-MATT = 0.02
+#: 0.006 to 0.011, steel balls 0.016 to 0.032.
+MATT = 0.015
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Shaded:
     x, y : float
         Its middle from that of the picture [pixels].
     scatter : float
-        What it leaves [share of full light].
+        What the shading leaves of the ball's light [share of full light].
     """
 
     x: float
@@ -123,7 +123,9 @@ class _Ball:
             simplex = np.vstack([best, best + np.diag([0.3, 0.3, 0.2, 0.2, 0.04])])
             options = {"initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01, "maxfev": STEPS}
             best = minimize(self._misfit, best, method="Nelder-Mead", options=options).x
-        return Shaded(float(best[0]), float(best[1]), self._scatter)
+        inner = np.hypot(self._right - best[0], self._down - best[1]) < covers.radius
+        left = 1.48 * float(np.median(np.sqrt(self._left(best)[1][inner])))
+        return Shaded(float(best[0]), float(best[1]), left)
 
     def _let_go(self, at: Array) -> None:
         """Let go of samples that are not explained."""
