@@ -33,8 +33,10 @@ ALIKE = 8.0
 ENOUGH = 0.6
 #: An edge that is off by more than so much is covered [pixels]: repeated edges scatter by a tenth.
 COVERED = 0.3
-#: A point that is off its side's line by more than so much is not of it [pixels]: a grain moves it by half.
+#: A point that is off its side's curve by more than so much is not of it [pixels]: a grain moves it by half.
 OFF = 1.0
+#: Rounds in which a straight line is laid through a side, and then a bent one.
+STRAIGHT = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,25 +107,25 @@ def _crossings(profiles: Array) -> Array:
     return np.where(crosses.any(axis=1) & (contrast > LEAST_LEVELS), places, np.nan)
 
 
-def _straightened(offsets: Array) -> Array:
-    """Return offsets of the points of sides (v, 4 `POINTS`) with those that are off a side's line laid on it.
+def _smoothed(offsets: Array) -> Array:
+    """Return offsets of sides' points (v, 4 `POINTS`) with those that are off a side's curve laid on it.
 
-    In each picture a side is a line. What lies over it, or is left there by a picture that was not decoded as
-    it should have been, is not the side.
+    In each picture a side is a line, bent a little where the lens is not known. What lies over it, or is left
+    there by a picture that was not decoded as it should have been, is not the side.
     """
     sides = offsets.reshape(-1, POINTS)
     seen = np.isfinite(sides)
-    along = np.stack([np.ones(POINTS), np.linspace(-1.0, 1.0, POINTS)])
     known = np.where(seen, sides, 0.0)
-    lines = np.column_stack(
-        [np.nan_to_num(np.nanmedian(np.where(seen, sides, np.nan), axis=1)), 0.0 * sides[:, 0]]
-    )
-    for _ in range(12):
-        apart = known - lines @ along
-        weights = seen / (1.0 + (apart / COVERED) ** 2) ** 2
-        normal = np.einsum("sp,ip,jp->sij", weights, along, along) + 1e-6 * np.eye(2)
-        lines = np.linalg.solve(normal, np.einsum("sp,ip,sp->si", weights, along, known)[..., None])[..., 0]
-    laid = lines @ along
+    along = np.linspace(-1.0, 1.0, POINTS)
+    powers = np.stack([np.ones(POINTS), along, along**2])
+    middle = [np.median(side[there]) if there.any() else 0.0 for side, there in zip(sides, seen, strict=True)]
+    laid = np.array(middle)[:, None] + np.zeros(POINTS)
+    for terms in (2,) * STRAIGHT + (3,) * STRAIGHT:
+        weights = seen / (1.0 + ((known - laid) / COVERED) ** 2) ** 2
+        design = powers[:terms]
+        normal = np.einsum("sp,ip,jp->sij", weights, design, design) + 1e-6 * np.eye(terms)
+        right = np.einsum("sp,ip,sp->si", weights, design, known)
+        laid = np.linalg.solve(normal, right[..., None])[..., 0] @ design
     off = seen & (np.abs(known - laid) > OFF)
     return np.where(off, laid, sides).reshape(offsets.shape)
 
@@ -159,7 +161,7 @@ class BoardEdges:
             colours = [sides.profiles(picture) for picture in pictures]
             self._colours = _clearest(np.array(colours))
             profiles = [_one_colour(one, self._colours) for one in colours]
-            offsets = _straightened(np.array([_crossings(one) for one in profiles]))
+            offsets = _smoothed(np.array([_crossings(one) for one in profiles]))
             seen = np.isfinite(offsets).mean(axis=0) > 0.5
             middle = np.array(
                 [np.nanmean(one) if there else np.nan for one, there in zip(offsets.T, seen, strict=True)]
