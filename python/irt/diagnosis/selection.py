@@ -39,6 +39,28 @@ class Posterior:
         # Rounding may raise the sum above 1.
         return min(1.0, float(probabilities([one.score for one in self.sets])[with_it].sum()))
 
+    def likely(self, answer: Scored, renamed: Sequence[Scored] = ()) -> list[tuple[Scored, float]]:
+        """Return the sets that are worth a mention, with probabilities that add up to 1.
+
+        Parameters
+        ----------
+        answer : Scored
+            The answer, which comes first. It lacks effects that do not matter to held-out errors, which may
+            still be present, and it may predict better than a set of higher score. Therefore it gets the
+            probability of the most probable set.
+        renamed : sequence of Scored
+            The answer with another name of an effect; these get the same probability.
+        """
+        most = max([answer.score, *(one.score for one in self.sets)])
+        scores = dict.fromkeys([answer, *renamed], most)
+        known = {frozenset(one.effects) for one in scores}
+        scores |= {one: one.score for one in self.sets if frozenset(one.effects) not in known}
+        chances = probabilities(list(scores.values())).tolist()
+        pairs = zip(scores, chances, strict=True)
+        found = [pair for pair in pairs if pair[1] > config.MENTIONED][: config.PLAUSIBLE]
+        total = sum(chance for _, chance in found)
+        return [(one, chance / total) for one, chance in found]
+
     def probabilities(self, immaterial: Container[str]) -> dict[str, float]:
         """Return the probabilities of effects above `config.MENTIONED`.
 
@@ -90,6 +112,8 @@ class Selection:
     report: Report
     validation: Validation = field(default_factory=Validation)
     _without: dict[tuple[frozenset[str], str, float], Scored] = field(default_factory=dict)
+    #: Sets that were fitted from least squares.
+    _thorough: set[frozenset[str]] = field(default_factory=set)
 
     def run(self) -> Posterior:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
@@ -220,16 +244,20 @@ class Selection:
         return self.scores.ascend(one.effects, values, noise, one.top.states, iterations=iterations)
 
     def thorough(self, one: Scored) -> Scored:
-        """Fit a set from its values, with its own and with small noise sizes, and from least squares.
+        """Fit a set from its values, with its own and with small noise sizes, and once from least squares.
 
         Free runs are sensitive to a sticking marble, which a filter that corrects every row may miss.
         """
-        self._further(one, np.stack([one.noise, *quiet(one.noise[None])]), config.THOROUGH)
-        free = self.scores.least_squares(one)
+        key = frozenset(one.effects)
+        values, noise = [one.top.values] * 2, [one.noise, *quiet(one.noise[None])]
+        if key not in self._thorough:
+            self._thorough.add(key)
+            values.append(self.scores.least_squares(one))
+            noise.append(noise[1])
         self.scores.ascend(
-            one.effects, free[None], quiet(one.noise[None]), one.top.states, iterations=config.THOROUGH
+            one.effects, np.stack(values), np.stack(noise), one.top.states, iterations=config.THOROUGH
         )
-        return self.scores.known[frozenset(one.effects)]
+        return self.scores.known[key]
 
     def without(self, one: Scored, name: str) -> Scored:
         """Return a set without one of its effects, fitted from the values of the set.

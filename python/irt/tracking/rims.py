@@ -36,11 +36,12 @@ PARTS = np.arange(0.4, 1.65, 0.04)
 RIM_FROM = 0.7
 #: Where a ray is inside and outside of the rim, and where the board beside it is, in radii.
 INSIDE, OUTSIDE, BESIDE = (0.78, 0.92), (1.08, 1.22), (1.1, 1.35)
-#: Where a ray has the hue of the marble, in radii.
-NEAR_RIM = (0.7, 0.86)
+#: Where a ray has the hue of the marble, in radii: nearer to the rim, blur would take of it where the disc is
+#: laid wrongly, and the rim would go along with the disc.
+WITHIN = (0.5, 0.76)
 #: A difference in hue that shows where the rim is [levels], what rays count by it beside those in full light,
 #: and the part of it at which they leave the marble.
-HUE, HUE_COUNTS, LEAVES = 40.0, 1.5, 0.4
+HUE, HUE_COUNTS, LEAVES = 40.0, 1.5, 0.5
 #: Rays to either side of a shadow that are not trusted either.
 NEAR_SHADOW = 2
 #: How far the radius of the steepest light, and that of blurred steps, may be from what board and marble say
@@ -247,10 +248,10 @@ def _hue_rims(mean: Values, without: Values) -> tuple[Array, float]:
     inner = across[:, (PARTS > 0.5) & (PARTS < 0.85)].mean(axis=(0, 1))
     clear = float(np.linalg.norm(inner))
     hue = opencv().GaussianBlur(across @ (inner / (clear + 1e-9)), (3, 1), 0)
-    inside = hue[:, (NEAR_RIM[0] < PARTS) & (NEAR_RIM[1] > PARTS)].mean(axis=1)
+    inside = hue[:, (WITHIN[0] < PARTS) & (WITHIN[1] > PARTS)].mean(axis=1)
     outside = hue[:, BESIDE[1] < PARTS].mean(axis=1)
     level = outside + LEAVES * (inside - outside)
-    first = int(np.searchsorted(PARTS, NEAR_RIM[1])) - 2
+    first = int(np.searchsorted(PARTS, WITHIN[1])) - 2
     below = hue[:, first:-1] < level[:, None]
     after = first + np.argmax(below, axis=1)
     rows = np.arange(RAYS)
