@@ -175,8 +175,9 @@ class Selection:
         return better if better is not None and better.score > parent.score + config.SURE else None
 
     def _other(self, one: Scored) -> list[str]:
-        """Return the effects that a set lacks, except the slope map."""
+        """Return the effects that a set lacks, except the slope map and other names of its effects."""
         held = {*one.effects, MAP, *(SMOOTHED if JITTER in one.effects else ())}
+        held |= ALIKE if ALIKE.intersection(one.effects) else set()
         return [name for name in self.names if name not in held]
 
     def _best_child(self, parent: Scored, names: Sequence[str], count: int, to_beat: float) -> Scored | None:
