@@ -1,0 +1,249 @@
+"""Lead a marble through a labyrinth by model-predictive control: thousands of rollouts for each command.
+
+    pip install "labsim-irt[gym]"
+    python examples/mpc.py --model diagnosed/model.toml --maze cyberrunner-easy
+
+The controller knows a model, or several of them, and what was commanded and seen. In each row it
+1. estimates where the marble was some rows ago, and how fast: the state from which the model, under the commands
+   played since, comes nearest to what was seen;
+2. tries hundreds of command sequences from there. The model plays the commands that are still on their way first,
+   so delay, lag, backlash and a camera's latency are accounted for as far as the model has them;
+3. moves its plan to the sequences that lead furthest along the path without leaving it or falling, by the weights
+   of model predictive path integral control (Williams et al. 2017), and plays the first command of the plan.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+import irt
+from irt.engine import SUBSTEP_S
+from irt.environment import ENV_ID, Task
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Config:
+    """How plans are made.
+
+    Attributes
+    ----------
+    horizon : int
+        Rows of a plan.
+    plans, rounds : int
+        Plans that are compared in a round, and rounds for a command.
+    piece : int
+        Rows for which a plan departs from the one before by the same amount.
+    spread : float
+        Standard deviation of this amount in the first round, of the largest command; each round has half as much.
+    temperature_mm : float
+        Plans that are so much worse than the best count 1/e.
+    beside_mm : float
+        A marble that is this far from the path on average loses as many millimetres of progress; twice as far, four
+        times as many.
+    margin_m : float
+        Plans keep so far away from the rims of holes.
+    memory : int
+        Rows before the estimated state whose commands are played as well, for what drives remember.
+    window : int
+        Rows over which the state is estimated.
+    """
+
+    horizon: int = 24
+    plans: int = 256
+    rounds: int = 2
+    piece: int = 4
+    spread: float = 0.5
+    temperature_mm: float = 3.0
+    beside_mm: float = 1.5
+    margin_m: float = 0.003
+    memory: int = 24
+    window: int = 6
+
+
+#: What a plan in which the marble falls at once loses [mm].
+FALL_MM = 500.0
+#: How far back and ahead along the path a marble is looked for [mm], and how near to it.
+BACK, AHEAD, NEAR_M = 30, 160, 0.02
+
+
+class Controller:
+    """Commands for n marbles, each on a rig of its own, all planned with the same models.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        Plans are scored by their mean over these.
+    task : Task
+        Maze and path.
+    largest : (2,) array
+        The largest commands [rad, or the rig's unit].
+    row_s : float
+        Length of a row [s].
+    marbles : int
+        How many.
+    late : int
+        Rows between a picture and the command that is its answer: 0 if it is issued at once.
+    seed : int
+        Of the plans.
+    """
+
+    def __init__(
+        self,
+        models: Sequence[irt.Model],
+        task: Task,
+        largest: Array,
+        row_s: float,
+        *,
+        marbles: int = 1,
+        late: int = 0,
+        seed: int = 0,
+        config: Config | None = None,
+    ) -> None:
+        self.config = Config() if config is None else config
+        self._models = [replace(model, maze=task.maze, posterior=()) for model in models]
+        self._task, self._largest, self._row_s, self._late = task, largest, row_s, late
+        self._random = np.random.default_rng(seed)
+        self._commands = np.zeros((marbles, self.config.memory + self.config.window + late, 2))
+        self._seen = np.zeros((marbles, 0, 2))
+        self._plans = np.zeros((marbles, self.config.horizon, 2))
+        self.passed = np.zeros(marbles, dtype=np.int64)
+
+    def act(self, seen: Array) -> Array:
+        """Return the next command of each marble (n, 2), by where it is seen (n, 2) [board edges]."""
+        window = self.config.window
+        if not self._seen.shape[1]:
+            self._seen = seen[:, None].repeat(window + 1, axis=1)
+        # A marble that the tracker loses is held where it was.
+        seen = np.where(np.isfinite(seen), seen, self._seen[:, -1])
+        self._seen = np.concatenate([self._seen[:, 1:], seen[:, None]], axis=1)
+        states = [self._estimated(model) for model in self._models]
+        self.passed = passed(self._task.points, _metres(self._models[0], seen), self.passed)
+        self._plans = np.concatenate([self._plans[:, 1:], self._plans[:, -1:]], axis=1)
+        spread = self.config.spread * self._largest
+        for _ in range(self.config.rounds):
+            self._improve(states, spread)
+            spread = spread / 2.0
+        command = self._plans[:, 0]
+        self._commands = np.concatenate([self._commands[:, 1:], command[:, None]], axis=1)
+        return np.array(command)
+
+    def _estimated(self, model: irt.Model) -> tuple[Array, Array]:
+        """Return where the marbles were a window ago (n, 2), and how fast (n, 2) [board edges, and a second]."""
+        config = self.config
+        moments = self._row_s * np.arange(config.window + 1)
+        place = self._seen[:, 0]
+        speed = (self._seen[:, -1] - self._seen[:, 0]) / moments[-1]
+        # The last command known acts in the present row or later, and a row more is not predicted.
+        commands = self._commands[:, : config.memory + config.window]
+        commands = np.concatenate([commands, commands[:, -1:]], axis=1)
+        # Two corrections, the second for what walls and friction make of the first.
+        for _ in range(2):
+            error = self._seen - self._rolled(model, commands, place, speed)
+            error = np.where(np.isfinite(error), error, 0.0)
+            shift, drift = np.moveaxis(_line(moments) @ error, 1, 0)
+            place, speed = place + shift, speed + drift
+        return place, speed
+
+    def _improve(self, states: Sequence[tuple[Array, Array]], spread: Array) -> None:
+        """Move the plans to the best of those around them."""
+        config = self.config
+        runs, count = len(self._plans), config.plans
+        pieces = -(-config.horizon // config.piece) + 1
+        noise = spread * self._random.normal(size=(runs, count, pieces, 2))
+        begin = int(self._random.integers(config.piece))
+        noise = noise.repeat(config.piece, axis=2)[:, :, begin : begin + config.horizon]
+        noise[:, 0] = 0.0
+        tried = np.clip(self._plans[:, None] + noise, -self._largest, self._largest)
+        before = self._commands[:, None].repeat(count, axis=1)
+        commands = np.concatenate([before, tried], axis=2).reshape(runs * count, -1, 2)
+        score = np.zeros((runs, count))
+        for model, (place, speed) in zip(self._models, states, strict=True):
+            paths = self._rolled(model, commands, place.repeat(count, 0), speed.repeat(count, 0))
+            places = _metres(model, paths[:, config.window + self._late + 1 :])
+            for run, one in enumerate(places.reshape(runs, count, -1, 2)):
+                score[run] += self._score(one, int(self.passed[run])) / len(self._models)
+        weights = np.exp((score - score.max(axis=1, keepdims=True)) / config.temperature_mm)
+        weights /= weights.sum(axis=1, keepdims=True)
+        self._plans = np.einsum("np,nprc->nrc", weights, tried)
+
+    def _score(self, places: Array, at: int) -> Array:
+        """Return how good the ways (plans, rows, 2) [m] of a marble are that has come to a point of the path."""
+        maze, first = self._task.maze, max(0, at - BACK)
+        some = self._task.points[first : at + AHEAD]
+        lost = np.isnan(places[..., 0])
+        if maze.holes:
+            holes = np.array(maze.holes)
+            near = np.linalg.norm(places[:, :, None] - holes, axis=-1).min(axis=2)
+            lost |= near < maze.hole_radius_m + self.config.margin_m
+            lost = np.maximum.accumulate(lost, axis=1)
+        square = _squares(np.where(lost[..., None], self._task.points[at], places), some)
+        along = square.argmin(axis=-1).astype(float)
+        beside = 1e6 * np.take_along_axis(square, square.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+        # Progress counts at the end, and half as much on the way: a plan that waits first may never begin.
+        gained = along[:, -1] + 0.5 * along.mean(axis=1)
+        found = gained - beside.mean(axis=1) / self.config.beside_mm - FALL_MM * lost.mean(axis=1)
+        return np.asarray(found)
+
+    def _rolled(self, model: irt.Model, commands: Array, place: Array, speed: Array) -> Array:
+        """Return where marbles are seen (n, rows, 2) [board edges] that are let go where the memory ends."""
+        return irt.rollouts(
+            model,
+            commands,
+            start=place,
+            start_velocity=speed,
+            first=self.config.memory,
+            knobs_before=(0.0, 0.0),
+            durations=np.full(commands.shape[1], self._row_s),
+        )
+
+
+def passed(points: Array, places: Array, before: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return to which point of a path marbles at places (n, 2) [m] have come that had come to others (n,) before."""
+    found = before.copy()
+    for marble, place in enumerate(places):
+        first = max(0, int(before[marble]) - BACK)
+        distance = np.linalg.norm(points[first : before[marble] + BACK + 1] - place, axis=1)
+        if distance.min() < NEAR_M:
+            found[marble] = first + int(distance.argmin())
+    return found
+
+
+def _metres(model: irt.Model, seen: Array) -> Array:
+    """Return places [m] of those seen by a camera [board edges]."""
+    return seen * (model.board.edge_x_m / model.parameters["observation_scale"].value)
+
+
+def _line(moments: Array) -> Array:
+    """Return the matrix (2, n) that fits value and slope at the first moment."""
+    return np.linalg.pinv(np.stack([np.ones_like(moments), moments], axis=1))
+
+
+def _squares(places: Array, points: Array) -> Array:
+    """Return the squared distances (..., points) of places (..., 2) from points (p, 2)."""
+    square = (places**2).sum(axis=-1)[..., None] - 2.0 * places @ points.T + (points**2).sum(axis=1)
+    return np.maximum(square, 0.0)
+
+
+def main() -> None:
+    """Lead a marble along a path in a model's own world."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser.add_argument("--model", default=None, help="model.toml; by default the paper's labyrinth")
+    parser.add_argument("--maze", default="bare", help="name of a layout")
+    parser.add_argument("--tilt", type=float, default=0.02, help="largest tilt [rad]")
+    parser.add_argument("--rows", type=int, default=600)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    env = gymnasium.make(ENV_ID, model=args.model, maze=args.maze, tilt_limit_rad=args.tilt)
+    print(env, SUBSTEP_S)
+
+
+if __name__ == "__main__":
+    main()
