@@ -1,21 +1,22 @@
 """Does a diagnosis pay on a controller's return? Controllers from fitted models, tried on concealed rigs.
 
-    .venv/bin/python benches/transfer.py transfer --rigs 10 --page docs/transfer.md
+    .venv/bin/python benches/transfer.py transfer --page docs/transfer.md
 
-A rig of MuJoCo hides the effects of one of `KINDS`. From eight recordings of it come five tuned parameters, the
-same spread widely, and the posterior of a diagnosis. The model-predictive controller of `examples/mpc.py` is made
-on each, and on the truth for reference, and leads marbles along the path of the bare board and of the labyrinth
-with eight holes of the concealed rig. All that is made is kept in the folder; a run that was stopped goes on.
-Needs the extra mujoco.
+A rig of MuJoCo hides the effects of one of `KINDS`. Eight recordings of it are tuned and diagnosed. The
+model-predictive controller of `examples/mpc.py` is made on each of `ARMS`, and leads marbles along the path of
+the bare board and of the labyrinth with eight holes, on the concealed rig. All that is made is kept in the
+folder; a run that was stopped goes on. Needs the extras gym and mujoco.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import time
+import sys
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,13 @@ from hide_effects import Setting
 from irt.catalogue import effect
 from irt.engine import SUBSTEP_S
 from irt.files import write_atomic
+from irt.rig import PARAMETERS, RANGES
+from mujoco_world.live import Live
+from transfer_page import write_page
+
+# The controller is an example, for readers too.
+sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
+from mpc import Config, Controller, Task, passed  # noqa: E402
 
 Array = NDArray[np.float64]
 
@@ -42,7 +50,7 @@ SIZES: dict[str, dict[str, tuple[float, float]]] = {
     "backlash": {"width_x_rad": (0.02, 0.06), "width_y_rad": (0.02, 0.06)},
     "dead_band": {"half_width_rad": (0.01, 0.03)},
     "tilt_bias": {"bias_x_rad": (0.001, 0.0025), "bias_y_rad": (0.001, 0.0025)},
-    "gear_matrix": {"x_from_y": (0.05, 0.1), "y_from_x": (0.05, 0.1)},
+    "cross_coupling": {"x_from_y": (0.1, 0.3), "y_from_x": (0.1, 0.3)},
     "static_friction": {"ratio": (2.0, 4.0)},
 }
 #: What rigs hide, in turn.
@@ -50,7 +58,7 @@ KINDS: tuple[tuple[str, ...], ...] = (
     ("delay", "backlash", "tilt_bias"),
     ("lag", "tilt_bias"),
     ("backlash", "latency"),
-    ("delay", "gear_matrix"),
+    ("delay", "cross_coupling"),
     ("second_order_lag", "backlash"),
     ("delay",),
     ("dead_band", "lag"),
@@ -60,36 +68,75 @@ KINDS: tuple[tuple[str, ...], ...] = (
 )
 
 
+#: The largest command [rad]: as far as recordings go.
+LARGEST_RAD = 0.15
+#: Runs with a controller: layouts, seeds, and by how far their starts differ along each axis [m].
+LAYOUTS, SEEDS, START_M = ("bare", "cyberrunner-easy"), 5, 0.002
+#: A run is given up after so many seconds, or so many without progress.
+MOST_S, STUCK_S = 40.0, 8.0
+#: Models of an ensemble, and the plans that each is asked about.
+DRAWS, ENSEMBLE = 4, Config(plans=128)
+#: Wide randomisation: factors of the gears lie between this and its inverse.
+GEAR_FACTOR = 1.5
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("out", type=Path)
-    parser.add_argument("--rigs", type=int, nargs="+", default=list(range(len(KINDS))))
+    parser.add_argument("--rigs", type=int, default=len(KINDS))
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--page", type=Path, help="default: transfer.md in the folder")
     args = parser.parse_args()
-    for number in args.rigs:
-        rig = args.out / f"rig-{number}"
-        began = time.perf_counter()
-        label = made(rig / "label.json", lambda rig=rig, number=number: record(rig, number))
-        fitted(rig)
-        print(number, label, time.perf_counter() - began, flush=True)
+    folders = [args.out / f"rig-{number}" for number in range(args.rigs)]
+    with ProcessPoolExecutor(args.jobs, get_context("spawn")) as pool:
+        for folder, label in zip(folders, pool.map(prepared, folders, range(args.rigs)), strict=True):
+            print(folder.name, ", ".join(one["name"] for one in label["effects"]), flush=True)
+        jobs = [(folder, layout, arm) for folder in folders for layout in LAYOUTS for arm in ARMS]
+        for job, runs in zip(jobs, pool.map(tried, *zip(*jobs, strict=True)), strict=True):
+            print(job[0].name, *job[1:], " ".join(one["ended"] for one in runs), flush=True)
+    write_page(args.page or args.out / "transfer.md", folders, LAYOUTS, list(ARMS))
+
+
+def prepared(folder: Path, number: int) -> dict[str, Any]:
+    """Record a concealed rig and fit it; return its label."""
+    label: dict[str, Any] = made(folder / "label.json", lambda: record(folder, number))
+    fitted(folder)
+    made(folder / "errors.json", lambda: errors(folder, number))
+    return label
+
+
+def tried(folder: Path, layout: str, arm: str) -> list[dict[str, Any]]:
+    """Return what became of the runs of an arm on a concealed rig, one for each seed."""
+    found: list[dict[str, Any]] = made(
+        folder / f"{layout}-{arm}.json",
+        lambda: travel(read(folder / "label.json"), ARMS[arm](folder), layout),
+    )
+    return found
 
 
 def record(folder: Path, number: int) -> dict[str, Any]:
     """Record a concealed rig into a folder; return its label."""
-    random = np.random.default_rng([SEED, number])
-    drawn = Setting.drawn(mujoco_world, random)
-    # Rows of 50 to 67 ms, as of a camera and servos at 15 to 20 Hz; the scale of the pictures is known.
-    values = np.array([*drawn.values[:3], float(random.integers(12, 17)), 1.0])
-    setting = replace(drawn, values=values, knobs=drawn.knobs[:RECORDINGS])
+    setting, random = drawn(number)
     effects = [hidden(name, random) for name in KINDS[number % len(KINDS)]]
-    seen = setting.simulate(effects) + setting.noise * random.normal(size=setting.knobs.shape)
-    stamps = values[3] * SUBSTEP_S * np.arange(seen.shape[1])
+    knobs = setting.knobs[:RECORDINGS]
+    seen = setting.simulate(effects, knobs) + setting.noise * random.normal(size=knobs.shape)
+    stamps = setting.values[3] * SUBSTEP_S * np.arange(seen.shape[1])
     folder.mkdir(parents=True, exist_ok=True)
     for index, one in enumerate(seen):
-        irt.save_recording(folder / f"run-{index + 1}.csv", setting.knobs[index], one, stamps)
+        irt.save_recording(folder / f"run-{index + 1}.csv", knobs[index], one, stamps)
     write_atomic(folder / "rig.toml", "[parameters]\nobservation_scale = { range = [0.99, 1.01] }\n")
-    return {"values": values.tolist(), "effects": effects, "noise": setting.noise}
+    return {"values": setting.values.tolist(), "effects": effects, "noise": setting.noise}
+
+
+def drawn(number: int) -> tuple[Setting, np.random.Generator]:
+    """Draw a rig without hidden physics, with the commands of recordings and of runs held out."""
+    random = np.random.default_rng([SEED, number])
+    found = Setting.drawn(mujoco_world, random)
+    # Rows of 50 to 67 ms, as of a camera and servos at 15 to 20 Hz; the scale of the pictures is known.
+    values = np.array([*found.values[:3], float(random.integers(12, 17)), 1.0])
+    return replace(found, values=values), random
 
 
 def hidden(name: str, random: np.random.Generator) -> dict[str, Any]:
@@ -105,17 +152,122 @@ def made(path: Path, make: Callable[[], Any]) -> Any:
     """Return the content of a JSON file, which is made unless it is there."""
     if not path.exists():
         write_atomic(path, json.dumps(make(), indent=1))
+    return read(path)
+
+
+def read(path: Path) -> Any:
     return json.loads(path.read_text(encoding="utf-8"))
 
 
-def fitted(folder: Path) -> tuple[irt.Model, irt.Model]:
-    """Return what tuning and a diagnosis make of a rig's recordings."""
-    paths = [folder / "tuned.toml", folder / "diagnosed.toml"]
-    for path, fit in zip(paths, (irt.tune, irt.diagnose), strict=True):
-        if not path.exists():
-            irt.save_model(path, fit(irt.load_rig(folder), threads=1).model)
-    tuned, diagnosed = map(irt.load_model, paths)
-    return tuned, diagnosed
+def fitted(folder: Path) -> None:
+    """Fit a rig's recordings: the five parameters, with a delay too, and a diagnosis."""
+    fits: dict[str, Callable[[irt.Rig], Any]] = {
+        "tuned": lambda rig: irt.tune(rig, threads=1),
+        "delayed": lambda rig: irt.tune(rig, effects=("delay",), threads=1),
+        "diagnosed": lambda rig: irt.diagnose(rig, threads=1),
+    }
+    for name, fit in fits.items():
+        if not (folder / f"{name}.toml").exists():
+            irt.save_model(folder / f"{name}.toml", fit(irt.load_rig(folder)).model)
+
+
+def tuned(folder: Path) -> list[irt.Model]:
+    return [irt.load_model(folder / "tuned.toml")]
+
+
+def delayed(folder: Path) -> list[irt.Model]:
+    return [irt.load_model(folder / "delayed.toml")]
+
+
+def randomised(folder: Path) -> list[irt.Model]:
+    """Spread gears and friction widely around what was tuned."""
+    (model,) = tuned(folder)
+    random = np.random.default_rng(SEED)
+
+    def spread() -> irt.Model:
+        values = model.values * GEAR_FACTOR ** np.array([*random.uniform(-1.0, 1.0, 2), 0.0, 0.0, 0.0])
+        values[2] = random.uniform(*RANGES["rolling_friction"])
+        named = {name: irt.Parameter(float(one)) for name, one in zip(PARAMETERS, values, strict=True)}
+        return replace(model, parameters=named)
+
+    return [spread() for _ in range(DRAWS)]
+
+
+def diagnosed(folder: Path) -> list[irt.Model]:
+    return irt.load_model(folder / "diagnosed.toml").sample(DRAWS)
+
+
+def truth(folder: Path) -> list[irt.Model]:
+    """Return our engine with the values and effects of the concealed one."""
+    label = read(folder / "label.json")
+    named = {name: irt.Parameter(one) for name, one in zip(PARAMETERS, label["values"], strict=True)}
+    effects = tuple(
+        irt.Effect(one["name"], {key: size for key, size in one.items() if key != "name"})
+        for one in label["effects"]
+    )
+    return [replace(model, parameters=named, effects=effects, posterior=()) for model in tuned(folder)]
+
+
+#: Models of a controller, by name.
+ARMS: dict[str, Callable[[Path], list[irt.Model]]] = {
+    "tuned": tuned,
+    "delayed": delayed,
+    "randomised": randomised,
+    "diagnosed": diagnosed,
+    "truth": truth,
+}
+
+
+def errors(folder: Path, number: int) -> dict[str, float]:
+    """Return the mean absolute error [board edges] of each arm on four runs held out, as they are without noise."""
+    setting, _ = drawn(number)
+    knobs = setting.knobs[RECORDINGS:]
+    seen = setting.simulate(read(folder / "label.json")["effects"], knobs)
+    lasting = np.full(knobs.shape[1], setting.values[3] * SUBSTEP_S)
+    return {
+        arm: float(
+            np.mean(
+                [np.abs(irt.rollouts(one, knobs, durations=lasting) - seen).mean() for one in models(folder)]
+            )
+        )
+        for arm, models in ARMS.items()
+    }
+
+
+def travel(label: dict[str, Any], models: list[irt.Model], layout: str) -> list[dict[str, Any]]:
+    """Lead marbles along a path of the concealed rig, one for each seed; return how they ended."""
+    task, values = Task.of(layout), np.array(label["values"])
+    seeds = np.arange(SEEDS)
+    randoms = [np.random.default_rng([SEED, seed]) for seed in seeds]
+    start = task.start + np.array([random.uniform(-START_M, START_M, 2) for random in randoms])
+    world = Live(values, label["effects"], start, seeds, task.maze)
+    largest = np.full(2, LARGEST_RAD)
+    config = ENSEMBLE if len(models) > 1 else Config()
+    controller = Controller(models, task, largest, world.row_s, marbles=SEEDS, late=1, config=config)
+    at = passed(task.points, start, np.zeros(SEEDS, dtype=np.int64))
+    best, since = at.copy(), np.zeros(SEEDS, dtype=np.int64)
+    beside = np.zeros(SEEDS)
+    runs: list[dict[str, Any]] = [{} for _ in seeds]
+    for row in range(1, round(MOST_S / world.row_s) + 1):
+        noise = label["noise"] * np.array([random.normal(size=2) for random in randoms])
+        world.play(controller.act(world.see() + noise))
+        at = passed(task.points, world.places, at)
+        since = np.where(at > best, row, since)
+        best = np.maximum(best, at)
+        beside += [np.linalg.norm(task.points - place, axis=1).min() for place in world.places]
+        arrived, stuck = task.arrived(at), (row - since) * world.row_s > STUCK_S
+        over = row == round(MOST_S / world.row_s)
+        for seed in np.flatnonzero(world.fallen | arrived | stuck | over):
+            if not runs[seed]:
+                runs[seed] = {
+                    "ended": "fell" if world.fallen[seed] else "arrived" if arrived[seed] else "stuck",
+                    "progress": float(task.share(best)[seed]),
+                    "seconds": row * world.row_s,
+                    "beside_mm": float(1e3 * beside[seed] / row),
+                }
+        if all(runs):
+            break
+    return runs
 
 
 if __name__ == "__main__":

@@ -18,13 +18,13 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 import irt
 from irt.engine import SUBSTEP_S
-from irt.environment import ENV_ID, Task
+from irt.environment import LabyrinthEnv, Task
+from irt.environment.vector import default_model
 
 Array = NDArray[np.float64]
 
@@ -70,8 +70,9 @@ class Config:
 
 #: What a plan in which the marble falls at once loses [mm].
 FALL_MM = 500.0
-#: How far back and ahead along the path a marble is looked for [mm], and how near to it.
-BACK, AHEAD, NEAR_M = 30, 160, 0.02
+#: How far back and ahead along the path a marble is looked for [mm], how near to it it must be, and in plans, which
+#: points of the path and which rows are compared.
+BACK, AHEAD, NEAR_M, EVERY = 30, 160, 0.02, (3, 2)
 
 
 class Controller:
@@ -176,19 +177,16 @@ class Controller:
 
     def _score(self, places: Array, at: int) -> Array:
         """Return how good the ways (plans, rows, 2) [m] of a marble are that has come to a point of the path."""
-        maze, first = self._task.maze, max(0, at - BACK)
-        some = self._task.points[first : at + AHEAD]
+        maze, (every, rows) = self._task.maze, EVERY
+        some = self._task.points[max(0, at - BACK) : at + AHEAD : every]
         lost = np.isnan(places[..., 0])
         if maze.holes:
-            holes = np.array(maze.holes)
-            near = np.linalg.norm(places[:, :, None] - holes, axis=-1).min(axis=2)
-            lost |= near < maze.hole_radius_m + self.config.margin_m
-            lost = np.maximum.accumulate(lost, axis=1)
-        square = _squares(np.where(lost[..., None], self._task.points[at], places), some)
-        along = square.argmin(axis=-1).astype(float)
-        beside = 1e6 * np.take_along_axis(square, square.argmin(axis=-1)[..., None], axis=-1)[..., 0]
+            away = np.sqrt(_squares(places, np.array(maze.holes)).min(axis=-1))
+            lost = np.maximum.accumulate(lost | (away < maze.hole_radius_m + self.config.margin_m), axis=1)
+        square = 1e6 * _squares(np.where(lost[..., None], self._task.points[at], places)[:, ::-rows], some)
+        along, beside = every * square.argmin(axis=-1), square.min(axis=-1)
         # Progress counts at the end, and half as much on the way: a plan that waits first may never begin.
-        gained = along[:, -1] + 0.5 * along.mean(axis=1)
+        gained = along[:, 0] + 0.5 * along.mean(axis=1)
         found = gained - beside.mean(axis=1) / self.config.beside_mm - FALL_MM * lost.mean(axis=1)
         return np.asarray(found)
 
@@ -226,23 +224,42 @@ def _line(moments: Array) -> Array:
     return np.linalg.pinv(np.stack([np.ones_like(moments), moments], axis=1))
 
 
-def _squares(places: Array, points: Array) -> Array:
-    """Return the squared distances (..., points) of places (..., 2) from points (p, 2)."""
-    square = (places**2).sum(axis=-1)[..., None] - 2.0 * places @ points.T + (points**2).sum(axis=1)
-    return np.maximum(square, 0.0)
+def _squares(places: Array, points: Array) -> NDArray[np.float32]:
+    """Return the squared distances (..., points) [m²] of places (..., 2) from points (p, 2)."""
+    x, y = (places[..., axis, None].astype(np.float32) - points[:, axis].astype(np.float32) for axis in (0, 1))
+    x *= x
+    y *= y
+    x += y
+    return x
 
 
 def main() -> None:
-    """Lead a marble along a path in a model's own world."""
+    """Lead a marble along a path in a model's own world, and say how far it came."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("--model", default=None, help="model.toml; by default the paper's labyrinth")
+    parser.add_argument("--model", help="model.toml; by default the paper's labyrinth")
     parser.add_argument("--maze", default="bare", help="name of a layout")
     parser.add_argument("--tilt", type=float, default=0.02, help="largest tilt [rad]")
-    parser.add_argument("--rows", type=int, default=600)
+    parser.add_argument("--rows", type=int, default=600, help="rows until the controller gives up")
+    parser.add_argument("--draws", type=int, default=1, help="models that plans are scored by")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
-    env = gymnasium.make(ENV_ID, model=args.model, maze=args.maze, tilt_limit_rad=args.tilt)
-    print(env, SUBSTEP_S)
+    model = default_model() if args.model is None else irt.load_model(args.model)
+    row_s = model.parameters["time_scale"].value * SUBSTEP_S
+    options = {"step_s": row_s, "tilt_limit_rad": args.tilt, "max_episode_steps": args.rows}
+    env = LabyrinthEnv(model, maze=args.maze, randomise=False, **options)
+    largest = args.tilt / np.abs(model.values[:2])
+    models = [model] if args.draws == 1 else model.sample(args.draws, args.seed)
+    controller = Controller(models, Task.of(args.maze), largest, row_s, seed=args.seed)
+    observed, infos = env.reset(seed=args.seed)
+    for row in range(1, args.rows + 1):
+        command = controller.act(observed[None, 2:4].astype(float))[0]
+        observed, _, terminated, truncated, infos = env.step(command / largest)
+        if row % 50 == 0:
+            print(f"{row * row_s:5.1f} s: {infos['progress']:4.0%} of the path", flush=True)
+        if terminated or truncated:
+            break
+    ended = "arrived" if infos["success"] else "fell" if "hole" in infos else "gave up"
+    print(f"{ended} after {row * row_s:.1f} s, {infos['progress']:.0%} of the path")
 
 
 if __name__ == "__main__":

@@ -74,9 +74,7 @@ class Linkage:
         return np.asarray(tilt)
 
 
-def arrived(
-    knobs: Array, issued: Array, moments: Array, hidden: Hidden, seeds: NDArray[np.int64]
-) -> Array:
+def arrived(knobs: Array, issued: Array, moments: Array, hidden: Hidden, seeds: NDArray[np.int64]) -> Array:
     """Return the commands that have come by each moment (n, moments, 2) [rad]; none at first.
 
     Commands (n, rows, 2) are issued at times (rows,) [s].

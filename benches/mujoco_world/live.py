@@ -31,7 +31,7 @@ class Live:
         Parameters, as of `simulate`.
     effects : sequence of dict
         As of `simulate`, without ``clock_drift``.
-    start : (2,)
+    start : (n, 2)
         Where the marbles rest in row 0 [m].
     seeds : (n,)
         Of the runs.
@@ -53,7 +53,9 @@ class Live:
         self._seeds, self._edges_per_m = seeds, values[4] / Board().edge_x_m
         self._steps = round(values[3]) * STEPS_PER_UPDATE
         if self._steps < HALF_TURN + 2:
-            raise ValueError(f"a row of {self.row_s:g} s is shorter than what a plate turns ahead of commands")
+            raise ValueError(
+                f"a row of {self.row_s:g} s is shorter than what a plate turns ahead of commands"
+            )
         self._late = self._hidden.get("latency", {}).get("latency_s", 0.0) / STEP_S
         self._holes = np.array(maze.holes if maze else ()).reshape(-1, 2)
         self._hole_radius_m = maze.hole_radius_m if maze else 0.0
@@ -64,9 +66,8 @@ class Live:
         self._now, self._past = 0, max(int(np.ceil(self._late)) + 1, HALF_TURN)
         tilts = self._tilted(0, HALF_TURN + 1)
         self._tilts = np.concatenate([tilts[:, :1].repeat(self._past, axis=1), tilts], axis=1)
-        places = np.tile(start, (len(seeds), 1))
-        self._plates.place(places)
-        self._places = places[:, None].repeat(self._past + 1, axis=1)
+        self._plates.place(start)
+        self._places = start[:, None].repeat(self._past + 1, axis=1)
         self._fallen = np.zeros(len(seeds), dtype=bool)
 
     @property
