@@ -1,2 +1,151 @@
-def write_page(*a):
-    print(a)
+"""The page of `transfer.py`: what came of controllers made on each kind of model."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import irt
+from irt.files import write_atomic
+from machine import machine
+
+Array = NDArray[np.float64]
+#: By layout and arm, the runs of each rig and seed.
+Runs = dict[tuple[str, str], list[list[dict[str, Any]]]]
+#: A number of a run.
+Measure = Callable[[dict[str, Any]], float]
+
+TITLES = {
+    "tuned": "five parameters tuned",
+    "delayed": "five parameters and a delay tuned",
+    "randomised": "five parameters, widely randomised",
+    "diagnosed": "posterior of the diagnosis",
+    "truth": "truth: the hidden values and effects, in our engine",
+}
+BOARDS = {"bare": "Bare board", "cyberrunner-easy": "Labyrinth with 8 holes"}
+#: The arm that is compared with all others.
+OURS = "diagnosed"
+#: Resamples of an interval.
+RESAMPLES = 4000
+MEASURES: dict[str, Measure] = {
+    "arrived [%]": lambda run: 100.0 * (run["ended"] == "arrived"),
+    "of the path [%]": lambda run: 100.0 * float(run["progress"]),
+    "time of those that arrived [s]": lambda run: (
+        float(run["seconds"]) if run["ended"] == "arrived" else float("nan")
+    ),
+    "beside the path [mm]": lambda run: float(run["beside_mm"]),
+}
+
+
+def write_page(
+    path: Path, folders: Sequence[Path], layouts: Sequence[str], arms: Sequence[str], text: str
+) -> None:
+    """Write the page over all rigs in these folders; `text` says how it was done."""
+    runs = {
+        (layout, arm): [_read(folder / f"{layout}-{arm}.json") for folder in folders]
+        for layout in layouts
+        for arm in arms
+    }
+    lines = ["# The proof by transfer", "", text]
+    lines += _provenance(len(folders), len(runs[layouts[0], arms[0]][0]))
+    for layout in layouts:
+        lines += ["", f"## {BOARDS[layout]}", "", *_overall(runs, layout, arms)]
+    lines += ["", "## Rig by rig", "", *_rigs(runs, folders, layouts, arms)]
+    write_atomic(path, "\n".join(lines) + "\n")
+
+
+def _provenance(rigs: int, seeds: int) -> Iterator[str]:
+    commit = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout.strip()
+    yield f"Written by `benches/transfer.py` at commit {commit or 'unknown'}, {machine()}: {rigs} rigs,"
+    yield f"{seeds} seeds of each rig, layout and controller. Brackets are 95 % intervals: rigs are resampled,"
+    yield "and seeds within rigs; differences are of the same rig and seed."
+
+
+def _overall(runs: Runs, layout: str, arms: Sequence[str]) -> Iterator[str]:
+    """Yield the table of a layout, and that of the differences."""
+    count = sum(map(len, runs[layout, arms[0]]))
+    yield f"| controller made on | {' | '.join(MEASURES)} | fell | stuck |"
+    yield "| --- |" + " --- |" * (len(MEASURES) + 2)
+    for arm in arms:
+        cells = [_interval(_table(runs[layout, arm], measure)) for measure in MEASURES.values()]
+        ends = [run["ended"] for rig in runs[layout, arm] for run in rig]
+        cells += [f"{ends.count(end)} of {count}" for end in ("fell", "stuck")]
+        yield f"| {TITLES[arm]} | {' | '.join(cells)} |"
+    yield ""
+    yield f"What the {TITLES[OURS]} adds to each of the others:"
+    yield ""
+    names = list(MEASURES)[:3]
+    yield f"| beside | {' | '.join(names)} |"
+    yield "| --- |" + " --- |" * len(names)
+    for arm in arms:
+        if arm != OURS:
+            pairs = [
+                _table(runs[layout, OURS], MEASURES[name]) - _table(runs[layout, arm], MEASURES[name])
+                for name in names
+            ]
+            yield f"| {TITLES[arm]} | {' | '.join(_interval(one, sign='+') for one in pairs)} |"
+
+
+def _rigs(
+    runs: Runs,
+    folders: Sequence[Path],
+    layouts: Sequence[str],
+    arms: Sequence[str],
+) -> Iterator[str]:
+    """Yield what was hidden in each rig and found, how each model predicts it, and how many runs arrived."""
+    yield "Errors are of free runs held out, in percent of the board's edge. Then how many runs of each"
+    yield "controller arrived, in the order of the errors."
+    yield ""
+    yield f"| hidden | diagnosed | error: {', '.join(arms)} | {' | '.join(BOARDS[one] for one in layouts)} |"
+    yield "| --- | --- | --- |" + " --- |" * len(layouts)
+    for number, folder in enumerate(folders):
+        hidden = " + ".join(_sized(one) for one in _read(folder / "label.json")["effects"])
+        found = " + ".join(one.name for one in irt.load_model(folder / "diagnosed.toml").effects)
+        errors = _read(folder / "errors.json")
+        shown = ", ".join(f"{100.0 * errors[arm]:.2g}" for arm in arms)
+        arrived = [
+            ", ".join(
+                f"{sum(one['ended'] == 'arrived' for one in runs[layout, arm][number])}" for arm in arms
+            )
+            for layout in layouts
+        ]
+        yield f"| {hidden} | {found or 'nothing'} | {shown} | {' | '.join(arrived)} |"
+
+
+def _sized(hidden: dict[str, Any]) -> str:
+    sizes = ", ".join(f"{size:.2g}" for name, size in hidden.items() if name != "name")
+    return f"{hidden['name']} {sizes}"
+
+
+def _table(rigs: list[list[dict[str, Any]]], measure: Measure) -> Array:
+    """Return a number of each run, (rigs, seeds)."""
+    return np.array([[measure(run) for run in rig] for rig in rigs])
+
+
+def _interval(values: Array, sign: str = "") -> str:
+    """Return the mean of values (rigs, seeds) and its 95 % interval; NaN are left out."""
+    if np.isnan(values).all():
+        return "none"
+    random = np.random.default_rng(0)
+    rigs, seeds = values.shape
+    drawn = random.integers(rigs, size=(RESAMPLES, rigs, 1))
+    some = values[drawn, random.integers(seeds, size=(RESAMPLES, rigs, seeds))].reshape(RESAMPLES, -1)
+    kept = some[~np.isnan(some).all(axis=1)]
+    low, high = np.percentile(np.nanmean(kept, axis=1), [2.5, 97.5])
+    return f"{np.nanmean(values):{sign}.1f} ({low:{sign}.1f} to {high:{sign}.1f})"
+
+
+def _read(path: Path) -> Any:
+    return json.loads(path.read_text(encoding="utf-8"))

@@ -3,13 +3,15 @@
     pip install "labsim-irt[gym]"
     python examples/mpc.py --model diagnosed/model.toml --maze cyberrunner-easy
 
-The controller knows a model, or several of them, and what was commanded and seen. In each row it
-1. estimates where the marble was some rows ago, and how fast: the state from which the model, under the commands
-   played since, comes nearest to what was seen;
-2. tries hundreds of command sequences from there. The model plays the commands that are still on their way first,
-   so delay, lag, backlash and a camera's latency are accounted for as far as the model has them;
-3. moves its plan to the sequences that lead furthest along the path without leaving it or falling, by the weights
-   of model predictive path integral control (Williams et al. 2017), and plays the first command of the plan.
+The controller has one model or several, the commands it gave and the pictures it saw. In each row it
+
+1. estimates the marble's state some rows ago: that from which the model, under the commands given since,
+   comes nearest to what was seen;
+2. rolls out hundreds of command sequences from there. They begin with the commands that are still on their
+   way, so that delay, lag, backlash and a camera's latency are accounted for as far as the model has them;
+3. moves its plan towards the sequences that lead furthest along the path, without leaving it or falling, by
+   the weights of model predictive path integral control (Williams et al. 2017), and gives the plan's first
+   command.
 """
 
 from __future__ import annotations
@@ -31,52 +33,37 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Config:
-    """How plans are made.
+    """How plans are made."""
 
-    Attributes
-    ----------
-    horizon : int
-        Rows of a plan.
-    plans, rounds : int
-        Plans that are compared in a round, and rounds for a command.
-    piece : int
-        Rows for which a plan departs from the one before by the same amount.
-    spread : float
-        Standard deviation of this amount in the first round, of the largest command; each round has half as much.
-    temperature_mm : float
-        Plans that are so much worse than the best count 1/e.
-    beside_mm : float
-        A marble that is this far from the path on average loses as many millimetres of progress; twice as far, four
-        times as many.
-    margin_m : float
-        Plans keep so far away from the rims of holes.
-    memory : int
-        Rows before the estimated state whose commands are played as well, for what drives remember.
-    window : int
-        Rows over which the state is estimated.
-    """
-
+    #: Rows of a plan, plans compared in a round, and rounds for each command.
     horizon: int = 24
     plans: int = 256
     rounds: int = 2
+    #: Rows over which the change of a plan is constant, and its standard deviation in the first round, of the
+    #: largest command; each round after has half of it.
     piece: int = 4
     spread: float = 0.5
+    #: Plans worse by this much than the best have 1/e of its weight [mm of progress].
     temperature_mm: float = 3.0
+    #: Distance from the path that costs as many millimetres of progress; the cost is quadratic.
     beside_mm: float = 1.5
+    #: Distance that plans keep from the rims of holes [m].
     margin_m: float = 0.003
-    memory: int = 24
+    #: Rows over which the state is estimated, and rows of commands before them, for what drives remember.
     window: int = 6
+    memory: int = 24
 
 
-#: What a plan in which the marble falls at once loses [mm].
+#: Cost of a fall at once [mm].
 FALL_MM = 500.0
-#: How far back and ahead along the path a marble is looked for [mm], how near to it it must be, and in plans, which
-#: points of the path and which rows are compared.
-BACK, AHEAD, NEAR_M, EVERY = 30, 160, 0.02, (3, 2)
+#: How far back and ahead along the path a marble is looked for [points], and how near to it it must be [m].
+BACK, AHEAD, NEAR_M = 30, 160, 0.02
+#: Plans are compared at every third point of the path, and in every second row.
+EVERY_POINT, EVERY_ROW = 3, 2
 
 
 class Controller:
-    """Commands for n marbles, each on a rig of its own, all planned with the same models.
+    """Commands for n marbles, each on a rig of its own, planned with the same models.
 
     Parameters
     ----------
@@ -137,9 +124,10 @@ class Controller:
         return np.array(command)
 
     def _estimated(self, model: irt.Model) -> tuple[Array, Array]:
-        """Return where the marbles were a window ago (n, 2), and how fast (n, 2) [board edges, and a second]."""
+        """Return places (n, 2) [edges] and velocities (n, 2) [edges/s] of a window ago."""
         config = self.config
         moments = self._row_s * np.arange(config.window + 1)
+        line = np.linalg.pinv(np.stack([np.ones_like(moments), moments], axis=1))
         place = self._seen[:, 0]
         speed = (self._seen[:, -1] - self._seen[:, 0]) / moments[-1]
         # The last command known acts in the present row or later, and a row more is not predicted.
@@ -149,7 +137,7 @@ class Controller:
         for _ in range(2):
             error = self._seen - self._rolled(model, commands, place, speed)
             error = np.where(np.isfinite(error), error, 0.0)
-            shift, drift = np.moveaxis(_line(moments) @ error, 1, 0)
+            shift, drift = np.moveaxis(line @ error, 1, 0)
             place, speed = place + shift, speed + drift
         return place, speed
 
@@ -176,22 +164,23 @@ class Controller:
         self._plans = np.einsum("np,nprc->nrc", weights, tried)
 
     def _score(self, places: Array, at: int) -> Array:
-        """Return how good the ways (plans, rows, 2) [m] of a marble are that has come to a point of the path."""
-        maze, (every, rows) = self._task.maze, EVERY
-        some = self._task.points[max(0, at - BACK) : at + AHEAD : every]
+        """Return scores [mm] of planned places (plans, rows, 2) [m] from a point of the path on."""
+        maze = self._task.maze
+        some = self._task.points[max(0, at - BACK) : at + AHEAD : EVERY_POINT]
         lost = np.isnan(places[..., 0])
         if maze.holes:
             away = np.sqrt(_squares(places, np.array(maze.holes)).min(axis=-1))
             lost = np.maximum.accumulate(lost | (away < maze.hole_radius_m + self.config.margin_m), axis=1)
-        square = 1e6 * _squares(np.where(lost[..., None], self._task.points[at], places)[:, ::-rows], some)
-        along, beside = every * square.argmin(axis=-1), square.min(axis=-1)
+        known = np.where(lost[..., None], self._task.points[at], places)
+        square = 1e6 * _squares(known[:, ::-EVERY_ROW], some)
+        along, beside = EVERY_POINT * square.argmin(axis=-1), square.min(axis=-1)
         # Progress counts at the end, and half as much on the way: a plan that waits first may never begin.
         gained = along[:, 0] + 0.5 * along.mean(axis=1)
         found = gained - beside.mean(axis=1) / self.config.beside_mm - FALL_MM * lost.mean(axis=1)
         return np.asarray(found)
 
     def _rolled(self, model: irt.Model, commands: Array, place: Array, speed: Array) -> Array:
-        """Return where marbles are seen (n, rows, 2) [board edges] that are let go where the memory ends."""
+        """Return observed positions (n, rows, 2) [board edges], the first where the memory ends."""
         return irt.rollouts(
             model,
             commands,
@@ -204,11 +193,14 @@ class Controller:
 
 
 def passed(points: Array, places: Array, before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return to which point of a path marbles at places (n, 2) [m] have come that had come to others (n,) before."""
+    """Return the points of a path (n,) that marbles at places (n, 2) [m] have come to from those before.
+
+    A marble that has left the path stays where it was until it is back.
+    """
     found = before.copy()
     for marble, place in enumerate(places):
         first = max(0, int(before[marble]) - BACK)
-        distance = np.linalg.norm(points[first : before[marble] + BACK + 1] - place, axis=1)
+        distance = np.linalg.norm(points[first : before[marble] + AHEAD] - place, axis=1)
         if distance.min() < NEAR_M:
             found[marble] = first + int(distance.argmin())
     return found
@@ -219,18 +211,11 @@ def _metres(model: irt.Model, seen: Array) -> Array:
     return seen * (model.board.edge_x_m / model.parameters["observation_scale"].value)
 
 
-def _line(moments: Array) -> Array:
-    """Return the matrix (2, n) that fits value and slope at the first moment."""
-    return np.linalg.pinv(np.stack([np.ones_like(moments), moments], axis=1))
-
-
 def _squares(places: Array, points: Array) -> NDArray[np.float32]:
     """Return the squared distances (..., points) [m²] of places (..., 2) from points (p, 2)."""
-    x, y = (places[..., axis, None].astype(np.float32) - points[:, axis].astype(np.float32) for axis in (0, 1))
-    x *= x
-    y *= y
-    x += y
-    return x
+    places, points = places.astype(np.float32), points.astype(np.float32)
+    x, y = (places[..., axis, None] - points[:, axis] for axis in (0, 1))
+    return np.asarray(x * x + y * y)
 
 
 def main() -> None:

@@ -1,11 +1,11 @@
-"""Learn to lead a marble through a labyrinth by proximal policy optimisation (Schulman et al. 2017), in one file.
+"""Learn to lead a marble through a labyrinth, by proximal policy optimisation (Schulman et al. 2017).
 
     pip install "labsim-irt[gym,train]"
     python examples/ppo.py --model diagnosed/model.toml --out policy.pt
 
-Each episode is played in a simulator drawn from the model's posterior. The policy sees what a rig without a tilt
-sensor has: where the tracker sees the marble, its last commands, and the path ahead. It sees several rows of
-these, because a command that is on its way, and play in the linkage, show in no single one.
+Each episode is played in a simulator drawn from the model's posterior. The policy sees what a rig without a
+tilt sensor has: where the tracker sees the marble, the last commands, and the path ahead. It sees several
+rows of these, because commands that are on their way, and play in the linkage, do not show in one.
 """
 
 from __future__ import annotations
@@ -187,12 +187,16 @@ def train(envs: Any, args: Args, report: Any = print) -> Policy:
                 did[row] = normal.sample()
                 chance[row] = normal.log_prob(did[row]).sum(1)
             saw[row] = seen
-            found, paid, terminated, truncated, cut, infos = world.step(did[row].clamp(-1.0, 1.0).double().numpy())
+            found, paid, terminated, truncated, cut, infos = world.step(
+                did[row].clamp(-1.0, 1.0).double().numpy()
+            )
             seen, reward[row] = torch.from_numpy(found), torch.from_numpy(paid).float()
             if truncated.any():
                 # An episode that was only cut off is worth what would have followed.
                 with torch.no_grad():
-                    reward[row, torch.from_numpy(truncated)] += args.discount * policy(torch.from_numpy(cut))[1]
+                    reward[row, torch.from_numpy(truncated)] += (
+                        args.discount * policy(torch.from_numpy(cut))[1]
+                    )
             over[row] = torch.from_numpy(terminated | truncated).float()
             if "final_info" in infos:
                 ended += infos["final_info"]["success"][infos["_final_info"]].tolist()
@@ -224,7 +228,7 @@ def improve(
     args: Args,
     *played: Tensor,
 ) -> None:
-    """Take the steps of an update with what was seen, done, how probable, gained and returned (rows, marbles)."""
+    """Take the steps of an update; `played` is seen, done, its probability, advantage and return (rows, n)."""
     saw, did, chance, gained, returned = (one.flatten(0, 1) for one in played)
     for _ in range(args.epochs):
         for part in torch.randperm(len(saw)).chunk(args.batches):
@@ -232,7 +236,9 @@ def improve(
             ratio = (normal.log_prob(did[part]).sum(1) - chance[part]).exp()
             gain = (gained[part] - gained[part].mean()) / (gained[part].std() + 1e-8)
             clipped = ratio.clamp(1.0 - args.clip, 1.0 + args.clip)
-            loss = -torch.min(ratio * gain, clipped * gain).mean() + 0.5 * ((value - returned[part]) ** 2).mean()
+            loss = (
+                -torch.min(ratio * gain, clipped * gain).mean() + 0.5 * ((value - returned[part]) ** 2).mean()
+            )
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(policy.parameters(), 0.5)

@@ -60,7 +60,7 @@ class Linkage:
         self._drives = [drive(hidden[name]) for name, drive in TURNS.items() if name in hidden]
 
     def turn(self, wanted: Array) -> Array:
-        """Return where the hinges should be in the next steps, by the knobs wanted in each (n, steps, 2) [rad]."""
+        """Return where the hinges should be in the next steps, by the knobs wanted, both (n, steps, 2) [rad]."""
         turned = np.zeros_like(wanted)
         for step in range(wanted.shape[1]):
             knob = wanted[:, step]
