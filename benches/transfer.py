@@ -28,6 +28,7 @@ import mujoco_world
 from hide_effects import Setting
 from irt.catalogue import effect
 from irt.engine import SUBSTEP_S
+from irt.environment import Task
 from irt.files import write_atomic
 from irt.rig import PARAMETERS, RANGES
 from mujoco_world.live import Live
@@ -35,7 +36,7 @@ from transfer_page import write_page
 
 # The controller is an example, for readers too.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
-from mpc import Config, Controller, Task, passed
+from mpc import Config, Controller, passed
 
 Array = NDArray[np.float64]
 
@@ -82,19 +83,19 @@ GEAR_FACTOR = 1.5
 
 #: What the page says before its tables.
 TEXT = f"""\
-Does it pay to know the missing physics, where a controller has to use the model? A rig of MuJoCo hides effects that
-no fit knows of. From {RECORDINGS} recordings of it come models, a controller is made on each, and leads marbles along
-a path on the concealed rig.
+Does it pay to know the missing physics, where a controller has to use the model? A rig of MuJoCo hides
+effects that no fit knows of. From {RECORDINGS} recordings of it come models. A controller is made on each,
+and leads marbles along a path on the concealed rig.
 
-The controller is the same for all, `examples/mpc.py` ([plan with it](use.md#plan-with-it)): in each row it estimates
-the marble's state with its model, compares hundreds of command sequences in it, and gives the first command of the
-best. A command answers the picture of the row before. Ensembles are scored by their mean: {DRAWS} draws of the
-posterior, or {DRAWS} models whose gears are the tuned ones times 1/{GEAR_FACTOR} to {GEAR_FACTOR}, with any rolling
-friction that the paper allows.
+The controller is the same for all, `examples/mpc.py` ([plan with it](use.md#plan-with-it)): in each row it
+estimates the marble's state with its model, compares hundreds of command sequences in it, and gives the first
+command of the best. A command answers the picture of the row before. Ensembles are scored by their mean:
+{DRAWS} draws of the posterior, or {DRAWS} models whose gears are the tuned ones times 1/{GEAR_FACTOR} to
+{GEAR_FACTOR}, with any rolling friction that the paper allows.
 
-A run ends when the marble arrives, falls, makes no progress for {STUCK_S:.0f} s (stuck), or after {MOST_S:.0f} s. As
-in the environment, it makes progress within 20 mm of the path. Starts differ by up to {1e3 * START_M:.0f} mm along
-each axis, and the tracker's noise is that of the recordings.
+A run ends when the marble arrives, falls, makes no progress for {STUCK_S:.0f} s (stuck), or after
+{MOST_S:.0f} s. It makes progress within 20 mm of the path. Starts differ by up to {1e3 * START_M:.0f} mm
+along each axis, and the tracker's noise is that of the recordings.
 """
 
 
@@ -198,10 +199,10 @@ def delayed(folder: Path) -> list[irt.Model]:
 
 
 def to_scale(model: irt.Model) -> irt.Model:
-    """Return the model whose pictures have the scale that they are known to have.
+    """Return the model with the scale that its pictures are known to have.
 
-    A fit that lacks physics may leave the range for a scale off by a third. Scale times r with gears and friction
-    over r leaves each path off the rim as it is.
+    A fit that lacks physics may leave the range of the scale by a third. A scale times r with gears and
+    friction over r leaves paths off the rim as they are.
     """
     scale = model.parameters["observation_scale"].value
     values = model.values * np.array([scale, scale, scale, 1.0, 1.0 / scale])
@@ -273,7 +274,7 @@ def travel(label: dict[str, Any], models: list[irt.Model], layout: str) -> list[
     """Lead marbles along a path of the concealed rig, one for each seed; return how they ended."""
     task, values = Task.of(layout), np.array(label["values"])
     seeds = np.arange(SEEDS)
-    randoms = [np.random.default_rng([SEED, seed]) for seed in seeds]
+    randoms = [np.random.default_rng([SEED, seed]) for seed in range(SEEDS)]
     start = task.start + np.array([random.uniform(-START_M, START_M, 2) for random in randoms])
     world = Live(values, label["effects"], start, seeds, task.maze)
     largest = np.full(2, LARGEST_RAD)

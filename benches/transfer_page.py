@@ -69,8 +69,8 @@ def _provenance(rigs: int, seeds: int) -> Iterator[str]:
         check=False,
     ).stdout.strip()
     yield f"Written by `benches/transfer.py` at commit {commit or 'unknown'}, {machine()}: {rigs} rigs,"
-    yield f"{seeds} seeds of each rig, layout and controller. Brackets are 95 % intervals: rigs are resampled,"
-    yield "and seeds within rigs; differences are of the same rig and seed."
+    yield f"{seeds} seeds of each rig, layout and controller. Brackets are 95 % intervals: rigs are"
+    yield "resampled, and seeds within rigs; differences are of the same rig and seed."
 
 
 def _overall(runs: Runs, layout: str, arms: Sequence[str]) -> Iterator[str]:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,7 +236,7 @@ def main() -> None:
     largest = args.tilt / np.abs(model.values[:2])
     models = [model] if args.draws == 1 else model.sample(args.draws, args.seed)
     controller = Controller(models, Task.of(args.maze), largest, row_s, seed=args.seed)
-    observed, infos = env.reset(seed=args.seed)
+    observed: Any = env.reset(seed=args.seed)[0]
     for row in range(1, args.rows + 1):
         command = controller.act(observed[None, 2:4].astype(float))[0]
         observed, _, terminated, truncated, infos = env.step(command / largest)

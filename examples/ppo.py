@@ -73,6 +73,10 @@ class Args:
 class Policy(nn.Module):
     """A Gaussian over commands and a value, each of a network with two layers."""
 
+    mean: Tensor
+    square: Tensor
+    count: Tensor
+
     def __init__(self, size: int) -> None:
         super().__init__()
         self.register_buffer("mean", torch.zeros(size))
@@ -101,15 +105,16 @@ class Policy(nn.Module):
     @torch.no_grad()
     def act(self, seen: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the best commands (n, 2) over the largest."""
-        return self(torch.from_numpy(seen))[0].mean.clamp(-1.0, 1.0).double().numpy()
+        best: Tensor = self(torch.from_numpy(seen))[0].mean
+        return np.asarray(best.clamp(-1.0, 1.0).double().numpy())
 
 
 def _network(size: int, outputs: int, scale: float) -> nn.Sequential:
-    layers = [nn.Linear(size, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)]
-    for layer in layers[::2]:
-        nn.init.orthogonal_(layer.weight, scale if layer is layers[-1] else 2**0.5)
+    linear = [nn.Linear(*sizes) for sizes in ((size, 64), (64, 64), (64, outputs))]
+    for layer, gain in zip(linear, (2**0.5, 2**0.5, scale), strict=True):
+        nn.init.orthogonal_(layer.weight, gain)
         nn.init.zeros_(layer.bias)
-    return nn.Sequential(*layers)
+    return nn.Sequential(linear[0], nn.Tanh(), linear[1], nn.Tanh(), linear[2])
 
 
 class Stacked:
@@ -228,7 +233,7 @@ def improve(
     args: Args,
     *played: Tensor,
 ) -> None:
-    """Take the steps of an update; `played` is seen, done, its probability, advantage and return (rows, n)."""
+    """Take the steps of an update: rows seen, commands, log probabilities, advantages and returns."""
     saw, did, chance, gained, returned = (one.flatten(0, 1) for one in played)
     for _ in range(args.epochs):
         for part in torch.randperm(len(saw)).chunk(args.batches):
@@ -246,7 +251,7 @@ def improve(
 
 
 def trial(policy: Policy, envs: Any, args: Args, rows: int) -> tuple[float, float]:
-    """Return the share of marbles that arrive in their first episode, and the mean number of rows they take."""
+    """Return the share of marbles that arrive in their first episode, and after how many rows on average."""
     world = Stacked(envs, args.stack, args.late)
     seen = world.reset(args.seed + 1_000_000)
     arrived, over = np.zeros(envs.num_envs), np.zeros(envs.num_envs, dtype=bool)

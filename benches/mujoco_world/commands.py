@@ -48,7 +48,7 @@ class Clock:
 
 def tilts(values: Array, knobs: Array, hidden: Hidden, seeds: NDArray[np.int64], clock: Clock) -> Array:
     """Return where the plate's hinges should be (n, steps, 2) [rad], the first before any command."""
-    moments = STEP_S * (np.arange(clock.steps) - 0.5)
+    moments = STEP_S * (np.arange(float(clock.steps)) - 0.5)
     return Linkage(values, hidden).turn(arrived(knobs, clock.commands, moments, hidden, seeds))
 
 
@@ -60,7 +60,7 @@ class Linkage:
         self._drives = [drive(hidden[name]) for name, drive in TURNS.items() if name in hidden]
 
     def turn(self, wanted: Array) -> Array:
-        """Return where the hinges should be in the next steps, by the knobs wanted, both (n, steps, 2) [rad]."""
+        """Return where hinges should be in the next steps, by the knobs wanted, both (n, steps, 2) [rad]."""
         turned = np.zeros_like(wanted)
         for step in range(wanted.shape[1]):
             knob = wanted[:, step]

@@ -73,7 +73,7 @@ class Live:
     @property
     def row_s(self) -> float:
         """Length of a row [s]."""
-        return self._steps * STEP_S
+        return float(self._steps * STEP_S)
 
     @property
     def places(self) -> Array:
@@ -121,5 +121,5 @@ class Live:
     def _tilted(self, first: int, end: int) -> Array:
         """Return where the hinges should be in steps [first, end) (n, steps, 2) [rad]."""
         issued = self.row_s * np.arange(float(self._knobs.shape[1]))
-        moments = STEP_S * (np.arange(first, end) - 0.5)
+        moments = STEP_S * (np.arange(float(first), float(end)) - 0.5)
         return self._linkage.turn(arrived(self._knobs, issued, moments, self._hidden, self._seeds))
