@@ -271,15 +271,16 @@ def main() -> None:
     parser.add_argument("--maze", default="bare", help="name of a layout")
     parser.add_argument("--tilt", type=float, default=0.02, help="largest tilt [rad]")
     parser.add_argument("--steps", type=int, default=Args.steps)
+    parser.add_argument("--rows", type=int, default=400, help="rows of an episode")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="file of the policy")
     given = parser.parse_args()
     args = Args(steps=given.steps, seed=given.seed)
     model = default_model() if given.model is None else irt.load_model(given.model)
-    options = {"max_episode_steps": 400, "reward": Reward(time=-0.01)}
+    options = {"max_episode_steps": given.rows, "reward": Reward(time=-0.01)}
     envs = labyrinths(model, given.maze, args.marbles, given.tilt, random_start=True, **options)
     policy = train(envs, args)
-    share, rows = trial(policy, labyrinths(model, given.maze, 256, given.tilt, **options), args, 400)
+    share, rows = trial(policy, labyrinths(model, given.maze, 256, given.tilt, **options), args, given.rows)
     row_s = model.parameters["time_scale"].value * SUBSTEP_S
     print(f"from the start {share:.0%} of 256 marbles arrive, after {rows * row_s:.1f} s")
     if given.out is not None:
