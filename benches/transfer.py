@@ -33,12 +33,15 @@ from irt.files import write_atomic
 from irt.rig import PARAMETERS, RANGES
 from mujoco_world.live import Live
 from transfer_page import write_page
+from transfer_policy import Driver, learned, mixture
 
 # The controller is an example, for readers too.
 sys.path.append(str(Path(__file__).resolve().parents[1] / "examples"))
 from mpc import Config, Controller, passed
 
 Array = NDArray[np.float64]
+#: The models of a rig's folder; of what has many, so many of them.
+Arm = Callable[[Path, int], list[irt.Model]]
 
 #: Recordings of a rig, and the seed of the first.
 RECORDINGS, SEED = 8, 326
@@ -69,14 +72,14 @@ KINDS: tuple[tuple[str, ...], ...] = (
 )
 
 
-#: The largest command [rad]: as far as recordings go.
-LARGEST_RAD = 0.15
-#: Runs with a controller: layouts, seeds, and by how far their starts differ along each axis [m].
-LAYOUTS, SEEDS, START_M = ("bare", "cyberrunner-easy"), 5, 0.002
+#: The largest commands [rad]: as far as recordings go.
+LARGEST_RAD = np.full(2, 0.15)
+#: Runs with a controller, and by how far their starts differ along each axis [m].
+SEEDS, START_M = 5, 0.002
 #: A run is given up after so many seconds, or so many without progress.
 MOST_S, STUCK_S = 40.0, 8.0
-#: Models of an ensemble, and the plans that each is asked about.
-DRAWS, ENSEMBLE = 4, Config(plans=128)
+#: Models of an ensemble, the plans that each is asked about, and the models in which a policy learns.
+DRAWS, ENSEMBLE, POLICY_DRAWS = 4, Config(plans=128), 64
 #: Wide randomisation: factors of the gears lie between this and its inverse.
 GEAR_FACTOR = 1.5
 
@@ -112,10 +115,10 @@ def main() -> None:
     with ProcessPoolExecutor(args.jobs, get_context("spawn")) as pool:
         for folder, label in zip(folders, pool.map(prepared, folders, range(args.rigs)), strict=True):
             print(folder.name, ", ".join(one["name"] for one in label["effects"]), flush=True)
-        jobs = [(folder, layout, arm) for folder in folders for layout in LAYOUTS for arm in ARMS]
+        jobs = [(folder, task, arm) for folder in folders for task in TASKS for arm in ARMS]
         for job, runs in zip(jobs, pool.map(tried, *zip(*jobs, strict=True)), strict=True):
             print(job[0].name, *job[1:], " ".join(one["ended"] for one in runs), flush=True)
-    write_page(args.page or args.out / "transfer.md", folders, LAYOUTS, list(ARMS), TEXT)
+    write_page(args.page or args.out / "transfer.md", folders, list(TASKS), list(ARMS), TEXT)
 
 
 def prepared(folder: Path, number: int) -> dict[str, Any]:
@@ -126,13 +129,30 @@ def prepared(folder: Path, number: int) -> dict[str, Any]:
     return label
 
 
-def tried(folder: Path, layout: str, arm: str) -> list[dict[str, Any]]:
+def tried(folder: Path, task: str, arm: str) -> list[dict[str, Any]]:
     """Return what became of the runs of an arm on a concealed rig, one for each seed."""
-    found: list[dict[str, Any]] = made(
-        folder / f"{layout}-{arm}.json",
-        lambda: travel(read(folder / "label.json"), ARMS[arm](folder), layout),
-    )
+    layout, make = TASKS[task]
+
+    def travelled() -> list[dict[str, Any]]:
+        label = read(folder / "label.json")
+        return travel(label, make(folder, label, ARMS[arm], Task.of(layout)), Task.of(layout))
+
+    found: list[dict[str, Any]] = made(folder / f"{task}-{arm}.json", travelled)
     return found
+
+
+def planner(folder: Path, label: dict[str, Any], models: Arm, task: Task) -> Controller:
+    """Return the model-predictive controller of an arm."""
+    some, row_s = models(folder, DRAWS), label["values"][3] * SUBSTEP_S
+    config = ENSEMBLE if len(some) > 1 else Config()
+    return Controller(some, task, LARGEST_RAD, row_s, marbles=SEEDS, late=1, config=config)
+
+
+def policy(folder: Path, label: dict[str, Any], models: Arm, task: Task) -> Driver:
+    """Return the policy that is learned in the models of an arm."""
+    model, row_s = mixture(models(folder, POLICY_DRAWS)), label["values"][3] * SUBSTEP_S
+    found = learned(model, task.maze, LARGEST_RAD, row_s, label["noise"])
+    return Driver(found, task, model.board.edge_x_m, LARGEST_RAD, SEEDS)
 
 
 def record(folder: Path, number: int) -> dict[str, Any]:
@@ -190,11 +210,11 @@ def fitted(folder: Path) -> None:
             irt.save_model(folder / f"{name}.toml", fit(irt.load_rig(folder)).model)
 
 
-def tuned(folder: Path) -> list[irt.Model]:
+def tuned(folder: Path, _: int) -> list[irt.Model]:
     return [to_scale(irt.load_model(folder / "tuned.toml"))]
 
 
-def delayed(folder: Path) -> list[irt.Model]:
+def delayed(folder: Path, _: int) -> list[irt.Model]:
     return [to_scale(irt.load_model(folder / "delayed.toml"))]
 
 
@@ -209,9 +229,9 @@ def to_scale(model: irt.Model) -> irt.Model:
     return replace(model, parameters=named(values))
 
 
-def randomised(folder: Path) -> list[irt.Model]:
+def randomised(folder: Path, draws: int) -> list[irt.Model]:
     """Spread gears and friction widely around what was tuned."""
-    (model,) = tuned(folder)
+    (model,) = tuned(folder, 1)
     random = np.random.default_rng(SEED)
 
     def spread() -> irt.Model:
@@ -219,14 +239,14 @@ def randomised(folder: Path) -> list[irt.Model]:
         values[2] = random.uniform(*RANGES["rolling_friction"])
         return replace(model, parameters=named(values))
 
-    return [spread() for _ in range(DRAWS)]
+    return [spread() for _ in range(draws)]
 
 
-def diagnosed(folder: Path) -> list[irt.Model]:
-    return irt.load_model(folder / "diagnosed.toml").sample(DRAWS)
+def diagnosed(folder: Path, draws: int) -> list[irt.Model]:
+    return irt.load_model(folder / "diagnosed.toml").sample(draws)
 
 
-def truth(folder: Path) -> list[irt.Model]:
+def truth(folder: Path, _: int) -> list[irt.Model]:
     """Return our engine with the values and effects of the concealed one."""
     label = read(folder / "label.json")
     effects = tuple(
@@ -235,7 +255,7 @@ def truth(folder: Path) -> list[irt.Model]:
     )
     values = np.array(label["values"])
     return [
-        replace(model, parameters=named(values), effects=effects, posterior=()) for model in tuned(folder)
+        replace(model, parameters=named(values), effects=effects, posterior=()) for model in tuned(folder, 1)
     ]
 
 
@@ -245,12 +265,18 @@ def named(values: Array) -> dict[str, irt.Parameter]:
 
 
 #: Models of a controller, by name.
-ARMS: dict[str, Callable[[Path], list[irt.Model]]] = {
+ARMS: dict[str, Arm] = {
     "tuned": tuned,
     "delayed": delayed,
     "randomised": randomised,
     "diagnosed": diagnosed,
     "truth": truth,
+}
+#: What controllers are tried at, and who makes them, in the order of the page.
+TASKS: dict[str, tuple[str, Callable[..., Controller | Driver]]] = {
+    "bare": ("bare", planner),
+    "cyberrunner-easy": ("cyberrunner-easy", planner),
+    "bare-policy": ("bare", policy),
 }
 
 
@@ -263,23 +289,22 @@ def errors(folder: Path, number: int) -> dict[str, float]:
     return {
         arm: float(
             np.mean(
-                [np.abs(irt.rollouts(one, knobs, durations=lasting) - seen).mean() for one in models(folder)]
+                [
+                    np.abs(irt.rollouts(one, knobs, durations=lasting) - seen).mean()
+                    for one in models(folder, DRAWS)
+                ]
             )
         )
         for arm, models in ARMS.items()
     }
 
 
-def travel(label: dict[str, Any], models: list[irt.Model], layout: str) -> list[dict[str, Any]]:
+def travel(label: dict[str, Any], controller: Controller | Driver, task: Task) -> list[dict[str, Any]]:
     """Lead marbles along a path of the concealed rig, one for each seed; return how they ended."""
-    task, values = Task.of(layout), np.array(label["values"])
     seeds = np.arange(SEEDS)
     randoms = [np.random.default_rng([SEED, seed]) for seed in range(SEEDS)]
     start = task.start + np.array([random.uniform(-START_M, START_M, 2) for random in randoms])
-    world = Live(values, label["effects"], start, seeds, task.maze)
-    largest = np.full(2, LARGEST_RAD)
-    config = ENSEMBLE if len(models) > 1 else Config()
-    controller = Controller(models, task, largest, world.row_s, marbles=SEEDS, late=1, config=config)
+    world = Live(np.array(label["values"]), label["effects"], start, seeds, task.maze)
     at = passed(task.points, start, np.zeros(SEEDS, dtype=np.int64))
     best, since = at.copy(), np.zeros(SEEDS, dtype=np.int64)
     beside = np.zeros(SEEDS)

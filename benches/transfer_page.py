@@ -28,7 +28,11 @@ TITLES = {
     "diagnosed": "posterior of the diagnosis",
     "truth": "truth: the hidden values and effects, in our engine",
 }
-BOARDS = {"bare": "Bare board", "cyberrunner-easy": "Labyrinth with 8 holes"}
+BOARDS = {
+    "bare": "Bare board, planned",
+    "cyberrunner-easy": "Labyrinth with 8 holes, planned",
+    "bare-policy": "Bare board, by a learned policy",
+}
 #: The arm that is compared with all others.
 OURS = "diagnosed"
 #: Resamples of an interval.

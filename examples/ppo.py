@@ -157,8 +157,8 @@ class Stacked:
         return rows.reshape(len(rows), -1)
 
 
-def labyrinths(model: irt.Model, maze: str, marbles: int, tilt: float, **options: Any) -> Any:
-    """Return labyrinths whose rows last as long as the model's."""
+def labyrinths(model: irt.Model, maze: str | irt.Maze, marbles: int, tilt: Any, **options: Any) -> Any:
+    """Return labyrinths whose rows last as long as the model's; `tilt` is the largest [rad]."""
     return gymnasium.make_vec(
         ENV_ID,
         num_envs=marbles,

@@ -10,8 +10,8 @@ import irt
 pytest.importorskip("gymnasium")
 torch = pytest.importorskip("torch")
 
-import ppo
-from irt.environment.vector import default_model
+import ppo  # noqa: E402
+from irt.environment.vector import default_model  # noqa: E402
 
 SHORT = irt.Maze(path=((-0.04, 0.0), (0.04, 0.0)), start=(-0.04, 0.0))
 
