@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from irt.files import write_atomic
 from machine import machine
 
 Array = NDArray[np.float64]
-#: By layout and arm, the runs of each rig and seed.
+#: By task and arm, the runs of each rig and seed.
 Runs = dict[tuple[str, str], list[list[dict[str, Any]]]]
 #: A number of a run.
 Measure = Callable[[dict[str, Any]], float]
@@ -28,7 +28,7 @@ TITLES = {
     "diagnosed": "posterior of the diagnosis",
     "truth": "truth: the hidden values and effects, in our engine",
 }
-BOARDS = {
+TASKS = {
     "bare": "Bare board, planned",
     "cyberrunner-easy": "Labyrinth with 8 holes, planned",
     "bare-policy": "Bare board, by a learned policy",
@@ -47,24 +47,21 @@ MEASURES: dict[str, Measure] = {
 }
 
 
-def write_page(
-    path: Path, folders: Sequence[Path], layouts: Sequence[str], arms: Sequence[str], text: str
-) -> None:
-    """Write the page over all rigs in these folders; `text` says how it was done."""
+def write_page(path: Path, rigs: Mapping[str, Sequence[Path]], arms: Sequence[str], text: str) -> None:
+    """Write the page over the rigs of each task, by their folders; `text` says how it was done."""
     runs = {
-        (layout, arm): [_read(folder / f"{layout}-{arm}.json") for folder in folders]
-        for layout in layouts
+        (task, arm): [_read(folder / f"{task}-{arm}.json") for folder in some]
+        for task, some in rigs.items()
         for arm in arms
     }
-    lines = ["# The proof by transfer", "", text]
-    lines += _provenance(len(folders), len(runs[layouts[0], arms[0]][0]))
-    for layout in layouts:
-        lines += ["", f"## {BOARDS[layout]}", "", *_overall(runs, layout, arms)]
-    lines += ["", "## Rig by rig", "", *_rigs(runs, folders, layouts, arms)]
+    lines = ["# The proof by transfer", "", text, *_provenance()]
+    for task in rigs:
+        lines += ["", f"## {TASKS[task]}", "", *_overall(runs, task, arms)]
+    lines += ["", "## Rig by rig", "", *_rigs(runs, rigs, arms)]
     write_atomic(path, "\n".join(lines) + "\n")
 
 
-def _provenance(rigs: int, seeds: int) -> Iterator[str]:
+def _provenance() -> Iterator[str]:
     commit = subprocess.run(
         ["git", "rev-parse", "--short", "HEAD"],
         cwd=Path(__file__).parent,
@@ -72,20 +69,21 @@ def _provenance(rigs: int, seeds: int) -> Iterator[str]:
         text=True,
         check=False,
     ).stdout.strip()
-    yield f"Written by `benches/transfer.py` at commit {commit or 'unknown'}, {machine()}: {rigs} rigs,"
-    yield f"{seeds} seeds of each rig, layout and controller. Brackets are 95 % intervals: rigs are"
-    yield "resampled, and seeds within rigs; differences are of the same rig and seed."
+    yield f"Written by `benches/transfer.py` at commit {commit or 'unknown'}, {machine()}. Brackets are"
+    yield "95 % intervals: rigs are resampled, and seeds within rigs. Differences are of the same rig and seed."
 
 
-def _overall(runs: Runs, layout: str, arms: Sequence[str]) -> Iterator[str]:
-    """Yield the table of a layout, and that of the differences."""
-    count = sum(map(len, runs[layout, arms[0]]))
+def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
+    """Yield the table of a task, and that of the differences."""
+    rigs, seeds = len(runs[task, arms[0]]), len(runs[task, arms[0]][0])
+    yield f"{rigs} rigs, {seeds} seeds of each."
+    yield ""
     yield f"| controller made on | {' | '.join(MEASURES)} | fell | stuck |"
     yield "| --- |" + " --- |" * (len(MEASURES) + 2)
     for arm in arms:
-        cells = [_interval(_table(runs[layout, arm], measure)) for measure in MEASURES.values()]
-        ends = [run["ended"] for rig in runs[layout, arm] for run in rig]
-        cells += [f"{ends.count(end)} of {count}" for end in ("fell", "stuck")]
+        cells = [_interval(_table(runs[task, arm], measure)) for measure in MEASURES.values()]
+        ends = [run["ended"] for rig in runs[task, arm] for run in rig]
+        cells += [f"{ends.count(end)} of {rigs * seeds}" for end in ("fell", "stuck")]
         yield f"| {TITLES[arm]} | {' | '.join(cells)} |"
     yield ""
     yield f"What the {TITLES[OURS]} adds to each of the others:"
@@ -96,36 +94,34 @@ def _overall(runs: Runs, layout: str, arms: Sequence[str]) -> Iterator[str]:
     for arm in arms:
         if arm != OURS:
             pairs = [
-                _table(runs[layout, OURS], MEASURES[name]) - _table(runs[layout, arm], MEASURES[name])
+                _table(runs[task, OURS], MEASURES[name]) - _table(runs[task, arm], MEASURES[name])
                 for name in names
             ]
             yield f"| {TITLES[arm]} | {' | '.join(_interval(one, sign='+') for one in pairs)} |"
 
 
-def _rigs(
-    runs: Runs,
-    folders: Sequence[Path],
-    layouts: Sequence[str],
-    arms: Sequence[str],
-) -> Iterator[str]:
+def _rigs(runs: Runs, rigs: Mapping[str, Sequence[Path]], arms: Sequence[str]) -> Iterator[str]:
     """Yield what was hidden in each rig and found, how each model predicts it, and how many runs arrived."""
-    yield "Errors are of free runs held out, in percent of the board's edge. Then how many runs of each"
-    yield "controller arrived, in the order of the errors."
+    seeds = len(next(iter(runs.values()))[0])
+    yield "Errors are of free runs held out, in percent of the board's edge, one for each arm. Then how many of"
+    yield f"{seeds} runs of each arm arrived, in the same order."
     yield ""
-    yield f"| hidden | diagnosed | error: {', '.join(arms)} | {' | '.join(BOARDS[one] for one in layouts)} |"
-    yield "| --- | --- | --- |" + " --- |" * len(layouts)
-    for number, folder in enumerate(folders):
+    yield f"| hidden | diagnosed | error: {', '.join(arms)} | {' | '.join(TASKS[task] for task in rigs)} |"
+    yield "| --- | --- | --- |" + " --- |" * len(rigs)
+    for number, folder in enumerate(max(rigs.values(), key=lambda some: len(some))):
         hidden = " + ".join(_sized(one) for one in _read(folder / "label.json")["effects"])
         found = " + ".join(one.name for one in irt.load_model(folder / "diagnosed.toml").effects)
         errors = _read(folder / "errors.json")
         shown = ", ".join(f"{100.0 * errors[arm]:.2g}" for arm in arms)
         arrived = [
-            ", ".join(
-                f"{sum(one['ended'] == 'arrived' for one in runs[layout, arm][number])}" for arm in arms
-            )
-            for layout in layouts
+            ", ".join(_arrived(runs[task, arm][number]) for arm in arms) if number < len(some) else ""
+            for task, some in rigs.items()
         ]
         yield f"| {hidden} | {found or 'nothing'} | {shown} | {' | '.join(arrived)} |"
+
+
+def _arrived(runs: list[dict[str, Any]]) -> str:
+    return str(sum(run["ended"] == "arrived" for run in runs))
 
 
 def _sized(hidden: dict[str, Any]) -> str:

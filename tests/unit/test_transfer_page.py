@@ -37,7 +37,7 @@ def folders(tmp_path):
 
 
 def test_planted_differences_are_on_the_page(folders, tmp_path):
-    write_page(tmp_path / "page.md", folders, ["bare"], ARMS, "How it was done.\n")
+    write_page(tmp_path / "page.md", {"bare": folders}, ARMS, "How it was done.\n")
     page = (tmp_path / "page.md").read_text()
     rows = [line.split(" | ") for line in page.splitlines() if line.startswith(f"| {TITLES['tuned']}")]
     overall, beside = rows
