@@ -119,7 +119,7 @@ class Answer:
             base=_model(self._base, self._relevance.parameters(self._base)[0]),
             model=replace(
                 _model(best, self._parameters),
-                posterior=posterior(self._shares(tied), self._proof, self._parameters),
+                posterior=posterior(self._likely(tied), self._proof, self._parameters),
             ),
             indistinguishable=tuple(one.scored.fitted.model for one in tied),
             plausible=self._plausible(tied),
@@ -295,28 +295,13 @@ class Answer:
         return gain >= config.MATTERS * self._noise
 
     def _plausible(self, tied: list[Tie]) -> tuple[Plausible, ...]:
-        return tuple(Plausible(one.fitted.model, chance) for one, chance in self._shares(tied))
-
-    def _shares(self, tied: Sequence[Tie]) -> list[tuple[Scored, float]]:
-        """Return the sets that are worth a mention with probabilities that add up to 1."""
-        found = self._likely(tied)
-        total = sum(chance for _, chance in found)
-        return [(one, chance / total) for one, chance in found]
+        return tuple(Plausible(one.fitted.model, chance) for one, chance in self._likely(tied))
 
     def _likely(self, tied: Sequence[Tie]) -> list[tuple[Scored, float]]:
-        """Return the sets that are mentioned, the answer first, with their probabilities.
-
-        The answer lacks effects that do not matter to held-out errors, which may still be present. Therefore
-        it gets the probability of the most probable set. So does the answer with an effect's other name.
-        """
-        renamed = [tie.scored for tie in tied if {tie.name, tie.instead} == ALIKE]
-        most = max(self._best.score, self._posterior.best.score)
-        scores = dict.fromkeys([self._best, *renamed], most)
-        known = {frozenset(one.effects) for one in scores}
-        scores |= {one: one.score for one in self._posterior.sets if frozenset(one.effects) not in known}
-        chances = probabilities(list(scores.values())).tolist()
-        likely = [each for each in zip(scores, chances, strict=True) if each[1] > config.MENTIONED]
-        return likely[: config.PLAUSIBLE]
+        """Return the sets that are mentioned, the answer first, with their probabilities."""
+        return self._posterior.likely(
+            self._best, [one.scored for one in tied if {one.name, one.instead} == ALIKE]
+        )
 
     def _candidates(self, tied: list[Tie]) -> tuple[Candidate, ...]:
         alike = {frozenset(one.scored.effects) for one in tied}

@@ -39,6 +39,28 @@ class Posterior:
         # Rounding may raise the sum above 1.
         return min(1.0, float(probabilities([one.score for one in self.sets])[with_it].sum()))
 
+    def likely(self, answer: Scored, renamed: Sequence[Scored] = ()) -> list[tuple[Scored, float]]:
+        """Return the sets that are worth a mention, with probabilities that add up to 1.
+
+        Parameters
+        ----------
+        answer : Scored
+            The answer, which comes first. It lacks effects that do not matter to held-out errors, which may
+            still be present, and it may predict better than a set of higher score. Therefore it gets the
+            probability of the most probable set.
+        renamed : sequence of Scored
+            The answer with another name of an effect; these get the same probability.
+        """
+        most = max([answer.score, *(one.score for one in self.sets)])
+        scores = dict.fromkeys([answer, *renamed], most)
+        known = {frozenset(one.effects) for one in scores}
+        scores |= {one: one.score for one in self.sets if frozenset(one.effects) not in known}
+        chances = probabilities(list(scores.values())).tolist()
+        pairs = zip(scores, chances, strict=True)
+        found = [pair for pair in pairs if pair[1] > config.MENTIONED][: config.PLAUSIBLE]
+        total = sum(chance for _, chance in found)
+        return [(one, chance / total) for one, chance in found]
+
     def probabilities(self, immaterial: Container[str]) -> dict[str, float]:
         """Return the probabilities of effects above `config.MENTIONED`.
 

@@ -18,7 +18,7 @@ NOISE = 1e-3
 Plant = Callable[..., Case]
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def plant() -> Plant:
     """Return a function that makes a case of runs with planted effects, driven by sums of sinusoids.
 
