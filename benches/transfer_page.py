@@ -69,8 +69,8 @@ def _provenance() -> Iterator[str]:
         text=True,
         check=False,
     ).stdout.strip()
-    yield f"Written by `benches/transfer.py` at commit {commit or 'unknown'}, {machine()}. Brackets are"
-    yield "95 % intervals: rigs are resampled, and seeds within rigs. Differences are of the same rig and seed."
+    yield f"Written by `benches/transfer.py` at commit {commit or 'unknown'}, {machine()}. Brackets are 95 %"
+    yield "intervals: rigs are resampled, and seeds within rigs. Differences are of the same rig and seed."
 
 
 def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
@@ -103,12 +103,13 @@ def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
 def _rigs(runs: Runs, rigs: Mapping[str, Sequence[Path]], arms: Sequence[str]) -> Iterator[str]:
     """Yield what was hidden in each rig and found, how each model predicts it, and how many runs arrived."""
     seeds = len(next(iter(runs.values()))[0])
-    yield "Errors are of free runs held out, in percent of the board's edge, one for each arm. Then how many of"
-    yield f"{seeds} runs of each arm arrived, in the same order."
+    yield "Errors are of free runs held out, in percent of the board's edge, one for each arm. Then how many"
+    yield f"of {seeds} runs of each arm arrived, in the same order."
     yield ""
     yield f"| hidden | diagnosed | error: {', '.join(arms)} | {' | '.join(TASKS[task] for task in rigs)} |"
     yield "| --- | --- | --- |" + " --- |" * len(rigs)
-    for number, folder in enumerate(max(rigs.values(), key=lambda some: len(some))):
+    most = max(len(some) for some in rigs.values())
+    for number, folder in enumerate(next(some for some in rigs.values() if len(some) == most)):
         hidden = " + ".join(_sized(one) for one in _read(folder / "label.json")["effects"])
         found = " + ".join(one.name for one in irt.load_model(folder / "diagnosed.toml").effects)
         errors = _read(folder / "errors.json")
