@@ -54,7 +54,8 @@ def write_page(path: Path, rigs: Mapping[str, Sequence[Path]], arms: Sequence[st
         for task, some in rigs.items()
         for arm in arms
     }
-    lines = ["# The proof by transfer", "", text, *_provenance()]
+    lines = ["# The proof by transfer", "", *(_headline(runs, task, arms) for task in rigs), "", text]
+    lines += _provenance()
     for task in rigs:
         lines += ["", f"## {TASKS[task]}", "", *_overall(runs, task, arms)]
     lines += ["", "## Rig by rig", "", *_rigs(runs, rigs, arms)]
@@ -73,6 +74,19 @@ def _provenance() -> Iterator[str]:
     yield "intervals: rigs are resampled, and seeds within rigs. Differences are of the same rig and seed."
 
 
+def _headline(runs: Runs, task: str, arms: Sequence[str]) -> str:
+    """Return how many runs of each arm arrived, and how near to the path they were, as an item of a list."""
+
+    def mean(arm: str, measure: str) -> float:
+        return float(np.mean(_table(runs[task, arm], MEASURES[measure])))
+
+    arrived = [f"{mean(arm, 'arrived [%]'):.0f} % ({TITLES[arm]})" for arm in arms]
+    beside = [f"{mean(arm, 'beside the path [mm]'):.1f}" for arm in arms]
+    return (
+        f"- {TASKS[task]}: of the runs arrived {', '.join(arrived)}; {', '.join(beside)} mm beside the path."
+    )
+
+
 def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
     """Yield the table of a task, and that of the differences."""
     rigs, seeds = len(runs[task, arms[0]]), len(runs[task, arms[0]][0])
@@ -88,7 +102,7 @@ def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
     yield ""
     yield f"What the {TITLES[OURS]} adds to each of the others:"
     yield ""
-    names = list(MEASURES)[:3]
+    names = list(MEASURES)
     yield f"| beside | {' | '.join(names)} |"
     yield "| --- |" + " --- |" * len(names)
     for arm in arms:
