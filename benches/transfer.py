@@ -113,10 +113,11 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="default: transfer.md in the folder")
     args = parser.parse_args()
     folders = [args.out / f"rig-{number}" for number in range(args.rigs)]
+    rigs = {task: folders[: args.policies] if task in POLICIES else folders for task in TASKS}
+    rigs = {task: some for task, some in rigs.items() if some}
     with ProcessPoolExecutor(args.jobs, get_context("spawn")) as pool:
         for folder, label in zip(folders, pool.map(prepared, folders, range(args.rigs)), strict=True):
             print(folder.name, ", ".join(one["name"] for one in label["effects"]), flush=True)
-        rigs = {task: folders[: args.policies] if task in POLICIES else folders for task in TASKS}
         jobs = [(folder, task, arm) for task, some in rigs.items() for folder in some for arm in ARMS]
         for job, runs in zip(jobs, pool.map(tried, *zip(*jobs, strict=True)), strict=True):
             print(job[0].name, *job[1:], " ".join(one["ended"] for one in runs), flush=True)
