@@ -92,8 +92,8 @@ def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
     rigs, seeds = len(runs[task, arms[0]]), len(runs[task, arms[0]][0])
     # Wilson's lower end for all of so many rigs.
     least = 100.0 * rigs / (rigs + 1.96**2)
-    yield f"{rigs} rigs, {seeds} seeds of each. Where all runs agree, brackets have no width; by the number of"
-    yield f"rigs alone, 100 % is {least:.0f} to 100 %."
+    yield f"{rigs} rigs, {seeds} seeds of each. Where all runs agree, brackets have no width; by the number"
+    yield f"of rigs alone, 100 % is {least:.0f} to 100 %."
     yield ""
     yield f"| controller made on | {' | '.join(MEASURES)} | fell | stuck |"
     yield "| --- |" + " --- |" * (len(MEASURES) + 2)

@@ -40,15 +40,15 @@ pub fn lines(station: &mut Station) -> Vec<Line> {
         ),
         ready: true,
     }];
-    let now = station.clock.now().steady;
+    let now = station.base.clock.now().steady;
     for (axis, (table, arm)) in config.arms.both().into_iter().enumerate() {
         let watch = &station.joints[axis];
         let inbox = station
             .joint_inboxes
             .iter()
             .find(|(inbox, _)| inbox.topic == arm.joint_states);
-        let heard = inbox.map_or(0, |(inbox, _)| station.link.heard(inbox));
-        let there = station.link.publishers(&arm.joint_states);
+        let heard = inbox.map_or(0, |(inbox, _)| station.base.link.heard(inbox));
+        let there = station.base.link.publishers(&arm.joint_states);
         let rate = (end[axis].came - begin[axis].came) as f64 / seconds;
         let ready = watch.age_s(now) <= config.timeouts.joints_s;
         let mut found = peer(rate, there, heard, &watch.tally, ready);
@@ -65,8 +65,8 @@ pub fn lines(station: &mut Station) -> Vec<Line> {
     }
     let topic = &config.tracker.topic;
     let (there, heard) = (
-        station.link.publishers(topic),
-        station.link.heard(&station.marble_inbox.0),
+        station.base.link.publishers(topic),
+        station.base.link.heard(&station.marble_inbox.0),
     );
     let ready = station.marble.age_s(now) <= config.timeouts.tracker_s;
     let rate = (end[2].came - begin[2].came) as f64 / seconds;
@@ -100,8 +100,8 @@ fn command(station: &Station, config: &Config, axis: usize) -> Line {
     let topic = command_topic(kind, &arm.command);
     let action = kind == crate::config::Kind::Action;
     let (publishers, subscriptions) = (
-        station.link.publishers(&topic),
-        station.link.subscriptions(&topic),
+        station.base.link.publishers(&topic),
+        station.base.link.subscriptions(&topic),
     );
     let (listening, others) = if action {
         (publishers, 0)
@@ -145,9 +145,9 @@ fn tallies(station: &Station) -> [Tally; 3] {
 }
 
 fn listen_for(station: &mut Station, seconds: f64) -> f64 {
-    let begin = station.clock.now().steady;
+    let begin = station.base.clock.now().steady;
     loop {
-        let (now, _) = station.ticker.wait();
+        let (now, _) = station.base.ticker.wait();
         if station.hear(now, false).is_some() || now.steady - begin >= seconds {
             return now.steady - begin;
         }

@@ -7,11 +7,14 @@ use crate::config::{Config, TICK_S};
 use crate::error::{Error, Result};
 use crate::safety::{SetPoint, bounds};
 
-/// Knob angles and their times.
+/// The columns of knob angles.
+pub const KNOBS: [&str; 2] = ["knob_x_rad", "knob_y_rad"];
+
+/// Commands and their times.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Commands {
-    /// About x and about y (rad), one pair per row.
-    pub knobs: Vec<[f64; 2]>,
+    /// Values of two columns, one pair per row: knob angles about x and about y (rad), or commands of a lab.
+    pub values: Vec<[f64; 2]>,
     /// Time of each row (s), from zero.
     pub begins: Vec<f64>,
     /// Duration of the last row (s).
@@ -21,29 +24,43 @@ pub struct Commands {
 }
 
 impl Commands {
-    /// Reads a CSV with the columns `knob_x_rad`, `knob_y_rad` and either `t_s` or a `period` for all rows (s).
+    /// Reads a CSV with one of these pairs of columns and either `t_s` or a `period` for all rows (s). Returns also which
+    /// pair it has.
     ///
     /// # Errors
     /// [`Error::Refused`] names file, row and column.
-    pub fn read(path: &Path, period: Option<f64>) -> Result<Self> {
+    pub fn read(path: &Path, pairs: &[[&str; 2]], period: Option<f64>) -> Result<(Self, usize)> {
         let text = fs::read_to_string(path).map_err(|error| {
             Error::refused(format!("{}: cannot be read: {error}", path.display()))
         })?;
-        Self::parse(&text, period)
+        Self::parse(&text, pairs, period)
             .map_err(|what| Error::refused(format!("{}{what}", path.display())))
     }
 
-    fn parse(text: &str, period: Option<f64>) -> std::result::Result<Self, String> {
+    fn parse(
+        text: &str,
+        pairs: &[[&str; 2]],
+        period: Option<f64>,
+    ) -> std::result::Result<(Self, usize), String> {
         let mut lines = text.trim_start_matches('\u{feff}').lines();
         let header = lines.next().ok_or(": the file is empty")?;
         let names: Vec<&str> = header.split(',').map(str::trim).collect();
         let column = |name: &str| names.iter().position(|one| *one == name);
+        let found = |pair: &[&str; 2]| pair.iter().any(|name| column(name).is_some());
+        let which = match pairs.iter().position(found) {
+            Some(which) => which,
+            None if pairs.len() > 1 => {
+                let all: Vec<String> = pairs.iter().map(|pair| pair.join(", ")).collect();
+                return Err(format!(": expected the columns {}", all.join(" or ")));
+            }
+            None => 0,
+        };
         let needed = |name: &str| column(name).ok_or(format!(": column {name} is missing"));
-        let (x, y) = (needed("knob_x_rad")?, needed("knob_y_rad")?);
+        let (x, y) = (needed(pairs[which][0])?, needed(pairs[which][1])?);
         let stamps = column("t_s");
         let marble = column("marble_x").zip(column("marble_y"));
         let mut commands = Self {
-            knobs: Vec::new(),
+            values: Vec::new(),
             begins: Vec::new(),
             last_s: 0.0,
             start: None,
@@ -60,7 +77,7 @@ impl Commands {
                     )),
                 }
             };
-            commands.knobs.push([number(x)?, number(y)?]);
+            commands.values.push([number(x)?, number(y)?]);
             if let Some(stamps) = stamps {
                 commands.begins.push(number(stamps)?);
             }
@@ -68,14 +85,14 @@ impl Commands {
                 commands.start = number(x).ok().zip(number(y).ok()).map(Into::into);
             }
         }
-        commands.timed(stamps.is_some(), period)
+        Ok((commands.timed(stamps.is_some(), period)?, which))
     }
 
     fn timed(mut self, stamped: bool, period: Option<f64>) -> std::result::Result<Self, String> {
-        if self.knobs.len() < 2 {
+        if self.values.len() < 2 {
             return Err(format!(
                 ": expected at least 2 rows, found {}",
-                self.knobs.len()
+                self.values.len()
             ));
         }
         match (stamped, period) {
@@ -91,7 +108,7 @@ impl Commands {
                         ": --period: expected {TICK_S} to 10 s, found {period}"
                     ));
                 }
-                self.begins = (0..self.knobs.len())
+                self.begins = (0..self.values.len())
                     .map(|row| row as f64 * period)
                     .collect();
             }
@@ -135,11 +152,11 @@ impl Commands {
     pub fn check(&self, config: &Config) -> Result<()> {
         let limits = &config.limits;
         for (axis, (table, arm)) in config.arms.both().into_iter().enumerate() {
-            let name = ["knob_x_rad", "knob_y_rad"][axis];
+            let name = KNOBS[axis];
             let bounds = bounds(limits, 0.0);
             let mut point = SetPoint::at(0.0);
             let mut tick = 0_usize;
-            for (row, knobs) in self.knobs.iter().enumerate() {
+            for (row, knobs) in self.values.iter().enumerate() {
                 let angle = arm.gear * knobs[axis];
                 if angle.abs() > limits.window_rad {
                     return Err(Error::refused(format!(
@@ -175,7 +192,7 @@ mod tests {
     #[test]
     fn rows_hold_from_their_stamp_to_the_next() {
         let text = "step,t_s,knob_x_rad,knob_y_rad,marble_x,marble_y\n0,5,0,0,0.1,-0.2\n1,5.1,0.01,0,,\n2,5.25,0,0,,\n";
-        let commands = Commands::parse(text, None).expect("it is right");
+        let (commands, _) = Commands::parse(text, &[KNOBS], None).expect("it is right");
         assert_eq!(commands.start, Some([0.1, -0.2]));
         assert!((commands.seconds() - 0.4).abs() < 1e-9);
         let rows: Vec<_> = [0.0, 0.09, 0.1, 0.24, 0.25, 0.39, 0.4]
@@ -205,7 +222,7 @@ mod tests {
             ("knob_x_rad,knob_y_rad\n0,0\n", Some(0.1), "at least 2 rows"),
             ("", None, "empty"),
         ] {
-            let error = Commands::parse(text, period).expect_err(said);
+            let error = Commands::parse(text, &[KNOBS], period).expect_err(said);
             assert!(error.contains(said), "{error}");
         }
     }
@@ -214,14 +231,16 @@ mod tests {
     fn commands_that_arms_cannot_follow_are_refused() {
         let rows = |angle: f64| format!("knob_x_rad,knob_y_rad\n0,0\n0,{angle}\n0,0\n");
         for (angle, period, said) in [(0.6, 2.0, "window"), (0.3, 0.1, "behind")] {
-            let commands = Commands::parse(&rows(angle), Some(period)).expect("its form is right");
+            let (commands, _) =
+                Commands::parse(&rows(angle), &[KNOBS], Some(period)).expect("its form is right");
             let error = commands.check(&config()).expect_err(said).to_string();
             assert!(
                 error.contains(said) && error.contains("row 1, knob_y_rad"),
                 "{error}"
             );
         }
-        let commands = Commands::parse(&rows(0.02), Some(0.1)).expect("its form is right");
+        let (commands, _) =
+            Commands::parse(&rows(0.02), &[KNOBS], Some(0.1)).expect("its form is right");
         assert_eq!(commands.check(&config()), Ok(()));
     }
 }

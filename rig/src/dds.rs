@@ -6,7 +6,7 @@ use std::thread;
 use ros2_client::dds::rustdds::{DomainParticipant, DomainParticipantBuilder, RTPSEntity};
 use ros2_client::qos::{Durability, History, WhenFull};
 use ros2_client::{
-    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile,
+    Context, MessageTypeName, Name, Node, NodeName, NodeOptions, Publisher, QosProfile, Server,
     ServiceMapping, ServiceTypeName, Subscription,
 };
 
@@ -27,7 +27,7 @@ pub struct Link {
 }
 
 /// A service of this node.
-pub struct Trigger(ros2_client::Server<TriggerRequest, TriggerResponse>);
+pub struct Trigger(Server<TriggerRequest, TriggerResponse>);
 
 /// A client of another node's service.
 pub struct Caller(ros2_client::Client<TriggerRequest, TriggerResponse>);
@@ -169,16 +169,23 @@ impl Link {
     /// # Errors
     /// [`Error::Refused`] if DDS does not allow it.
     pub fn serve(&mut self, name: &str) -> Result<Trigger> {
-        let parsed = Name::parse(name).map_err(|error| broken(name, &error))?;
-        self.node
-            .create_server(
-                self.mapping(),
-                &parsed,
-                &ServiceTypeName::new("std_srvs", "Trigger"),
-                service_qos(),
-                service_qos(),
-            )
+        self.offer(name, &ServiceTypeName::new("std_srvs", "Trigger"))
             .map(Trigger)
+    }
+
+    /// Offers a service of any type.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if DDS does not allow it.
+    pub fn offer<Q, R>(&mut self, name: &str, kind: &ServiceTypeName) -> Result<Server<Q, R>>
+    where
+        Q: ros2_client::Message + Clone + 'static,
+        R: ros2_client::Message + Clone + 'static,
+    {
+        let parsed = Name::parse(name).map_err(|error| broken(name, &error))?;
+        let mapping = self.mapping();
+        self.node
+            .create_server(mapping, &parsed, kind, service_qos(), service_qos())
             .map_err(|error| broken(name, &error))
     }
 

@@ -6,12 +6,15 @@
 )]
 
 mod backend;
+mod base;
 mod check;
 mod clock;
 mod commands;
 mod config;
 mod dds;
 mod error;
+mod frames;
+mod labs;
 mod messages;
 mod model;
 mod motion;
@@ -29,11 +32,15 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::base::Level;
 use crate::commands::Commands;
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::labs::Lab;
+use crate::labs::config::{LabConfig, Setup, TwinConfig};
+use crate::labs::play::{Mode, Run};
 use crate::motion::Motion;
-use crate::station::{Level, Station};
+use crate::station::Station;
 
 /// Plays commands on two arms that turn the knobs of a marble board, records everything, and stops safely.
 ///
@@ -51,7 +58,13 @@ const EXAMPLES: &str = "Examples:
   rig home --arm                          # slowly to the level pose
   rig play suggest.csv --out bags         # dry run: everything but the motion
   rig play suggest.csv --out bags --arm
+  rig twin --model model.toml --as cyberrunner # a CyberRunner's topics; tag-tcp: a TAG rig's JSON lines
   irt import bags/suggest.mcap --out my-rig";
+
+const TWIN_EXAMPLES: &str = "Examples:
+  rig twin --model model.toml                  # arms at the knobs, as rig.toml names them
+  rig twin --model model.toml --as cyberrunner # its topics and messages; needs no rig.toml
+  rig twin --model model.toml --as tag-tcp     # connects to a learner that listens on 127.0.0.1:5555";
 
 #[derive(Args)]
 struct Configured {
@@ -80,7 +93,7 @@ enum Verb {
     },
     /// Play a file of commands and record everything
     Play {
-        /// CSV: `knob_x_rad`, `knob_y_rad`, and `t_s` or --period
+        /// CSV: `knob_x_rad`, `knob_y_rad`, and `t_s` or --period; for another lab's motors `vel_1`, `vel_2` or `cmd_x`, `cmd_y`
         #[arg(value_name = "COMMANDS.csv")]
         commands: PathBuf,
         #[command(flatten)]
@@ -106,13 +119,17 @@ enum Verb {
         #[arg(long, value_name = "S")]
         seconds: Option<f64>,
     },
-    /// Simulate the laboratory: arms, board, marble and tracker
+    /// Simulate the laboratory: arms, board, marble and tracker, or the rig of another lab
+    #[command(after_help = TWIN_EXAMPLES)]
     Twin {
         #[command(flatten)]
         configured: Configured,
         /// Any model.toml of irt, effects included
         #[arg(long, value_name = "MODEL")]
         model: PathBuf,
+        /// Speak another lab's interface (default: that of the configuration)
+        #[arg(long = "as", value_name = "LAB")]
+        lab: Option<Lab>,
         /// Seed of noise, delays and lost pictures
         #[arg(long, default_value_t = 0)]
         seed: u64,
@@ -150,7 +167,7 @@ fn run(verb: Verb) -> Result<()> {
             out,
             arm,
         } => {
-            let (config, text) = Config::read(&configured.config)?;
+            let (config, text) = arms(&configured.config, "home")?;
             let motion = Motion::open(&config, &text, (&out, "home"), arm)?;
             finished(motion, arm, Motion::home)
         }
@@ -160,41 +177,26 @@ fn run(verb: Verb) -> Result<()> {
             out,
             period,
             arm,
-        } => {
-            let (config, text) = Config::read(&configured.config)?;
-            let played = Commands::read(&commands, period)?;
-            played
-                .check(&config)
-                .map_err(|error| Error::refused(format!("{}, {error}", commands.display())))?;
-            let name = commands
-                .file_stem()
-                .unwrap_or_default()
-                .to_string_lossy()
-                .into_owned();
-            let motion = Motion::open(&config, &text, (&out, &name), arm)?;
-            let mut bar = Bar::new(played.seconds());
-            finished(motion, arm, |motion| {
-                let outcome = motion.play(&played, &name, |part| bar.show(part));
-                bar.clear();
-                outcome
-            })
-        }
+        } => run_play(&commands, &configured.config, &out, period, arm),
         Verb::Listen {
             configured,
             out,
             seconds,
-        } => run_listen(&configured.config, &out, seconds),
+        } => match Setup::read(&configured.config)? {
+            (Setup::Arms(config), text) => run_listen(&config, &text, &out, seconds),
+            (Setup::Lab(config), text) => {
+                let mut run = Run::open(&config, &text, (&out, "listen"), Mode::Listen)?;
+                let outcome = run.listen(seconds);
+                finished_lab(run, outcome)
+            }
+        },
         Verb::Twin {
             configured,
             model,
+            lab,
             seed,
             seconds,
-        } => {
-            let (config, _) = Config::read(&configured.config)?;
-            twin::run(&config, &model, seed, seconds, || {
-                say("the twin is ready; Ctrl-C ends it");
-            })
-        }
+        } => run_twin(&configured.config, &model, lab, seed, seconds),
         Verb::Recover { bag, out } => {
             let found = recover::recover(&bag, out.as_deref())?;
             let was = if found.was_whole {
@@ -218,7 +220,7 @@ fn finished(
     arm: bool,
     act: impl FnOnce(&mut Motion) -> Result<()>,
 ) -> Result<()> {
-    let path = motion.station.recorder.path().to_owned();
+    let path = motion.station.base.recorder.path().to_owned();
     let outcome = act(&mut motion);
     let summary = motion.finish(outcome).inspect_err(|_| {
         eprintln!("rig: what happened is in {}", path.display());
@@ -238,48 +240,162 @@ fn finished(
     Ok(())
 }
 
+fn finished_lab(run: Run, outcome: Result<()>) -> Result<()> {
+    let path = run.base.recorder.path().to_owned();
+    let (written, states, (ticks, late, worst)) = run.finish(outcome).inspect_err(|_| {
+        eprintln!("rig: what happened is in {}", path.display());
+    })?;
+    say(&format!(
+        "{}: {} messages, {states} states; {late} of {ticks} ticks more than 2 ms late, the worst {:.1} ms",
+        path.display(),
+        written.messages,
+        1e3 * worst,
+    ));
+    Ok(())
+}
+
+/// The configuration of arms, for a verb that other labs' rigs do not have.
+fn arms(path: &Path, verb: &str) -> Result<(Config, String)> {
+    match Setup::read(path)? {
+        (Setup::Arms(config), text) => Ok((*config, text)),
+        (Setup::Lab(_), _) => Err(Error::refused(format!(
+            "{}: rig {verb} is for arms at the knobs; 'rig listen' records the rig of another lab, and its own reset levels it",
+            path.display()
+        ))),
+    }
+}
+
+fn run_play(
+    commands: &Path,
+    config: &Path,
+    out: &Path,
+    period: Option<f64>,
+    arm: bool,
+) -> Result<()> {
+    let name = commands
+        .file_stem()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    match Setup::read(config)? {
+        (Setup::Arms(config), text) => {
+            let (played, _) = Commands::read(commands, &[commands::KNOBS], period)?;
+            played
+                .check(&config)
+                .map_err(|error| Error::refused(format!("{}, {error}", commands.display())))?;
+            let motion = Motion::open(&config, &text, (out, &name), arm)?;
+            let mut bar = Bar::new(played.seconds());
+            finished(motion, arm, |motion| {
+                let outcome = motion.play(&played, &name, |part| bar.show(part));
+                bar.clear();
+                outcome
+            })
+        }
+        (Setup::Lab(config), text) => {
+            let played = labs::commands::read(commands, period, &config)?;
+            play_lab(&config, &text, &played, (out, &name), arm)
+        }
+    }
+}
+
+fn play_lab(
+    config: &LabConfig,
+    text: &str,
+    played: &Commands,
+    (out, name): (&Path, &str),
+    arm: bool,
+) -> Result<()> {
+    let mode = if arm { Mode::Armed } else { Mode::DryRun };
+    let mut run = Run::open(config, text, (out, name), mode)?;
+    let mut bar = Bar::new(played.seconds());
+    let outcome = run.play(played, name, |part| bar.show(part));
+    bar.clear();
+    finished_lab(run, outcome)?;
+    if !arm {
+        say("dry run: nothing was commanded; --arm commands the motors");
+    }
+    Ok(())
+}
+
+fn run_twin(
+    config: &Path,
+    model: &Path,
+    lab: Option<Lab>,
+    seed: u64,
+    seconds: Option<f64>,
+) -> Result<()> {
+    let lab = match lab {
+        Some(lab) => lab,
+        None => match Setup::read(config)? {
+            (Setup::Lab(config), _) => config.backend.kind,
+            (Setup::Arms(config), _) => {
+                return twin::run(&config, model, seed, seconds, || {
+                    say("the twin is ready; Ctrl-C ends it");
+                });
+            }
+        },
+    };
+    twin::lab::run(
+        lab,
+        &TwinConfig::read(config)?,
+        model,
+        seed,
+        seconds,
+        || {
+            say(&match lab {
+                Lab::Cyberrunner => "the twin of a CyberRunner is ready; Ctrl-C ends it".to_owned(),
+                Lab::TagTcp => format!(
+                    "the twin of a TAG rig connects to the learner at {}; Ctrl-C ends it",
+                    labs::TAG_LEARNER
+                ),
+            });
+        },
+    )
+}
+
 fn run_check(path: &Path) -> Result<()> {
-    let (config, text) = Config::read(path)?;
+    let (config, text) = arms(path, "check")?;
     let folder = std::env::temp_dir().join(format!("rig-check-{}", std::process::id()));
     let mut station = Station::open(&config, &text, &folder, "check", &[])?;
     let lines = check::lines(&mut station);
-    let _ = station.recorder.finish();
+    let _ = station.base.recorder.finish();
     let _ = std::fs::remove_dir_all(&folder);
     check::table(&lines, |line| say(&line))
 }
 
-fn run_listen(path: &Path, out: &Path, seconds: Option<f64>) -> Result<()> {
-    let (config, text) = Config::read(path)?;
+fn run_listen(config: &Config, text: &str, out: &Path, seconds: Option<f64>) -> Result<()> {
     let mut station = Station::open(
-        &config,
-        &text,
+        config,
+        text,
         out,
         "listen",
         &[("verb", "listen".to_owned())],
     )?;
-    station.event(Level::Info, "begin", "listening");
-    let bag = station.recorder.path().to_owned();
-    let begin = station.clock.now().steady;
+    station.base.event(Level::Info, "begin", "listening");
+    let bag = station.base.recorder.path().to_owned();
+    let begin = station.base.clock.now().steady;
     let ended = loop {
-        let (now, _) = station.ticker.wait();
+        let (now, _) = station.base.ticker.wait();
         match station.hear(now, false) {
             Some(safety::Reason::Signal(_)) => break Ok(()),
             Some(safety::Reason::Recorder(what)) => break Err(Error::refused(what)),
             // Reasons that would stop arms are only recorded.
-            Some(reason) => station.event(Level::Error, reason.code(), &reason.to_string()),
+            Some(reason) => station
+                .base
+                .event(Level::Error, reason.code(), &reason.to_string()),
             None => (),
         }
         if seconds.is_some_and(|seconds| now.steady - begin >= seconds) {
             break Ok(());
         }
     };
-    station.event(Level::Info, "end", "");
+    station.base.event(Level::Info, "end", "");
     let (points, x, y) = (
         station.marble.tally.came,
         station.joints[0].tally.came,
         station.joints[1].tally.came,
     );
-    let written = station.recorder.finish();
+    let written = station.base.recorder.finish();
     ended?;
     say(&format!(
         "{}: {} messages; {points} points, {x} and {y} joint states",

@@ -10,11 +10,18 @@ use serde::Deserialize;
 
 use crate::error::{Error, Result};
 
+/// The unit of knobs' angles.
+const RAD: &str = "rad";
+
 /// A board to simulate.
 #[derive(Debug, Clone)]
 pub struct Model {
     rig: Rig,
     maze: Option<Maze>,
+    /// Where the maze says that the marble begins (m).
+    start: Option<[f64; 2]>,
+    /// Unit of the commands.
+    unit: String,
     parameters: Parameters,
     effects: Vec<(&'static EffectSpec, Vec<f64>)>,
 }
@@ -28,12 +35,21 @@ struct File {
     parameters: BTreeMap<String, Value>,
     maze: Option<Inside>,
     #[serde(default)]
+    commands: Spoken,
+    #[serde(default)]
     effects: Vec<BTreeMap<String, toml::Value>>,
 }
 
-/// What `irt` writes of a maze; start, path and the walls' height do not move the marble.
+/// The unit of the commands; angles of knobs where there is none.
+#[derive(Deserialize, Default)]
+struct Spoken {
+    unit: Option<String>,
+}
+
+/// What `irt` writes of a maze; path and the walls' height do not move the marble.
 #[derive(Deserialize)]
 struct Inside {
+    start: Option<[f64; 2]>,
     #[serde(default)]
     walls: Vec<[f64; 4]>,
     wall_thickness_m: f64,
@@ -108,9 +124,42 @@ impl Model {
         Ok(Self {
             rig,
             maze,
+            start: file.maze.as_ref().and_then(|inside| inside.start),
+            unit: file.commands.unit.clone().unwrap_or_else(|| RAD.to_owned()),
             parameters,
             effects,
         })
+    }
+
+    /// Whether its commands are angles of knobs (rad); otherwise they are in a unit of the rig's own.
+    pub fn takes_angles(&self) -> bool {
+        self.unit == RAD
+    }
+
+    /// The board's tilts over the commands.
+    pub fn gears(&self) -> [f64; 2] {
+        [self.parameters.gear_x, self.parameters.gear_y]
+    }
+
+    /// Edges of the board (m).
+    pub fn edges_m(&self) -> [f64; 2] {
+        [self.rig.board.edge_x_m, self.rig.board.edge_y_m]
+    }
+
+    /// Radius of the marble (m).
+    pub fn radius_m(&self) -> f64 {
+        self.rig.marble.radius_m
+    }
+
+    /// Inner walls and holes.
+    pub fn maze(&self) -> Option<&Maze> {
+        self.maze.as_ref()
+    }
+
+    /// The maze's start as it is observed (board edges).
+    pub fn start(&self) -> Option<[f64; 2]> {
+        let over = self.parameters.observation_scale / self.rig.board.edge_x_m;
+        self.start.map(|place| place.map(|value| value * over))
     }
 
     /// Largest observed position (board edges), along x and y.
@@ -171,10 +220,15 @@ fn read_effect(
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
 
     const PLAIN: &str = "format = 1\n[board]\nedge_x_m = 0.3\n[parameters]\ngear_x = { value = 0.07, low = 0.06, high = 0.08, range = [0.0, 0.1] }\ngear_y = { value = 0.06 }\nrolling_friction = { value = 3e-4 }\ntime_scale = { value = 24 }\nobservation_scale = { value = 1.0 }\n";
+
+    /// A model with further tables.
+    pub fn with(tables: &str) -> Model {
+        parse(&format!("{PLAIN}{tables}")).expect("it is right")
+    }
 
     fn parse(text: &str) -> std::result::Result<Model, String> {
         Model::from_file(&toml::from_str(text).expect("its form is right"))

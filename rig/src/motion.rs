@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::backend::{Backend, command_topic};
+use crate::base::Level;
 use crate::clock::Ticker;
 use crate::commands::Commands;
 use crate::config::{Config, TICK_S};
@@ -10,7 +11,7 @@ use crate::dds::Caller;
 use crate::error::{Error, Result};
 use crate::recorder::Written;
 use crate::safety::{Event, Inputs, Reason, Safety, SetPoint, State};
-use crate::station::{Level, Station};
+use crate::station::Station;
 use crate::watch::Moment;
 
 /// Ticks between checks for other publishers.
@@ -66,27 +67,27 @@ impl Motion {
         let backend = if arm {
             Some(Backend::open(
                 config,
-                &mut station.link,
-                &mut station.recorder,
+                &mut station.base.link,
+                &mut station.base.recorder,
             )?)
         } else {
             None
         };
         let callers = config.safety.call_on_stop.iter().filter(|_| arm);
         let callers = callers
-            .map(|name| station.link.caller(name))
+            .map(|name| station.base.link.caller(name))
             .collect::<Result<_>>()?;
         let mut motion = Self {
             safety: Safety::new(config, !arm),
             backend,
             callers,
             ticks: 0,
-            now: station.clock.now(),
+            now: station.base.clock.now(),
             target: None,
             stop_called: false,
             station,
         };
-        motion.station.event(
+        motion.station.base.event(
             Level::Info,
             "begin",
             if arm { "armed run" } else { "dry run" },
@@ -94,8 +95,9 @@ impl Motion {
         if let Err(error) = motion.wait() {
             motion
                 .station
+                .base
                 .event(Level::Error, "refused", &error.to_string());
-            let _ = motion.station.recorder.finish();
+            let _ = motion.station.base.recorder.finish();
             return Err(error);
         }
         Ok(motion)
@@ -109,7 +111,7 @@ impl Motion {
         // Other publishers are discovered with a delay, and those that have just ended are still listed.
         let settled = (ticks - 1).min((LOOK_S / TICK_S) as u64);
         for tick in 0..ticks {
-            let (now, _) = self.station.ticker.wait();
+            let (now, _) = self.station.base.ticker.wait();
             if let Some(reason) = self.station.hear(now, false) {
                 return Err(Error::refused(reason.to_string()));
             }
@@ -138,8 +140,8 @@ impl Motion {
                     .joint_inboxes
                     .iter()
                     .find(|(inbox, _)| inbox.topic == arm.joint_states);
-                let heard = inbox.map_or(0, |(inbox, _)| station.link.heard(inbox));
-                let there = station.link.publishers(&arm.joint_states);
+                let heard = inbox.map_or(0, |(inbox, _)| station.base.link.heard(inbox));
+                let there = station.base.link.publishers(&arm.joint_states);
                 let what = format!(
                     "{table}: no joint states of {} on {}",
                     arm.joint, arm.joint_states
@@ -150,13 +152,13 @@ impl Motion {
         if !(station.marble.age_s(now.steady) <= times.tracker_s) {
             let (inbox, _) = &station.marble_inbox;
             let (there, heard) = (
-                station.link.publishers(&inbox.topic),
-                station.link.heard(inbox),
+                station.base.link.publishers(&inbox.topic),
+                station.base.link.heard(inbox),
             );
             let why = silence(there, heard, &station.marble.tally);
             return Some(format!("tracker: no points on {}: {why}", inbox.topic));
         }
-        let command = self.backend.as_ref()?.unheard(&station.link)?;
+        let command = self.backend.as_ref()?.unheard(&station.base.link)?;
         Some(format!("no driver listens on {command}"))
     }
 
@@ -170,7 +172,7 @@ impl Motion {
                 return None;
             }
             let topic = command_topic(config.backend.kind, &arm.command);
-            let others = self.station.link.publishers(&topic);
+            let others = self.station.base.link.publishers(&topic);
             (others > 0).then_some(Reason::OtherPublisher(topic))
         })
     }
@@ -182,15 +184,15 @@ impl Motion {
             .handle(Event::Arm(measured))
             .map_err(|reason| Error::refused(format!("{reason}; turn it back by hand")))?;
         let shown = format!("joints at {:.4} and {:.4} rad", measured[0], measured[1]);
-        self.station.event(Level::Info, "armed", &shown);
+        self.station.base.event(Level::Info, "armed", &shown);
         // The wait for peers is not counted as lateness of the loop.
-        self.station.ticker = Ticker::new(self.station.clock);
+        self.station.base.ticker = Ticker::new(self.station.base.clock);
         Ok(())
     }
 
     /// One tick: receive, decide, command, record.
     fn tick(&mut self) {
-        let (now, late_s) = self.station.ticker.wait();
+        let (now, late_s) = self.station.base.ticker.wait();
         self.now = now;
         let moving = matches!(self.safety.state(), State::Playing);
         let mut reason = self.station.hear(now, moving);
@@ -220,7 +222,7 @@ impl Motion {
     fn send(&mut self, points: [SetPoint; 2], stopped: bool, now: Moment) {
         let with_bounds = [0, 1].map(|axis| (points[axis], self.safety.bounds(axis)));
         if let Some(backend) = &mut self.backend {
-            let sent = backend.send(with_bounds, stopped, now, &self.station.recorder);
+            let sent = backend.send(with_bounds, stopped, now, &self.station.base.recorder);
             if let Err(error) = sent {
                 let _ = self
                     .safety
@@ -248,7 +250,7 @@ impl Motion {
                     }
                     self.note_stop("latched", reason);
                 }
-                _ => self.station.event(Level::Info, state.name(), ""),
+                _ => self.station.base.event(Level::Info, state.name(), ""),
             }
         }
         if matches!(state, State::Stopping(_) | State::Latched(_)) && !self.stop_called {
@@ -259,7 +261,9 @@ impl Motion {
 
     fn note_stop(&self, state: &str, reason: &Reason) {
         let code = format!("{state}:{}", reason.code());
-        self.station.event(Level::Error, &code, &reason.to_string());
+        self.station
+            .base
+            .event(Level::Error, &code, &reason.to_string());
     }
 
     /// Ticks until `done`, or until a stop has been held.
@@ -288,7 +292,7 @@ impl Motion {
     /// [`Error::Stopped`] if it is stopped on the way.
     pub fn home(&mut self) -> Result<()> {
         let _ = self.safety.handle(Event::Home);
-        self.station.event(Level::Info, "homing", "");
+        self.station.base.event(Level::Info, "homing", "");
         self.until(|motion| *motion.safety.state() == State::Armed)
     }
 
@@ -302,7 +306,7 @@ impl Motion {
         run: &str,
         mut progress: impl FnMut(f64),
     ) -> Result<()> {
-        let now = self.station.clock.now();
+        let now = self.station.base.clock.now();
         let (measured, _) = self.station.measured(now.steady);
         let level = self.safety.level();
         let away = measured.map_or(f64::INFINITY, |at| {
@@ -317,12 +321,12 @@ impl Motion {
         let targets = |knobs: [f64; 2]| [0, 1].map(|axis| level[axis] + gears[axis] * knobs[axis]);
         self.target = Some(targets([0.0; 2]));
         let _ = self.safety.handle(Event::Play);
-        self.station.event(Level::Info, "playing", run);
+        self.station.base.event(Level::Info, "playing", run);
         let mut last = None;
         for tick in 0_u64.. {
             let time = tick as f64 * TICK_S;
             let Some(row) = commands.row(time) else { break };
-            let knobs = commands.knobs[row];
+            let knobs = commands.values[row];
             self.target = Some(targets(knobs));
             self.tick();
             if last != Some(row) && *self.safety.state() == State::Playing {
@@ -334,7 +338,7 @@ impl Motion {
             }
             progress(time / commands.seconds());
         }
-        self.station.event(Level::Info, "played", run);
+        self.station.base.event(Level::Info, "played", run);
         self.home()
     }
 
@@ -344,7 +348,7 @@ impl Motion {
     /// The error that ended the motion, or that of the bag.
     pub fn finish(mut self, outcome: Result<()>) -> Result<Summary> {
         let _ = self.safety.handle(Event::Disarm);
-        let ticker = &self.station.ticker;
+        let ticker = &self.station.base.ticker;
         let loop_ticks = (ticker.ticks, ticker.late, ticker.worst_s);
         let text = format!(
             "{} ticks, {} more than 2 ms late, the worst {:.1} ms; points {} ({} refused), joint states {} and {}",
@@ -357,12 +361,13 @@ impl Motion {
             self.station.joints[1].tally.came,
         );
         match &outcome {
-            Ok(()) => self.station.event(Level::Info, "end", &text),
+            Ok(()) => self.station.base.event(Level::Info, "end", &text),
             Err(error) => self
                 .station
+                .base
                 .event(Level::Error, "end", &format!("{error}; {text}")),
         }
-        let written = self.station.recorder.finish();
+        let written = self.station.base.recorder.finish();
         outcome?;
         Ok(Summary {
             written: written?,

@@ -71,6 +71,15 @@ pub struct Recorder {
     channels: BTreeMap<String, u16>,
 }
 
+/// A configuration in a bag. `irt import` takes a bag with a `rig.toml` for one of arms at knobs.
+#[derive(Debug, Clone, Copy)]
+pub struct Attached<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its text.
+    pub text: &'a str,
+}
+
 /// A topic of a bag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Channel(u16);
@@ -80,7 +89,11 @@ impl Recorder {
     ///
     /// # Errors
     /// [`Error::Refused`] if the file is there already or cannot be written.
-    pub fn create(path: &Path, config: &str, facts: BTreeMap<String, String>) -> Result<Self> {
+    pub fn create(
+        path: &Path,
+        config: Attached<'_>,
+        facts: BTreeMap<String, String>,
+    ) -> Result<Self> {
         let cannot = |error: &dyn std::fmt::Display| {
             Error::refused(format!("{}: cannot be written: {error}", path.display()))
         };
@@ -208,16 +221,16 @@ impl Recorder {
 /// Writes the configuration and the facts, before all messages.
 fn begin(
     file: File,
-    config: &str,
+    config: Attached<'_>,
     facts: BTreeMap<String, String>,
 ) -> mcap::McapResult<Writer<BufWriter<File>>> {
     let mut writer = writer(file)?;
     writer.attach(&Attachment {
         log_time: 0,
         create_time: 0,
-        name: "rig.toml".to_owned(),
+        name: config.name.to_owned(),
         media_type: "application/toml".to_owned(),
-        data: config.as_bytes().into(),
+        data: config.text.as_bytes().into(),
     })?;
     writer.write_metadata(&Metadata {
         name: "rig".to_owned(),

@@ -172,7 +172,14 @@ mod tests {
 
     use super::*;
     use crate::messages::{Bool, Header, JointState, Time};
-    use crate::recorder::Recorder;
+    use crate::recorder::{Attached, Recorder};
+
+    fn config(text: &str) -> Attached<'_> {
+        Attached {
+            name: "rig.toml",
+            text,
+        }
+    }
 
     /// A folder of its own, gone in the end.
     struct Folder(PathBuf);
@@ -205,7 +212,8 @@ mod tests {
     fn recorded(folder: &Folder, messages: i64) -> (PathBuf, Vec<u8>) {
         let path = folder.0.join("bag.mcap");
         let facts = BTreeMap::from([("backend".to_owned(), "trajectory".to_owned())]);
-        let mut recorder = Recorder::create(&path, "# the file", facts).expect("it can be written");
+        let mut recorder =
+            Recorder::create(&path, config("# the file"), facts).expect("it can be written");
         let joints = recorder.channel::<JointState>("/joint_states");
         let stop = recorder.channel::<Bool>("/rig/e_stop");
         for i in 0..messages {
@@ -270,7 +278,8 @@ mod tests {
     fn what_is_recorded_is_on_disk_within_half_a_second() {
         let folder = Folder::new("flush");
         let path = folder.0.join("bag.mcap");
-        let mut recorder = Recorder::create(&path, "", BTreeMap::new()).expect("it can be written");
+        let mut recorder =
+            Recorder::create(&path, config(""), BTreeMap::new()).expect("it can be written");
         let joints = recorder.channel::<JointState>("/joint_states");
         recorder.record(joints, 1, 1, &state(1));
         let begin = Instant::now();

@@ -1,39 +1,24 @@
 //! Subscriptions, checks and recording, shared by all verbs.
 
-use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::path::Path;
 
-use crate::clock::{Clock, Ticker};
-use crate::config::Config;
-use crate::dds::{Inbox, Link, Trigger};
+use crate::base::Base;
+use crate::config::{Config, Unit};
+use crate::dds::Inbox;
 use crate::error::Result;
-use crate::messages::{Bool, Header, JointState, Log, PointStamped, Time};
-use crate::recorder::{Channel, Recorder, fresh};
+use crate::frames::{Frames, Size};
+use crate::messages::{Header, JointState, PointStamped, Time};
+use crate::recorder::{Attached, Channel};
 use crate::safety::Reason;
-use crate::signals::Signals;
 use crate::watch::{JointWatch, MarbleWatch, Moment};
-
-/// Severity of an event.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Level {
-    /// It went as it should.
-    Info = 20,
-    /// It did not.
-    Error = 40,
-}
 
 /// Subscriptions, bag and clocks.
 pub struct Station {
     /// Configuration.
     pub config: Config,
-    /// Time.
-    pub clock: Clock,
-    /// The loop's ticks.
-    pub ticker: Ticker,
-    /// The network.
-    pub link: Link,
-    /// The bag.
-    pub recorder: Recorder,
+    /// Clocks, network, bag and stops.
+    pub base: Base,
     /// Check of the tracker's points.
     pub marble: MarbleWatch,
     /// Checks of the joints about x and about y.
@@ -42,10 +27,7 @@ pub struct Station {
     pub joint_inboxes: Vec<(Inbox<JointState>, Channel)>,
     /// The topic of the tracker.
     pub marble_inbox: (Inbox<PointStamped>, Channel),
-    e_stop: (Inbox<Bool>, Channel),
-    stop: Trigger,
-    signals: Signals,
-    events: Channel,
+    frames: Frames,
     rows: Channel,
     points: Channel,
 }
@@ -62,18 +44,16 @@ impl Station {
         name: &str,
         facts: &[(&str, String)],
     ) -> Result<Self> {
-        let signals = Signals::register()?;
-        let mut link = Link::open(&config.network, "rig")?;
-        let mut all: BTreeMap<String, String> = facts
-            .iter()
-            .map(|(key, value)| ((*key).to_owned(), value.clone()))
-            .collect();
-        all.insert("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned());
-        all.insert(
-            "backend".to_owned(),
-            format!("{:?}", config.backend.kind).to_lowercase(),
-        );
-        let mut recorder = Recorder::create(&fresh(folder, name)?, text, all)?;
+        let mut facts = facts.to_vec();
+        let backend = format!("{:?}", config.backend.kind).to_lowercase();
+        facts.push(("backend", backend));
+        let attached = Attached {
+            name: "rig.toml",
+            text,
+        };
+        let (network, safety) = (&config.network, &config.safety);
+        let mut base = Base::open(network, safety, attached, (folder, name), &facts)?;
+        let (link, recorder) = (&mut base.link, &mut base.recorder);
         let mut joint_inboxes: Vec<(Inbox<JointState>, Channel)> = Vec::new();
         for (_, arm) in config.arms.both() {
             if joint_inboxes
@@ -86,66 +66,58 @@ impl Station {
         }
         let tracker = &config.tracker;
         let marble_inbox = link.subscribe(&tracker.topic, tracker.reliability)?;
-        let e_stop = link.subscribe(
-            &config.safety.e_stop,
-            crate::config::Reliability::BestEffort,
-        )?;
-        let clock = Clock::new();
+        let size = Size {
+            edges_m: [tracker.edge_x_m, config.board.edge_y_m],
+            radius_m: config.board.marble_radius_m,
+        };
+        let frames = Frames::begin(recorder, size, base.clock.now().nanos);
         Ok(Self {
-            marble: MarbleWatch::new(config),
+            marble: MarbleWatch::new(config.tracker.clone(), config.timeouts, 0.0),
             joints: [JointWatch::new(config, 0), JointWatch::new(config, 1)],
             joint_inboxes,
             marble_inbox: (
                 marble_inbox,
                 recorder.channel::<PointStamped>(&tracker.topic),
             ),
-            e_stop: (e_stop, recorder.channel::<Bool>(&config.safety.e_stop)),
-            stop: link.serve(&config.safety.stop_service)?,
-            signals,
-            events: recorder.channel::<Log>("/rig/events"),
+            frames,
             rows: recorder.channel::<JointState>("/rig/command"),
             points: recorder.channel::<JointState>("/rig/setpoint"),
-            ticker: Ticker::new(clock),
             config: config.clone(),
-            clock,
-            link,
-            recorder,
+            base,
         })
     }
 
     /// Takes and records all received messages; returns the first reason to stop. The argument says whether the knobs move.
     pub fn hear(&mut self, now: Moment, moving: bool) -> Option<Reason> {
         let mut reasons: Vec<Reason> = Vec::new();
-        let (clock, recorder) = (self.clock, &self.recorder);
+        let (clock, recorder) = (self.base.clock, &self.base.recorder);
+        let mut turned = None;
         for (inbox, channel) in &self.joint_inboxes {
             inbox.drain(clock, |moment, state| {
                 recorder.record(*channel, moment.nanos, state.header.stamp.nanos(), &state);
                 for joint in &mut self.joints {
                     reasons.extend(joint.take(moment, &state).err());
                 }
+                turned = Some((moment.nanos, state.header.stamp));
             });
         }
+        if let (Some((log, stamp)), Some(tilts)) = (turned, self.tilts()) {
+            self.frames.board(recorder, log, stamp, tilts);
+        }
+        let tracker = &self.config.tracker;
+        let unit_m = match tracker.unit {
+            Unit::Edges => tracker.edge_x_m,
+            Unit::M => 1.0,
+        };
         let (inbox, channel) = &self.marble_inbox;
-        let marble = &mut self.marble;
+        let (marble, frames) = (&mut self.marble, &self.frames);
         inbox.drain(clock, |moment, point| {
             recorder.record(*channel, moment.nanos, point.header.stamp.nanos(), &point);
+            let place = [point.point.x, point.point.y].map(|value| value * unit_m);
+            frames.marble(recorder, moment.nanos, point.header.stamp, place);
             reasons.extend(marble.take(moment, &point, moving).err());
         });
-        let (inbox, channel) = &self.e_stop;
-        inbox.drain(clock, |moment, stop| {
-            recorder.record(*channel, moment.nanos, moment.nanos, &stop);
-            if stop.data {
-                reasons.push(Reason::EmergencyStop(inbox.topic.clone()));
-            }
-        });
-        if self.stop.asked() {
-            reasons.push(Reason::EmergencyStop(
-                self.config.safety.stop_service.clone(),
-            ));
-        }
-        reasons.extend(self.signals.caught().map(Reason::Signal));
-        reasons.extend(self.ticker.stepped(now).map(Reason::ClockStepped));
-        reasons.extend(self.recorder.failure().map(Reason::Recorder));
+        reasons.extend(self.base.stops(now));
         reasons.into_iter().next()
     }
 
@@ -156,31 +128,34 @@ impl Station {
         (angles, x.age_s(steady).max(y.age_s(steady)))
     }
 
-    /// Records an event.
-    pub fn event(&self, level: Level, code: &str, message: &str) {
-        let now = self.clock.now().nanos;
-        let log = Log {
-            stamp: Time::from_nanos(now),
-            level: level as u8,
-            name: "rig".to_owned(),
-            msg: message.to_owned(),
-            function: code.to_owned(),
-            ..Log::default()
-        };
-        self.recorder.record(self.events, now, now, &log);
+    /// The board's tilts (rad) as far as the knobs show them: the joints' angles through both gears.
+    fn tilts(&self) -> Option<[f64; 2]> {
+        let (measured, _) = self.measured(0.0);
+        let arms = self.config.arms.both();
+        measured.map(|angles| {
+            [0, 1].map(|axis| {
+                let arm = arms[axis].1;
+                // A continuous wrist may be some full turns away from its level pose.
+                let turned = angles[axis] - arm.level_rad;
+                let turned = turned - TAU * (turned / TAU).round();
+                self.config.board.gear * turned / arm.gear
+            })
+        })
     }
 
     /// Records the start of a row of a file (knob angles, rad).
     pub fn row(&self, now: Moment, run: &str, knobs: [f64; 2]) {
         let state = knob_state(now, run, knobs, Vec::new());
-        self.recorder
+        self.base
+            .recorder
             .record(self.rows, now.nanos, now.nanos, &state);
     }
 
     /// Records the knobs' set points (rad), their rates (rad/s), and the state of the rig.
     pub fn point(&self, now: Moment, state: &str, position: [f64; 2], velocity: [f64; 2]) {
         let state = knob_state(now, state, position, velocity.to_vec());
-        self.recorder
+        self.base
+            .recorder
             .record(self.points, now.nanos, now.nanos, &state);
     }
 }

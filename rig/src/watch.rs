@@ -72,6 +72,8 @@ impl Tally {
 pub struct MarbleWatch {
     tracker: Tracker,
     times: Timeouts,
+    /// Shortest time between pictures (s): messages with stamps of receipt may come in bursts.
+    least_s: f64,
     /// Counts of messages.
     pub tally: Tally,
     /// Time of the last valid point, by its stamp.
@@ -84,11 +86,12 @@ pub struct MarbleWatch {
 }
 
 impl MarbleWatch {
-    /// No messages yet.
-    pub fn new(config: &Config) -> Self {
+    /// No messages yet. Speeds are those over the stamps' distance, but at least over `least_s` (s).
+    pub fn new(tracker: Tracker, times: Timeouts, least_s: f64) -> Self {
         Self {
-            tracker: config.tracker.clone(),
-            times: config.timeouts,
+            tracker,
+            times,
+            least_s,
             tally: Tally::default(),
             seen: None,
             last: None,
@@ -142,7 +145,7 @@ impl MarbleWatch {
         let Some((before, was)) = before else {
             return Ok(());
         };
-        let seconds = (stamp - before) as f64 / 1e9;
+        let seconds = ((stamp - before) as f64 / 1e9).max(self.least_s);
         let way = (place[0] - was[0]).hypot(place[1] - was[1]);
         self.still(moment.steady, place == was, moving)?;
         if way > self.tracker.fastest_edges_s * seconds {
@@ -311,7 +314,7 @@ mod tests {
         seconds: f64,
         change: impl Fn(usize, &mut Moment, &mut PointStamped),
     ) -> (MarbleWatch, Option<Reason>) {
-        let mut watch = MarbleWatch::new(&config());
+        let mut watch = MarbleWatch::new(config().tracker, config().timeouts, 0.0);
         for i in 0..(60.0 * seconds) as usize {
             let (mut moment, mut one) = point(i as f64 / 60.0, 0.001 * (i as f64 * 0.7).sin());
             change(i, &mut moment, &mut one);
@@ -347,6 +350,21 @@ mod tests {
         })
         .1;
         assert!(matches!(reason, Some(Reason::TrackerLies(what)) if what.contains("jumps")));
+    }
+
+    #[test]
+    fn bursts_of_points_without_stamps_of_their_own_are_no_jumps() {
+        for (least_s, expected) in [(0.0, true), (1.0 / 60.0, false)] {
+            let mut watch = MarbleWatch::new(config().tracker, config().timeouts, least_s);
+            let stopped = (0..60).any(|i| {
+                // Six at a time, 10 us apart.
+                let at = f64::from(i / 6 * 6) / 60.0 + 1e-5 * f64::from(i % 6);
+                let (moment, mut one) = point(at, 0.002 * f64::from(i));
+                one.header.stamp = Time::from_nanos(moment.nanos);
+                watch.take(moment, &one, true).is_err()
+            });
+            assert_eq!(stopped, expected, "{least_s}");
+        }
     }
 
     #[test]

@@ -40,6 +40,56 @@ fn help_names_every_verb_and_shows_examples() {
 }
 
 #[test]
+fn a_rig_of_another_lab_is_checked_before_anything_is_sent() {
+    let here = folder("labs");
+    let example = include_str!("../example/cyberrunner.toml");
+    fs::write(here.join("rig.toml"), example).expect("it can be written");
+    let err = refusal(&rig(&here, &["home", "--arm"]));
+    assert!(err.contains("rig home is for arms"), "{err}");
+    fs::write(here.join("run.csv"), "t_s,vel_1,vel_2\n0,0,0\n0.1,0,-260\n")
+        .expect("it can be written");
+    let err = refusal(&rig(&here, &["play", "run.csv", "--out", "bags", "--arm"]));
+    assert!(
+        err.contains("run.csv, row 1, vel_2: -260 is beyond limits.command"),
+        "{err}"
+    );
+    fs::write(here.join("run.csv"), "t_s,vel_1,vel_2\n0,0,0\n0.1,0,-160\n")
+        .expect("it can be written");
+    let err = refusal(&rig(&here, &["play", "run.csv", "--out", "bags", "--arm"]));
+    assert!(err.contains("allow_arming is false"), "{err}");
+    assert!(!here.join("bags").exists(), "a refusal writes nothing");
+    let other = example.replace("\"cyberrunner\"", "\"cyber\"");
+    fs::write(here.join("rig.toml"), other).expect("it can be written");
+    let err = refusal(&rig(&here, &["listen"]));
+    assert!(
+        err.contains("backend.kind: expected trajectory, ")
+            && err.contains("tag_tcp, found \"cyber\""),
+        "{err}"
+    );
+}
+
+#[test]
+fn a_twin_of_a_lab_names_what_is_wrong_with_its_files() {
+    let here = folder("twin-labs");
+    let twin = ["twin", "--as", "tag-tcp", "--model", "model.toml"];
+    let err = refusal(&rig(&here, &twin));
+    assert!(err.contains("model.toml: cannot be read"), "{err}");
+    let err = refusal(&rig(
+        &here,
+        &[&twin[..], &["--config", "other.toml"]].concat(),
+    ));
+    assert!(err.contains("other.toml: cannot be read"), "{err}");
+    fs::write(here.join("rig.toml"), "[twin]\ntracker_hz = 50\n").expect("it can be written");
+    let err = refusal(&rig(&here, &twin));
+    assert!(
+        err.contains("rig.toml, twin.tracker_hz: expected a divisor of 120"),
+        "{err}"
+    );
+    let out = rig(&here, &["twin", "--as", "robot", "--model", "model.toml"]);
+    assert_eq!(out.status.code(), Some(2), "wrong usage");
+}
+
+#[test]
 fn the_example_is_taken_and_its_mistakes_are_named() {
     let here = folder("mistakes");
     let example = include_str!("../example/rig.toml");

@@ -6,6 +6,7 @@ Cyclone reads the types of fields as they are written: no annotations from the f
 import os
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 # Before Cyclone starts: it would speak on every interface.
 os.environ["CYCLONEDDS_URI"] = (
@@ -18,7 +19,7 @@ from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import final
-from cyclonedds.idl.types import float32, float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.idl.types import float32, float64, int8, int32, int64, sequence, uint8, uint16, uint32, uint64
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -141,6 +142,59 @@ class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response
     message: str = ""
 
 
+@dataclass
+@final
+class StateEstimate(IdlStruct, typename="cyberrunner_interfaces::msg::dds_::StateEstimate_"):
+    x_b: float64 = 0.0
+    y_b: float64 = 0.0
+    x_b_dot: float64 = 0.0
+    y_b_dot: float64 = 0.0
+    alpha: float64 = 0.0
+    beta: float64 = 0.0
+
+
+@dataclass
+@final
+class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
+    header: Header = field(default_factory=Header)
+    height: uint32 = 0
+    width: uint32 = 0
+    encoding: str = ""
+    is_bigendian: uint8 = 0
+    step: uint32 = 0
+    data: sequence[uint8] = field(default_factory=list)
+
+
+@dataclass
+@final
+class StateEstimateSub(IdlStruct, typename="cyberrunner_interfaces::msg::dds_::StateEstimateSub_"):
+    state: StateEstimate = field(default_factory=StateEstimate)
+    subimg: Image = field(default_factory=Image)
+
+
+@dataclass
+@final
+class DynamixelVel(IdlStruct, typename="cyberrunner_interfaces::msg::dds_::DynamixelVel_"):
+    vel_1: float64 = 0.0
+    vel_2: float64 = 0.0
+
+
+@dataclass
+@final
+class ResetRequest(IdlStruct, typename="cyberrunner_interfaces::srv::dds_::DynamixelReset_Request_"):
+    client: uint64 = 0
+    number: int64 = 0
+    max_temp: uint16 = 0
+
+
+@dataclass
+@final
+class ResetResponse(IdlStruct, typename="cyberrunner_interfaces::srv::dds_::DynamixelReset_Response_"):
+    client: uint64 = 0
+    number: int64 = 0
+    success: int8 = 0
+
+
 def qos(*, reliable: bool = True, depth: int = 100) -> Qos:
     reliability = Policy.Reliability.Reliable(duration(milliseconds=100))
     return Qos(
@@ -165,21 +219,27 @@ class Peer:
         topic = Topic(self.participant, f"rt{name}", kind)
         return DataReader(self.participant, topic, qos=qos(reliable=reliable, depth=5000))
 
-    def call_trigger(self, name: str, seconds: float) -> bool:
-        """Ask a service of std_srvs/Trigger; say whether it answered yes."""
-        request = Topic(self.participant, f"rq{name}Request", TriggerRequest)
-        answer = Topic(self.participant, f"rr{name}Reply", TriggerResponse)
-        writer = DataWriter(self.participant, request, qos=qos())
-        reader = DataReader(self.participant, answer, qos=qos())
+    def call(self, name: str, request: IdlStruct, answer: type, seconds: float) -> Any:
+        """Ask a service, with 7 as the number of who asks; return its answer, or None after a time."""
+        asked = Topic(self.participant, f"rq{name}Request", type(request))
+        answered = Topic(self.participant, f"rr{name}Reply", answer)
+        writer = DataWriter(self.participant, asked, qos=qos())
+        reader = DataReader(self.participant, answered, qos=qos())
         end = time.monotonic() + seconds
         while time.monotonic() < end and not writer.get_publication_matched_status().current_count:
             time.sleep(0.02)
-        writer.write(TriggerRequest(client=7, number=1))
+        writer.write(request)
         while time.monotonic() < end:
-            if any(one.client == 7 and one.success for one in reader.take(N=10)):
-                return True
+            found = [one for one in reader.take(N=10) if one.client == 7]
+            if found:
+                return found[0]
             time.sleep(0.01)
-        return False
+        return None
+
+    def call_trigger(self, name: str, seconds: float) -> bool:
+        """Ask a service of std_srvs/Trigger; say whether it answered yes."""
+        answer = self.call(name, TriggerRequest(client=7, number=1), TriggerResponse, seconds)
+        return answer is not None and bool(answer.success)
 
 
 def stamp(seconds: float | None = None) -> Time:

@@ -12,6 +12,7 @@ from subprocess import CompletedProcess
 
 import numpy as np
 import pytest
+from laboratory import messages
 
 from irt.bag import load_bag
 from irt.cli.__main__ import main
@@ -101,6 +102,20 @@ def test_each_backend_moves_the_arms_as_the_file_says(
     # At 0.35 rad/s a busy machine that is late by a tenth of a second is off by 0.035 rad for a while.
     assert np.median(astray) < 0.03
     assert astray.max() < 0.1
+    # Viewers see the board turn with the knobs, through the example's gear of 0.06.
+    turns = np.array(
+        [
+            (stamp, 2.0 * one.transform.rotation.x, 2.0 * one.transform.rotation.y)
+            for topic, _, message in messages(bag.path)
+            if topic == "/tf"
+            for one in message.transforms
+            if one.child_frame_id == "maze"
+            for stamp in [one.header.stamp.sec + one.header.stamp.nanosec / 1e9]
+        ]
+    )
+    for axis in (0, 1):
+        knob = np.interp(turns[:, 0], bag.measured.stamps, bag.measured.values[:, axis])
+        assert turns[:, axis + 1] == pytest.approx(0.06 * knob, abs=1e-4)
     # Level at the end, and the marble was tracked throughout.
     assert np.abs(bag.measured.values[-1]).max() < 0.01
     assert bag.marble.stamps.size > 100

@@ -202,11 +202,12 @@ class Answer:
         if not self._best.effects and self._is_whole:
             return ()
         base, sources = self._base.fitted, self._sources(self._base)
+        named = () if UNLISTED in self._best.effects or not self._is_whole else self._best.effects
         return (
             *self._needed_before.findings(CLEAR),
             *variables(self._best.terms, sources),
             *locate(base, self._noise),
-            *stages(base, sources),
+            *stages(base, sources, {effect(name).stage for name in named}),
         )
 
     @functools.cached_property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -56,13 +56,28 @@ def locate(fitted: Fitted, noise: float) -> list[Finding]:
     return _strongest(findings)
 
 
-def stages(fitted: Fitted, sources: Sequence[Source]) -> list[Finding]:
+def stages(fitted: Fitted, sources: Sequence[Source], found: Collection[str] = ()) -> list[Finding]:
     """Return the stages that could cause the residuals, with variable and size.
 
     A flexible push or shift at each stage is compared by restricted likelihood. The strength is the ratio of
     its log-likelihood to that of the best stage, so that equal explanations have equal strengths.
+
+    Parameters
+    ----------
+    fitted : Fitted
+        The model whose residuals are explained.
+    sources : sequence of Source
+        What they may depend on, the likeliest first.
+    found : collection of str
+        Stages of effects that explain all of the residuals, as in `effect`: a flexible push at another stage
+        only resembles these. Empty where something remains.
     """
-    clear = [one for one in sources if one.p_value <= CLEAR and one.gain > 0.0 and one.repeats]
+    acting = {_SOURCES[stage] for stage in found} or _STAGES.keys()
+    clear = [
+        one
+        for one in sources
+        if one.stage in acting and one.p_value <= CLEAR and one.gain > 0.0 and one.repeats
+    ]
     best: dict[str, Source] = {}
     for one in clear:
         best.setdefault(one.stage, one)
@@ -108,6 +123,16 @@ _STAGES = {
     "force": "between board and marble",
     "command": "between command and board",
     "camera": "between marble and picture",
+}
+#: Stages of effects, and the stage at which a flexible push or shift acts like them.
+_SOURCES = {
+    "actuation": "command",
+    "timing": "command",
+    "board": "force",
+    "contact": "force",
+    "air": "force",
+    "field": "force",
+    "sensing": "camera",
 }
 _VARIABLES = {
     "position": "the position on the board",

@@ -152,12 +152,7 @@ class Scores:
         key: frozenset[str] = frozenset()
         if key not in self.known:
             values, noises = self._starts()
-            found = self.ascend((), values, noises, iterations=config.FIRST_OF_BASE)
-            found.sort(key=lambda one: -one.score)
-            for one in found:
-                self.ascend(
-                    (), one.top.values[None], one.noise[None], one.top.states, iterations=config.THOROUGH
-                )
+            self.ascend((), values, noises, iterations=config.THOROUGH)
             self._spun(self.known[key])
         return self.known[key]
 

@@ -112,6 +112,8 @@ class Selection:
     report: Report
     validation: Validation = field(default_factory=Validation)
     _without: dict[tuple[frozenset[str], str, float], Scored] = field(default_factory=dict)
+    #: Sets that were fitted from least squares.
+    _thorough: set[frozenset[str]] = field(default_factory=set)
 
     def run(self) -> Posterior:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
@@ -242,16 +244,20 @@ class Selection:
         return self.scores.ascend(one.effects, values, noise, one.top.states, iterations=iterations)
 
     def thorough(self, one: Scored) -> Scored:
-        """Fit a set from its values, with its own and with small noise sizes, and from least squares.
+        """Fit a set from its values, with its own and with small noise sizes, and once from least squares.
 
         Free runs are sensitive to a sticking marble, which a filter that corrects every row may miss.
         """
-        self._further(one, np.stack([one.noise, *quiet(one.noise[None])]), config.THOROUGH)
-        free = self.scores.least_squares(one)
+        key = frozenset(one.effects)
+        values, noise = [one.top.values] * 2, [one.noise, *quiet(one.noise[None])]
+        if key not in self._thorough:
+            self._thorough.add(key)
+            values.append(self.scores.least_squares(one))
+            noise.append(noise[1])
         self.scores.ascend(
-            one.effects, free[None], quiet(one.noise[None]), one.top.states, iterations=config.THOROUGH
+            one.effects, np.stack(values), np.stack(noise), one.top.states, iterations=config.THOROUGH
         )
-        return self.scores.known[frozenset(one.effects)]
+        return self.scores.known[key]
 
     def without(self, one: Scored, name: str) -> Scored:
         """Return a set without one of its effects, fitted from the values of the set.

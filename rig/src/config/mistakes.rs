@@ -1,12 +1,16 @@
 //! Validation of `rig.toml`: each mistake is one line with key, value and possible values.
 
-use super::{Config, Kind, Limits, RAMP_S, TICK_S};
+use super::{Config, Kind, Limits, Network, RAMP_S, Safety, TICK_S, Timeouts, Twin};
 
 impl Config {
     /// The mistakes, one line each: key, value, possible values.
     pub fn mistakes(&self) -> Vec<String> {
-        let mut found = Mistakes(Vec::new());
+        let mut found = Mistakes::default();
         found.numbers(self);
+        found.network(&self.network);
+        found.timeouts(&self.timeouts);
+        found.safety(&self.safety);
+        found.twin(&self.twin);
         found.names(self);
         let limits = &self.limits;
         let ramp = limits.velocity_rad_s / limits.acceleration_rad_s2;
@@ -37,16 +41,20 @@ impl Config {
     }
 }
 
-struct Mistakes(Vec<String>);
+/// Mistakes, one line each.
+#[derive(Debug, Default)]
+pub struct Mistakes(pub Vec<String>);
 
 impl Mistakes {
-    fn unless(&mut self, right: bool, key: &str, message: impl AsRef<str>) {
+    /// Notes a mistake, unless the key is right.
+    pub fn unless(&mut self, right: bool, key: &str, message: impl AsRef<str>) {
         if !right {
             self.0.push(format!("{key}: {}", message.as_ref()));
         }
     }
 
-    fn within(&mut self, key: &str, value: f64, low: f64, high: f64) {
+    /// Notes a number that is outside its range.
+    pub fn within(&mut self, key: &str, value: f64, low: f64, high: f64) {
         self.unless(
             (low..=high).contains(&value),
             key,
@@ -79,7 +87,23 @@ impl Mistakes {
             1e-4,
             0.84,
         );
-        let times = &config.timeouts;
+        self.within("tracker.edge_x_m", config.tracker.edge_x_m, 0.01, 10.0);
+        self.within(
+            "tracker.fastest_edges_s",
+            config.tracker.fastest_edges_s,
+            0.1,
+            1e3,
+        );
+        self.within("tracker.most_hz", config.tracker.most_hz, 1.0, 1e4);
+        self.within("backend.gain_per_s", config.backend.gain_per_s, 0.0, 20.0);
+        let board = &config.board;
+        self.within("board.edge_y_m", board.edge_y_m, 0.01, 10.0);
+        self.within("board.marble_radius_m", board.marble_radius_m, 1e-3, 0.1);
+        self.within("board.gear", board.gear, -1.0, 1.0);
+    }
+
+    /// Notes what is wrong in `[timeouts]`.
+    pub fn timeouts(&mut self, times: &Timeouts) {
         for (key, value) in [
             ("timeouts.tracker_s", times.tracker_s),
             ("timeouts.joints_s", times.joints_s),
@@ -91,30 +115,39 @@ impl Mistakes {
             self.within(key, value, 0.01, 2.0);
         }
         self.within("timeouts.frozen_s", times.frozen_s, 0.0, 60.0);
-        self.within("network.match_s", config.network.match_s, 0.1, 60.0);
-        self.within(
-            "network.domain",
-            f64::from(config.network.domain),
-            0.0,
-            232.0,
+    }
+
+    /// Notes what is wrong in `[network]`.
+    pub fn network(&mut self, network: &Network) {
+        self.within("network.match_s", network.match_s, 0.1, 60.0);
+        self.within("network.domain", f64::from(network.domain), 0.0, 232.0);
+        self.unless(
+            !network.interfaces.is_empty(),
+            "network.interfaces",
+            "expected an address, such as \"127.0.0.1\"",
         );
-        self.within("tracker.edge_x_m", config.tracker.edge_x_m, 0.01, 10.0);
-        self.within(
-            "tracker.fastest_edges_s",
-            config.tracker.fastest_edges_s,
-            0.1,
-            1e3,
-        );
-        self.within("tracker.most_hz", config.tracker.most_hz, 1.0, 1e4);
-        self.within("safety.hold_s", config.safety.hold_s, 0.1, 10.0);
-        self.within("backend.gain_per_s", config.backend.gain_per_s, 0.0, 20.0);
-        let twin = &config.twin;
+    }
+
+    /// Notes what is wrong in `[safety]`.
+    pub fn safety(&mut self, safety: &Safety) {
+        self.within("safety.hold_s", safety.hold_s, 0.1, 10.0);
+        self.topic("safety.e_stop", &safety.e_stop);
+        self.topic("safety.stop_service", &safety.stop_service);
+        for name in &safety.call_on_stop {
+            self.topic("safety.call_on_stop", name);
+        }
+    }
+
+    /// Notes what is wrong in `[twin]`.
+    pub fn twin(&mut self, twin: &Twin) {
         self.within("twin.delay_s", twin.delay_s, 0.0, 0.5);
         self.within("twin.delay_jitter_s", twin.delay_jitter_s, 0.0, 0.1);
         self.within("twin.noise", twin.noise, 0.0, 0.1);
         self.within("twin.lost", twin.lost, 0.0, 1.0);
         self.within("twin.joint_noise_rad", twin.joint_noise_rad, 0.0, 0.1);
+        self.within("twin.tilt_noise_rad", twin.tilt_noise_rad, 0.0, 0.1);
         self.within("twin.velocity_rad_s", twin.velocity_rad_s, 1e-3, 10.0);
+        self.within("twin.current_rad_s", twin.current_rad_s, 1e-4, 1.0);
         self.within("twin.hand_s", twin.hand_s, 0.0, 60.0);
         let hz = twin.tracker_hz;
         self.unless(
@@ -124,33 +157,26 @@ impl Mistakes {
         );
     }
 
-    fn names(&mut self, config: &Config) {
-        let topic = |name: &str| {
-            name.len() > 1
-                && name.split('/').skip(1).all(|part| {
-                    part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
-                        && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
-                })
-                && name.starts_with('/')
-        };
-        let mut names = vec![
-            ("tracker.topic".to_owned(), &config.tracker.topic),
-            ("safety.e_stop".to_owned(), &config.safety.e_stop),
-            (
-                "safety.stop_service".to_owned(),
-                &config.safety.stop_service,
-            ),
-        ];
-        names.extend(
-            config
-                .safety
-                .call_on_stop
-                .iter()
-                .map(|name| ("safety.call_on_stop".to_owned(), name)),
+    /// Notes a name that is no full name of a topic or service.
+    fn topic(&mut self, key: &str, name: &str) {
+        let is_full = name.len() > 1
+            && name.split('/').skip(1).all(|part| {
+                part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+                    && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
+            })
+            && name.starts_with('/');
+        self.unless(
+            is_full,
+            key,
+            format!("expected a full name such as /marble/position, found \"{name}\""),
         );
+    }
+
+    fn names(&mut self, config: &Config) {
+        self.topic("tracker.topic", &config.tracker.topic);
         for (table, arm) in config.arms.both() {
-            names.push((format!("{table}.joint_states"), &arm.joint_states));
-            names.push((format!("{table}.command"), &arm.command));
+            self.topic(&format!("{table}.joint_states"), &arm.joint_states);
+            self.topic(&format!("{table}.command"), &arm.command);
             self.within(&format!("{table}.gear"), arm.gear.abs(), 1e-3, 1e3);
             self.within(&format!("{table}.level_rad"), arm.level_rad, -100.0, 100.0);
             let most = match config.backend.kind {
@@ -168,13 +194,6 @@ impl Mistakes {
                 "expected a name",
             );
         }
-        for (key, name) in names {
-            self.unless(
-                topic(name),
-                &key,
-                format!("expected a full name such as /marble/position, found \"{name}\""),
-            );
-        }
         let (x, y) = (&config.arms.x, &config.arms.y);
         self.unless(
             x.command != y.command,
@@ -185,11 +204,6 @@ impl Mistakes {
             (&x.joint, &x.joint_states) != (&y.joint, &y.joint_states),
             "arms.y.joint",
             "both arms have the same joint; expected one for each",
-        );
-        self.unless(
-            !config.network.interfaces.is_empty(),
-            "network.interfaces",
-            "expected an address, such as \"127.0.0.1\"",
         );
         self.unless(
             (1..=64).contains(&config.backend.joints),

@@ -2,6 +2,8 @@
 
 mod mistakes;
 
+pub use mistakes::Mistakes;
+
 #[cfg(test)]
 pub use mistakes::tests::EXAMPLE;
 
@@ -10,6 +12,7 @@ use std::net::IpAddr;
 use std::path::Path;
 
 use serde::Deserialize;
+use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
 
@@ -44,6 +47,9 @@ pub struct Config {
     /// The simulated laboratory.
     #[serde(default)]
     pub twin: Twin,
+    /// The board as viewers of bags draw it.
+    #[serde(default)]
+    pub board: Board,
 }
 
 /// Where DDS may send.
@@ -243,6 +249,28 @@ impl Default for Tracker {
     }
 }
 
+/// The board as viewers of bags draw it.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Board {
+    /// The short edge (m).
+    pub edge_y_m: f64,
+    /// The marble's radius (m).
+    pub marble_radius_m: f64,
+    /// The board's tilt over the knobs' angle.
+    pub gear: f64,
+}
+
+impl Default for Board {
+    fn default() -> Self {
+        Self {
+            edge_y_m: 0.231,
+            marble_radius_m: 0.00685,
+            gear: 0.06,
+        }
+    }
+}
+
 /// Unit of the points.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -307,8 +335,12 @@ pub struct Twin {
     pub lost: f64,
     /// Standard deviation of a joint's angle (rad).
     pub joint_noise_rad: f64,
+    /// Standard deviation of a measured tilt of the board (rad), for the twins of other labs.
+    pub tilt_noise_rad: f64,
     /// Maximum rate of the arms (rad/s).
     pub velocity_rad_s: f64,
+    /// Rate of a knob over the current of its motor (rad/s), for the twin of a `CyberRunner`.
+    pub current_rad_s: f64,
     /// Position to which a hand returns the marble before each run (board edges).
     pub start: [f64; 2],
     /// Time for which the knobs are level and at rest before that (s).
@@ -324,40 +356,54 @@ impl Default for Twin {
             noise: 0.001,
             lost: 0.002,
             joint_noise_rad: 2e-5,
+            tilt_noise_rad: 0.0009,
             velocity_rad_s: 0.83,
+            current_rad_s: 0.02,
             start: [0.0, 0.0],
             hand_s: 0.5,
         }
     }
 }
 
-impl Config {
-    /// Reads and validates a file.
-    ///
-    /// # Errors
-    /// [`Error::Refused`] if it cannot be read, [`Error::Mistakes`] for what is wrong in it.
-    pub fn read(path: &Path) -> Result<(Self, String)> {
-        let shown = path.display();
-        let text = fs::read_to_string(path).map_err(|error| {
-            let advice = "copy rig/example/rig.toml, or name another with --config";
-            Error::refused(format!("{shown}: cannot be read: {error}; {advice}"))
-        })?;
-        let config: Self = toml::from_str(&text).map_err(|error| {
-            let line = error
-                .span()
-                .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
-            let message = error.message().replace('\n', " ");
-            Error::refused(format!("{shown}, line {line}: {message}"))
-        })?;
-        let mistakes = config.mistakes();
-        if mistakes.is_empty() {
-            return Ok((config, text));
-        }
-        Err(Error::Mistakes(
-            mistakes
-                .iter()
-                .map(|one| format!("{shown}, {one}"))
-                .collect(),
+/// The text of a configuration.
+///
+/// # Errors
+/// [`Error::Refused`] if it cannot be read.
+pub fn text(path: &Path) -> Result<String> {
+    fs::read_to_string(path).map_err(|error| {
+        let advice = "copy rig/example/rig.toml, or name another with --config";
+        Error::refused(format!(
+            "{}: cannot be read: {error}; {advice}",
+            path.display()
         ))
+    })
+}
+
+/// A configuration of a text, without mistakes.
+///
+/// # Errors
+/// [`Error::Refused`] for a text of another form, [`Error::Mistakes`] for what is wrong in it.
+pub fn parse<T: DeserializeOwned>(
+    path: &Path,
+    text: &str,
+    mistakes: impl Fn(&T) -> Vec<String>,
+) -> Result<T> {
+    let shown = path.display();
+    let config: T = toml::from_str(text).map_err(|error| {
+        let line = error
+            .span()
+            .map_or(1, |span| 1 + text[..span.start].matches('\n').count());
+        let message = error.message().replace('\n', " ");
+        Error::refused(format!("{shown}, line {line}: {message}"))
+    })?;
+    let mistakes = mistakes(&config);
+    if mistakes.is_empty() {
+        return Ok(config);
     }
+    Err(Error::Mistakes(
+        mistakes
+            .iter()
+            .map(|one| format!("{shown}, {one}"))
+            .collect(),
+    ))
 }

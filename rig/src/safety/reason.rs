@@ -22,6 +22,10 @@ pub enum Reason {
         /// By how much (rad).
         by: f64,
     },
+    /// Time without a state of the board (s), of a lab that measures its tilt.
+    StateSilent(f64),
+    /// The board is tilted too far (rad), or its tilt is no number.
+    BoardTilted(f64),
     /// Lateness of the loop (s).
     Overrun(f64),
     /// Time without a command (s).
@@ -52,6 +56,8 @@ impl Reason {
             Self::JointsLie(_) => "joints_lie",
             Self::TrackingError(_) => "tracking_error",
             Self::OutsideWindow { .. } => "outside_window",
+            Self::StateSilent(_) => "state_silent",
+            Self::BoardTilted(_) => "board_tilted",
             Self::Overrun(_) => "overrun",
             Self::CommandExpired(_) => "command_expired",
             Self::CommandRefused => "command_refused",
@@ -84,6 +90,9 @@ impl fmt::Display for Reason {
                     ["x", "y"][*axis]
                 )
             }
+            Self::StateSilent(s) if s.is_infinite() => write!(f, "no state of the board yet"),
+            Self::StateSilent(s) => write!(f, "no state of the board for {s:.3} s"),
+            Self::BoardTilted(by) => write!(f, "the board is tilted by {by:.3} rad"),
             Self::Overrun(s) => write!(f, "the loop came {:.1} ms late", 1e3 * s),
             Self::CommandExpired(s) => write!(f, "no command for {s:.3} s"),
             Self::CommandRefused => write!(f, "a command is no number"),

@@ -57,7 +57,23 @@ impl Board {
         self.live.seen()
     }
 
-    /// One tick under these knob angles (rad).
+    /// The board's tilts about x and y (rad).
+    pub fn tilts(&mut self) -> [f64; 2] {
+        self.live.tilt()
+    }
+
+    /// Puts the marble back to its start, on a board at rest.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] if the engine refuses a restart.
+    pub fn put_back(&mut self) -> Result<()> {
+        self.held = true;
+        self.seed += 1;
+        self.live = self.model.live(self.start, (ROWS, TICK_S), self.seed)?;
+        Ok(())
+    }
+
+    /// One tick under these knob angles (rad), or commands in the model's own unit.
     ///
     /// # Errors
     /// [`Error::Refused`] if the engine refuses a restart.
@@ -78,9 +94,7 @@ impl Board {
         }
         self.live.play(knobs);
         if self.level_for > self.hand_ticks {
-            self.held = true;
-            self.seed += 1;
-            self.live = self.model.live(self.start, (ROWS, TICK_S), self.seed)?;
+            self.put_back()?;
         }
         Ok(())
     }

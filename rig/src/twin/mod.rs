@@ -1,6 +1,7 @@
 //! The simulated laboratory: two wrists, a board with a marble, and a camera, with the topics of real ones.
 
 mod board;
+pub mod lab;
 mod wrist;
 
 use std::collections::VecDeque;
@@ -79,11 +80,20 @@ pub fn run(
         config: config.clone(),
     };
     ready();
+    pace(&signals, seconds, |tick, now| twin.tick(tick, now))
+}
+
+/// Ticks until a signal, or for some seconds. Physics follows the clock: a late tick is caught up on, with its nominal
+/// stamps.
+fn pace(
+    signals: &Signals,
+    seconds: Option<f64>,
+    mut act: impl FnMut(u64, Moment) -> Result<()>,
+) -> Result<()> {
     let clock = Clock::new();
     let ticks = seconds.map_or(u64::MAX, |seconds| (seconds * f64::from(HZ)) as u64);
     for tick in 0..ticks {
         let due = tick as f64 * TICK_S;
-        // Physics follows the clock: a late tick is caught up on, with its nominal stamps.
         let ahead = due - clock.now().steady;
         if ahead > 0.0 {
             thread::sleep(Duration::from_secs_f64(ahead));
@@ -93,13 +103,11 @@ pub fn run(
         }
         let now = clock.now();
         let late = ((now.steady - due) * 1e9) as i64;
-        twin.tick(
-            tick,
-            Moment {
-                steady: due,
-                nanos: now.nanos - late,
-            },
-        )?;
+        let moment = Moment {
+            steady: due,
+            nanos: now.nanos - late,
+        };
+        act(tick, moment)?;
     }
     Ok(())
 }

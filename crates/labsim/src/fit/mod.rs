@@ -8,8 +8,10 @@ mod axis;
 mod channels;
 mod coordinates;
 mod cross_validation;
+mod derivatives;
 mod descent;
 mod grey_box;
+mod hill;
 mod information;
 mod normal;
 mod polish;
@@ -30,7 +32,7 @@ mod windows;
 
 use std::sync::atomic::AtomicBool;
 
-pub use self::grey_box::Probable;
+pub use self::hill::Probable;
 pub use self::information::Information;
 pub use self::problem::{Hypothesis, ParameterSpec, Problem, Recording, Stretch};
 pub use self::refine::Refined;

@@ -28,6 +28,19 @@ pub(super) struct Step {
 }
 
 impl Slope {
+    /// The gain of a step in the quadratic that they describe.
+    pub(super) fn gain(&self, step: &Step) -> f64 {
+        let common = DVector::from_column_slice(&step.common);
+        let mut gain = common.dot(&(&self.uphill - 0.5 * &self.curvature * &common));
+        for (start, state) in self.starts.iter().zip(&step.states) {
+            let state = SVector::from(*state);
+            let bent = start.cross.transpose() * &common;
+            let bent = SVector::<f64, 4>::from_column_slice(bent.as_slice());
+            gain += state.dot(&(start.uphill - bent - 0.5 * start.curvature * state));
+        }
+        gain
+    }
+
     /// Curvature and slope in values and sizes with the start states eliminated, and the inverse curvatures of those.
     pub(super) fn without_starts(
         &self,

@@ -390,6 +390,15 @@ messages! {
         time!();
 }
 
+mod frames;
+mod labs;
+
+pub use frames::{Quaternion, Text, TfMessage, Transform, TransformStamped, Vector3};
+pub use labs::{
+    DynamixelVel, HiwonderVel, Image, ResetRequest, ResetResponse, StateEstimate, StateEstimateSub,
+    TagStateEstimate,
+};
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,0 +1,474 @@
+//! The log-posterior of a grey-box model ([`super::grey_box`]), its ascents and their tops.
+
+use nalgebra::{DMatrix, DVector, Matrix4, SVector};
+
+use super::channels::MARBLE;
+use super::coordinates::Coordinates;
+use super::derivatives::{Derivatives, Innovation, log_likelihood};
+use super::prior::Prior;
+use super::random_sizes::{SIZES, of_sizes, sizes, with_sizes};
+use super::scoring::{Slope, Start, Step};
+use super::shooting::{Filtered, Shooting, Trial};
+use super::windows::State;
+use crate::error::Result;
+use crate::noise::Noise;
+
+/// Steps of the finite differences, in coordinates and in logarithms of sizes.
+const STEP: f64 = 1e-4;
+const SIZE_STEP: f64 = 1e-3;
+/// The same in start states (board edges, board edges a row).
+const STATE_STEP: f64 = 1e-5;
+/// Prior standard deviations of start states: positions (board edges) about the first guess, and rates (board edges
+/// per row) about rest.
+const STATES: [f64; 4] = [1.0, 1.0, 0.1, 0.1];
+/// Maximum change of a coordinate, and of the logarithm of a size, in one step: a needless size shrinks by many
+/// powers of ten.
+const FARTHEST: f64 = 0.7;
+const FARTHEST_SIZE: f64 = 2.0;
+/// An ascent ends where a step gains less [nats].
+const LITTLE: f64 = 0.02;
+/// The damping of the first step.
+const DAMPING: f64 = 1e-3;
+/// Dampings tried in each step, in units of the last one that helped, with shares of the step in values and states,
+/// and of that in sizes.
+const TRIED: [(f64, f64, f64); 5] = [
+    (0.1, 1.0, 1.0),
+    (10.0, 1.0, 1.0),
+    (1000.0, 1.0, 1.0),
+    (0.1, 1.0, 0.0),
+    (0.1, 0.0, 1.0),
+];
+/// Derivatives are carried along a step that gains at least this share of what they promise.
+const FOLLOWED: f64 = 0.5;
+/// Prior of the logarithm of a size: a standard deviation of ten, which keeps sizes without influence in place.
+const KNOWN: f64 = 0.01;
+
+/// The maximum that an ascent has reached.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Probable {
+    /// The five parameters, then those of the effects.
+    pub values: Vec<f64>,
+    /// Start states of the stretches, as of [`super::Refined`].
+    pub states: Vec<Option<[f64; 4]>>,
+    /// The sizes of the random quantities.
+    pub noise: Noise,
+    /// Log-likelihood of the observations [nats].
+    pub log_likelihood: f64,
+    /// Log evidence: marginal likelihood of the observations over all values [nats].
+    pub log_evidence: f64,
+    /// Places of the free parameters among all.
+    pub slots: Vec<usize>,
+    /// Their covariance, with the sizes marginalised.
+    pub covariance: DMatrix<f64>,
+}
+
+/// Present point of an ascent.
+#[derive(Clone)]
+pub(super) struct Place {
+    pub(super) z: Vec<f64>,
+    pub(super) states: Vec<State>,
+    pub(super) noise: Noise,
+    /// Spreads of the coefficients of each map, in coordinates.
+    pub(super) spreads: Vec<f64>,
+}
+
+/// Whether derivatives are those of the present place.
+#[derive(Clone, Copy, PartialEq)]
+enum Look {
+    /// Not at all: they have to be taken.
+    Needed,
+    /// By finite differences there.
+    Taken,
+    /// Carried along from another place.
+    Carried,
+}
+
+/// An ascent: its point, the derivatives there, its damping and its last gain.
+pub(super) struct Ascent {
+    place: Place,
+    derivatives: Derivatives,
+    look: Look,
+    damping: f64,
+    /// Gain of the last step; infinite before the first and after one that failed.
+    gain: f64,
+}
+
+impl From<Place> for Ascent {
+    fn from(place: Place) -> Self {
+        Self {
+            place,
+            derivatives: Derivatives::default(),
+            look: Look::Needed,
+            damping: DAMPING,
+            gain: f64::INFINITY,
+        }
+    }
+}
+
+/// The log-posterior.
+pub(super) struct Hill<'a> {
+    shooting: &'a Shooting<'a>,
+    coordinates: &'a Coordinates,
+    guesses: Vec<State>,
+    pub(super) prior: Prior,
+    /// The estimated sizes: those that are not zero everywhere.
+    sizes: Vec<usize>,
+}
+
+impl<'a> Hill<'a> {
+    /// The log-posterior over values, start states, and those sizes that are not zero everywhere.
+    pub(super) fn new(
+        shooting: &'a Shooting<'a>,
+        coordinates: &'a Coordinates,
+        noise: &[Noise],
+    ) -> Self {
+        let is_sought = |i: usize| noise.iter().any(|noise| sizes(noise)[i] > 0.0);
+        Self {
+            shooting,
+            coordinates,
+            guesses: shooting.windows.guesses(),
+            prior: Prior::new(coordinates),
+            sizes: (0..SIZES).filter(|&i| is_sought(i)).collect(),
+        }
+    }
+
+    /// One step of each ascent that still gains: the best of several dampings, with and without new sizes. Returns
+    /// whether there is any.
+    pub(super) fn step(&self, ascents: &mut [Ascent]) -> Result<bool> {
+        let mut ascents: Vec<&mut Ascent> =
+            ascents.iter_mut().filter(|one| one.gain > LITTLE).collect();
+        if ascents.is_empty() {
+            return Ok(false);
+        }
+        self.look(ascents.iter_mut().map(|one| &mut **one))?;
+        let mut slopes = Vec::with_capacity(ascents.len());
+        let mut settled = Vec::with_capacity(ascents.len());
+        for ascent in &mut ascents {
+            let mut slope = self.slope(&ascent.place, &ascent.derivatives);
+            let place = &mut ascent.place;
+            settled.push(
+                self.prior
+                    .respread(&place.z, &mut place.spreads, &mut slope),
+            );
+            slopes.push(slope);
+        }
+        let mut tried = Vec::new();
+        for (ascent, slope) in ascents.iter().zip(&slopes) {
+            for (factor, of_values, of_sizes) in TRIED {
+                let step = self.scoring(slope, ascent.damping * factor);
+                tried.push(self.moved(&ascent.place, &step, of_values, of_sizes));
+            }
+        }
+        let trials: Vec<_> = tried.iter().map(|place| self.at(place)).collect();
+        let mut found = self.innovations(&trials)?;
+        let posterior: Vec<f64> = tried
+            .iter()
+            .zip(&found)
+            .map(|(place, found)| log_likelihood(found) + self.log_prior(place))
+            .collect();
+        for (number, (ascent, slope)) in ascents.iter_mut().zip(slopes).enumerate() {
+            let own = number * TRIED.len()..(number + 1) * TRIED.len();
+            let best = own.max_by(|&a, &b| posterior[a].total_cmp(&posterior[b]));
+            let Some(best) = best else { continue };
+            let gain = posterior[best] - slope.log_likelihood - self.log_prior(&ascent.place);
+            if gain > LITTLE {
+                let step = self.between(&ascent.place, &tried[best]);
+                let followed = gain > FOLLOWED * slope.gain(&step);
+                ascent.look = if followed {
+                    Look::Carried
+                } else {
+                    Look::Needed
+                };
+                ascent
+                    .derivatives
+                    .follow(std::mem::take(&mut found[best]), &step, &slope);
+                ascent.place = tried[best].clone();
+                ascent.damping = (0.2 * ascent.damping).max(1e-8);
+                ascent.gain = gain;
+            } else if ascent.look == Look::Carried {
+                ascent.look = Look::Needed;
+            } else {
+                let ends = gain > 0.0 || ascent.damping > 0.1;
+                ascent.damping *= 10.0;
+                ascent.gain = if ends { 0.0 } else { f64::INFINITY };
+            }
+            if !settled[number] {
+                ascent.gain = f64::INFINITY;
+            }
+        }
+        Ok(true)
+    }
+
+    /// The tops that ascents have reached; start states by stretches.
+    pub(super) fn tops(
+        &self,
+        ascents: &mut [Ascent],
+        of_stretches: impl Fn(&[State]) -> Vec<Option<[f64; 4]>>,
+    ) -> Result<Vec<Probable>> {
+        for ascent in ascents.iter_mut() {
+            if ascent.look == Look::Carried {
+                ascent.look = Look::Needed;
+            }
+        }
+        self.look(ascents.iter_mut())?;
+        let top = |one: &Ascent| {
+            let slope = self.slope(&one.place, &one.derivatives);
+            self.top(&one.place, &slope, of_stretches(&one.place.states))
+        };
+        Ok(ascents.iter().map(top).collect())
+    }
+
+    /// Takes new derivatives where they are needed.
+    fn look<'b>(&self, ascents: impl Iterator<Item = &'b mut Ascent>) -> Result<()> {
+        let mut needed: Vec<&mut Ascent> = ascents.filter(|one| one.look == Look::Needed).collect();
+        let places: Vec<&Place> = needed.iter().map(|one| &one.place).collect();
+        let derivatives = self.derivatives(&places)?;
+        for (ascent, derivatives) in needed.iter_mut().zip(derivatives) {
+            ascent.derivatives = derivatives;
+            ascent.look = Look::Taken;
+        }
+        Ok(())
+    }
+
+    /// The place after a share of a step in values and states, and another of that in sizes.
+    fn moved(&self, here: &Place, step: &Step, of_values: f64, of_sizes: f64) -> Place {
+        let count = self.coordinates.len();
+        let moved: Vec<f64> = here
+            .z
+            .iter()
+            .zip(&step.common)
+            .map(|(z, step)| z + of_values * step)
+            .collect();
+        let mut sizes = sizes(&here.noise);
+        for (&i, step) in self.sizes.iter().zip(&step.common[count..]) {
+            sizes[i] *= (of_sizes * step).exp();
+        }
+        let mut states = here.states.clone();
+        let all = states.iter_mut().zip(&step.states);
+        for (state, step) in all.flat_map(|(state, step)| state.iter_mut().zip(step)) {
+            *state += of_values * step;
+        }
+        Place {
+            z: self.coordinates.clip(&moved),
+            states,
+            noise: with_sizes(&here.noise, sizes),
+            spreads: here.spreads.clone(),
+        }
+    }
+
+    /// The step between two places.
+    fn between(&self, from: &Place, to: &Place) -> Step {
+        let of_values = to.z.iter().zip(&from.z).map(|(to, from)| to - from);
+        let (after, before) = (sizes(&to.noise), sizes(&from.noise));
+        let of_sizes = self.sizes.iter().map(|&i| (after[i] / before[i]).ln());
+        let of_states = to.states.iter().zip(&from.states);
+        Step {
+            common: of_values.chain(of_sizes).collect(),
+            states: of_states
+                .map(|(to, from)| std::array::from_fn(|c| to[c] - from[c]))
+                .collect(),
+        }
+    }
+
+    /// Derivatives of the innovations at each place, by finite differences.
+    fn derivatives(&self, places: &[&Place]) -> Result<Vec<Derivatives>> {
+        let count = self.coordinates.len();
+        let mut trials = Vec::new();
+        for place in places {
+            let here = self.at(place);
+            let updates = here.0.updates;
+            let states = here.0.states.clone();
+            trials.push(here);
+            for i in 0..count {
+                let mut z = place.z.clone();
+                z[i] += STEP;
+                let trial = self.shooting.trial(&z, &states, Some(updates));
+                trials.push((trial, place.noise));
+            }
+            for &i in &self.sizes {
+                let mut sizes = sizes(&place.noise);
+                sizes[i] *= SIZE_STEP.exp();
+                let trial = self.shooting.trial(&place.z, &states, Some(updates));
+                trials.push((trial, of_sizes(&place.noise, sizes)));
+            }
+            for i in 0..STATES.len() {
+                let mut states = states.clone();
+                for state in &mut states {
+                    state[i] += STATE_STEP;
+                }
+                let trial = self.shooting.trial(&place.z, &states, Some(updates));
+                trials.push((trial, place.noise));
+            }
+        }
+        let mut found = self.innovations(&trials)?.into_iter();
+        let mut next = || found.next().unwrap_or_default();
+        let mut of_place = || {
+            let here = next();
+            let values = (0..count).map(|_| (next(), STEP)).collect::<Vec<_>>();
+            let sizes = self.sizes.iter().map(|_| (next(), SIZE_STEP));
+            let common: Vec<_> = values.into_iter().chain(sizes).collect();
+            let states = std::array::from_fn(|_| (next(), STATE_STEP));
+            Derivatives::of(here, &common, &states)
+        };
+        Ok(places.iter().map(|_| of_place()).collect())
+    }
+
+    /// Slope and curvature of the log-posterior at a place.
+    fn slope(&self, place: &Place, derivatives: &Derivatives) -> Slope {
+        let mut slope = derivatives.slope(place.states.len());
+        let pairs = place.states.iter().zip(&self.guesses);
+        for (start, (state, guess)) in slope.starts.iter_mut().zip(pairs) {
+            for (c, size) in STATES.iter().enumerate() {
+                start.curvature[(c, c)] += size.powi(-2);
+                start.uphill[c] -= (state[c] - middle(guess)[c]) * size.powi(-2);
+            }
+        }
+        let prior = self.prior.of(&place.spreads);
+        for (a, (mean, deviation)) in prior.iter().enumerate() {
+            slope.curvature[(a, a)] += deviation.powi(-2);
+            slope.uphill[a] -= (place.z[a] - mean) * deviation.powi(-2);
+        }
+        for a in prior.len()..slope.uphill.len() {
+            slope.curvature[(a, a)] += KNOWN;
+        }
+        slope
+    }
+
+    fn scoring(&self, slope: &Slope, damping: f64) -> Step {
+        let (curvature, uphill, inverses) = slope.without_starts(damping);
+        let step = curvature.cholesky().map(|one| one.solve(&uphill));
+        let step = step.unwrap_or_else(|| DVector::zeros(uphill.len()));
+        self.with_states(slope, step, &inverses)
+    }
+
+    /// A step in values and sizes, and the best in the start states beside it, each at most the longest that is made.
+    fn with_states(
+        &self,
+        slope: &Slope,
+        mut step: DVector<f64>,
+        inverses: &[Matrix4<f64>],
+    ) -> Step {
+        for (i, step) in step.iter_mut().enumerate() {
+            let farthest = if i < self.coordinates.len() {
+                FARTHEST
+            } else {
+                FARTHEST_SIZE
+            };
+            *step = step.clamp(-farthest, farthest);
+        }
+        let of_start = |(start, inverse): (&Start, &Matrix4<f64>)| {
+            let rest = start.cross.transpose() * &step;
+            let own =
+                inverse * (start.uphill - SVector::<f64, 4>::from_column_slice(rest.as_slice()));
+            std::array::from_fn(|c| own[c].clamp(-FARTHEST * STATES[c], FARTHEST * STATES[c]))
+        };
+        let states = slope.starts.iter().zip(inverses).map(of_start).collect();
+        Step {
+            common: step.as_slice().to_vec(),
+            states,
+        }
+    }
+
+    fn top(&self, place: &Place, slope: &Slope, states: Vec<Option<[f64; 4]>>) -> Probable {
+        let count = self.coordinates.len();
+        let (curvature, _, _) = slope.without_starts(0.0);
+        let of_values = curvature.view((0, 0), (count, count)).into_owned();
+        let factor = of_values.cholesky();
+        let log_volume: f64 = factor.as_ref().map_or(f64::NAN, |one| {
+            one.l_dirty().diagonal().iter().map(|one| one.ln()).sum()
+        });
+        let of_states: f64 = slope
+            .starts
+            .iter()
+            .map(|start| 0.5 * start.curvature.determinant().ln())
+            .sum();
+        let prior = self.prior.of(&place.spreads);
+        let log_width: f64 = prior.iter().map(|(_, deviation)| deviation.ln()).sum();
+        let rows = self.coordinates.derivative(&place.z);
+        let by_z = DMatrix::from_fn(count, count, |i, j| rows[i][j]);
+        let covariance = curvature.cholesky().map_or_else(
+            || DMatrix::from_element(count, count, f64::NAN),
+            |one| &by_z * one.inverse().view((0, 0), (count, count)) * by_z.transpose(),
+        );
+        Probable {
+            values: self
+                .coordinates
+                .own(&self.coordinates.to_values(&place.z))
+                .to_vec(),
+            states,
+            noise: place.noise,
+            log_likelihood: slope.log_likelihood,
+            log_evidence: slope.log_likelihood + self.log_prior(place)
+                - log_volume
+                - of_states
+                - log_width,
+            slots: self.coordinates.slots(),
+            covariance,
+        }
+    }
+
+    /// Log prior up to the terms of its widths alone.
+    fn log_prior(&self, place: &Place) -> f64 {
+        let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
+        let of_values: f64 = place
+            .z
+            .iter()
+            .zip(&self.prior.of(&place.spreads))
+            .map(square)
+            .sum();
+        let pairs = place.states.iter().zip(&self.guesses);
+        let of_states: f64 = pairs
+            .map(|(state, guess)| {
+                let off = |c: usize| (state[c] - middle(guess)[c]) / STATES[c];
+                (0..4).map(|c| off(c).powi(2)).sum::<f64>()
+            })
+            .sum();
+        -0.5 * (of_values + of_states)
+    }
+
+    fn at(&self, place: &Place) -> (Trial, Noise) {
+        (
+            self.shooting.trial(&place.z, &place.states, None),
+            place.noise,
+        )
+    }
+
+    /// Innovations of each observation of the marble, along axes that change.
+    fn innovations(&self, trials: &[(Trial, Noise)]) -> Result<Vec<Vec<Innovation>>> {
+        let noise: Vec<Noise> = trials.iter().map(|(_, noise)| *noise).collect();
+        let trials: Vec<&Trial> = trials.iter().map(|(trial, _)| trial).collect();
+        let filtered = self.shooting.filter(&trials, &noise)?;
+        Ok(filtered
+            .iter()
+            .map(|one| self.innovations_of(one))
+            .collect())
+    }
+
+    fn innovations_of(&self, found: &Filtered) -> Vec<Innovation> {
+        let windows = self.shooting.windows;
+        let active = &windows.channels.active[MARBLE];
+        let mut innovations = Vec::new();
+        for (number, window) in windows.all.iter().enumerate() {
+            let known = &windows.known[window.marble()];
+            let observed = &windows.observed[window.marble()];
+            let predicted = found.predicted[number].iter().zip(&found.variance[number]);
+            for (row, (mean, variance)) in predicted.enumerate() {
+                for axis in (0..2).filter(|&axis| active[axis]) {
+                    if known[2 * row + axis] && variance[axis].is_finite() {
+                        innovations.push(Innovation {
+                            window: number,
+                            off: observed[2 * row + axis] - mean[axis],
+                            variance: variance[axis],
+                        });
+                    }
+                }
+            }
+        }
+        innovations
+    }
+}
+
+/// Prior mean of a start state: the observed position, at rest.
+fn middle(guess: &State) -> State {
+    [guess[0], guess[1], 0.0, 0.0]
+}
