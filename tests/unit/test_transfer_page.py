@@ -49,7 +49,7 @@ def test_planted_differences_are_on_the_page(folders, tmp_path):
     # With a delay tuned, half of the runs arrive, two seconds later.
     (late,) = [line for line in page.splitlines() if line.startswith(f"| {TITLES['delayed']} | +")]
     assert "| +50.0 (" in late
-    assert late.endswith("| -2.0 (-2.0 to -2.0) |")
+    assert late.endswith("| -2.0 (-2.0 to -2.0) | +0.0 (+0.0 to +0.0) |")
 
 
 def test_an_interval_is_as_wide_as_rigs_differ():
