@@ -96,8 +96,8 @@ command of the best. A command answers the picture of the row before. Ensembles 
 {DRAWS} draws of the posterior, or {DRAWS} models whose gears are the tuned ones times 1/{GEAR_FACTOR} to
 {GEAR_FACTOR}, with any rolling friction that the paper allows.
 
-The learned policy is that of `examples/ppo.py` ([a policy in one file](train.md#a-policy-in-one-file)), trained
-in the models of an arm: {POLICY_DRAWS} of an ensemble.
+The learned policy is that of `examples/ppo.py` ([a policy in one file](train.md#a-policy-in-one-file)),
+trained in the models of an arm: {POLICY_DRAWS} of an ensemble.
 
 A run ends when the marble arrives, falls, makes no progress for {STUCK_S:.0f} s (stuck), or after
 {MOST_S:.0f} s. It makes progress within 20 mm of the path. Starts differ by up to {1e3 * START_M:.0f} mm

@@ -82,8 +82,8 @@ def _headline(runs: Runs, task: str, arms: Sequence[str]) -> str:
 
     arrived = [f"{mean(arm, 'arrived [%]'):.0f} % ({TITLES[arm]})" for arm in arms]
     beside = [f"{mean(arm, 'beside the path [mm]'):.1f}" for arm in arms]
-    rigs = len(runs[task, arms[0]])
-    return f"- {TASKS[task]}, {rigs} rigs: of the runs arrived {', '.join(arrived)}; {', '.join(beside)} mm beside the path."
+    what = f"{TASKS[task]}, {len(runs[task, arms[0]])} rigs"
+    return f"- {what}: of the runs arrived {', '.join(arrived)}; {', '.join(beside)} mm beside the path."
 
 
 def _overall(runs: Runs, task: str, arms: Sequence[str]) -> Iterator[str]:
