@@ -194,10 +194,7 @@ class Controller:
 
 
 def passed(points: Array, places: Array, before: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the points of a path (n,) that marbles at places (n, 2) [m] have come to from those before.
-
-    A marble that has left the path stays where it was until it is back.
-    """
+    """Return the points (n,) that marbles at places (n, 2) [m] have come to; off the path, those before."""
     found = before.copy()
     for marble, place in enumerate(places):
         first = max(0, int(before[marble]) - BACK)

@@ -21,7 +21,7 @@ FITTED, STARTS = 10, 2
 #: Effects that are fitted as replacements of an effect of a set.
 SWAPPED = 5
 #: Steps of all starts of an effect, of the best starts, and of a thorough fit.
-BEGUN, FIRST, THOROUGH = 2, 6, 25
+BEGUN, FIRST, THOROUGH = 4, 10, 25
 #: Starts that take more steps, and sets that are fitted thoroughly.
 SECOND, TOPS = 6, 2
 #: White push [m^2/s^3], correlated push [m/s^2] and standard deviation of the coefficient of restitution of a

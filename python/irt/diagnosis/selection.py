@@ -286,11 +286,12 @@ class Selection:
         """Return a set without one of its effects, with all other values unchanged.
 
         A refit would let the others compensate, possibly too far from the optimum of a replacement: for
-        example a changed drag destroys the phase of an eccentric marble.
+        example a changed drag destroys the phase of an eccentric marble. Noise sizes are those of the refit,
+        because the posterior is rough where a model that lacks an effect hardly has any.
         """
         less = self.without(one, name)
         values = Scores.from_where(self.scores.problem(less.effects), one)
-        return replace(less, top=replace(less.top, values=values, noise=one.top.noise, states=one.top.states))
+        return replace(less, top=replace(less.top, values=values, states=one.top.states))
 
     def _pruned(self, one: Scored) -> Scored:
         """Drop effects that gain nothing in addition to the others."""

@@ -1,8 +1,7 @@
 """The board's sides, measured along their whole length over the video: corners, their error, the tilt.
 
 Each point of a side is where the light is halfway between inside and outside. A lens blurs light, not levels:
-halfway between two levels lies outside of a bright board. So levels are taken back to light by a power, the
-one that makes the mean profile of the sides alike on both sides of its middle, as blur is.
+halfway between two levels lies outside of a bright board. So levels are taken back to light.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from irt.tracking.corners import LEAST_LEVELS, fit_line, meet
 from irt.tracking.geometry import Geometry, Lens, Pose, Size
 from irt.tracking.opencv import opencv
+from irt.tracking.rims import POWER
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -27,14 +27,16 @@ POINTS, FIRST, LAST = 48, 0.06, 0.94
 FAR, STEP = 5.0, 0.5
 #: Samples at each end that say what is inside and outside.
 ENDS = 4
-#: Powers from levels to light: of pictures without a curve, and of sRGB. Powers between follow the grain.
-POWERS = (1.0, 2.2)
 #: Points of a side that err alike: they share the grain, and blocks of a compression.
 ALIKE = 8.0
 #: A side is measured where this share of its points is.
 ENOUGH = 0.6
 #: An edge that is off by more than so much is covered [pixels]: repeated edges scatter by a tenth.
 COVERED = 0.3
+#: A point that is off its side's curve by more than so much is not of it [pixels]: a grain moves it by half.
+OFF = 1.0
+#: Rounds in which a straight line is laid through a side, and then a bent one.
+STRAIGHT = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,16 +72,30 @@ class _Sides:
         return np.asarray(seen, dtype=np.float64)
 
 
-def _clearest(profiles: Array) -> int:
-    """Return the colour in which inside and outside of profiles (n, samples, 3) differ most."""
-    contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
-    return int(np.argmax(np.quantile(contrast, 0.1, axis=0)))
+def _clearest(profiles: Array) -> NDArray[np.int64]:
+    """Return the colour of each point (n,) in which the inside and outside of its side differ most.
+
+    On a table as bright as the board a side shows in its hue, beside the board's shadow in its brightness.
+
+    Parameters
+    ----------
+    profiles : (v, n, samples, 3) array
+        Levels across the points of four sides in v pictures.
+    """
+    contrast = np.abs(profiles[:, :, :ENDS].mean(axis=2) - profiles[:, :, -ENDS:].mean(axis=2))
+    sides = contrast.reshape(len(profiles), 4, -1, 3).swapaxes(0, 1).reshape(4, -1, 3)
+    return np.repeat(np.argmax(np.quantile(sides, 0.1, axis=1), axis=1), contrast.shape[1] // 4)
 
 
-def _crossings(profiles: Array, power: float) -> Array:
+def _one_colour(profiles: Array, colours: NDArray[np.int64]) -> Array:
+    """Return levels (n, samples) of profiles (n, samples, 3) in each point's colour (n,)."""
+    return np.asarray(profiles[np.arange(len(profiles)), :, colours])
+
+
+def _crossings(profiles: Array) -> Array:
     """Return how far outside each point's edge is (n,) [pixels], NaN where there is none."""
     contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
-    light = (profiles / 255.0) ** power
+    light = (profiles / 255.0) ** POWER
     halfway = 0.5 * (light[:, :ENDS].mean(axis=1) + light[:, -ENDS:].mean(axis=1))
     apart = light - halfway[:, None]
     crosses = apart[:, :-1] * apart[:, 1:] <= 0.0
@@ -91,25 +107,27 @@ def _crossings(profiles: Array, power: float) -> Array:
     return np.where(crosses.any(axis=1) & (contrast > LEAST_LEVELS), places, np.nan)
 
 
-def _power(profiles: Array) -> float:
-    """Return the power at which the mean edge is alike on both sides of its middle."""
-    offsets = np.arange(-FAR, FAR + 0.5 * STEP, STEP)
-    near = np.arange(-2.0, 2.01, 0.25)
-    found = []
-    for power in POWERS:
-        places = _crossings(profiles, power)
-        light = (profiles / 255.0) ** power
-        inside, outside = light[:, :ENDS].mean(axis=1), light[:, -ENDS:].mean(axis=1)
-        seen = np.flatnonzero(np.abs(places) < FAR - 3.0)
-        if len(seen) < POINTS:
-            return POWERS[0]
-        part = (light[seen] - outside[seen, None]) / (inside - outside)[seen, None]
-        mean = np.median(
-            [np.interp(near + place, offsets, one) for one, place in zip(part, places[seen], strict=True)],
-            axis=0,
-        )
-        found.append(float(((mean + mean[::-1] - 1.0) ** 2).sum()))
-    return POWERS[int(np.argmin(found))]
+def _smoothed(offsets: Array) -> Array:
+    """Return offsets of sides' points (v, 4 `POINTS`) with those that are off a side's curve laid on it.
+
+    In each picture a side is a line, bent a little where the lens is not known. What lies over it, or is left
+    there by a picture that was not decoded as it should have been, is not the side.
+    """
+    sides = offsets.reshape(-1, POINTS)
+    seen = np.isfinite(sides)
+    known = np.where(seen, sides, 0.0)
+    along = np.linspace(-1.0, 1.0, POINTS)
+    powers = np.stack([np.ones(POINTS), along, along**2])
+    middle = [np.median(side[there]) if there.any() else 0.0 for side, there in zip(sides, seen, strict=True)]
+    laid = np.array(middle)[:, None] + np.zeros(POINTS)
+    for terms in (2,) * STRAIGHT + (3,) * STRAIGHT:
+        weights = seen / (1.0 + ((known - laid) / COVERED) ** 2) ** 2
+        design = powers[:terms]
+        normal = np.einsum("sp,ip,jp->sij", weights, design, design) + 1e-6 * np.eye(terms)
+        right = np.einsum("sp,ip,sp->si", weights, design, known)
+        laid = np.linalg.solve(normal, right[..., None])[..., 0] @ design
+    off = seen & (np.abs(known - laid) > OFF)
+    return np.where(off, laid, sides).reshape(offsets.shape)
 
 
 class BoardEdges:
@@ -141,10 +159,9 @@ class BoardEdges:
         for _ in range(2):
             self._places = sides = _Sides.of(self.corners, lens)
             colours = [sides.profiles(picture) for picture in pictures]
-            self._channel = _clearest(np.concatenate(colours))
-            profiles = [one[..., self._channel] for one in colours]
-            self._curve = _power(np.concatenate(profiles[:: max(len(profiles) // 6, 1)]))
-            offsets = np.array([_crossings(one, self._curve) for one in profiles])
+            self._colours = _clearest(np.array(colours))
+            profiles = [_one_colour(one, self._colours) for one in colours]
+            offsets = _smoothed(np.array([_crossings(one) for one in profiles]))
             seen = np.isfinite(offsets).mean(axis=0) > 0.5
             middle = np.array(
                 [np.nanmean(one) if there else np.nan for one, there in zip(offsets.T, seen, strict=True)]
@@ -185,8 +202,12 @@ class BoardEdges:
 
     def stand(self, picture: Picture) -> bool:
         """Return whether the sides are in a picture where they were in the sample."""
-        profiles = self._places.profiles(picture)[..., self._channel]
-        return bool(np.isfinite(_crossings(profiles, self._curve)).mean() >= ENOUGH)
+        return bool(np.isfinite(self._offsets(picture)).mean() >= ENOUGH)
+
+    def _offsets(self, picture: Picture) -> Array:
+        """Return how far outside of its place each point's edge is in a picture (n,) [pixels]."""
+        profiles = _one_colour(self._places.profiles(picture), self._colours)
+        return _crossings(profiles)
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""
@@ -227,7 +248,7 @@ class BoardEdges:
         slopes = self._slopes
         if slopes is None:
             return None
-        offsets = _crossings(self._places.profiles(picture)[..., self._channel], self._curve)
+        offsets = self._offsets(picture)
         seen = np.isfinite(offsets)
         if seen.mean() < ENOUGH:
             self.missed += 1

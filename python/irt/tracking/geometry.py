@@ -119,6 +119,13 @@ class Plane:
         around = self.pixels(np.array([[x, y], [x + self.radius, y], [x, y + self.radius]]))
         return float(np.linalg.svd(around[1:] - around[0], compute_uv=False)[0])
 
+    def feet(self, pixels: Array) -> Array:
+        """Return where marbles seen at pixels (n, 2) touch the board, beside their middles (n, 2): there.
+
+        The height that parts the two is not taken into account.
+        """
+        return np.zeros_like(pixels)
+
 
 class Pose:
     """A board before a calibrated lens.
@@ -177,6 +184,13 @@ class Pose:
         place = self.positions(np.array([pixel]))[0]
         away = float(np.linalg.norm(self.rotation @ [*place, self.radius] + self.origin))
         return float(np.sqrt(self.lens.matrix[0, 0] * self.lens.matrix[1, 1])) * self.radius / away
+
+    def feet(self, pixels: Array) -> Array:
+        """Return where marbles seen at pixels (n, 2) touch the board, beside their middles (n, 2) [radii]."""
+        places = self.positions(pixels)
+        beneath = self.project(np.column_stack([places, np.zeros(len(places))]))
+        radii = np.array([self.radius_at((float(x), float(y))) for x, y in pixels])
+        return np.asarray((beneath - pixels) / radii[:, None])
 
     def tilt_from(self, level: Pose) -> Array:
         """Return the angles (2,) about x and y [rad] by which this board is turned from a level one.

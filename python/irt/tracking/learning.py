@@ -111,7 +111,7 @@ def learn(
         # A marble whose colours are the board's is found by what moves beside the place that was given. A
         # disc or two of these colours may be anything.
         known = _moving(pictures, scale, blank, told=empty is not None)
-    learned = _refined(pictures, known, scale, expected, clue or Clue())
+    learned = _refined(pictures, known, geometry, clue or Clue())
     return replace(learned, finder=replace(learned.finder, light=light))
 
 
@@ -314,11 +314,9 @@ def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> C
     return ColourModel.learned(own, first[rows, columns].reshape(-1, 3)[::7])
 
 
-def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: float, clue: Clue) -> Learned:
-    """Return more exactly what is roughly known: the marble's colours, the board without it, its looks.
-
-    `size` is the marble's radius that board and marble say [pixels].
-    """
+def _refined(pictures: Sequence[Picture], known: Finder, geometry: Geometry, clue: Clue) -> Learned:
+    """Return more exactly what is roughly known: the marble's colours, the board without it, its looks."""
+    scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
     found = _discs(pictures, known)
     if not found:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
@@ -337,7 +335,8 @@ def _refined(pictures: Sequence[Picture], known: Finder, scale: Scale, size: flo
         without=_emptied(pictures, known.without, [*found, *discs]),
     )
     views = [_view(pictures[index], rim, Underlay(known.without), known.noise, scale) for index, rim in discs]
-    appearance = learn_appearance(views, radius, size, known.noise)
+    feet = geometry.feet(np.array([[rim.x, rim.y] for _, rim in discs])).mean(axis=0)
+    appearance = learn_appearance(views, radius, size, known.noise, (float(feet[0]), float(feet[1])))
     learned = Learned(replace(known, radius=appearance.radius), appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]

@@ -3,8 +3,7 @@
 Views are laid over each other by the appearance learned so far, which is then learned anew. So they come to
 lie exactly over each other, wherever the marble's light, its shadow and what it mirrors have their middle.
 Where the marble has its own is shown roughly by what it covers (`irt.tracking.coverage`), and exactly by its
-rim. On the side of its shadow the steepest change may lie outside of that. So a disc is laid through those
-rays outside of which the board has its light, and through the rim of what is no shadow by its hue.
+rims (`irt.tracking.rims`), or by its shading where it looks like the board (`irt.tracking.shading`).
 """
 
 from __future__ import annotations
@@ -17,15 +16,14 @@ from numpy.typing import NDArray
 
 from irt.tracking.appearance import FINE, REACH, Appearance, Values
 from irt.tracking.coverage import Coverage, Laid
-from irt.tracking.edge_fit import COS, RAYS, SIN, changes, look
 from irt.tracking.opencv import opencv
+from irt.tracking.rims import disc_by_rims, light_of
+from irt.tracking.shading import ball_by_shading
 
 Array = NDArray[np.float64]
 
 #: Rounds of laying views over each other, and of learning from them.
 ROUNDS = 5
-#: From levels to light, as in sRGB. A lens blurs light: the steepest change of levels is on the dark side.
-POWER = 2.2
 #: Views that fit less well than this show something before the marble.
 FITS = 0.5
 #: Scatters at which a view's pixel begins to lose its say.
@@ -41,30 +39,8 @@ SMEARED = 0.2
 #: An appearance is blurred by this much [pixels]: where each pixel is all marble or none, views that lie on
 #: the grid of the pixels would fit each other best.
 SOFT = 0.35
-#: Light outside a ray over that without a marble: in shadow below the first, in full light above the second.
-DIM, LIT = 0.86, 0.96
-#: Distances of the mean rays' samples, in radii.
-PARTS = np.arange(0.4, 1.65, 0.04)
-#: The rim is looked for from here on, in radii.
-RIM_FROM = 0.7
-#: Where a ray is inside and outside of the rim, and where the board beside it is, in radii.
-INSIDE, OUTSIDE, BESIDE = (0.78, 0.92), (1.08, 1.22), (1.1, 1.35)
-#: Where a ray has the hue of the marble, in radii.
-NEAR_RIM = (0.7, 0.86)
-#: A difference in hue that shows where the rim is [levels], what rays count by it beside those in full light,
-#: and the part of it at which they leave the marble.
-HUE, HUE_COUNTS, LEAVES = 40.0, 1.5, 0.4
-#: Rays to either side of a shadow that are not trusted either.
-NEAR_SHADOW = 2
-#: How far a radius may be from what board and marble say (standard deviation, as a share).
-KNOWN = 0.03
-#: How far rays are off the rim (standard deviation, as a share of the radius).
-RIM_ERROR = 0.03
-#: Neighbouring rays err alike: so many of them count as one.
-TOGETHER = 8.0
-#: How well the middle of what is covered is known (standard deviation, in radii): its error in 19 path-traced
-#: runs (`docs/experiments.md`).
-COVERS = 0.065
+#: A marble whose hue is nearer to the board's than this looks like it [levels]: glass differs by 10.
+ALIKE_HUE = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +64,13 @@ class View:
     scale: float
 
 
-def learn_appearance(views: Sequence[View], radius: float, expected: float, noise: float) -> Appearance:
+def learn_appearance(
+    views: Sequence[View],
+    radius: float,
+    expected: float,
+    noise: float,
+    foot: tuple[float, float] = (0.0, 0.0),
+) -> Appearance:
     """Return what a marble looks like.
 
     Parameters
@@ -99,6 +81,8 @@ def learn_appearance(views: Sequence[View], radius: float, expected: float, nois
         As views show it, and as sizes of board and marble say, where the scale is 1 [pixels].
     noise : float
         Standard deviation of a colour [levels].
+    foot : (dx, dy)
+        Where a marble touches the board, beside its middle in a picture, on average [radii].
     """
     centres = np.array([[view.x, view.y] for view in views])
     trust = np.ones(len(views))
@@ -113,16 +97,27 @@ def learn_appearance(views: Sequence[View], radius: float, expected: float, nois
         moved = np.array([[one.x, one.y] for one in matches])
         if trust.sum() < 3:
             return appearance
-        # Where all move alike the appearance would, too: its middle is told below.
+        # Where all move alike the appearance would, too: its middle is found below.
         moved = moved - np.median((moved - centres)[trust > 0], axis=0)
         centres = np.where(trust[:, None] > 0, moved, centres)
     covers = stack.coverage(trust, noise).sized(radius, expected)
-    usual, without = _light(stack.mean(trust)), _light(stack.mean_board(trust))
-    dx, dy, found = _disc(usual, without, covers, noise)
+    dx, dy, found = _disc(stack.mean(trust), stack.mean_board(trust), covers, noise, foot)
     scales = np.array([view.scale for view in views])
     centres = centres + np.outer(scales, [dx, dy])
     appearance = _Stack.of(views, centres, found).appearance(trust, found, noise)
     return replace(appearance, apart=float(np.hypot(dx - covers.x, dy - covers.y)))
+
+
+def _disc(
+    usual: Values, board: Values, covers: Laid, noise: float, foot: tuple[float, float]
+) -> tuple[float, float, float]:
+    """Return the marble's disc in the usual picture: its middle from that of the picture, its radius."""
+    disc = disc_by_rims(usual, board, covers, noise)
+    if disc.hue < ALIKE_HUE:
+        ball = ball_by_shading(light_of(usual), light_of(board), covers, foot)
+        if ball.matt:
+            return ball.x, ball.y, covers.radius
+    return disc.x, disc.y, disc.radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,127 +223,3 @@ def _cut(layers: Values, centre: tuple[float, float], half: int, scale: float) -
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     cut = cv2.warpAffine(layers, matrix, (size, size), flags=flags, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cut, dtype=np.float32)
-
-
-def _light(levels: Values) -> Values:
-    """Return the light that makes levels, full light as 255."""
-    return np.asarray(255.0 * (np.clip(levels, 0.0, 255.0) / 255.0) ** POWER, dtype=np.float32)
-
-
-def _disc(mean: Values, without: Values, covers: Laid, noise: float) -> tuple[float, float, float]:
-    """Return the marble's own disc in the usual light: its middle from that of the picture, its radius.
-
-    All in pixels. It begins where the board is covered, and in the picture's middle; the disc is taken
-    that rims and what is covered miss less. Two things set the marble off from its shadow. A shadow has
-    the hue of the board: where marble and board differ in it, the rim of the hue is the marble's. And
-    beside rays in full light there is no shadow. Each has a radius of its own, since shading and what
-    mirrors move all rims alike; that of the second is the marble's.
-    """
-    half = len(mean) // 2
-    discs = []
-    for start in ((covers.x, covers.y), (0.0, 0.0)):
-        disc = np.array([*start, covers.radius])
-        missed = np.inf
-        for _ in range(6):
-            place, found = (half + FINE * disc[0], half + FINE * disc[1]), float(disc[2])
-            rays, board = (look(one, *place, FINE * found * PARTS) for one in (mean, without))
-            dx, dy, part, missed = _laid(rays, board, noise, covers.radius / found)
-            disc = disc + 0.7 * found * np.array([dx, dy, part - 1.0])
-        away = np.hypot(disc[0] - covers.x, disc[1] - covers.y) / covers.radius
-        discs.append((missed / TOGETHER + (away / COVERS) ** 2, *disc.tolist()))
-    _, x, y, found = min(discs)
-    return x, y, found
-
-
-def _laid(mean: Values, without: Values, noise: float, expected: float) -> tuple[float, float, float, float]:
-    """Return offset and radius of the marble's disc in mean rays (RAYS, n, 3), in radii, and its misfit."""
-    lit = _lit(mean, without)
-    clear = np.min([np.roll(lit, turn) for turn in range(-NEAR_SHADOW, NEAR_SHADOW + 1)], axis=0)
-    hue_rims, hue = _hue_rims(mean, without)
-    found = ~np.isnan(hue_rims)
-    measured = np.concatenate(
-        [np.where(found, hue_rims, 1.0), _rims(_changes(mean, _directions(mean), noise))]
-    )
-    trust = np.concatenate([HUE_COUNTS * (hue / (hue + HUE)) ** 2 * found, clear]) + 1e-3
-    one, none = np.ones(RAYS), np.zeros(RAYS)
-    design = np.stack([np.tile(COS, 2), np.tile(SIN, 2), np.append(one, none), np.append(none, one)])
-    answer = np.array([0.0, 0.0, float(np.median(measured[:RAYS])), expected])
-    hold = TOGETHER * (RIM_ERROR / KNOWN) ** 2
-    for _ in range(15):
-        apart = measured - answer @ design
-        weights = trust / (1.0 + (apart / RIM_ERROR) ** 2) ** 2
-        normal = (design * weights) @ design.T + 1e-6 * np.eye(4)
-        right = (design * weights) @ apart
-        normal[3, 3] += hold
-        right[3] += hold * (expected - answer[3])
-        answer = answer + np.linalg.solve(normal, right)
-    square = ((measured - answer @ design) / RIM_ERROR) ** 2
-    misfit = float((trust * square / (1.0 + square)).sum())
-    return float(answer[0]), float(answer[1]), float(answer[3]), misfit
-
-
-def _changes(mean: Values, directions: Values, noise: float) -> Values:
-    """Return the squared changes of mean rays (RAYS, n - 2) along one direction of colour for each."""
-    told = np.matmul(mean[:, :, :3], directions[:, :, None])
-    # What mirrors the sky in its middle is nearer to the board there than at its rim.
-    told[:, PARTS < RIM_FROM] = told[:, [int(np.searchsorted(PARTS, RIM_FROM))]]
-    return changes(np.maximum.accumulate(told, axis=1), noise)
-
-
-def _between(rays: Values, ends: tuple[float, float]) -> Array:
-    """Return the mean colour (RAYS, 3) of a part of the rays."""
-    part = (ends[0] <= PARTS) & (ends[1] >= PARTS)
-    return np.asarray(rays[:, part, :3].mean(axis=1), dtype=np.float64)
-
-
-def _directions(mean: Values) -> Values:
-    """Return the change from inside to outside (RAYS, 3), of length 1."""
-    change = _between(mean, OUTSIDE) - _between(mean, INSIDE)
-    # Neighbours look alike: what is left of the noise must not turn a faint change.
-    change = np.mean([np.roll(change, turn, axis=0) for turn in (-1, 0, 1)], axis=0)
-    return _normed(change)
-
-
-def _hue_rims(mean: Values, without: Values) -> tuple[Array, float]:
-    """Return where each mean ray leaves the marble's hue (RAYS,), NaN where none does, and how clear that is.
-
-    Less light moves a colour towards black, along the board's own colour: across that, a shadow has no rim.
-    """
-    board = without.astype(np.float64)
-    board = board / (np.linalg.norm(board, axis=2, keepdims=True) + 1e-9)
-    across = mean - (mean * board).sum(axis=2, keepdims=True) * board
-    inner = across[:, (PARTS > 0.5) & (PARTS < 0.85)].mean(axis=(0, 1))
-    clear = float(np.linalg.norm(inner))
-    hue = opencv().GaussianBlur(across @ (inner / (clear + 1e-9)), (3, 1), 0)
-    inside = hue[:, (NEAR_RIM[0] < PARTS) & (NEAR_RIM[1] > PARTS)].mean(axis=1)
-    outside = hue[:, BESIDE[1] < PARTS].mean(axis=1)
-    level = outside + LEAVES * (inside - outside)
-    first = int(np.searchsorted(PARTS, NEAR_RIM[1])) - 2
-    below = hue[:, first:-1] < level[:, None]
-    after = first + np.argmax(below, axis=1)
-    rows = np.arange(RAYS)
-    before, there = hue[rows, after - 1], hue[rows, after]
-    place = PARTS[after] - (PARTS[1] - PARTS[0]) * (level - there) / (before - there + 1e-9)
-    return np.where(below.any(axis=1) & (after > first), place, np.nan), clear
-
-
-def _normed(vectors: Array) -> Values:
-    return np.asarray(vectors / (np.linalg.norm(vectors, axis=1, keepdims=True) + 1e-9), dtype=np.float32)
-
-
-def _lit(mean: Values, without: Values) -> Array:
-    """Return from 0 to 1 whether the board outside a ray has its light (RAYS,)."""
-    light = _between(mean, BESIDE).sum(axis=1) / (_between(without, BESIDE).sum(axis=1) + 1.0)
-    light /= np.quantile(light, 0.8)
-    return np.asarray(np.clip((light - DIM) / (LIT - DIM), 0.0, 1.0))
-
-
-def _rims(steps: Values) -> Array:
-    """Return where each mean ray changes most (RAYS,), in radii."""
-    places = PARTS[1:-1]
-    near = steps * np.exp(-0.5 * ((places - 1.0) / 0.2) ** 2)
-    peaks = places[np.argmax(near, axis=1)]
-    for _ in range(3):
-        window = np.exp(-0.5 * ((places - peaks[:, None]) / 0.12) ** 2) * steps
-        peaks = (window @ places + 1e-9 * peaks) / (window.sum(axis=1) + 1e-9)
-    return np.asarray(peaks, dtype=np.float64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -85,3 +86,32 @@ def test_without_a_lens_the_tilt_is_not_measured(shown) -> None:
     _, pictures = shown
     corners = ordered(find_corners(pictures[0]), SIZE)
     assert not BoardEdges(pictures[:6], corners, None).watch(Plane.of(corners, SIZE), SIZE)
+
+
+def grey_table(pictures: int, *, broken: bool) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return the corners of a board on a table as bright, half in its shadow, and pictures of it."""
+    corners = np.array([[80.3, 60.6], [260.4, 70.2], [250.7, 200.4], [70.8, 190.5]])
+    fine = 4
+    outline = np.rint(16 * ((corners + 0.5) * fine - 0.5)).astype(np.int32)
+    light = np.full((260 * fine, 340 * fine, 3), 0.36, np.float32)
+    cv2.fillPoly(light, [outline + 16 * 12 * fine], (0.08, 0.08, 0.08), cv2.LINE_AA, 4)
+    cv2.fillPoly(light, [outline], (0.16, 0.31, 0.47), cv2.LINE_AA, 4)
+    small = cv2.resize(cv2.GaussianBlur(light, (0, 0), 0.7 * fine), (340, 260), interpolation=cv2.INTER_AREA)
+    shown = []
+    for seed in range(pictures):
+        random = np.random.default_rng(seed)
+        levels = 255.0 * small ** (1 / 2.2) + random.normal(0, 2.0, small.shape)
+        if broken and seed % 3:
+            levels[183:215, 80:110] = random.uniform(0, 255, 3)
+        shown.append(np.clip(np.rint(levels), 0, 255).astype(np.uint8))
+    return corners, shown
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_each_side_is_found_in_the_colour_that_shows_it(broken: bool) -> None:
+    corners, pictures = grey_table(6, broken=broken)
+    found = BoardEdges(
+        pictures, corners + np.array([[1.5, -1.0], [-1.0, 1.5], [1.0, 1.0], [-1.5, -1.0]]), None
+    )
+    assert found.clear
+    assert np.linalg.norm(found.corners - corners, axis=1).max() < 0.3

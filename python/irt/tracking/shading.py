@@ -1,0 +1,179 @@
+"""The disc of a marble that looks like its board, by its shading and its shadow.
+
+Painted like the wood that it rolls on, a marble has no rim of hue, and hardly one of light. What shows it is
+that it is a ball: the light that a matt ball returns is a sum of nine spherical harmonics of its normal
+(Ramamoorthi and Hanrahan, 2001), which has its steepest slopes at the rim; and its shadow on the board is an
+ellipse that a lamp in one direction throws from where it stands. Both discs are laid at once,
+
+    picture(p) = covered [sum of harmonics(normal)] + (1 - covered) board(p) [light - near - shadow]
+
+with the harmonics and the strengths of light by least squares for each middle, direction and softness of the
+shadow. What mirrors a lamp or a window is let go of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irt.tracking.appearance import FINE, Values
+from irt.tracking.coverage import Laid
+from irt.tracking.rims import POWER
+
+Array = NDArray[np.float64]
+
+#: What lens and pixels blur (standard deviation) [pixels].
+BLUR = 0.75
+#: Directions of the shadow that are tried, and how far aside it lies, in radii.
+TURNS, ASIDE = 12, (0.5, 1.0, 1.7)
+#: Softness of a shadow's edge over the length of the ray that grazes the ball: the tangent of a lamp's half
+#: width, its mean and standard deviation. A lamp of 10 cm at 0.7 m has 0.07.
+SOFT, SOFT_ERROR = 0.08, 0.06
+#: How well the middle of what is covered is known where marble and board look alike (standard deviation)
+#: [radii].
+COVERS = 0.15
+#: Samples that err alike.
+ALIKE = 20.0
+#: Residuals at which a sample loses its say, in scatters.
+LETS_GO = 3.0
+#: Added to the scatter: what half a level of 255 is in dim light, as a share of full light.
+LEAST = 0.0016
+#: From here on levels are cut off [255 as full light]; below, a level hardly changes with the light.
+FULL, DARK = 235.0, 2.55
+#: Greatest weight of a dark sample over the median one.
+MOST = 8.0
+#: Rounds of letting go, and steps of the search in each.
+ROUNDS, STEPS = 3, 250
+#: A ball is matt if its shading leaves less than this [share of full light]: wood-coloured paint leaves
+#: 0.006 to 0.011, steel balls 0.016 to 0.032.
+MATT = 0.015
+
+
+@dataclass(frozen=True)
+class Shaded:
+    """A ball laid over a picture by its shading.
+
+    Attributes
+    ----------
+    x, y : float
+        Its middle from that of the picture [pixels].
+    scatter : float
+        What the shading leaves of the ball's light [share of full light].
+    """
+
+    x: float
+    y: float
+    scatter: float
+
+    @property
+    def matt(self) -> bool:
+        """Whether shading explains the marble."""
+        return self.scatter < MATT
+
+
+def ball_by_shading(light: Values, board: Values, covers: Laid, foot: tuple[float, float]) -> Shaded:
+    """Return the ball of known radius that explains a picture.
+
+    Parameters
+    ----------
+    light, board : (n, n, 3) float32 arrays
+        The usual picture, and the board there without a marble [light, to 255], `FINE` samples to a pixel.
+    covers : Laid
+        What the marble covers: its radius, and roughly its middle.
+    foot : (dx, dy)
+        Where the marble touches the board, beside its middle in the picture [radii].
+    """
+    return _Ball(light, board, covers, foot).laid()
+
+
+class _Ball:
+    """A picture, and what explains it."""
+
+    def __init__(self, light: Values, board: Values, covers: Laid, foot: tuple[float, float]) -> None:
+        half = len(light) // 2
+        down, right = np.mgrid[-half : half + 1, -half : half + 1] / FINE
+        self._right, self._down = right.ravel(), down.ravel()
+        self._picture = light.reshape(-1, 3).T.astype(np.float64) / 255.0
+        self._board = board.reshape(-1, 3).T.astype(np.float64) / 255.0
+        self._covers, self._foot = covers, foot
+        # Noise is alike in levels: what counts is how much levels change with the light.
+        level = np.maximum(self._picture, DARK / 255.0) ** (1.0 / POWER)
+        weights = (level / np.maximum(self._picture, 0.01) / POWER) ** 2
+        weights = np.minimum(weights / np.median(weights, axis=1, keepdims=True), MOST)
+        self._weights = weights * (self._picture < FULL / 255.0).all(axis=0)
+        self._trust = np.ones(len(self._right))
+        self._scatter = 1.0
+
+    def laid(self) -> Shaded:
+        """Return the ball that explains the picture best."""
+        from scipy.optimize import minimize  # noqa: PLC0415
+
+        covers = self._covers
+        turns = 2.0 * np.pi * np.arange(TURNS) / TURNS
+        starts = [
+            np.array([covers.x, covers.y, aside * np.cos(turn), aside * np.sin(turn), SOFT])
+            for turn in turns
+            for aside in ASIDE
+        ]
+        best = min(starts, key=lambda start: float(self._left(start)[0].sum()))
+        for _ in range(ROUNDS):
+            self._let_go(best)
+            simplex = np.vstack([best, best + np.diag([0.3, 0.3, 0.2, 0.2, 0.04])])
+            options = {"initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01, "maxfev": STEPS}
+            best = minimize(self._misfit, best, method="Nelder-Mead", options=options).x
+        inner = np.hypot(self._right - best[0], self._down - best[1]) < covers.radius
+        left = 1.48 * float(np.median(np.sqrt(self._left(best)[1][inner])))
+        return Shaded(float(best[0]), float(best[1]), left)
+
+    def _let_go(self, at: Array) -> None:
+        """Let go of samples that are not explained."""
+        size = np.sqrt(self._left(at)[1])
+        self._scatter = 1.48 * float(np.median(size)) + LEAST
+        self._trust = 1.0 / (1.0 + (size / (LETS_GO * self._scatter)) ** 2) ** 2
+
+    def _misfit(self, at: Array) -> float:
+        """Return minus the logarithm of how likely a ball is [nats]."""
+        covers = self._covers
+        away = ((at[0] - covers.x) ** 2 + (at[1] - covers.y) ** 2) / (COVERS * covers.radius) ** 2
+        soft = ((abs(at[4]) - SOFT) / SOFT_ERROR) ** 2
+        return float(self._left(at)[0].sum() / self._scatter**2 / ALIKE + away + soft) / 2.0
+
+    def _left(self, at: Array) -> tuple[Array, Array]:
+        """Return the squares that are left of each colour (3,), and of each sample (n n,)."""
+        inside, outside = self._parts(at)
+        squares, each = np.zeros(3), np.zeros(len(self._right))
+        for colour in range(3):
+            design = np.concatenate([inside, outside * self._board[colour]])
+            weights = self._weights[colour] * self._trust
+            normal = (design * weights) @ design.T
+            normal += 1e-4 * np.trace(normal) / len(normal) * np.eye(len(normal))
+            answer = np.linalg.solve(normal, (design * weights) @ self._picture[colour])
+            left = (self._picture[colour] - answer @ design) ** 2
+            squares[colour] = weights @ left
+            each += self._weights[colour] * left / 3.0
+        return squares, each
+
+    def _parts(self, at: Array) -> tuple[Array, Array]:
+        """Return what the ball's light (9, n n), and the board's over its usual one (5, n n), are sums of."""
+        from scipy.special import ndtr  # noqa: PLC0415
+
+        x, y, aside_x, aside_y, soft = at
+        radius = self._covers.radius
+        u, v = (self._right - x) / radius, (self._down - y) / radius
+        away = np.hypot(u, v)
+        covered = ndtr((1.0 - away) * radius / BLUR)
+        near = 4.0 / (1.0 + away**2) ** 2
+        one = np.ones_like(u)
+        up = np.sqrt(1.0 - np.minimum(away**2, 1.0))
+        harmonics = [one, u, v, up, u * v, u * up, v * up, u * u - v * v, 3.0 * up**2 - 1.0]
+        # The shadow's middle lies beside the foot; it is as broad as the ball, and longer away from the lamp.
+        far = np.hypot(aside_x, aside_y) + 1e-6
+        dx, dy = u - self._foot[0] - aside_x, v - self._foot[1] - aside_y
+        along, across = (dx * aside_x + dy * aside_y) / far, (dy * aside_x - dx * aside_y) / far
+        part = np.hypot(along / np.sqrt(1.0 + far**2), across)
+        edge = np.hypot(BLUR / radius, soft * np.maximum(along + far, 0.1))
+        # Light from a window on one side is taken on the other.
+        dark = [one, near, near * u, near * v, ndtr((1.0 - part) / edge)]
+        return covered * np.array(harmonics), (1.0 - covered) * np.array(dark)

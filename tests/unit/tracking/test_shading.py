@@ -1,0 +1,57 @@
+"""A ball painted like its board is found by its shading and its shadow."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from irt.tracking.appearance import FINE
+from irt.tracking.coverage import Laid
+from irt.tracking.shading import ball_by_shading
+
+RADIUS, HALF, SAMPLES = 8.0, 25, 4
+WOOD = np.array([0.16, 0.31, 0.47])
+MIDDLE = np.array([-0.7, 0.5])
+LAMP = np.array([0.5, -0.4, 0.77]) / np.linalg.norm([0.5, -0.4, 0.77])
+FOOT = (0.15, -0.1)
+
+
+def rendered(surface: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return light with and without a ball (n, n, 3), to 255, `FINE` samples to a pixel."""
+    side = (2 * HALF + 1) * SAMPLES
+    grid = ((np.arange(side) + 0.5) / SAMPLES - 0.5 - HALF) / FINE
+    right, down = np.meshgrid(grid, grid)
+    u, v = (right - MIDDLE[0]) / RADIUS, (down - MIDDLE[1]) / RADIUS
+    away = np.hypot(u, v)
+    up = np.sqrt(np.maximum(1.0 - away**2, 0.0))
+    # The shadow of a ball: rays towards the lamp that pass its middle, a radius above its foot, closely.
+    x, y = u - FOOT[0], v - FOOT[1]
+    along = -x * LAMP[0] - y * LAMP[1] + LAMP[2]
+    aside = np.sqrt(np.maximum(x**2 + y**2 + 1.0 - along**2, 0.0))
+    shadow = np.clip((1.0 - aside) / (0.15 * np.maximum(along, 0.1)) + 0.5, 0.0, 1.0) * (along > 0.0)
+    board = (0.95 - 0.6 * shadow - 0.1 / (1.0 + away**2) ** 2)[..., None] * WOOD
+    facing = np.maximum(u * LAMP[0] + v * LAMP[1] + up * LAMP[2], 0.0)
+    matt = (0.25 * (1.0 + 0.5 * up) + 0.75 * facing)[..., None] * 1.1 * WOOD
+    matt[np.hypot(u - 0.25, v + 0.2) < 0.12] = 0.9
+    mirror = np.where((np.sin(7.0 * u) * np.sin(6.0 * v) > 0.0)[..., None], 0.6, 0.08) * np.ones(3)
+    ball = {"matt": matt, "mirror": mirror}[surface]
+    light = cv2.GaussianBlur(
+        np.where((away < 1.0)[..., None], ball, board), (0, 0), 0.75 * FINE * SAMPLES
+    ).reshape(2 * HALF + 1, SAMPLES, 2 * HALF + 1, SAMPLES, 3).mean(axis=(1, 3))  # fmt: skip
+    random = np.random.default_rng(2)
+    noisy = 255.0 * light + random.normal(0.0, 0.5, light.shape)
+    return noisy.astype(np.float32), np.full(light.shape, 255.0 * WOOD, np.float32)
+
+
+@pytest.mark.parametrize("covered", [(0.4, 0.3), (-0.9, 1.1)])
+def test_a_matt_ball_is_found_where_it_is(covered: tuple[float, float]) -> None:
+    light, board = rendered("matt")
+    found = ball_by_shading(light, board, Laid(*(MIDDLE + covered), RADIUS, 0.0), FOOT)
+    assert np.hypot(found.x - MIDDLE[0], found.y - MIDDLE[1]) < 0.06 * RADIUS
+    assert found.matt
+
+
+def test_what_mirrors_is_not_matt() -> None:
+    light, board = rendered("mirror")
+    assert not ball_by_shading(light, board, Laid(*MIDDLE, RADIUS, 0.0), FOOT).matt
