@@ -13,7 +13,7 @@ PEERS := .venv/.peers
 DOCS := .venv-docs/.packages
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
-PYTHON_SOURCES := python tests benches docs
+PYTHON_SOURCES := python tests benches docs examples
 # The tests of a report render it in the first of these that is there.
 BROWSERS := chromium chromium-browser google-chrome
 # Continuous integration builds what Cargo.lock says, and fails where it is out of date.
@@ -54,7 +54,7 @@ lint: $(EXTENSION) $(PACKAGES) components ## formatting, lints, types, and the e
 	$(BIN)/ruff format --check $(PYTHON_SOURCES)
 	$(BIN)/ruff check $(PYTHON_SOURCES)
 	$(BIN)/mypy
-	$(BIN)/mypy benches docs
+	$(BIN)/mypy benches docs examples
 	$(BIN)/python -m mypy.stubtest --mypy-config-file pyproject.toml irt._labsim
 	cargo clippy $(LOCKED) --workspace --all-targets -- -D warnings
 
@@ -91,7 +91,7 @@ build: $(EXTENSION) $(PACKAGES) ## only the set-up: .venv, all pinned packages, 
 .PHONY: clean
 clean: ## remove all that was built, .venv included
 	rm -rf .venv .venv-docs target dist site .cache .pytest_cache .mypy_cache .ruff_cache .hypothesis python/irt/_labsim.*.so
-	find python tests benches docs -name __pycache__ -prune -exec rm -rf {} +
+	find python tests benches docs examples -name __pycache__ -prune -exec rm -rf {} +
 
 .PHONY: tools
 tools:

@@ -48,34 +48,47 @@ class Clock:
 
 def tilts(values: Array, knobs: Array, hidden: Hidden, seeds: NDArray[np.int64], clock: Clock) -> Array:
     """Return where the plate's hinges should be (n, steps, 2) [rad], the first before any command."""
-    wanted = _arrived(knobs, hidden, seeds, clock)
-    drives = [drive(hidden[name]) for name, drive in TURNS.items() if name in hidden]
-    turned = np.zeros_like(wanted)
-    for step in range(clock.steps):
-        knob = wanted[:, step]
-        for drive in drives:
-            knob = drive(knob, STEP_S)
-        turned[:, step] = knob
-    tilt = turned * values[:2]
-    for name, lean in TILTS.items():
-        if name in hidden:
-            tilt = lean(hidden[name], tilt, turned)
-    return np.asarray(tilt)
+    moments = STEP_S * (np.arange(float(clock.steps)) - 0.5)
+    return Linkage(values, hidden).turn(arrived(knobs, clock.commands, moments, hidden, seeds))
 
 
-def _arrived(knobs: Array, hidden: Hidden, seeds: NDArray[np.int64], clock: Clock) -> Array:
-    """Return the commands that have come by the end of each step (n, steps, 2) [rad]; none at first."""
+class Linkage:
+    """What turns the plate when commands have come: drives, gears, and how the plate stands by itself."""
+
+    def __init__(self, values: Array, hidden: Hidden) -> None:
+        self._gears, self._hidden = values[:2], hidden
+        self._drives = [drive(hidden[name]) for name, drive in TURNS.items() if name in hidden]
+
+    def turn(self, wanted: Array) -> Array:
+        """Return where hinges should be in the next steps, by the knobs wanted, both (n, steps, 2) [rad]."""
+        turned = np.zeros_like(wanted)
+        for step in range(wanted.shape[1]):
+            knob = wanted[:, step]
+            for drive in self._drives:
+                knob = drive(knob, STEP_S)
+            turned[:, step] = knob
+        tilt = turned * self._gears
+        for name, lean in TILTS.items():
+            if name in self._hidden:
+                tilt = lean(self._hidden[name], tilt, turned)
+        return np.asarray(tilt)
+
+
+def arrived(knobs: Array, issued: Array, moments: Array, hidden: Hidden, seeds: NDArray[np.int64]) -> Array:
+    """Return the commands that have come by each moment (n, moments, 2) [rad]; none at first.
+
+    Commands (n, rows, 2) are issued at times (rows,) [s].
+    """
     runs, rows = knobs.shape[:2]
     jitter = hidden.get("delay_jitter", {}).get("sd_s", 0.0)
-    now = STEP_S * (np.arange(clock.steps) - 0.5)
-    wanted = np.zeros((runs, clock.steps, 2))
+    wanted = np.zeros((runs, len(moments), 2))
     for run in range(runs):
         late = jitter * np.random.default_rng(int(seeds[run])).normal(size=rows)
         for axis, delay in enumerate(_by_axis(hidden.get("delay", {}), "delay_s", "y_minus_x_s")):
-            came = clock.commands + np.maximum(late + max(delay, 0.0), 0.0)
+            came = issued + np.maximum(late + max(delay, 0.0), 0.0)
             # A command that a later one has overtaken is dropped.
             soonest = np.minimum.accumulate(came[::-1])[::-1]
-            last = np.searchsorted(soonest, now, side="right") - 1
+            last = np.searchsorted(soonest, moments, side="right") - 1
             wanted[run, :, axis] = np.where(last < 0, 0.0, knobs[run, np.maximum(last, 0), axis])
     return wanted
 

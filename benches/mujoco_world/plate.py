@@ -7,11 +7,13 @@ length, for at least 1e-5, more than this marble's in metres.
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.maze import Maze
 from irt.rig import Board, Marble
 
 from .commands import STEP_S
@@ -23,6 +25,10 @@ BOARD, MARBLE = Board(), Marble()
 #: Time that the plate takes from one set point to the next [s]: less jolts the marble off. It passes the
 #: middle when the command comes, so that this is no delay.
 TURN_S = 0.05
+HALF_TURN = round(0.5 * TURN_S / STEP_S)
+#: How a set point is spread over the steps around its own.
+BELL = 1.0 + np.cos(np.pi * np.arange(-HALF_TURN, HALF_TURN + 1) / (HALF_TURN + 1))
+BELL /= BELL.sum()
 #: Friction of marble and plate against slipping, and against spinning about the vertical [radii].
 SLIDING, SPINNING = 0.25, 1e-3
 #: Inertia of a plate about its hinges [marbles radii²]: its drive yields to no marble.
@@ -51,24 +57,24 @@ def roll(tilts: Array, places: Array, rolling_friction: float, hidden: Hidden) -
     Marbles start at rest at places (n, 2) [m].
     """
     runs, steps = tilts.shape[:2]
-    increase = hidden.get("wall_restitution", {}).get("increase", 0.0)
-    restitution = min(max(BOARD.wall_restitution + increase, 0.0), LIVELIEST)
-    world = _World(runs, rolling_friction, restitution, hidden)
+    world = Plates(runs, rolling_friction, hidden)
     world.place(places)
-    turned = _smooth(tilts)
+    turned = smooth(np.pad(tilts, ((0, 0), (HALF_TURN, HALF_TURN), (0, 0)), mode="edge"))
     rates = np.diff(turned, axis=1, append=turned[:, -1:]) / STEP_S
-    rotations = _rotations(turned)
+    rotations = rotations_of(turned)
     found = np.empty((runs, steps, 2))
     for step in range(steps):
         found[:, step] = world.step(turned[:, step], rates[:, step], rotations[:, step])
     return found
 
 
-class _World:
+class Plates:
     """The model, and where its marbles are."""
 
-    def __init__(self, runs: int, rolling_friction: float, restitution: float, hidden: Hidden) -> None:
-        self.model = mujoco.MjModel.from_xml_string(_xml(runs, rolling_friction, restitution, hidden))
+    def __init__(self, runs: int, rolling_friction: float, hidden: Hidden, maze: Maze | None = None) -> None:
+        increase = hidden.get("wall_restitution", {}).get("increase", 0.0)
+        restitution = min(max(BOARD.wall_restitution + increase, 0.0), LIVELIEST)
+        self.model = mujoco.MjModel.from_xml_string(_xml(runs, rolling_friction, restitution, hidden, maze))
         self.data = mujoco.MjData(self.model)
         self._origins = APART * np.arange(runs)
         self._friction = rolling_friction
@@ -96,11 +102,7 @@ class _World:
         """
         self._places[:, :2] = angles
         self._rates[:, :2] = rates
-        way = self._places[:, 2:5].copy()
-        way[:, 0] -= self._origins
-        if way[:, 2].min() < -APART or not np.isfinite(way).all():
-            raise RuntimeError("a marble has left its plate")
-        place = MARBLE.radius_m * np.einsum("nij,ni->nj", rotations, way)[:, :2]
+        place = self.where(rotations)
         if self._forces or self._factors:
             velocity = np.einsum("nij,ni->nj", rotations, self._rates[:, 2:5])[:, :2]
             # As seen from the plate, which turns a radius beneath the marble's middle.
@@ -108,6 +110,14 @@ class _World:
             self._act(place, MARBLE.radius_m * velocity, rotations)
         mujoco.mj_step(self.model, self.data)
         return np.asarray(place)
+
+    def where(self, rotations: Array) -> Array:
+        """Return where marbles are on plates (n, 2) [m] that are rotated (n, 3, 3)."""
+        way = self._places[:, 2:5].copy()
+        way[:, 0] -= self._origins
+        if way[:, 2].min() < -APART or not np.isfinite(way).all():
+            raise RuntimeError("a marble has left its plate")
+        return np.asarray(MARBLE.radius_m * np.einsum("nij,ni->nj", rotations, way)[:, :2])
 
     def _act(self, place: Array, velocity: Array, rotations: Array) -> None:
         force = np.zeros_like(place)
@@ -121,18 +131,19 @@ class _World:
             self.model.geom_friction[self._plates, 2] = self._friction * factor
 
 
-def _smooth(tilts: Array) -> Array:
-    """Return the angles of plates that take their time from one set point to the next."""
-    half = round(0.5 * TURN_S / STEP_S)
-    bell = 1.0 + np.cos(np.pi * np.arange(-half, half + 1) / (half + 1))
-    padded = np.pad(tilts, ((0, 0), (half, half), (0, 0)), mode="edge")
-    smooth = np.zeros_like(tilts)
-    for first, weight in enumerate(bell / bell.sum()):
-        smooth += weight * padded[:, first : first + tilts.shape[1]]
-    return smooth
+def smooth(tilts: Array) -> Array:
+    """Return the angles of plates that take their time from one set point to the next.
+
+    They are those of all steps but as many at either end as half a `BELL` has.
+    """
+    steps = tilts.shape[1] - len(BELL) + 1
+    found = np.zeros((len(tilts), steps, 2))
+    for first, weight in enumerate(BELL):
+        found += weight * tilts[:, first : first + steps]
+    return found
 
 
-def _rotations(tilts: Array) -> Array:
+def rotations_of(tilts: Array) -> Array:
     """Return rotations (..., 3, 3) about x, then about the y that has turned with it."""
     sin, cos = np.moveaxis(np.sin(tilts), -1, 0), np.moveaxis(np.cos(tilts), -1, 0)
     zero, one = np.zeros_like(sin[0]), np.ones_like(sin[0])
@@ -141,7 +152,9 @@ def _rotations(tilts: Array) -> Array:
     return np.asarray(np.einsum("ij...,jk...->...ik", about_x, about_y))
 
 
-def _xml(runs: int, rolling_friction: float, restitution: float, hidden: Hidden) -> str:
+def _xml(
+    runs: int, rolling_friction: float, restitution: float, hidden: Hidden, maze: Maze | None = None
+) -> str:
     """Return the plates and their marbles as MJCF."""
     half = 0.5 * np.array([BOARD.edge_x_m, BOARD.edge_y_m]) / MARBLE.radius_m
     friction = f'friction="{BOARD.wall_friction} {SPINNING} {rolling_friction}"'
@@ -153,6 +166,7 @@ def _xml(runs: int, rolling_friction: float, restitution: float, hidden: Hidden)
         f" {friction} {_rim_contact(restitution)}/>"
         for x, y in sides
     )
+    rims += "".join(_inner_walls(maze, f"{friction} {_rim_contact(restitution)}")) if maze else ""
     off = heavy_side(hidden["eccentric_marble"]) if "eccentric_marble" in hidden else np.zeros(3)
     bodies = "".join(
         f"""
@@ -180,6 +194,21 @@ def _xml(runs: int, rolling_friction: float, restitution: float, hidden: Hidden)
       </default>
       <worldbody>{bodies}</worldbody>
     </mujoco>"""
+
+
+def _inner_walls(maze: Maze, contact: str) -> Iterator[str]:
+    """Yield the inner walls as geometries: boxes, and a post at either end."""
+    half, high = (0.5 * size / MARBLE.radius_m for size in (maze.wall_thickness_m, maze.wall_height_m))
+    for wall in np.array(maze.walls) / MARBLE.radius_m:
+        for x, y in {tuple(wall[:2].tolist()), tuple(wall[2:].tolist())}:
+            yield f'<geom type="cylinder" pos="{x} {y} {high}" size="{half} {high}" {contact}/>'
+        (x, y), way = (wall[:2] + wall[2:]) / 2.0, wall[2:] - wall[:2]
+        length, angle = np.hypot(*way), 0.5 * np.arctan2(way[1], way[0])
+        if length > 0.0:
+            yield (
+                f'<geom type="box" pos="{x} {y} {high}" size="{length / 2.0} {half} {high}"'
+                f' quat="{np.cos(angle)} 0 0 {np.sin(angle)}" {contact}/>'
+            )
 
 
 def _rim_contact(restitution: float) -> str:

@@ -83,8 +83,8 @@ class LabyrinthVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         Share of steps in which the tracker loses the marble: what was seen last is seen again.
     step_s : float
         Length of a step [s].
-    tilt_limit_rad : float
-        Tilt of the board at the largest command, by the model's gears [rad].
+    tilt_limit_rad : float or (2,)
+        Tilt of the board at the largest command, by the model's gears [rad]: about both axes, or about each.
     random_start : bool
         Begin anywhere along the path, and not at its start.
     reward : Reward, optional
@@ -115,7 +115,7 @@ class LabyrinthVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         noise: float = 0.001,
         lost: float = 0.0,
         step_s: float = 0.01,
-        tilt_limit_rad: float = 0.07,
+        tilt_limit_rad: float | Sequence[float] = 0.07,
         random_start: bool = False,
         reward: Reward | None = None,
         max_episode_steps: int = MAX_EPISODE_STEPS,
@@ -129,7 +129,12 @@ class LabyrinthVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             arguments.flag(name, flag)
         arguments.threads(threads)
         _within("step_s", step_s, 1e-4, 1.0)
-        _within("tilt_limit_rad", tilt_limit_rad, 1e-6, 1.0)
+        limits = (
+            (tilt_limit_rad,) * 2
+            if isinstance(tilt_limit_rad, int | float)
+            else arguments.pair("tilt_limit_rad", tilt_limit_rad)
+        )
+        tilts = np.array([_within("tilt_limit_rad", one, 1e-6, 1.0) for one in limits])
         self._mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         found = default_model() if model is None else as_model(model)
@@ -142,7 +147,7 @@ class LabyrinthVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         gears = np.abs(found.values[:2])
         if not gears.all():
             raise IrtError("model: a gear is 0, so that no command tilts the board")
-        self._largest = tilt_limit_rad / gears
+        self._largest = tilts / gears
         self._flat = observation == "states"
         self._scene = None if observation != "pictures" else np.round(self.board).astype(np.uint8)
         self._random_start, self._limit, self._threads = random_start, max_episode_steps, threads

@@ -200,6 +200,13 @@ def test_pictures_show_the_marble_in_its_middle():
     assert abs(pixel - steel).max() < 3
 
 
+def test_the_largest_tilts_of_the_axes_may_differ():
+    envs = LabyrinthVectorEnv(1, replace(PLAIN, effects=()), tilt_limit_rad=(0.02, 0.05))
+    envs.reset(seed=0)
+    seen, *_ = envs.step([[-1.0, 1.0]])
+    assert seen[0, :2] == pytest.approx(np.degrees([-0.02, 0.05]) / 10.0)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -212,6 +219,8 @@ def test_pictures_show_the_marble_in_its_middle():
         ({"lost": 1.0}, "lost: expected a number from 0 to 0.999"),
         ({"noise": -1.0}, "noise: expected a number from 0"),
         ({"tilt_limit_rad": float("nan")}, "tilt_limit_rad"),
+        ({"tilt_limit_rad": (0.05, -0.05)}, "tilt_limit_rad: expected a number from 1e-06"),
+        ({"tilt_limit_rad": (0.05, 0.05, 0.05)}, "tilt_limit_rad: expected two numbers"),
         ({"step_s": 0.0}, "step_s"),
         ({"randomise": 1}, "randomise"),
         ({"observation": "pixels"}, "unknown observation"),
