@@ -21,7 +21,7 @@ FITTED, STARTS = 10, 2
 #: Effects that are fitted as replacements of an effect of a set.
 SWAPPED = 5
 #: Steps of all starts of an effect, of the best starts, and of a thorough fit.
-BEGUN, FIRST, THOROUGH = 4, 10, 25
+BEGUN, FIRST, THOROUGH = 4, 10, 40
 #: Starts that take more steps, and sets that are fitted thoroughly.
 SECOND, TOPS = 6, 2
 #: White push [m^2/s^3], correlated push [m/s^2] and standard deviation of the coefficient of restitution of a
@@ -51,7 +51,7 @@ TIE = 3.0
 #: contact solver of an engine: rapier's walls without restitution are fitted as 0.05 to 0.11.
 LEAST_OF_IMPACTS = 0.15
 #: Steps of a fit without one recording; it starts at the fit to all recordings.
-REFIT = 6
+REFIT = 12
 #: Two names of an effect are equivalent if most rows differ by less than this share of the tracker's noise.
 SAME = 0.1
 #: An effect is fitted if its screened gain is at least this share of the largest, and at least this [nats].
