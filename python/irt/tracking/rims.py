@@ -232,7 +232,7 @@ def _between(rays: Values, ends: tuple[float, float]) -> Array:
 def _directions(mean: Values) -> Values:
     """Return the change from inside to outside (RAYS, 3), of length 1."""
     change = _between(mean, OUTSIDE) - _between(mean, INSIDE)
-    # Neighbours look alike: what is left of the noise must not turn a faint change.
+    # Neighbours look alike: the noise that remains must not turn a faint change.
     change = np.mean([np.roll(change, turn, axis=0) for turn in (-1, 0, 1)], axis=0)
     return _normed(change)
 

@@ -173,15 +173,12 @@ impl<'a> Hill<'a> {
             let gain = posterior[best] - slope.log_likelihood - self.log_prior(&ascent.place);
             if gain > LITTLE {
                 let step = self.between(&ascent.place, &tried[best]);
-                let followed = gain > FOLLOWED * slope.gain(&step);
-                ascent.look = if followed {
-                    Look::Carried
-                } else {
-                    Look::Needed
-                };
-                ascent
-                    .derivatives
-                    .follow(std::mem::take(&mut found[best]), &step, &slope);
+                ascent.look = Look::Needed;
+                if gain > FOLLOWED * slope.gain(&step) {
+                    ascent.look = Look::Carried;
+                    let there = std::mem::take(&mut found[best]);
+                    ascent.derivatives.follow(there, &step, &slope);
+                }
                 ascent.place = tried[best].clone();
                 ascent.damping = (0.2 * ascent.damping).max(1e-8);
                 ascent.gain = gain;
