@@ -57,11 +57,7 @@ impl Motion {
         (folder, name): (&Path, &str),
         arm: bool,
     ) -> Result<Self> {
-        if arm && !config.safety.allow_arming {
-            return Err(Error::refused(
-                "safety.allow_arming is false: set it to true once the hardware e-stop has been tried",
-            ));
-        }
+        config.safety.check_arming(arm)?;
         let facts = [("armed", arm.to_string()), ("verb", name.to_owned())];
         let mut station = Station::open(config, text, folder, name, &facts)?;
         let backend = if arm {

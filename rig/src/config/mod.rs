@@ -307,6 +307,21 @@ pub struct Safety {
     pub hold_s: f64,
 }
 
+impl Safety {
+    /// Refuses to arm where that is not allowed.
+    ///
+    /// # Errors
+    /// [`Error::Refused`] says what to set.
+    pub fn check_arming(&self, arm: bool) -> Result<()> {
+        if arm && !self.allow_arming {
+            return Err(Error::refused(
+                "safety.allow_arming is false: set it to true once the hardware e-stop has been tried",
+            ));
+        }
+        Ok(())
+    }
+}
+
 impl Default for Safety {
     fn default() -> Self {
         Self {

@@ -67,11 +67,7 @@ impl Run {
         mode: Mode,
     ) -> Result<Self> {
         let arm = mode == Mode::Armed;
-        if arm && !config.safety.allow_arming {
-            return Err(Error::refused(
-                "safety.allow_arming is false: set it to true once the hardware e-stop has been tried",
-            ));
-        }
+        config.safety.check_arming(arm)?;
         let facts = [
             ("armed", arm.to_string()),
             ("verb", name.to_owned()),
