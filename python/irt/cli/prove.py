@@ -1,4 +1,4 @@
-"""`irt prove`: hide effects in rigs of another engine, diagnose them blind, open the seals, score."""
+"""`irt prove`: diagnose rigs blind, open the seals, score: rigs of another engine, or a real one (`--real`)."""
 
 from __future__ import annotations
 
@@ -36,6 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help=f"{_ROUNDS} rounds of {_FULL[0]} rigs with a hidden effect and {_FULL[1]} without, other "
         "methods on the same rigs; docs/proof.md is updated after each round (hours)",
+    )
+    parser.add_argument(
+        "--real",
+        metavar="RIG",
+        type=Path,
+        help="prove on a real rig instead: its measured tilt is sealed, the diagnosis sees commands and marble "
+        "alone, and DIR/report.html compares the predicted tilt with the measured one",
     )
     parser.add_argument(
         "--rigs", metavar="N", type=whole(0), help=f"rigs with a hidden effect (default: {_QUICK[0]})"
@@ -96,14 +103,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  irt prove --full --out proof-full   writes docs/proof.md after each round\n"
         "  irt prove --full --rounds 1 --onto docs/proof.md --out more   one more round, by this version\n"
         "  irt prove --verify --out proof      check that nothing was altered\n"
-        "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof"
+        "  irt prove --rigs 20 --nulls 10 --jobs 2 --baselines --out proof\n"
+        "  irt prove --real my-rig --out real   your recordings with a measured tilt, minutes"
     )
 
 
 def run(args: argparse.Namespace) -> None:
     """Prove, write the scorecard, and print the verdict."""
+    from irt.proof.real.seal import is_real, verify
     from irt.proof.rounds import verify_all
 
+    if args.verify and is_real(args.out):
+        count = verify(args.out)
+        print(f"{args.out}: {count} recordings: seal, copy without tilt and answer are unchanged")
+        return
+    if args.real is not None and not args.verify:
+        _prove_real(args)
+        return
     if args.verify:
         checked = verify_all(args.out)
         said = "labels, recordings and answers are unchanged since they were sealed"
@@ -121,6 +137,31 @@ def run(args: argparse.Namespace) -> None:
         value = f"{floor.value:.3f} ({floor.low:.3f} to {floor.high:.3f})" if floor.of else "not counted"
         print(f"{kept:<6} {floor.what}: {value}, floor {floor.promise}, over {floor.of}")
     print(f"\nwrote {page}")
+
+
+#: Options of a proof on simulated rigs.
+_SIMULATED = ("full", "rigs", "nulls", "rounds", "page", "onto", "baselines", "world", "cluster")
+
+
+def _prove_real(args: argparse.Namespace) -> None:
+    """Prove on a real rig, write the page, and print what the tilt says of the diagnosis."""
+    from irt.cli.progress import progress_bar
+    from irt.proof.real.page import sentences, write_real_page
+    from irt.proof.real.run import prove
+
+    for option in _SIMULATED:
+        if getattr(args, option) not in (None, False):
+            raise IrtError(f"--{option} belongs to simulated rigs; leave it out with --real")
+    try:
+        with progress_bar() as progress:
+            found = prove(args.real, args.out, seed=args.seed or 0, threads=args.jobs, progress=progress)
+    except KeyboardInterrupt:
+        print(f"irt: finished work is kept in {args.out}; the same command resumes it", file=sys.stderr)
+        raise
+    page = write_real_page(found)
+    for line in sentences(found):
+        print(line)
+    print(f"\nwrote {found.folders.results} and {page}")
 
 
 def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
@@ -222,8 +263,7 @@ def _earlier(args: argparse.Namespace) -> Results:
     IrtError
         If there is no such page, or another proof has been added to it since.
     """
-    from irt.files import make_folder, write_atomic
-    from irt.proof.hash_chain import read_json
+    from irt.files import make_folder, read_json, write_atomic
     from irt.proof.results import Results
 
     if args.page is not None:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.proof.hash_chain import read_json
+from irt.files import read_json
 from irt.proof.metrics import Quantity, Rate, nulls, of_catalogue
 from irt.proof.score import RigScore, held_out, label_of
 from irt.recording import Recording

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.proof.hash_chain import read_json
+from irt.files import read_json
 from irt.proof.pipe import Pipe
 from irt.proof.propose import RANDOM, SUGGESTED
 from irt.proof.score import RigScore, naming

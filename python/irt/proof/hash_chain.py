@@ -6,7 +6,6 @@ of ``commitments.json``, which contains the hashes of each label and of each rec
 
 from __future__ import annotations
 
-import json
 import secrets
 import shutil
 from collections.abc import Mapping, Sequence
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import make_folder, read_text, read_toml, write_atomic
+from irt.files import make_folder, read_json, read_toml, write_atomic
 from irt.proof.seal import Key, Seal, canonical, digest, digests, open_seal
 from irt.rig import read_start
 
@@ -189,19 +188,3 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
         (beside / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomic(beside / name, data)
     beside.replace(folder)
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Return the object in a JSON file.
-
-    Raises
-    ------
-    IrtError
-        If the file cannot be read or is broken.
-    """
-    text = read_text(path)
-    try:
-        content: dict[str, Any] = json.loads(text)
-    except ValueError as error:
-        raise IrtError(f"{path}: broken JSON: {error}") from error
-    return content

@@ -17,10 +17,10 @@ import numpy as np
 
 from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
+from irt.files import read_json
 from irt.fitting.least_squares import stamped_time_scale
 from irt.model import load_model
 from irt.proof.blind import CHANCES
-from irt.proof.hash_chain import read_json
 from irt.recording import save_recording
 from irt.rig import Rig, load_rig
 from irt.suggestion import suggest

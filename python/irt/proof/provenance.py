@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from irt.files import make_folder, write_atomic
-from irt.proof.hash_chain import Places, read_json
+from irt.files import make_folder, read_json, write_atomic
+from irt.proof.hash_chain import Places
 
 #: Files of the package's digest: its modules and the engine.
 _CODE = ("*.py", "*.so", "*.pyd")

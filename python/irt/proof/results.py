@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import write_atomic
+from irt.files import read_json, write_atomic
 from irt.proof.contest import METHODS
 from irt.proof.contested import Contestant, Standing, contestants, is_ahead, of_diagnosis, standing
 from irt.proof.further import Resolved, all_resolved
-from irt.proof.hash_chain import Places, read_json
+from irt.proof.hash_chain import Places
 from irt.proof.metrics import Floor, floors
 from irt.proof.provenance import Made
 from irt.proof.score import RigScore, score_rig

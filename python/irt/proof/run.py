@@ -16,7 +16,7 @@ from queue import Queue
 import numpy as np
 
 from irt.errors import IrtError
-from irt.files import make_folder, write_atomic
+from irt.files import make_folder, read_json, write_atomic
 from irt.proof import further, sealing
 from irt.proof.hash_chain import (
     Places,
@@ -24,7 +24,6 @@ from irt.proof.hash_chain import (
     commitments,
     manifest,
     open_all,
-    read_json,
     write_folder,
 )
 from irt.proof.pipe import Pipe

@@ -13,9 +13,9 @@ import numpy as np
 
 from irt.diagnosis.result import UNLISTED
 from irt.errors import IrtError
+from irt.files import read_json
 from irt.model import Model, load_model
 from irt.proof.blind import SECONDS
-from irt.proof.hash_chain import read_json
 from irt.recording import Recording, load_recording
 from irt.residual import free_run_error
 from irt.segments import LEAD_ROWS

@@ -40,8 +40,7 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import make_folder, write_atomic
-from irt.proof.hash_chain import read_json
+from irt.files import make_folder, read_json, write_atomic
 from irt.proof.pipe import Pipe, serve
 from irt.proof.plan import Plan, seed_of
 from irt.proof.seal import Key, canonical, close, digest, digests
