@@ -1,4 +1,4 @@
-"""`irt prove`: diagnose rigs blind, open the seals, score: rigs of another engine, or a real one (`--real`)."""
+"""`irt prove`: diagnose rigs of another engine, or a real one, blind; open the seals and score."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--real",
         metavar="RIG",
         type=Path,
-        help="prove on a real rig instead: its measured tilt is sealed, the diagnosis sees commands and marble "
-        "alone, and DIR/report.html compares the predicted tilt with the measured one",
+        help="prove on a real rig instead: its measured tilt is sealed, the diagnosis sees commands and "
+        "marble alone, and DIR/report.html compares the predicted tilt with the measured one",
     )
     parser.add_argument(
         "--rigs", metavar="N", type=whole(0), help=f"rigs with a hidden effect (default: {_QUICK[0]})"

@@ -22,8 +22,8 @@ _LIMITS = (
     "The tilt judges what acts between command and board. Physics of the marble, the rim and the camera is "
     "judged by held-out recordings, in the report of the diagnosis.",
     "Measured delay, lag and play come from a fit, too: a board that moves otherwise, for example by jumps, "
-    "is described by the nearest values. Where there are three recordings or more, their intervals are at "
-    "least those of fits without each of them.",
+    "is described by the nearest values. Their intervals are at least those of fits without each recording, "
+    "where there are three or more, and half a row for times.",
     "Where one camera sees marble and markers, late pictures delay both. Such a latency is part of the "
     "measured delay.",
     "Zero and gain of the tilt sensor are unknown. The gain is compared as the sensor reads it.",
@@ -84,7 +84,7 @@ def sentences(found: RealProof) -> Iterator[str]:
     yield f"\nroot mean square of measured minus predicted tilt, after zero, {_how(found)}"
     for name, title in MODELS.items():
         x, y = found.errors[name]
-        yield f"  {title:<24} about x {_mrad(x.zero):>9}   about y {_mrad(y.zero):>9}"
+        yield f"  {title:<28} about x {_mrad(x.zero):>9}   about y {_mrad(y.zero):>9}"
     yield "\nresponse of the board, predicted without the tilt and measured (95 % intervals)"
     for one in found.comparisons:
         title = f"{one.quantity.title} about {one.axis}"
@@ -154,7 +154,9 @@ def _verdict(one: Comparison) -> str:
 
 
 def _shown(one: Comparison, estimate: Estimate) -> str:
-    """Return an estimate as text, with angles in mrad."""
+    """Return an estimate as text, with angles in mrad; 0 for an effect that is in no plausible set."""
+    if estimate.value == estimate.low == estimate.high == 0.0:
+        return "0"
     ends = (estimate.low, estimate.high) if estimate.has_interval else (None, None)
     value = Parameter(estimate.value, *ends)
     if one.quantity.unit == "rad":

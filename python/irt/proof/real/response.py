@@ -12,13 +12,18 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irt.model import Model
 from irt.posterior import draws
 
+Array = NDArray[np.float64]
+
 AXES = ("x", "y")
 #: Draws from a posterior for the intervals.
 _DRAWS = 1000
+#: The quantities that are times.
+_TIMES = ("delay", "lag", "late")
 #: Quantiles of a 95 % interval.
 _ENDS = (0.025, 0.975)
 
@@ -140,36 +145,45 @@ def quantities(
     return found
 
 
-def jackknife(whole: Response, parts: Sequence[Response]) -> Response:
-    """Return the estimates of a fit with intervals at least as wide as the jackknife's.
+def widened(whole: Response, parts: Sequence[Response], row_s: float) -> Response:
+    """Return the estimates of a fit with intervals that its curvature makes too narrow made wider.
 
-    Residuals of real recordings are correlated and repeat from row to row, so that the curvature of a fit
-    alone makes an interval too narrow.
+    Residuals of real recordings repeat from row to row: an interval is at least that of the jackknife, if
+    there are three parts or more. Command and tilt are known once a row, so that all delays between two rows
+    may look the same: times are uncertain by half a row at least.
 
     Parameters
     ----------
     whole : Response
         Of the fit to all recordings.
     parts : sequence of Response
-        Of the fits that leave out one recording each; fewer than three change nothing.
+        Of the fits that leave out one recording each.
+    row_s : float
+        Duration of a row [s].
     """
-    if len(parts) < 3:
-        return whole
-    from scipy.special import stdtrit  # noqa: PLC0415
-
-    count = len(parts)
     found = {}
     for key, one in whole.items():
-        values = np.array([part[key].value for part in parts])
-        deviation = math.sqrt((count - 1) / count * float(((values - values.mean()) ** 2).sum()))
-        margin = float(stdtrit(count - 1, _ENDS[1])) * deviation
+        margin = 0.5 * row_s if key[0] in _TIMES else 0.0
+        if len(parts) > 2:
+            margin = max(margin, _jackknife(np.array([part[key].value for part in parts])))
         low, high = one.value - margin, one.value + margin
         if one.has_interval:
             low, high = min(low, one.low), max(high, one.high)
+        elif margin == 0.0:
+            low = high = math.nan
         # Times and play have no negative values.
         least = -math.inf if key[0] in ("gain", "zero") else 0.0
-        found[key] = Estimate(one.value, max(low, least), high)
+        found[key] = Estimate(one.value, max(least, low), high)
     return found
+
+
+def _jackknife(values: Array) -> float:
+    """Return the half-width of the 95 % interval from (n,) values that leave out one of n parts each."""
+    from scipy.special import stdtrit  # noqa: PLC0415
+
+    count = len(values)
+    deviation = math.sqrt((count - 1) / count * float(((values - values.mean()) ** 2).sum()))
+    return float(stdtrit(count - 1, _ENDS[1])) * deviation
 
 
 @dataclass(frozen=True)

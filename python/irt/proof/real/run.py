@@ -10,13 +10,14 @@ from typing import Any
 
 from irt.diagnosis.result import Diagnosis
 from irt.diagnosis.run import diagnose
+from irt.engine import SUBSTEP_S
 from irt.files import make_folder, read_json, write_atomic
 from irt.fitting.least_squares import least_squares
 from irt.fitting.unfinished import Unfinished
 from irt.model import Effect, Model, load_model, save_model
 from irt.proof.provenance import this_code
 from irt.proof.real.errors import AxisErrors, Predicted, errors, predicted
-from irt.proof.real.response import Comparison, Response, compared, jackknife, response
+from irt.proof.real.response import Comparison, Response, compared, response, widened
 from irt.proof.real.seal import Folders, close, measured, seal
 from irt.report.diagnosed import write_diagnosis
 from irt.report.tuning_report import untuned
@@ -209,7 +210,7 @@ def _fit(rig: Rig, seed: int, threads: int | None, report: Progress) -> tuple[Mo
     whole = fit(0, rig, [Effect(name, {}) for name in _EFFECTS])
     # A fit without one recording begins at the fit to all.
     others = [response(fit(number, part, whole.effects)) for number, part in enumerate(parts, start=1)]
-    return whole, jackknife(response(whole), others)
+    return whole, widened(response(whole), others, SUBSTEP_S * whole.parameters["time_scale"].value)
 
 
 def _without_each(rig: Rig) -> Sequence[Rig]:
