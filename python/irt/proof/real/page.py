@@ -7,10 +7,9 @@ from pathlib import Path
 
 from irt.files import as_typed, read_json
 from irt.model import Parameter
-from irt.proof.real.errors import AxisErrors
 from irt.proof.real.plots import plot_intervals, plot_tilt
 from irt.proof.real.response import Comparison, Estimate
-from irt.proof.real.run import MODELS, RealProof, Run
+from irt.proof.real.run import MODELS, RealProof
 from irt.proof.seal import digest
 from irt.report.page import Picture, Table, write_page
 from irt.report.words import change, counted, listed, plain, scaled, versions, with_interval
@@ -23,7 +22,7 @@ _LIMITS = (
     "judged by held-out recordings, in the report of the diagnosis.",
     "Measured delay, lag and play come from a fit, too: a board that moves otherwise, for example by jumps, "
     "is described by the nearest values. Their intervals are at least those of fits without each recording, "
-    "where there are three or more, and half a row for times.",
+    "where there are three or more, and a row for times.",
     "Where one camera sees marble and markers, late pictures delay both. Such a latency is part of the "
     "measured delay.",
     "Zero and gain of the tilt sensor are unknown. The gain is compared as the sensor reads it.",
@@ -185,28 +184,23 @@ def _notes(found: RealProof) -> Iterator[str]:
 
 
 def _errors(found: RealProof) -> Table:
-    header = [
-        "",
-        *(f"{axis}, {what}" for what in ("raw", "after zero", "after gain and zero") for axis in "xy"),
+    kinds = {"raw": "raw", "zero": "zero", "gain": "gain, zero"}
+    rows = [
+        [title, *(_number(getattr(of, kind)) for kind in kinds for of in found.errors[name])]
+        for name, title in MODELS.items()
     ]
-    rows = []
-    for name, title in MODELS.items():
-        pair = found.errors[name]
-        rows.append([title, *(_mrad(getattr(of, kind)) for kind in ("raw", "zero", "gain") for of in pair)])
-    return Table(
-        "Root mean square of measured minus predicted tilt about x and about y, all recordings", header, rows
-    )
+    caption = "Root mean square [mrad] about x and y: raw, after zero, and after gain and zero"
+    return Table(caption, ["", *(f"{axis}, {words}" for words in kinds.values() for axis in "xy")], rows)
 
 
 def _by_run(found: RealProof) -> Table:
-    def cells(run: Run) -> list[str]:
+    rows = []
+    for run in found.runs:
         of = run.errors
-        pairs: list[AxisErrors] = [of[name][axis] for axis in range(2) for name in ("tuned", "diagnosed")]
-        return [_mrad(one.zero) for one in pairs]
-
-    rows = [[run.name if run.has_marble else f"{run.name} (no marble)", *cells(run)] for run in found.runs]
+        errors = [of[name][axis].zero for axis in range(2) for name in ("tuned", "diagnosed")]
+        rows.append([run.name if run.has_marble else f"{run.name} (no marble)", *map(_number, errors)])
     header = ["recording", *(f"{axis}, {what}" for axis in "xy" for what in ("no effects", "diagnosed"))]
-    return Table("Root mean square by recording, after zero", header, rows)
+    return Table("Root mean square by recording [mrad], after zero", header, rows)
 
 
 def _over_time(found: RealProof) -> Iterator[Picture]:
@@ -219,4 +213,10 @@ def _over_time(found: RealProof) -> Iterator[Picture]:
 
 
 def _mrad(angle: float) -> str:
-    return f"{_MRAD * angle:.2g}\N{NO-BREAK SPACE}mrad"
+    return f"{_number(angle)}\N{NO-BREAK SPACE}mrad"
+
+
+def _number(angle: float) -> str:
+    """Return an angle [rad] in mrad, without the unit."""
+    value = _MRAD * angle
+    return f"{value:.{2 if value < 10.0 else 1}f}"

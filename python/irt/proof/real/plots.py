@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from irt.files import PathLike
@@ -68,11 +69,14 @@ def plot_intervals(path: PathLike, comparisons: Sequence[Comparison]) -> None:
             axes.xaxis.set_major_locator(MaxNLocator(4))
             axes.grid(visible=False, axis="y")
             axes.set_title(f"{quantity.title}{f'  [{unit}]' if unit else ''}")
-        panels[0].text(
-            0.02, 0.98, "predicted", color=style.TUNED, transform=panels[0].transAxes, va="top", size=7.5
-        )
-        panels[0].text(
-            0.02, 0.86, "measured", color=style.RECORDED, transform=panels[0].transAxes, va="top", size=7.5
+        figure.legend(
+            handles=[
+                Line2D([], [], color=style.TUNED, marker="o", ms=4.5, lw=2.2, label="predicted"),
+                Line2D([], [], color=style.RECORDED, marker="o", ms=4.5, lw=2.2, label="measured"),
+            ],
+            loc="outside upper left",
+            ncols=2,
+            frameon=False,
         )
 
 

@@ -149,8 +149,8 @@ def widened(whole: Response, parts: Sequence[Response], row_s: float) -> Respons
     """Return the estimates of a fit with intervals that its curvature makes too narrow made wider.
 
     Residuals of real recordings repeat from row to row: an interval is at least that of the jackknife, if
-    there are three parts or more. Command and tilt are known once a row, so that all delays between two rows
-    may look the same: times are uncertain by half a row at least.
+    there are three parts or more. Commands and tilt are known once a row, so that all delays between two
+    rows may look the same: times are uncertain by a row at least.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def widened(whole: Response, parts: Sequence[Response], row_s: float) -> Respons
     """
     found = {}
     for key, one in whole.items():
-        margin = 0.5 * row_s if key[0] in _TIMES else 0.0
+        margin = row_s if key[0] in _TIMES else 0.0
         if len(parts) > 2:
             margin = max(margin, _jackknife(np.array([part[key].value for part in parts])))
         low, high = one.value - margin, one.value + margin
