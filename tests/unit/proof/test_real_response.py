@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from irt.model import Effect, Model
@@ -91,6 +91,7 @@ def test_intervals_come_from_all_sets_of_the_posterior() -> None:
     assert found["gain", "x"] == Estimate(0.9, 0.9, 0.9)
 
 
+@settings(max_examples=50, deadline=None)
 @given(st.lists(st.floats(0.05, 0.15), min_size=3, max_size=8))
 def test_widened_intervals_hold_the_curvature_the_row_and_the_jackknife(values: list[float]) -> None:
     whole = {("delay", "x"): Estimate(0.1, 0.099, 0.101), ("gain", "x"): Estimate(0.1)}

@@ -163,14 +163,15 @@ def widened(whole: Response, parts: Sequence[Response], row_s: float) -> Respons
     """
     found = {}
     for key, one in whole.items():
-        margin = row_s if key[0] in _TIMES else 0.0
+        margins = [row_s] if key[0] in _TIMES else []
         if len(parts) > 2:
-            margin = max(margin, _jackknife(np.array([part[key].value for part in parts])))
-        low, high = one.value - margin, one.value + margin
+            margins.append(_jackknife(np.array([part[key].value for part in parts])))
+        if not margins:
+            found[key] = one
+            continue
+        low, high = one.value - max(margins), one.value + max(margins)
         if one.has_interval:
             low, high = min(low, one.low), max(high, one.high)
-        elif margin == 0.0:
-            low = high = math.nan
         # Times and play have no negative values.
         least = -math.inf if key[0] in ("gain", "zero") else 0.0
         found[key] = Estimate(one.value, max(least, low), high)
