@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +28,6 @@ class Plan:
         Rigs without hidden physics, the latter with outliers of the tracker.
     single, pair, unlisted : int
         Rigs that hide one effect, two effects, or physics outside the catalogue.
-    first : int
-        Number of rigs of earlier rounds and proofs, so that names are unique over all of them.
     """
 
     none: int = 0
@@ -36,11 +35,10 @@ class Plan:
     single: int = 0
     pair: int = 0
     unlisted: int = 0
-    first: int = 0
 
     @classmethod
-    def of(cls, hidden: int, nulls: int, first: int = 0) -> Plan:
-        """Return the plan for numbers of rigs with and without hidden physics, after the first ones.
+    def of(cls, hidden: int, nulls: int) -> Plan:
+        """Return the plan for numbers of rigs with and without hidden physics.
 
         Raises
         ------
@@ -49,7 +47,7 @@ class Plan:
         """
         if hidden + nulls < 1:
             raise IrtError("a proof needs at least one rig")
-        return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING), first=first)
+        return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING))
 
     @property
     def rigs(self) -> int:
@@ -63,14 +61,10 @@ class Plan:
 
     def names(self) -> list[str]:
         """Return the names of all rigs, which are plain numbers."""
-        return [self.name_of(index) for index in range(self.rigs)]
-
-    def name_of(self, index: int) -> str:
-        """Return the name of a rig of this round."""
-        return f"rig-{self.first + index + 1:04d}"
+        return [f"rig-{number:04d}" for number in range(1, self.rigs + 1)]
 
     def order(self, seed: int) -> list[str]:
-        """Return the kind of each rig, shuffled by a seed that only the sealing process has."""
+        """Return the kind of each rig, shuffled by the secret seed."""
         kinds = [kind for kind in KINDS for _ in range(getattr(self, kind))]
         places = np.random.default_rng(_mixed(seed, "order")).permutation(len(kinds))
         return [kinds[place] for place in places]
@@ -80,14 +74,16 @@ class Plan:
         return asdict(self)
 
 
+def is_of_kind(hidden: Any, kind: str) -> bool:
+    """Return whether the ``kind`` of a label, an effect or several or a word, is of a kind of rigs."""
+    if kind in ("single", "pair"):
+        return (1 if isinstance(hidden, str) else len(hidden)) == 1 + (kind == "pair")
+    return str(hidden).startswith(kind)
+
+
 def seed_of(seed: int, index: int) -> int:
     """Return the seed of one rig, below 2^63; it reveals nothing about the other seeds."""
     return _mixed(seed, f"rig {index}")
-
-
-def seed_of_round(seed: int, number: int) -> int:
-    """Return the seed of one round of a proof, below 2^63; the first round has the proof's own seed."""
-    return _mixed(seed, f"round {number}") if number else seed
 
 
 def _mixed(seed: int, purpose: str) -> int:

@@ -131,18 +131,6 @@ class RigScore:
         content: dict[str, Any] = _finite({**asdict(self), "closed": self.closed})
         return content
 
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> RigScore:
-        """Return the score from the content of `as_dict`."""
-        values = {name: value for name, value in content.items() if name != "closed"}
-        for name in ("kinds", "named", "unread", "left_out"):
-            values[name] = tuple(values[name])
-        for name in ("sigma", "seconds"):
-            values[name] = _number(values[name])
-        if values["errors"] is not None:
-            values["errors"] = Errors(**{name: _number(one) for name, one in values["errors"].items()})
-        return cls(**values)
-
 
 def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
     """Score the answer of one rig.
@@ -332,11 +320,6 @@ def _holds(name: str, one: Mapping[str, Any], value: float) -> str:
     if all(same < low or same > high for same in (value, value - turn, value + turn)):
         return "no"
     return "open" if math.isnan(low) or math.isnan(high) else "yes"
-
-
-def _number(value: float | None) -> float:
-    """Return a number, NaN for None."""
-    return math.nan if value is None else value
 
 
 def _finite(content: Any) -> Any:
