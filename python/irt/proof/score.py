@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from irt.diagnosis.result import UNLISTED
 from irt.errors import IrtError
@@ -223,25 +223,19 @@ def naming(group: str, kinds: Sequence[str], diagnosis: Mapping[str, Any]) -> di
     }
 
 
-def matched(kinds: Sequence[str], ties: Mapping[str, Sequence[str]]) -> dict[str, str]:
+def matched(kinds: Sequence[str], ties: Mapping[str, Collection[str]]) -> dict[str, str]:
     """Match each hidden effect to at most one name that is equal to it or tied with it.
 
     The matching is a largest one, with exact names first.
     """
-    slots: list[str | None] = [*ties, *[None] * len(kinds)]
-
-    def worth(order: Sequence[str | None]) -> float:
-        return sum(
-            1.1 if name == kind else 1.0 if name is not None and kind in ties[name] else 0.0
-            for kind, name in zip(kinds, order, strict=True)
-        )
-
-    best = max(itertools.permutations(slots, len(kinds)), key=worth)
-    return {
-        kind: name
-        for kind, name in zip(kinds, best, strict=True)
-        if name is not None and (kind == name or kind in ties[name])
-    }
+    if not kinds or not ties:
+        return {}
+    names = list(ties)
+    worth = np.array(
+        [[1.1 if name == kind else float(kind in ties[name]) for name in names] for kind in kinds]
+    )
+    pairs = zip(*linear_sum_assignment(worth, maximize=True), strict=True)
+    return {kinds[kind]: names[name] for kind, name in pairs if worth[kind, name] > 0.0}
 
 
 def errors_of(
