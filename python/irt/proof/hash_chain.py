@@ -19,7 +19,7 @@ from typing import Any
 from irt.errors import IrtError
 from irt.files import make_folder, read_json, read_toml, write_atomic
 from irt.proof.plan import Plan, is_of_kind
-from irt.proof.seal import canonical, digest, digests, drawn, open_seal
+from irt.proof.seal import canonical, digest, digests, open_seal
 from irt.rig import read_start
 
 #: The files of the chain, in their order; they are published.
@@ -113,7 +113,8 @@ def begin(places: Places, plan: Plan, seed: int | None, made: Mapping[str, str])
     """
     make_folder(places.secret.parent).chmod(0o700)
     if not places.plan.exists():
-        secret = Secret(secrets.randbits(64) if seed is None else seed, drawn(), drawn())
+        drawn = secrets.randbits(64) if seed is None else seed
+        secret = Secret(drawn, secrets.token_hex(32), secrets.token_hex(32))
         write_atomic(places.secret, canonical(vars(secret)))
         write_atomic(places.plan, canonical({"plan": plan.as_dict(), "seed": secret.commitment, **made}))
     secret, published = Secret(**read_json(places.secret)), read_json(places.plan)

@@ -54,11 +54,6 @@ class Plan:
         """The number of rigs."""
         return self.none + self.outliers + self.single + self.pair + self.unlisted
 
-    @property
-    def nulls(self) -> int:
-        """The number of rigs without hidden physics."""
-        return self.none + self.outliers
-
     def names(self) -> list[str]:
         """Return the names of all rigs, which are plain numbers."""
         return [f"rig-{number:04d}" for number in range(1, self.rigs + 1)]

@@ -16,7 +16,7 @@ from typing import Any
 from irt.errors import IrtError
 from irt.extras import require
 
-_SECRET_BYTES, _COUNTER_BYTES = 32, 12
+_COUNTER_BYTES = 12
 
 
 def canonical(content: Any) -> bytes:
@@ -44,11 +44,6 @@ def digests(folder: Path) -> dict[str, str]:
     return {path.name: digest(path.read_bytes()) for path in paths if path.is_file()}
 
 
-def drawn() -> str:
-    """Return a fresh secret of 32 bytes, hexadecimal: a key or a nonce."""
-    return secrets.token_hex(_SECRET_BYTES)
-
-
 def close(rig: str, label: Mapping[str, Any], key: str) -> dict[str, str]:
     """Return the seal of a rig: its name, the commitment to its label, and the label, encrypted.
 
@@ -57,25 +52,14 @@ def close(rig: str, label: Mapping[str, Any], key: str) -> dict[str, str]:
     IrtError
         If the label cannot be written as JSON, or the package that encrypts is missing.
     """
-    plain = canonical({"nonce": drawn(), "rig": rig, **label})
+    plain = canonical({"nonce": secrets.token_hex(32), "rig": rig, **label})
     counter = secrets.token_bytes(_COUNTER_BYTES)
     sealed = counter + _cipher(key).encrypt(counter, plain, rig.encode())
     return {"rig": rig, "commitment": digest(plain), "sealed": sealed.hex()}
 
 
 def open_seal(rig: str, seal: Mapping[str, str], key: str, commitment: str) -> dict[str, Any]:
-    """Return the label of a rig after a check of its seal.
-
-    Parameters
-    ----------
-    rig : str
-        Whose seal this is.
-    seal : mapping
-        The published seal.
-    key : str
-        The released key.
-    commitment : str
-        The commitment from before the diagnosis.
+    """Return the label of a rig after a check of its seal against the published commitment.
 
     Raises
     ------

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from irt.errors import IrtError
-from irt.proof.seal import canonical, close, drawn, open_seal
+from irt.proof.seal import canonical, close, open_seal
 
 LABEL = {"kind": "delay", "truth": {"delay_s": 0.1}, "tests": [1.5, "text"]}
-KEY = drawn()
+KEY = "5e" * 32
 
 
 def test_what_was_sealed_comes_out() -> None:
