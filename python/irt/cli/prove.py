@@ -21,8 +21,8 @@ HELP = "hide effects in rigs of another engine, diagnose them blind, open the se
 #: Rigs with and without hidden physics: of the quick proof, and of the full one.
 _QUICK, _FULL = (9, 3), (300, 300)
 _NEEDED = ("pybullet", "cryptography")
-#: Share of the rigs whose marble is tracked in rendered pictures.
-_WATCHED = "0.15"
+#: What tracks the marble in rendered pictures, and the share of the rigs of the quick proof that it tracks.
+_TRACKER, _WATCHED = "irt.tracking:positions", "0.15"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -161,7 +161,7 @@ def _proved(args: argparse.Namespace) -> tuple[Results, Path]:
     hidden, nulls = _FULL if args.full else _QUICK
     plan = Plan.of(hidden if args.rigs is None else args.rigs, nulls if args.nulls is None else args.nulls)
     commit = clean_commit() if args.full else ""
-    world = shlex.split(args.world) if args.world else _world()
+    world = shlex.split(args.world) if args.world else _world(thirds=args.full)
     jobs = args.jobs or os.cpu_count() or 1
     try:
         with progress_bar() as progress:
@@ -199,10 +199,14 @@ def _recorder(args: argparse.Namespace) -> str:
 
     if args.world is not None:
         return f"`{args.world}`"
-    return f"PyBullet {version('pybullet')} (`irt.proof.pybullet_world`), in a separate process"
+    engines = f"PyBullet {version('pybullet')}"
+    if args.full:
+        others = f"in MuJoCo {version('mujoco')}, and in PyBullet through a camera"
+        engines = f"a third each in {engines}, {others}"
+    return f"{engines} (`irt.proof.pybullet_world`), in a separate process"
 
 
-def _world() -> list[str]:
+def _world(*, thirds: bool) -> list[str]:
     """Return the command of the program that hides effects and records the rigs.
 
     Raises
@@ -212,6 +216,7 @@ def _world() -> list[str]:
     """
     from irt.extras import require
 
-    for package in _NEEDED:
+    for package in (*_NEEDED, "mujoco") if thirds else _NEEDED:
         require(package, "irt prove")
-    return [sys.executable, "-m", "irt.proof.pybullet_world", "--tracker", "irt.tracking:positions", _WATCHED]
+    how = ("--thirds", _TRACKER) if thirds else ("--tracker", _TRACKER, _WATCHED)
+    return [sys.executable, "-m", "irt.proof.pybullet_world", *how]

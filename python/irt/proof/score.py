@@ -86,8 +86,9 @@ class RigScore:
     intervals : dict
         Whether the 95 % interval of each parameter contains the truth: "yes", "no", or "open" if it has an
         infinite end and so cannot fail on that side.
-    noise, sigma, through_camera
-        Kind of tracker noise, its standard deviation [board edges], and whether pictures were tracked.
+    noise, sigma, through_camera, engine
+        Kind of tracker noise, its standard deviation [board edges], whether pictures were tracked, and the
+        engine that recorded it; empty if the world does not say.
     seconds : float
         CPU time of the diagnosis on one core [s].
     reason : str
@@ -114,6 +115,7 @@ class RigScore:
     noise: str = "white"
     sigma: float = math.nan
     through_camera: bool = False
+    engine: str = ""
     seconds: float = math.nan
     reason: str = ""
     unread: tuple[str, ...] = ()
@@ -155,6 +157,7 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         "noise": str(label.get("noise", "white")),
         "sigma": math.nan if label["sigma"] is None else float(label["sigma"]),
         "through_camera": bool(label.get("through_camera", False)),
+        "engine": str(label.get("engine", "")),
     }
     if (answer / FAILED).exists():
         unread, why = _unread(label)

@@ -193,6 +193,10 @@ def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:
         inside = [one for one in known if one.through_camera == camera]
         if inside and len(inside) < len(known):
             yield words, inside
+    for engine, title in (("pybullet", "PyBullet"), ("mujoco", "MuJoCo")):
+        inside = [one for one in known if one.engine == engine and not one.through_camera]
+        if inside and len(inside) < len(known):
+            yield f"positions from {title}", inside
 
 
 def _errors(results: Results, folder: str) -> Iterator[str]:
