@@ -116,7 +116,7 @@ def _verified(out: Path) -> str:
     from irt.proof.real import seal
 
     if seal.is_real(out):
-        return f"{seal.verify(out)} recordings: seal, copy without tilt and answer are unchanged"
+        return seal.verify(out)
     rigs = hash_chain.verify(out)
     if (out / "seals").is_dir():
         return f"{rigs} rigs: labels, recordings and answers are unchanged since they were sealed"

@@ -18,6 +18,7 @@ from typing import Any
 
 from irt.errors import IrtError
 from irt.files import make_folder, read_json, read_toml, write_atomic
+from irt.proof.blind import CODE
 from irt.proof.plan import Plan, is_of_kind
 from irt.proof.seal import canonical, digest, digests, open_seal
 from irt.rig import read_start
@@ -149,6 +150,8 @@ def release(places: Places, names: list[str], secret: Secret) -> None:
     if not places.manifest.exists():
         if missing := [name for name in names if not places.answer(name).exists()]:
             raise IrtError(f"{missing[0]}: there is no answer; the key is not released")
+        for name in names:
+            _check_code(places, name)
         answers = {name: digests(places.answer(name)) for name in names}
         before = digest(places.commitments.read_bytes())
         write_atomic(places.manifest, canonical({"commitments": before, "answers": answers}))
@@ -195,9 +198,17 @@ def verify(out: Path) -> int:
         label = labels[name]["label"]
         if label != read_json(places.opened(name) / "label.json"):
             raise IrtError(f"{name}: the label that was opened is not the one that was sealed")
+        _check_code(places, name)
         if not is_of_kind(label["kind"], kind):
             raise IrtError(f"{name}: its label is not of the kind that plan and seed give it")
     return plan.rigs
+
+
+def _check_code(places: Places, name: str) -> None:
+    """Raise unless the code of the plan found the answer of a rig; a diagnosis that failed names none."""
+    said, planned = places.answer(name) / CODE, read_json(places.plan)["code"]
+    if said.exists() and (found := read_json(said)["code"]) != planned:
+        raise IrtError(f"{name}: diagnosed by {found}, and the plan is of {planned}: the code was changed")
 
 
 def _check_links(places: Places) -> None:

@@ -41,6 +41,7 @@ def answered(folder: Path, effects: tuple[Effect, ...] = ()) -> dict[str, bytes]
         **files,
         "diagnosis.json": json.dumps(content).encode(),
         "seconds.json": b'{"seconds":1.5}',
+        "code.json": json.dumps({"code": MADE["code"]}).encode(),
     }
 
 

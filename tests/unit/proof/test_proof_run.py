@@ -159,6 +159,17 @@ def test_an_unfinished_proof_stays_with_its_code(prove, hat) -> None:
     prove(made=other)
 
 
+def test_code_that_changes_under_way_releases_no_key(prove, hat, tmp_path: Path) -> None:
+    class Edited:
+        def each(self, name, inputs):
+            for rig, answer in hat().each(name, inputs):
+                yield rig, {**answer, "code.json": b'{"code": "edited code"}'}
+
+    with pytest.raises(IrtError, match="rig-0001: diagnosed by edited code, and the plan is of this code"):
+        prove(Edited())
+    assert not Places(tmp_path / "proof").keys.exists()
+
+
 def test_the_vault_is_its_owners_alone(prove) -> None:
     places = prove(seed=None)
     assert stat.S_IMODE(places.secret.parent.stat().st_mode) == 0o700

@@ -124,3 +124,9 @@ def test_a_comparison_says_whether_the_measured_value_is_inside() -> None:
         )
         assert (one.holds, one.overlaps) == (holds, overlaps)
         assert one.as_dict()["measured_inside_interval"] is holds
+
+
+def test_a_gain_has_the_unit_of_the_commands() -> None:
+    both = response(model()), response(model())
+    assert {one.quantity.unit for one in compared(*both) if one.quantity.name == "gain"} == {""}
+    assert {one.quantity.unit for one in compared(*both, "mA") if one.quantity.name == "gain"} == {"rad/mA"}

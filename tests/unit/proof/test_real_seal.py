@@ -68,8 +68,11 @@ def test_the_copy_has_commands_and_marble_and_no_tilt(tmp_path: Path, rig) -> No
     assert json.loads(folders.seal.read_text())["code"] == "this code"
 
 
-def test_a_finished_proof_is_verified(sealed: Folders) -> None:
-    assert verify(sealed.out) == 3
+def test_a_finished_proof_is_verified(sealed: Folders, rig) -> None:
+    said = "3 recordings: seal, copy without tilt and answer are unchanged"
+    assert verify(sealed.out) == f"{said}, and the copy is the rig without its tilt"
+    rig.path.rename(rig.path.with_name("elsewhere"))
+    assert verify(sealed.out) == f"{said}; the rig is not at {rig.path}, so the copy was not compared with it"
 
 
 @pytest.mark.parametrize(

@@ -58,10 +58,12 @@ def plot_intervals(path: PathLike, comparisons: Sequence[Comparison]) -> None:
     """
     with style.drawing(path, style.WIDTH, 5.2) as figure:
         panels = figure.subplots(3, 2).ravel()
-        for axes, quantity in zip(panels, QUANTITIES, strict=True):
+        for axes, known in zip(panels, QUANTITIES, strict=True):
+            both = [one for one in comparisons if one.quantity.name == known.name]
+            quantity = both[0].quantity
             scale = _MILLI if quantity.unit == "rad" else 1.0
             unit = "mrad" if quantity.unit == "rad" else quantity.unit
-            for place, one in enumerate(one for one in comparisons if one.quantity == quantity):
+            for place, one in enumerate(both):
                 _draw(axes, one.predicted, place - 0.14, scale, style.TUNED)
                 _draw(axes, one.measured, place + 0.14, scale, style.RECORDED)
             axes.set_yticks([0, 1], ["x", "y"])

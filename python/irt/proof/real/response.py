@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,7 +39,7 @@ class Quantity:
     title, means : str
         Its name and its meaning on the page.
     unit : str
-        Its unit; "" where it depends on the unit of the commands.
+        Its unit; that of a gain is "" if commands are in rad.
     """
 
     name: str
@@ -229,10 +229,16 @@ class Comparison:
         }
 
 
-def compared(predicted: Response, measured: Response) -> list[Comparison]:
-    """Return all quantities about both axes, in the order of the tables."""
+def compared(predicted: Response, measured: Response, unit: str = "rad") -> list[Comparison]:
+    """Return all quantities about both axes, in the order of the tables, for commands in a unit."""
+    per_unit = "" if unit == "rad" else f"rad/{unit}"
     return [
-        Comparison(one, axis, predicted[(one.name, axis)], measured[(one.name, axis)])
+        Comparison(
+            replace(one, unit=per_unit) if one.name == "gain" else one,
+            axis,
+            predicted[(one.name, axis)],
+            measured[(one.name, axis)],
+        )
         for one in QUANTITIES
         for axis in AXES
     ]

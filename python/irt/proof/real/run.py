@@ -165,7 +165,7 @@ def prove(
             rig,
             folders,
             read_json(folders.diagnosis / "diagnosis.json"),
-            compared(response(load_model(folders.models / "model.toml")), shown),
+            compared(response(load_model(folders.models / "model.toml")), shown, rig.commands.unit),
             list(_runs(folders, rig, fitted)),
         )
         write_atomic(folders.results, json.dumps(found.as_dict(), indent=2, allow_nan=False) + "\n")

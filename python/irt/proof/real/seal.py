@@ -145,8 +145,8 @@ def is_real(out: Path) -> bool:
     return Folders(out).seal.exists()
 
 
-def verify(out: Path) -> int:
-    """Check a proof on a real rig, and return its number of recordings.
+def verify(out: Path) -> str:
+    """Check a proof on a real rig, and return a sentence about what was checked.
 
     Checks the seal, the copy without the tilt and the answer, and, where the rig is still in its place, that
     the copy holds the commands and the marble of its recordings, and nothing else.
@@ -167,14 +167,17 @@ def verify(out: Path) -> int:
         )
     if sealed["blind"] != digests(folders.blind):
         raise IrtError(f"{folders.blind}: not the recordings of the seal: they were altered")
+    count = len(sealed["recordings"]) - (_RIG in sealed["recordings"])
+    said = f"{count} recordings: seal, copy without tilt and answer are unchanged"
     place = Path(sealed["rig"])
-    if place.is_dir():
-        rig = load_rig(place)
-        if sealed["recordings"] != {path.name: digest(path.read_bytes()) for path in _files(rig)}:
-            raise IrtError(f"{place}: not the recordings of the seal: they were altered")
-        if sealed["blind"] != {name: digest(data) for name, data in _blind_files(rig).items()}:
-            raise IrtError(f"{folders.blind}: not the recordings of {place} without their tilt")
-    return len(sealed["recordings"]) - (_RIG in sealed["recordings"])
+    if not place.is_dir():
+        return f"{said}; the rig is not at {place}, so the copy was not compared with it"
+    rig = load_rig(place)
+    if sealed["recordings"] != {path.name: digest(path.read_bytes()) for path in _files(rig)}:
+        raise IrtError(f"{place}: not the recordings of the seal: they were altered")
+    if sealed["blind"] != {name: digest(data) for name, data in _blind_files(rig).items()}:
+        raise IrtError(f"{folders.blind}: not the recordings of {place} without their tilt")
+    return f"{said}, and the copy is the rig without its tilt"
 
 
 def _files(rig: Rig) -> list[Path]:
