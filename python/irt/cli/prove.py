@@ -30,8 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help=f"{_FULL[0]} rigs with hidden physics and {_FULL[1]} without, other methods on the same rigs, "
-        "by the commit of a clean git checkout, which is published; writes docs/proof.md (days)",
+        help=f"{_FULL[0]} rigs with hidden physics and {_FULL[1]} without, a third each in PyBullet, in "
+        "MuJoCo and through a camera; other methods on the same rigs; by the commit of a clean git checkout, "
+        "which is published; writes docs/proof.md (days)",
     )
     parser.add_argument(
         "--real",

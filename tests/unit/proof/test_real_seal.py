@@ -129,6 +129,7 @@ def without_stamps(one):
         ([about_one_axis, about_one_axis], "no tilt measured about both axes"),
         ([lambda one: one, without_tilt], "run-2: the tilt is not measured about both axes, as it is in"),
         ([without_stamps, without_stamps], "run-1, run-2: no stamps; add a column t_s"),
+        ([lambda one: one, lambda one: one.cut(10)], "run-2: no tilt about both axes after the first 0.5 s"),
     ],
 )
 def test_rigs_without_a_label_are_refused(recordings, changed, message: str) -> None:

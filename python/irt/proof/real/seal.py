@@ -12,9 +12,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from irt.errors import IrtError
 from irt.files import make_folder, read_json, write_atomic
 from irt.measured_tilt import has_both_tilts
+from irt.proof.real.errors import SETTLING_S, comparable
 from irt.proof.seal import canonical, digest, digests
 from irt.recording import Recording
 from irt.rig import Rig, load_rig
@@ -90,6 +93,12 @@ def measured(rig: Rig) -> Rig:
         raise IrtError(
             f"{rig.path}: {', '.join(unstamped)}: no stamps; add a column t_s, without which a delay has no "
             "seconds"
+        )
+    short = [one.name for one in rig.recordings if not np.isfinite(comparable(one)).any(axis=0).all()]
+    if short:
+        raise IrtError(
+            f"{rig.path}: {', '.join(short)}: no tilt about both axes after the first {SETTLING_S:g} s, in "
+            "which commands before the recording still act; leave these files out"
         )
     rig.of_marbles()
     return rig
