@@ -11,10 +11,12 @@ import numpy as np
 from irt.errors import IrtError
 
 #: Kinds of rigs; the first two have no hidden physics.
-KINDS = ("none", "outliers", "single", "pair", "unlisted")
+KINDS = ("none", "outliers", "single", "pair", "triple", "unlisted")
+#: Kinds that hide effects of the catalogue, with their numbers.
+SIZES = {"single": 1, "pair": 2, "triple": 3}
 NULLS = ("none", "outliers")
 #: Shares of the kinds among rigs with hidden physics, and among those without.
-_HIDDEN = {"single": 0.6, "pair": 0.2, "unlisted": 0.2}
+_HIDDEN = {"single": 0.5, "pair": 0.2, "triple": 0.1, "unlisted": 0.2}
 _NOTHING = {"none": 0.9, "outliers": 0.1}
 
 
@@ -26,14 +28,15 @@ class Plan:
     ----------
     none, outliers : int
         Rigs without hidden physics, the latter with outliers of the tracker.
-    single, pair, unlisted : int
-        Rigs that hide one effect, two effects, or physics outside the catalogue.
+    single, pair, triple, unlisted : int
+        Rigs that hide one effect, two or three effects, or physics outside the catalogue.
     """
 
     none: int = 0
     outliers: int = 0
     single: int = 0
     pair: int = 0
+    triple: int = 0
     unlisted: int = 0
 
     @classmethod
@@ -52,7 +55,7 @@ class Plan:
     @property
     def rigs(self) -> int:
         """The number of rigs."""
-        return self.none + self.outliers + self.single + self.pair + self.unlisted
+        return sum(self.as_dict().values())
 
     def names(self) -> list[str]:
         """Return the names of all rigs, which are plain numbers."""
@@ -71,8 +74,8 @@ class Plan:
 
 def is_of_kind(hidden: Any, kind: str) -> bool:
     """Return whether the ``kind`` of a label, an effect or several or a word, is of a kind of rigs."""
-    if kind in ("single", "pair"):
-        return (1 if isinstance(hidden, str) else len(hidden)) == 1 + (kind == "pair")
+    if kind in SIZES:
+        return (1 if isinstance(hidden, str) else len(hidden)) == SIZES[kind]
     return str(hidden).startswith(kind)
 
 

@@ -16,6 +16,7 @@ from irt.errors import IrtError
 from irt.files import read_json
 from irt.model import Model, load_model
 from irt.proof.blind import SECONDS
+from irt.proof.plan import SIZES
 from irt.recording import Recording, load_recording
 from irt.residual import free_run_error
 from irt.segments import LEAD_ROWS
@@ -65,7 +66,7 @@ class RigScore:
     ----------
     rig : str
         Its name.
-    group : {"none", "outliers", "single", "pair", "unlisted"}
+    group : {"none", "outliers", "single", "pair", "triple", "unlisted"}
         Kind of rig.
     kinds : tuple of str
         Hidden physics: effects, or one ``unlisted_...``; empty without any.
@@ -197,9 +198,10 @@ def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
     kind = label["kind"]
     if isinstance(kind, list | tuple):
         names = tuple(str(one) for one in kind)
-        if len(names) not in (1, 2):
-            raise IrtError(f"a label names {len(names)} effects; one or two were expected")
-        return ("pair" if len(names) == 2 else "single"), names
+        groups = {size: group for group, size in SIZES.items()}
+        if len(names) not in groups:
+            raise IrtError(f"a label names {len(names)} effects; one to {max(groups)} were expected")
+        return groups[len(names)], names
     if kind in ("none", "outliers"):
         return str(kind), ()
     return (UNLISTED if str(kind).startswith(UNLISTED) else "single"), (str(kind),)

@@ -2,10 +2,10 @@
 
 For a request
 
-``{"make": {"index": 3, "kind": "none|outliers|single|pair|unlisted", "folder": "...", "seed": 7}}``
+``{"make": {"index": 3, "kind": "none|outliers|single|pair|triple|unlisted", "folder": "...", "seed": 7}}``
 
 it writes the rig's recordings and ``rig.toml`` into the folder, and answers ``{"label": {...}}``: ``kind``
-(an effect, two effects, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters by name,
+(an effect, a list of effects, ``none``, ``outliers`` or ``unlisted_...``), ``truth`` (parameters by name,
 ``effects``), ``sigma`` of the tracker [board edges], ``noise``, ``through_camera``, and ``tests`` by name,
 each with its ``csv`` and the ``clean`` path [board edges]. ``lost`` names the runs that its tracker could not
 read, with the reasons; their cells are empty, and ``sigma`` is null if there is no other run. Such a rig is

@@ -66,8 +66,9 @@ def test_kinds_are_shuffled_by_the_seed_alone() -> None:
     assert Plan.of(300, 300).as_dict() == {
         "none": 270,
         "outliers": 30,
-        "single": 180,
+        "single": 150,
         "pair": 60,
+        "triple": 30,
         "unlisted": 60,
     }
     with pytest.raises(IrtError, match="at least one rig"):

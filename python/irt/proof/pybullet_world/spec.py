@@ -16,7 +16,7 @@ from .out_of_catalogue import BEYOND
 from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Physics
 
 TRAIN, TEST = 8, 4
-KINDS = ("none", "outliers", "single", "pair", "unlisted")
+KINDS = ("none", "outliers", "single", "pair", "triple", "unlisted")
 #: A rig is redrawn unless the hidden physics changes the path by this many times the noise.
 SHOWS = 3.0
 #: Runs that are simulated for this check, unless the first ones are below this part of the threshold.
@@ -173,7 +173,7 @@ def draw(
     random : Generator
         The same state gives the same rig.
     kind : str
-        "none", "outliers", "single", "pair", "unlisted".
+        "none", "outliers", "single", "pair", "triple", "unlisted".
     name : str
         Name of the rig.
     physics : sequence of str
@@ -220,7 +220,7 @@ def shows(spec: Spec, name: str) -> bool:
 def _names(random: np.random.Generator, kind: str, physics: Sequence[str]) -> list[str]:
     if kind not in KINDS:
         raise ValueError(f"a kind of rig is one of {', '.join(KINDS)}, not {kind!r}")
-    count = {"single": 1, "pair": 2, "unlisted": 1}.get(kind, 0)
+    count = {"single": 1, "pair": 2, "triple": 3, "unlisted": 1}.get(kind, 0)
     possible = [one.name for one in (BEYOND if kind == "unlisted" else EFFECTS)]
     unknown = [one for one in physics if one not in possible]
     if unknown or (physics and len(set(physics)) != count):
