@@ -3,10 +3,13 @@
 use labsim::effects::effect;
 use labsim::error::Error;
 use labsim::filter::Smoothed;
-use labsim::fit::{Hypothesis, Information, ParameterSpec, Problem, Recording, Settings, Stretch};
+use labsim::fit::{
+    Hypothesis, Information, ParameterSpec, Probable, Problem, Recording, Settings, Stretch,
+};
 use labsim::{Engine, Hold, Noise, Rig};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -402,27 +405,60 @@ pub(crate) fn ascend<'py>(
         problem
             .with(|problem| problem.ascend(&values, &noise, given.as_deref(), iterations, cancel))
     })?;
-    let results = tops.iter().map(|one| {
-        let result = PyDict::new(py);
-        let vector = |values: Vec<f64>| Array1::from(values).into_pyarray(py);
-        let mut covariance = Array2::<f64>::zeros((one.values.len(), one.values.len()));
-        for (i, &slot) in one.slots.iter().enumerate() {
-            for (j, &other) in one.slots.iter().enumerate() {
-                covariance[[slot, other]] = one.covariance[(i, j)];
-            }
+    all_probable(py, &tops)
+}
+
+/// Maximises the posterior without each fold of the stretches; see `irt.fitting.problem`.
+#[pyfunction]
+#[pyo3(signature = (problem, values, noise, states, *, folds, iterations))]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the extracted views of Python's arguments are owned here"
+)]
+pub(crate) fn leave_out<'py>(
+    py: Python<'py>,
+    problem: Asked<'py>,
+    values: Vec<f64>,
+    noise: Matrix<'py>,
+    states: Matrix<'py>,
+    folds: Vec<usize>,
+    iterations: usize,
+) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    let problem = Owned::new(&problem)?;
+    let (noise, states) = (noises(&noise)?, of_segments(&states)?);
+    let [noise] = noise.as_slice() else {
+        return Err(PyValueError::new_err("noise: expected one row"));
+    };
+    let tops = interrupt::interruptible(py, |cancel| {
+        problem
+            .with(|problem| problem.leave_out(&values, noise, &states, &folds, iterations, cancel))
+    })?;
+    all_probable(py, &tops)
+}
+
+fn all_probable<'py>(py: Python<'py>, tops: &[Probable]) -> PyResult<Vec<Bound<'py, PyDict>>> {
+    tops.iter().map(|one| probable(py, one)).collect()
+}
+
+fn probable<'py>(py: Python<'py>, one: &Probable) -> PyResult<Bound<'py, PyDict>> {
+    let result = PyDict::new(py);
+    let vector = |values: Vec<f64>| Array1::from(values).into_pyarray(py);
+    let mut covariance = Array2::<f64>::zeros((one.values.len(), one.values.len()));
+    for (i, &slot) in one.slots.iter().enumerate() {
+        for (j, &other) in one.slots.iter().enumerate() {
+            covariance[[slot, other]] = one.covariance[(i, j)];
         }
-        let deviations = covariance.diag().mapv(f64::sqrt).to_vec();
-        let sizes = <[f64; 10]>::from(one.noise);
-        result.set_item("values", vector(one.values.clone()))?;
-        result.set_item("deviations", vector(deviations))?;
-        result.set_item("covariance", covariance.into_pyarray(py))?;
-        result.set_item("states", self::states(py, &one.states))?;
-        result.set_item("noise", vector(sizes.to_vec()))?;
-        result.set_item("log_likelihood", one.log_likelihood)?;
-        result.set_item("log_evidence", one.log_evidence)?;
-        Ok(result)
-    });
-    results.collect()
+    }
+    let deviations = covariance.diag().mapv(f64::sqrt).to_vec();
+    let sizes = <[f64; 10]>::from(one.noise);
+    result.set_item("values", vector(one.values.clone()))?;
+    result.set_item("deviations", vector(deviations))?;
+    result.set_item("covariance", covariance.into_pyarray(py))?;
+    result.set_item("states", self::states(py, &one.states))?;
+    result.set_item("noise", vector(sizes.to_vec()))?;
+    result.set_item("log_likelihood", one.log_likelihood)?;
+    result.set_item("log_evidence", one.log_evidence)?;
+    Ok(result)
 }
 
 /// The start state of each stretch; none if it is unknown.

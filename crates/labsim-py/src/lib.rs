@@ -21,7 +21,7 @@ mod _labsim {
     #[pymodule_export]
     use super::catalogue::catalogue;
     #[pymodule_export]
-    use super::fit::{ascend, filtered, fit, inform, refine, smoothed, tracker_noise};
+    use super::fit::{ascend, filtered, fit, inform, leave_out, refine, smoothed, tracker_noise};
     #[pymodule_export]
     use super::fleet::Fleet;
     #[pymodule_export]
