@@ -133,7 +133,9 @@ impl Coordinates {
         let mut row = vec![0.0; self.len()];
         if self.axes[i].shape == Shape::Friction {
             row = self.gear_shares(z);
-            row.iter_mut().for_each(|share| *share *= z[i] / deviation);
+            for share in &mut row {
+                *share *= z[i] / deviation;
+            }
         }
         row[i] = deviation.recip();
         row
