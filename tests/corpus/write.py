@@ -1,6 +1,6 @@
 """Write the seeds that fuzzing begins with: small valid files of each kind that the package reads.
 
-    python tests/corpus/write.py
+python tests/corpus/write.py
 """
 
 from __future__ import annotations
@@ -8,12 +8,8 @@ from __future__ import annotations
 import contextlib
 import shutil
 import sqlite3
-import sys
 import tempfile
 from pathlib import Path
-
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parent))
 
 import cv2
 import numpy as np
@@ -27,6 +23,8 @@ from irt.fitting.unfinished import Unfinished, answered
 from irt.recording import CMD, save_recording
 from irt.tuning.tensors import write_tensors
 from irt.tuning.tunenet import FORMAT
+
+HERE = Path(__file__).parent
 
 
 def recordings() -> None:
@@ -51,6 +49,7 @@ def recordings() -> None:
             "beta": np.round(0.01 * waves[:, 0], 5),
             "a0": np.round(waves[:, 0], 4),
             "a1": np.round(waves[:, 1], 4),
+            "ball_found": [int(row != 7) for row in rows],
         },
     )
 

@@ -20,8 +20,6 @@ from pathlib import Path
 from random import Random
 from typing import TextIO
 
-sys.path[:0] = [str(Path(__file__).parents[1])]
-
 from guard import TooSlowError, little_memory, outcome
 from mutations import edited
 from readers import READERS, Reader
@@ -32,10 +30,14 @@ _BATCH = 500
 
 def main() -> int:
     """Share the time among the readers, and return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=300.0, help="in all (default: 300)")
     parser.add_argument("--seed", type=int, default=None, help="of the inputs (default: the time)")
-    parser.add_argument("--out", type=Path, default=Path("out/finds"), help="folder of finds (default: out/finds)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/finds"), help="folder of finds (default: out/finds)"
+    )
     parser.add_argument("readers", nargs="*", help="names (default: all)")
     args = parser.parse_args()
     chosen = [one for one in READERS if not args.readers or one.name in args.readers]
@@ -51,7 +53,9 @@ def main() -> int:
     return int(failed)
 
 
-def run(reader: Reader, seed: int, seconds: float, out: Path) -> tuple[collections.Counter[str], dict[str, str]]:
+def run(
+    reader: Reader, seed: int, seconds: float, out: Path
+) -> tuple[collections.Counter[str], dict[str, str]]:
     """Fuzz one reader in child processes; return counts, and the finds by their place in the sources."""
     counts: collections.Counter[str] = collections.Counter()
     finds: dict[str, str] = {}
@@ -88,7 +92,8 @@ def run(reader: Reader, seed: int, seconds: float, out: Path) -> tuple[collectio
 
 def _input(reader: Reader, seed: str, index: int) -> bytes:
     random = Random(f"{reader.name} {seed} {index}")
-    return edited(random.choice(reader.seeds()), [random.getrandbits(64) for _ in range(random.randint(1, 4))])
+    edits = range(random.choice((1, 1, 1, 2, 2, 3, 4)))
+    return edited(random.choice(reader.seeds()), [random.getrandbits(64) for _ in edits])
 
 
 def _child(reader: Reader, seed: str, end: float, out: Path, pipe: TextIO) -> None:
@@ -107,7 +112,9 @@ def _child(reader: Reader, seed: str, end: float, out: Path, pipe: TextIO) -> No
             except (Exception, TooSlowError) as error:
                 path = _keep(out, reader, data)
                 place = f"{type(error).__name__} at {_place(error)}"
-                print(f"find {place} | {path.name}: {' '.join(str(error).split())[:160]}", file=pipe, flush=True)
+                print(
+                    f"find {place} | {path.name}: {' '.join(str(error).split())[:160]}", file=pipe, flush=True
+                )
 
 
 def _place(error: BaseException) -> str:

@@ -13,8 +13,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from irt.errors import IrtError
 from readers import Reader
+
+from irt.errors import IrtError
 
 #: Processor time of one input [s], and memory beyond what the process has [bytes].
 MOST_S, MOST_BYTES = 2.0, 512 * 2**20

@@ -1,4 +1,4 @@
-"""Changes of valid files: bytes flipped, cut and doubled, lengths that lie, cells and values that are none."""
+"""Changes of valid files: bytes flipped, cut and doubled, lengths that lie, values that are none."""
 
 from __future__ import annotations
 
@@ -14,16 +14,63 @@ _TOKEN = re.compile(r'"[^"\n]*"|[A-Za-z_]\w*|[-+]?\d[\w.+-]*|[^\s\w]')
 #: What stands for a number, name or text in its place.
 NASTY = (
     *("nan", "-nan", "inf", "-inf", "NaN", "-Infinity", "null", "true", "None", "", " "),
-    *("0", "-0.0", "-1", "1", "2", "1e308", "-1e308", "1e-320", "1e999", "9223372036854775808", "0x10", "1_0"),
-    *("1" + "0" * 400, "9" * 5000, "1.5.5", "--1", "٣", "½", "+", "1,5"),  # noqa: RUF001  # digits of another script
+    *(
+        "0",
+        "-0.0",
+        "-1",
+        "1",
+        "2",
+        "1e308",
+        "-1e308",
+        "1e-320",
+        "1e999",
+        "9223372036854775808",
+        "0x10",
+        "1_0",
+    ),
+    *("1" + "0" * 400, "9" * 5000, "1.5.5", "--1", "٣", "½", "+", "1,5"),  # digits of another script
     *('""', '"\\u0000"', '"é\u202e"', "'", '"', '"""', "\ufeff", "\x00", "\n", "\r", "\t", ";", "#", "="),
     *("[]", "{}", "[[]]", "[nan]", "[1e308, -1e308]", "{ value = nan }", "{ range = [0, 0] }"),
     *("1979-05-27", "07:32:00", "a.b.c", "[a]", "[[a]]", "{" * 2000, "[" * 2000, '{"a":' * 1500),
     *('{"array": "AAAA", "dtype": "<f8", "shape": [1]}', '{"array": 1}', '{"array": "AAAA", "dtype": "O"}'),
     *("x" * 70, "🦀" * 30),
 )
+#: Numbers that a reader may well take, in place of another number.
+_NUMBERS = (
+    "0",
+    "1",
+    "-1",
+    "0.5",
+    "-0.3",
+    "0.01",
+    "1e-5",
+    "1e-9",
+    "3",
+    "10",
+    "100",
+    "1000",
+    "4999",
+    "1e6",
+    "2e-3",
+)
 #: Whole numbers that lie about lengths, in any width.
-_LIES = (0, 1, 2, 7, 127, 255, 2**15, 2**16 - 1, 2**20, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**63 - 1, 2**64 - 1)
+_LIES = (
+    0,
+    1,
+    2,
+    7,
+    127,
+    255,
+    2**15,
+    2**16 - 1,
+    2**20,
+    2**31 - 1,
+    2**31,
+    2**32 - 1,
+    2**40,
+    2**63 - 1,
+    2**64 - 1,
+)
 _FLOATS = (0.0, -1.0, 1e308, -1e308, 1e-320, float("nan"), float("inf"), float("-inf"))
 #: Places of a binary file are drawn in its first part as often as in all of it: its header.
 _HEADER = 256
@@ -57,11 +104,15 @@ def _edited_text(text: str, edits: Sequence[int]) -> bytes:
             break
         token, kind = random.choice(tokens), random.randrange(11)
         if kind <= 5:
-            text = text[: token.start()] + random.choice(NASTY) + text[token.end() :]
+            is_number = token.group()[-1].isdigit() and random.random() < 0.6
+            put = random.choice(_NUMBERS if is_number else NASTY)
+            text = text[: token.start()] + put + text[token.end() :]
         elif kind == 6:
             text = text[: token.start()] + random.choice(tokens).group() + text[token.end() :]
         elif kind == 7:
-            strange = "".join(chr(random.choice((random.randrange(128), random.randrange(0xD800)))) for _ in "12")
+            strange = "".join(
+                chr(random.choice((random.randrange(128), random.randrange(0xD800)))) for _ in "12"
+            )
             text = text[: token.start()] + strange + text[token.end() :]
         else:
             text = _lines_changed(text, random, kind)

@@ -1,4 +1,4 @@
-"""The readers that take files from outside, each with its seeds and what is done with a file that it accepts."""
+"""The readers of files from outside: their seeds, and what is done with a file that is accepted."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import json
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from irt.bag import load_bag
+from irt.engine import rollouts
 from irt.errors import IrtError
 from irt.fitting.unfinished import Unfinished, answered
 from irt.importing import import_bags
@@ -84,9 +86,7 @@ def _commands(folder: Path, data: bytes) -> None:
 def _rig(folder: Path, data: bytes) -> None:
     shutil.copyfile(CORPUS / "cmd.csv", folder / "run.csv")
     _written(folder, "rig.toml", data)
-    rig = load_rig(folder)
-    assert len(rig.digest) == 64
-    rig.on_bare_board()
+    assert len(load_rig(folder).digest) == 64
 
 
 def _model(folder: Path, data: bytes) -> None:
@@ -133,7 +133,22 @@ def _lab_bag(suffix: str) -> Callable[[Path, bytes], object]:
 def _log(folder: Path, data: bytes) -> None:
     path = _written(folder, "log.csv", data)
     read_log(path, detect(path), Reading())
-    import_logs([path], folder / "rig", "cyberrunner", dry_run=True)
+
+
+def _import(folder: Path, data: bytes) -> None:
+    import_logs([_written(folder, "log.csv", data)], folder / "rig", "cyberrunner", dry_run=True)
+
+
+def _long_log() -> list[str]:
+    """Return the log of a marble that rolls for 20 s: enough for all fits of an import."""
+    knobs = 0.05 * np.sin(np.arange(800)[:, None] / np.array([13.0, 17.0]))
+    places, tilts = rollouts([[0.9, 0.9, 4e-4, 6.0, 1.0]], knobs, tilt=True, threads=1)
+    rows = ["t,episode,step,xb,yb,alpha,beta,a0,a1,ball_found"]
+    rows += [
+        f"{i / 40:.3f},0,{i},{0.276 * x:.5f},{0.276 * y:.5f},{-b:.5f},{a:.5f},{u:.4f},{v:.4f},1"
+        for i, ((x, y), (a, b), (u, v)) in enumerate(zip(places[0], tilts[0], 100.0 * knobs, strict=True))
+    ]
+    return ["\n".join(rows) + "\n"]
 
 
 def _expression(folder: Path, data: bytes) -> None:
@@ -180,6 +195,7 @@ READERS = (
     Reader("lab-mcap", _files("lab.mcap"), _lab_bag(".mcap")),
     Reader("lab-sqlite3", _files("lab.db3"), _lab_bag(".db3")),
     Reader("lab-csv", _texts("without-ros.csv"), _log),
+    Reader("import", cache(_long_log), _import),
     Reader("mapping", lambda: ["rad(xb / 0.276) + -yb * (2 - 1e-3)"], _expression),
     Reader("replay", _files("replay.npz"), _replay),
     Reader(
