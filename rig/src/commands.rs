@@ -37,7 +37,11 @@ impl Commands {
             .map_err(|what| Error::refused(format!("{}{what}", path.display())))
     }
 
-    fn parse(
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// Row and column, and what is wrong there.
+    pub fn parse(
         text: &str,
         pairs: &[[&str; 2]],
         period: Option<f64>,

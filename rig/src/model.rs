@@ -72,10 +72,17 @@ impl Model {
         let shown = path.display();
         let text = fs::read_to_string(path)
             .map_err(|error| Error::refused(format!("{shown}: cannot be read: {error}")))?;
-        let file: File = toml::from_str(&text).map_err(|error| {
-            Error::refused(format!("{shown}: {}", error.message().replace('\n', " ")))
-        })?;
-        Self::from_file(&file).map_err(|what| Error::refused(format!("{shown}, {what}")))
+        Self::parse(&text).map_err(|what| Error::refused(format!("{shown}{what}")))
+    }
+
+    /// Reads the text of a model.
+    ///
+    /// # Errors
+    /// The key, and what is wrong there.
+    pub fn parse(text: &str) -> std::result::Result<Self, String> {
+        let file: File = toml::from_str(text)
+            .map_err(|error| format!(": {}", error.message().replace('\n', " ")))?;
+        Self::from_file(&file).map_err(|what| format!(", {what}"))
     }
 
     fn from_file(file: &File) -> std::result::Result<Self, String> {
@@ -223,21 +230,18 @@ fn read_effect(
 pub mod tests {
     use super::*;
 
-    const PLAIN: &str = "format = 1\n[board]\nedge_x_m = 0.3\n[parameters]\ngear_x = { value = 0.07, low = 0.06, high = 0.08, range = [0.0, 0.1] }\ngear_y = { value = 0.06 }\nrolling_friction = { value = 3e-4 }\ntime_scale = { value = 24 }\nobservation_scale = { value = 1.0 }\n";
+    /// A model without effects.
+    pub const PLAIN: &str = "format = 1\n[board]\nedge_x_m = 0.3\n[parameters]\ngear_x = { value = 0.07, low = 0.06, high = 0.08, range = [0.0, 0.1] }\ngear_y = { value = 0.06 }\nrolling_friction = { value = 3e-4 }\ntime_scale = { value = 24 }\nobservation_scale = { value = 1.0 }\n";
 
     /// A model with further tables.
     pub fn with(tables: &str) -> Model {
-        parse(&format!("{PLAIN}{tables}")).expect("it is right")
-    }
-
-    fn parse(text: &str) -> std::result::Result<Model, String> {
-        Model::from_file(&toml::from_str(text).expect("its form is right"))
+        Model::parse(&format!("{PLAIN}{tables}")).expect("it is right")
     }
 
     #[test]
     fn a_model_is_read_with_its_effects() {
         let text = format!("{PLAIN}[[effects]]\nname = \"backlash\"\nwidth_x_rad = 0.03\n");
-        let model = parse(&text).expect("it is right");
+        let model = Model::parse(&text).expect("it is right");
         assert_eq!(model.rig.board.edge_x_m, 0.3);
         assert_eq!(model.effects[0].1, [0.03, 0.0]);
         let mut live = model
@@ -249,7 +253,7 @@ pub mod tests {
     #[test]
     fn a_marble_of_a_model_with_a_maze_falls_through_its_hole() {
         let maze = "[maze]\nwall_thickness_m = 0.005\nwall_height_m = 0.012\nhole_radius_m = 0.0075\nholes = [\n    [0.05, 0.0],\n]\n";
-        let model = parse(&format!("{PLAIN}{maze}")).expect("it is right");
+        let model = Model::parse(&format!("{PLAIN}{maze}")).expect("it is right");
         let mut live = model
             .live([0.0; 2], (400, 1.0 / 120.0), 0)
             .expect("it is physical");
@@ -269,10 +273,10 @@ pub mod tests {
                 "unknown parameter 'width'",
             ),
         ] {
-            let error = parse(&format!("{PLAIN}{change}")).expect_err(said);
+            let error = Model::parse(&format!("{PLAIN}{change}")).expect_err(said);
             assert!(error.contains(said), "{error}");
         }
-        let error = parse(&PLAIN.replace("gear_y", "gear_z")).expect_err("a gear is missing");
+        let error = Model::parse(&PLAIN.replace("gear_y", "gear_z")).expect_err("a gear is missing");
         assert!(error.contains("gear_y is missing"), "{error}");
     }
 }

@@ -11,7 +11,9 @@ import argparse
 import collections
 import faulthandler
 import hashlib
+import math
 import os
+import resource
 import signal
 import sys
 import time
@@ -24,6 +26,8 @@ from guard import TooSlowError, little_memory, outcome
 from mutations import edited
 from readers import READERS, Reader
 
+#: Processor time of an input in a library that returns to no handler of signals [s].
+_MOST_S = 20
 #: Inputs of one child process: what libraries leak ends with it.
 _BATCH = 500
 
@@ -98,14 +102,15 @@ def _input(reader: Reader, seed: str, index: int) -> bytes:
 
 def _child(reader: Reader, seed: str, end: float, out: Path, pipe: TextIO) -> None:
     faulthandler.enable()
-    # A library that hangs returns to no handler: this ends the process, and the parent knows the input.
     with little_memory():
         for index in range(_BATCH):
             if time.monotonic() > end:
                 return
             data = _input(reader, seed, index)
             print(f"at {index}", file=pipe, flush=True)
-            signal.alarm(60)
+            # A library that never returns to Python ends the process; the parent knows the input.
+            used = math.ceil(time.process_time())
+            resource.setrlimit(resource.RLIMIT_CPU, (used + _MOST_S, resource.RLIM_INFINITY))
             try:
                 if outcome(reader, data) is None:
                     print("taken", file=pipe, flush=True)
