@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 #: Topics that `rig` adds to a bag: events, the rows of played files, and set points.
 EVENTS, ROWS, SET_POINTS = "/rig/events", "/rig/command", "/rig/setpoint"
 _ERROR = 40
+#: Largest angle [rad] or position [board edges]; larger ones are broken, and their squares may overflow.
+_LARGEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,11 +211,11 @@ def _stamp(time: Any) -> float:
 
 
 def _series(messages: list[tuple[float, Any, Any]]) -> Series:
-    """Return messages as a series, without values that are not finite and stamps that do not increase."""
+    """Return messages as a series, without impossible values and stamps that do not increase."""
     kept: list[tuple[float, float, float, float]] = []
     for age, header, (x, y) in messages:
         stamp = _stamp(header.stamp)
-        if np.isfinite(x) and np.isfinite(y) and (not kept or stamp > kept[-1][0]):
+        if abs(x) <= _LARGEST and abs(y) <= _LARGEST and (not kept or stamp > kept[-1][0]):
             kept.append((stamp, x, y, age))
     columns = np.array(kept, dtype=np.float64).reshape(-1, 4)
     return Series(columns[:, 0], columns[:, 1:3], columns[:, 3])
