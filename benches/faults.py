@@ -4,9 +4,9 @@
 
 Each command runs once undisturbed. Then it is ended at random moments of that time (SIGTERM, SIGKILL), its
 files are limited to a random size, as on a full disk, or its folder of results is removed. After each
-fault the same command runs again. Four things are looked at: files with a final name that differ from those of
-the undisturbed run, processes and temporary files that are left, the error message, and whether the second
-run gives the same files bit for bit.
+fault the same command runs again. Four things are looked at: files with a final name that differ from those
+of the undisturbed run, processes and temporary files that are left, the error message, and whether the
+second run gives the same files bit for bit.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import contextlib
 import json
 import os
 import random
-import resource
 import shutil
 import signal
 import subprocess
@@ -24,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,7 +32,9 @@ from faults_inputs import CASES, Case
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
 BEGIN, END = "<!-- faults: written by benches/faults.py -->", "<!-- /faults -->"
-KINDS = ("TERM", "KILL", "disk full", "folder removed")
+DISK = "disk full"
+KINDS = ("TERM", "KILL", DISK, "folder removed")
+HEAD = "| command | time [s] | fault | met | half-written | left behind | left after the second run | same result |"
 #: A file of results is never larger [bytes]; limits of a full disk are drawn below it, small ones as often
 #: as large ones.
 _LARGEST = 2**20
@@ -129,12 +130,12 @@ class Fault:
 
     kind: str
     delay_s: float = 0.0
-    bytes: int = resource.RLIM_INFINITY
+    bytes: int = 0
 
 
 def fault(kind: str, seconds: float, draw: random.Random) -> Fault:
     """Draw a fault of a kind in a run of so many seconds."""
-    if kind == "disk full":
+    if kind == DISK:
         return Fault(kind, bytes=int(_LARGEST ** draw.random()))
     return Fault(kind, delay_s=seconds * draw.uniform(0.02, 1.0))
 
@@ -172,30 +173,14 @@ def place_of(inputs: Path) -> Iterator[Path]:
 
 def run(case: Case, place: Path, one: Fault | None = None) -> subprocess.CompletedProcess[str]:
     """Run a command, with a fault if one is given."""
-    limit: Callable[[], None] | None = None
-    if one is not None and one.kind == "disk full":
-        size = one.bytes
-
-        def limit() -> None:
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
-
     words = [sys.executable, "-m", "irt.cli.__main__", *case.words]
+    if one is not None and one.kind == DISK:
+        words = ["prlimit", f"--fsize={one.bytes}", *words]
     environment = {**os.environ, "TMPDIR": str(place / "tmp"), "IRT_CACHE": str(place / "cache")}
-    with (
-        (place / "stderr").open("w+") as said,
-        subprocess.Popen(
-            words,
-            cwd=place,
-            env=environment,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-            preexec_fn=limit,
-            start_new_session=True,
-        ) as process,
-    ):
-        if one is not None and one.kind != "disk full":
+    with subprocess.Popen(
+        words, cwd=place, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    ) as process:
+        if one is not None and one.kind != DISK:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(one.delay_s)
             if one.kind == "folder removed":
@@ -203,7 +188,6 @@ def run(case: Case, place: Path, one: Fault | None = None) -> subprocess.Complet
             elif process.poll() is None:
                 process.send_signal(getattr(signal, f"SIG{one.kind}"))
         _, text = process.communicate()
-        said.write(text)
     return subprocess.CompletedProcess(words, process.returncode, "", text)
 
 
@@ -218,7 +202,7 @@ def finals(place: Path) -> dict[str, bytes]:
 
 
 def leftovers(place: Path) -> list[str]:
-    """Return processes that still run after a while, temporary folders, and hidden files among the results."""
+    """Return processes that still run after a while, temporary folders, and hidden files of results."""
     end = time.monotonic() + _GRACE_S
     while (running := processes(place)) and time.monotonic() < end:
         time.sleep(0.05)
@@ -246,7 +230,7 @@ def row(case: Case, seconds: float, kind: str, trials: Sequence[Trial]) -> str:
     kept = Counter(name for one in trials for name in (*one.half, *one.left, *one.after))
     if kept:
         print(f"{case.name}, {kind}: {json.dumps(kept)}", file=sys.stderr)
-    many = [one for one in met if one.lines > 1 or (kind == "disk full" and one.lines != 1)]
+    many = [one for one in met if one.lines > 1 or (kind == DISK and one.lines != 1)]
     for one in many[:3]:
         print(f"{case.name}, {kind}: {one.lines} lines, the last: {one.said}", file=sys.stderr)
     cells = (
@@ -265,8 +249,7 @@ def row(case: Case, seconds: float, kind: str, trials: Sequence[Trial]) -> str:
 def write(lines: Sequence[str]) -> None:
     """Put the table between its marks."""
     text = PAGE.read_text(encoding="utf-8")
-    head = "| command | time [s] | fault | met | half-written | left behind | left after the second run | same result |"
-    table = "\n".join([head, "| --- | --- | --- | --- | --- | --- | --- | --- |", *lines])
+    table = "\n".join([HEAD, "| --- | --- | --- | --- | --- | --- | --- | --- |", *lines])
     before, after = text.split(BEGIN)[0], text.split(END)[1]
     PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}", encoding="utf-8")
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from guard import little_memory
+from readers import CORPUS, RECORDINGS, unfinished_seed
 
 import rig_bags
-from guard import little_memory
 from irt.bag import load_bag
 from irt.errors import IrtError
 from irt.fitting.unfinished import Unfinished, answered
@@ -20,7 +21,6 @@ from irt.importing.tables import read_replay
 from irt.rig import load_rig
 from irt.tracking.calibration import load_lens
 from irt.tracking.source import open_source
-from readers import CORPUS, RECORDINGS, unfinished_seed
 
 BAG = (CORPUS / "rig.mcap").read_bytes()
 DIGITS = "1" + "0" * 400
