@@ -276,7 +276,8 @@ pub mod tests {
             let error = Model::parse(&format!("{PLAIN}{change}")).expect_err(said);
             assert!(error.contains(said), "{error}");
         }
-        let error = Model::parse(&PLAIN.replace("gear_y", "gear_z")).expect_err("a gear is missing");
+        let error =
+            Model::parse(&PLAIN.replace("gear_y", "gear_z")).expect_err("a gear is missing");
         assert!(error.contains("gear_y is missing"), "{error}");
     }
 }

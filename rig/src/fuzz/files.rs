@@ -33,7 +33,10 @@ fn configurations() {
         let errors = arms.err().into_iter().chain(lab.err());
         for error in errors {
             let lines = error.to_string();
-            assert!(lines.split("\nrig: ").all(|line| !line.contains('\n')), "{lines}");
+            assert!(
+                lines.split("\nrig: ").all(|line| !line.contains('\n')),
+                "{lines}"
+            );
         }
     });
 }
@@ -102,7 +105,11 @@ struct Folder(PathBuf);
 impl Folder {
     fn new() -> Self {
         let memory = Path::new("/dev/shm");
-        let base = if memory.is_dir() { memory.to_owned() } else { std::env::temp_dir() };
+        let base = if memory.is_dir() {
+            memory.to_owned()
+        } else {
+            std::env::temp_dir()
+        };
         let path = base.join(format!("rig-fuzz-{}", std::process::id()));
         fs::create_dir_all(&path).expect("it can be made");
         Self(path)
@@ -120,13 +127,24 @@ impl Drop for Folder {
 fn bags_to_recover() {
     let folder = Folder::new();
     let (bag, out) = (folder.0.join("bag.mcap"), folder.0.join("out.mcap"));
-    let config = Attached { name: "rig.toml", text: EXAMPLE };
+    let config = Attached {
+        name: "rig.toml",
+        text: EXAMPLE,
+    };
     let facts = BTreeMap::from([("backend".to_owned(), "trajectory".to_owned())]);
     let mut recorder = Recorder::create(&bag, config, facts).expect("it can be written");
     let joints = recorder.channel::<JointState>("/joint_states");
     let stop = recorder.channel::<Bool>("/rig/e_stop");
     for nanos in 0..20 {
-        recorder.record(joints, nanos, nanos, &JointState { position: vec![0.5], ..JointState::default() });
+        recorder.record(
+            joints,
+            nanos,
+            nanos,
+            &JointState {
+                position: vec![0.5],
+                ..JointState::default()
+            },
+        );
         recorder.record(stop, nanos, nanos, &Bool { data: true });
     }
     recorder.finish().expect("nothing is lost");

@@ -23,10 +23,42 @@ const MOST_KB: u64 = 512 * 1024;
 
 /// What stands for a number or a name of a text in its place.
 const NASTY: [&str; 36] = [
-    "nan", "-nan", "inf", "-inf", "NaN", "Infinity", "null", "true", "", " ", "0", "-0.0", "-1", "1",
-    "1e308", "-1e308", "1e-320", "1e999", "9223372036854775808", "99999999999999999999999999", "1_0", "\"\"",
-    "\"\\u0000\"", "\"é\u{202e}\"", "'", "\"", "\u{feff}", "\0", "\n", "\r", "[]", "{}", "[[]]",
-    "1979-05-27", "[[[[[[[[[[[[[[[[[[[[[[[[", "=",
+    "nan",
+    "-nan",
+    "inf",
+    "-inf",
+    "NaN",
+    "Infinity",
+    "null",
+    "true",
+    "",
+    " ",
+    "0",
+    "-0.0",
+    "-1",
+    "1",
+    "1e308",
+    "-1e308",
+    "1e-320",
+    "1e999",
+    "9223372036854775808",
+    "99999999999999999999999999",
+    "1_0",
+    "\"\"",
+    "\"\\u0000\"",
+    "\"é\u{202e}\"",
+    "'",
+    "\"",
+    "\u{feff}",
+    "\0",
+    "\n",
+    "\r",
+    "[]",
+    "{}",
+    "[[]]",
+    "1979-05-27",
+    "[[[[[[[[[[[[[[[[[[[[[[[[",
+    "=",
 ];
 
 /// Numbers that a reader may well take, in place of another number.
@@ -36,7 +68,20 @@ const NUMBERS: [&str; 14] = [
 
 /// Whole numbers that lie about lengths.
 const LIES: [u64; 14] = [
-    0, 1, 2, 7, 127, 255, 1 << 15, 0xffff, 1 << 20, 0x7fff_ffff, 1 << 31, 0xffff_ffff, 1 << 40, u64::MAX,
+    0,
+    1,
+    2,
+    7,
+    127,
+    255,
+    1 << 15,
+    0xffff,
+    1 << 20,
+    0x7fff_ffff,
+    1 << 31,
+    0xffff_ffff,
+    1 << 40,
+    u64::MAX,
 ];
 
 /// Numbers that are none, or nearly.
@@ -79,7 +124,11 @@ fn fuzz(seeds: &[Vec<u8>], read: impl Fn(&[u8])) {
             let begin = Instant::now();
             read(&changed);
             let took = begin.elapsed();
-            prop_assert!(took < LONGEST, "{took:?} for {:?}", String::from_utf8_lossy(&changed));
+            prop_assert!(
+                took < LONGEST,
+                "{took:?} for {:?}",
+                String::from_utf8_lossy(&changed)
+            );
             Ok(())
         });
         if let Err(error) = found {
@@ -144,14 +193,24 @@ fn word_changed(data: &mut Vec<u8>, draws: &mut Draws) {
     let Some(begin) = (at..data.len()).find(|&i| is_word(data[i])) else {
         return;
     };
-    let begin = (0..begin).rev().take_while(|&i| is_word(data[i])).last().unwrap_or(begin);
-    let end = (begin..data.len()).find(|&i| !is_word(data[i])).unwrap_or(data.len());
+    let begin = (0..begin)
+        .rev()
+        .take_while(|&i| is_word(data[i]))
+        .last()
+        .unwrap_or(begin);
+    let end = (begin..data.len())
+        .find(|&i| !is_word(data[i]))
+        .unwrap_or(data.len());
     let is_number = data[end - 1].is_ascii_digit();
     let new = if is_number && draws.below(2) == 0 {
         draws.of(&NUMBERS).as_bytes().to_vec()
     } else if draws.below(6) == 0 {
         let other = draws.below(data.len());
-        data[other..].iter().copied().take_while(|&byte| is_word(byte)).collect()
+        data[other..]
+            .iter()
+            .copied()
+            .take_while(|&byte| is_word(byte))
+            .collect()
     } else {
         draws.of(&NASTY).as_bytes().to_vec()
     };
@@ -160,7 +219,11 @@ fn word_changed(data: &mut Vec<u8>, draws: &mut Draws) {
 
 fn bytes_changed(data: &mut Vec<u8>, draws: &mut Draws) {
     let length = data.len();
-    let part = if draws.below(2) == 0 { length.min(256) } else { length };
+    let part = if draws.below(2) == 0 {
+        length.min(256)
+    } else {
+        length
+    };
     let at = draws.below(part + 1);
     let overwrite = |data: &mut Vec<u8>, bytes: &[u8]| {
         let end = (at + bytes.len()).min(length);

@@ -41,7 +41,13 @@ fn trajectory() -> JointTrajectory {
     JointTrajectory {
         header: header(),
         joint_names: vec![config().arms.x.joint],
-        points: vec![point.clone(), JointTrajectoryPoint { time_from_start: Time::from_seconds(0.1), ..point }],
+        points: vec![
+            point.clone(),
+            JointTrajectoryPoint {
+                time_from_start: Time::from_seconds(0.1),
+                ..point
+            },
+        ],
     }
 }
 
@@ -71,13 +77,20 @@ fn message<M: Serialize + DeserializeOwned + std::fmt::Debug>(seed: &M, take: im
 fn points_of_a_marble() {
     let seed = PointStamped {
         header: header(),
-        point: Point { x: 0.1, y: -0.2, z: 0.0 },
+        point: Point {
+            x: 0.1,
+            y: -0.2,
+            z: 0.0,
+        },
     };
     let config = config();
     message(&seed, |read| {
         let mut watch = MarbleWatch::new(config.tracker.clone(), config.timeouts, 0.0);
         let _ = watch.take(NOW, &seed, true);
-        let later = Moment { steady: NOW.steady + 0.02, nanos: NOW.nanos + 20_000_000 };
+        let later = Moment {
+            steady: NOW.steady + 0.02,
+            nanos: NOW.nanos + 20_000_000,
+        };
         let _ = watch.take(later, &read, true);
         let place = watch.position().expect("the first was right");
         assert!(place.iter().all(|value| value.is_finite()) && watch.age_s(later.steady) >= 0.0);
@@ -97,7 +110,10 @@ fn states_of_joints() {
     message(&seed, |read| {
         let mut watch = JointWatch::new(&config, 0);
         let _ = watch.take(NOW, &seed);
-        let later = Moment { steady: NOW.steady + 0.01, nanos: NOW.nanos + 10_000_000 };
+        let later = Moment {
+            steady: NOW.steady + 0.01,
+            nanos: NOW.nanos + 10_000_000,
+        };
         let _ = watch.take(later, &read);
         assert!(watch.angle().is_some_and(f64::is_finite) && watch.age_s(later.steady) >= 0.0);
     });
@@ -117,23 +133,39 @@ fn turns(take: impl Fn(&mut Wrist)) {
 
 #[test]
 fn trajectories() {
-    message(&trajectory(), |read| turns(|wrist| drop(wrist.follow(&read, NOW.steady))));
+    message(&trajectory(), |read| {
+        turns(|wrist| drop(wrist.follow(&read, NOW.steady)))
+    });
 }
 
 #[test]
 fn rates_of_joints() {
-    let dim = vec![MultiArrayDimension { label: "joints".to_owned(), size: 7, stride: 7 }];
+    let dim = vec![MultiArrayDimension {
+        label: "joints".to_owned(),
+        size: 7,
+        stride: 7,
+    }];
     let seed = Float64MultiArray {
-        layout: MultiArrayLayout { dim, data_offset: 0 },
+        layout: MultiArrayLayout {
+            dim,
+            data_offset: 0,
+        },
         data: vec![0.1; 7],
     };
-    message(&seed, |read| turns(|wrist| wrist.turn(&read, NOW.steady + 0.1)));
-    message(&JointVelocity::of(7, 3.0), |read| turns(|wrist| wrist.queue(&read)));
+    message(&seed, |read| {
+        turns(|wrist| wrist.turn(&read, NOW.steady + 0.1))
+    });
+    message(&JointVelocity::of(7, 3.0), |read| {
+        turns(|wrist| wrist.queue(&read))
+    });
 }
 
 #[test]
 fn goals_and_results() {
-    let tolerance = JointTolerance { name: "a".to_owned(), ..JointTolerance::default() };
+    let tolerance = JointTolerance {
+        name: "a".to_owned(),
+        ..JointTolerance::default()
+    };
     let goal = FollowGoal {
         trajectory: trajectory(),
         path_tolerance: vec![tolerance.clone()],
@@ -141,44 +173,114 @@ fn goals_and_results() {
         component_path_tolerance: vec!["b".to_owned()],
         ..FollowGoal::default()
     };
-    message(&goal, |read| turns(|wrist| drop(wrist.follow(&read.trajectory, NOW.steady))));
-    message(&FollowResult { error_code: 1, error_string: "late".to_owned() }, drop);
+    message(&goal, |read| {
+        turns(|wrist| drop(wrist.follow(&read.trajectory, NOW.steady)))
+    });
+    message(
+        &FollowResult {
+            error_code: 1,
+            error_string: "late".to_owned(),
+        },
+        drop,
+    );
 }
 
 #[test]
 fn other_labs_messages() {
-    let state = StateEstimate { x_b: 0.05, y_b: -0.02, alpha: 0.01, beta: -0.01, ..StateEstimate::default() };
-    let subimg = Image { header: header(), height: 2, width: 2, encoding: "mono8".to_owned(), step: 2, data: vec![7; 4], ..Image::default() };
+    let state = StateEstimate {
+        x_b: 0.05,
+        y_b: -0.02,
+        alpha: 0.01,
+        beta: -0.01,
+        ..StateEstimate::default()
+    };
+    let subimg = Image {
+        header: header(),
+        height: 2,
+        width: 2,
+        encoding: "mono8".to_owned(),
+        step: 2,
+        data: vec![7; 4],
+        ..Image::default()
+    };
     let seen = |state: &StateEstimate| {
         let seen = Seen::from(state);
-        assert_eq!(seen.has_marble(), seen.place_m.iter().all(|one| one.is_finite()));
+        assert_eq!(
+            seen.has_marble(),
+            seen.place_m.iter().all(|one| one.is_finite())
+        );
     };
-    message(&StateEstimateSub { state, subimg }, |read| seen(&read.state));
+    message(&StateEstimateSub { state, subimg }, |read| {
+        seen(&read.state)
+    });
     message(&TagStateEstimate(state), |read| seen(&read.0));
-    message(&DynamixelVel { vel_1: 10.0, vel_2: -10.0 }, drop);
-    message(&HiwonderVel { vel_1: 10.0, vel_2: -10.0 }, drop);
+    message(
+        &DynamixelVel {
+            vel_1: 10.0,
+            vel_2: -10.0,
+        },
+        drop,
+    );
+    message(
+        &HiwonderVel {
+            vel_1: 10.0,
+            vel_2: -10.0,
+        },
+        drop,
+    );
 }
 
 #[test]
 fn services_and_the_rest() {
     message(&TriggerRequest::default(), drop);
-    message(&TriggerResponse { success: true, message: "stopping".to_owned() }, drop);
+    message(
+        &TriggerResponse {
+            success: true,
+            message: "stopping".to_owned(),
+        },
+        drop,
+    );
     message(&ResetRequest { max_temp: 80 }, drop);
     message(&ResetResponse { success: 1 }, drop);
     message(&Bool { data: true }, drop);
-    message(&Log { stamp: header().stamp, level: 20, msg: "begin".to_owned(), ..Log::default() }, drop);
-    message(&Text { data: "<robot/>".to_owned() }, drop);
-    let transforms = vec![TransformStamped { header: header(), child_frame_id: "marble".to_owned(), ..TransformStamped::default() }];
+    message(
+        &Log {
+            stamp: header().stamp,
+            level: 20,
+            msg: "begin".to_owned(),
+            ..Log::default()
+        },
+        drop,
+    );
+    message(
+        &Text {
+            data: "<robot/>".to_owned(),
+        },
+        drop,
+    );
+    let transforms = vec![TransformStamped {
+        header: header(),
+        child_frame_id: "marble".to_owned(),
+        ..TransformStamped::default()
+    }];
     message(&TfMessage { transforms }, drop);
 }
 
 #[test]
 fn requests_and_answers_in_json() {
-    let seen = Seen { tilts: [0.01, -0.02], place_m: [0.05, 0.06] };
-    let mut seeds: Vec<Vec<u8>> = [Request::Obs, Request::Reset, Request::Action([1.0, -2.0]), Request::Step([0.5, 3.0], 0.018)]
-        .iter()
-        .map(|request| request.line().into_bytes())
-        .collect();
+    let seen = Seen {
+        tilts: [0.01, -0.02],
+        place_m: [0.05, 0.06],
+    };
+    let mut seeds: Vec<Vec<u8>> = [
+        Request::Obs,
+        Request::Reset,
+        Request::Action([1.0, -2.0]),
+        Request::Step([0.5, 3.0], 0.018),
+    ]
+    .iter()
+    .map(|request| request.line().into_bytes())
+    .collect();
     seeds.push(observation(&seen, &[7; 16]).into_bytes());
     fuzz(&seeds, |bytes| {
         let mut lines = Lines::default();
