@@ -16,6 +16,7 @@ import contextlib
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -34,12 +35,14 @@ PAGE = ROOT / "docs" / "reliability.md"
 BEGIN, END = "<!-- faults: written by benches/faults.py -->", "<!-- /faults -->"
 DISK = "disk full"
 KINDS = ("TERM", "KILL", DISK, "folder removed")
-HEAD = "| command | time [s] | fault | met | half-written | left behind | left after the second run | same result |"
+HEAD = "| command | time [s] | fault | met | half-written | left behind | left after the second run | same |"
 #: A file of results is never larger [bytes]; limits of a full disk are drawn below it, small ones as often
 #: as large ones.
 _LARGEST = 2**20
 #: How long processes that a command started may outlive it [s].
 _GRACE_S = 3.0
+#: What a run says of its own duration differs each time.
+_DURATION = re.compile(rb'"seconds": [^,\n]+|in [\d.,]+ s of computing')
 #: Names of files that a later run goes on from, and that no reader takes for results.
 _STATE = ("unfinished.jsonl", ".checkpoint.safetensors")
 
@@ -195,7 +198,7 @@ def finals(place: Path) -> dict[str, bytes]:
     """Return the files of results by name: not those that a later run goes on from, and no hidden ones."""
     out = place / "out"
     return {
-        str(path.relative_to(out)): path.read_bytes()
+        str(path.relative_to(out)): _DURATION.sub(b"", path.read_bytes())
         for path in sorted(out.rglob("*"))
         if path.is_file() and not path.name.startswith(".") and not path.name.endswith(_STATE)
     }
