@@ -42,7 +42,7 @@ _LARGEST = 2**20
 #: How long processes that a command started may outlive it [s].
 _GRACE_S = 3.0
 #: What a run says of its own duration differs each time.
-_DURATION = re.compile(rb'"seconds": [^,\n]+|in [\d.,]+ s of computing')
+_DURATION = re.compile(rb'"seconds": [^,\n]+|[\d.]+ s of computing|computing time.{0,60}?[\d.]+ s')
 #: Names of files that a later run goes on from, and that no reader takes for results.
 _STATE = ("unfinished.jsonl", ".checkpoint.safetensors")
 
@@ -88,7 +88,6 @@ def main() -> None:
     parser.add_argument("--case", action="append", choices=[one.name for one in CASES], help="default: all")
     parser.add_argument("--page", action="store_true", help="write the table into docs/reliability.md")
     args = parser.parse_args()
-    lines = []
     with tempfile.TemporaryDirectory(prefix="faults-") as place:
         for case in CASES:
             if args.case and case.name not in args.case:
@@ -97,10 +96,9 @@ def main() -> None:
             inputs.mkdir(parents=True)
             case.prepare(inputs)
             for line in measure(case, inputs, args.moments, random.Random(f"{args.seed} {case.name}")):
-                lines.append(line)
                 print(line, flush=True)
-    if args.page:
-        write(lines)
+                if args.page:
+                    write(line)
 
 
 def measure(case: Case, inputs: Path, moments: int, draw: random.Random) -> Iterator[str]:
@@ -249,12 +247,19 @@ def row(case: Case, seconds: float, kind: str, trials: Sequence[Trial]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def write(lines: Sequence[str]) -> None:
-    """Put the table between its marks."""
-    text = PAGE.read_text(encoding="utf-8")
-    table = "\n".join([HEAD, "| --- | --- | --- | --- | --- | --- | --- | --- |", *lines])
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}", encoding="utf-8")
+def write(line: str) -> None:
+    """Put a line into the table, instead of the one of the same command and fault."""
+
+    def place(one: str) -> tuple[int, int]:
+        cells = [cell.strip(" `") for cell in one.split("|")]
+        return [case.name for case in CASES].index(cells[1]), KINDS.index(cells[3])
+
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    table, after = rest.split(END)
+    known = {place(one): one for one in table.strip().splitlines()[2:]}
+    known[place(line)] = line
+    rows = [HEAD, "| --- | --- | --- | --- | --- | --- | --- | --- |", *(known[key] for key in sorted(known))]
+    PAGE.write_text("\n".join([f"{before}{BEGIN}", *rows, f"{END}{after}"]), encoding="utf-8")
 
 
 if __name__ == "__main__":
