@@ -21,6 +21,7 @@ from irt.importing.tables import read_replay
 from irt.rig import load_rig
 from irt.tracking.calibration import load_lens
 from irt.tracking.source import open_source
+from irt.tuning.tunenet import load_network
 
 BAG = (CORPUS / "rig.mcap").read_bytes()
 DIGITS = "1" + "0" * 400
@@ -140,6 +141,30 @@ def test_a_number_of_400_digits_was_a_traceback(tmp_path) -> None:
     (tmp_path / "rig.toml").write_text(rig)
     with pytest.raises(IrtError, match="holes: number 1: expected a number"):
         load_rig(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b'"dtype":"F32","shape":[2,4]', b'"dtype":"BF16","shape":[4,4]'),
+        (b'"dtype":"F32","shape":[2,4]', b'"dtype":"F8_E4M3","shape":[8,4]'),
+        (b'"irt":"{', b'"irt":"[1]{'),
+        (b'"irt":"{', b'"irt":"7{'),
+    ],
+    ids=["half precision of another kind", "quarter precision", "list", "number"],
+)
+def test_a_network_of_another_kind_was_a_traceback(tmp_path, old, new) -> None:
+    seed = (CORPUS / "network.safetensors").read_bytes()
+    (length,) = struct.unpack_from("<Q", seed)
+    header = seed[8 : 8 + length]
+    assert old in header
+    header = header.replace(old, new)
+    if new.endswith(b"{"):
+        begin = header.index(new) + len(new) - 1
+        end = header.index(b'}"', begin) + 1
+        header = header[:begin] + header[end:]
+    data = struct.pack("<Q", len(header)) + header + seed[8 + length :]
+    refused(load_network, tmp_path / "network.safetensors", data, "cut short or no safetensors file")
 
 
 def test_a_broken_video_printed_a_line_for_each_broken_byte(tmp_path, capfd) -> None:
