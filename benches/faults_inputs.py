@@ -66,8 +66,8 @@ def rigs(folder: Path) -> None:
 
 
 def film(folder: Path) -> None:
-    """Film 40 pictures of a run, and write its commands."""
-    knobs = drive(40, 5)
+    """Film 60 pictures of a run, and write its commands."""
+    knobs = drive(60, 5)
     places, tilts = rollouts([TRUTH], knobs, tilt=True)
     scene = Scene(
         View.above(300.0, lean=(0.05, -0.08)), Paint(lines=2, holes=2), Look("blue"), places[0], tilts[0]

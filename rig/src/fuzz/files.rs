@@ -150,12 +150,14 @@ fn bags_to_recover() {
     recorder.finish().expect("nothing is lost");
     let seed = fs::read(&bag).expect("it was written");
     fuzz(&[seed], |bytes| {
+        let _ = fs::remove_file(&out);
         fs::write(&bag, bytes).expect("it can be written");
         match recover(&bag, Some(&out)) {
             Ok(found) => {
                 let copy = fs::read(&out).expect("it was written");
                 let whole = mcap::MessageStream::new(&copy).expect("it is a bag");
-                let messages = whole.map(|one| one.expect("it is whole")).count();
+                let messages = whole.collect::<mcap::McapResult<Vec<_>>>();
+                let messages = messages.expect("it is whole").len();
                 assert_eq!(messages as u64, found.messages);
                 fs::remove_file(&out).expect("it was written");
             }

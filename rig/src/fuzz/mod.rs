@@ -177,7 +177,7 @@ fn edited(seed: &[u8], edits: &[u64]) -> Vec<u8> {
     let mut data = seed.to_vec();
     for &edit in edits {
         let mut draws = Draws(edit);
-        let is_text = !data.contains(&0) && data.is_ascii();
+        let is_text = !data.contains(&0) && std::str::from_utf8(&data).is_ok();
         if is_text && draws.below(5) > 0 {
             word_changed(&mut data, &mut draws);
         } else {
@@ -233,7 +233,8 @@ fn bytes_changed(data: &mut Vec<u8>, draws: &mut Draws) {
         0 | 1 if at < length => data[at] ^= 1 << draws.below(8),
         2 if at < length => data[at] = draws.next() as u8,
         3 | 4 => {
-            let lie = draws.of(&[draws.of(&LIES), length as u64, (length - at) as u64]);
+            let lie = draws.of(&LIES);
+            let lie = draws.of(&[lie, length as u64, (length - at) as u64]);
             let width = draws.of(&[2, 4, 8]);
             overwrite(data, &lie.to_le_bytes()[..width]);
         }

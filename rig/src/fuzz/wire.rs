@@ -134,7 +134,9 @@ fn turns(take: impl Fn(&mut Wrist)) {
 #[test]
 fn trajectories() {
     message(&trajectory(), |read| {
-        turns(|wrist| drop(wrist.follow(&read, NOW.steady)))
+        turns(|wrist| {
+            wrist.follow(&read, NOW.steady);
+        });
     });
 }
 
@@ -153,10 +155,10 @@ fn rates_of_joints() {
         data: vec![0.1; 7],
     };
     message(&seed, |read| {
-        turns(|wrist| wrist.turn(&read, NOW.steady + 0.1))
+        turns(|wrist| wrist.turn(&read, NOW.steady + 0.1));
     });
     message(&JointVelocity::of(7, 3.0), |read| {
-        turns(|wrist| wrist.queue(&read))
+        turns(|wrist| wrist.queue(&read));
     });
 }
 
@@ -174,7 +176,9 @@ fn goals_and_results() {
         ..FollowGoal::default()
     };
     message(&goal, |read| {
-        turns(|wrist| drop(wrist.follow(&read.trajectory, NOW.steady)))
+        turns(|wrist| {
+            wrist.follow(&read.trajectory, NOW.steady);
+        });
     });
     message(
         &FollowResult {
@@ -211,7 +215,7 @@ fn other_labs_messages() {
         );
     };
     message(&StateEstimateSub { state, subimg }, |read| {
-        seen(&read.state)
+        seen(&read.state);
     });
     message(&TagStateEstimate(state), |read| seen(&read.0));
     message(

@@ -249,4 +249,21 @@ mod tests {
         let found = [0.5, 1.5, 3.0, 9.0].map(|now| along(&points, now));
         assert_eq!(found, [0.0, 0.05, 0.0, -0.1]);
     }
+
+    #[test]
+    fn a_rate_that_is_no_number_left_the_joint_without_an_angle_for_ever() {
+        let config: Config = toml::from_str(crate::config::EXAMPLE).expect("the example is right");
+        let mut wrist = Wrist::at_level(&config.arms.x);
+        let data = vec![f64::NAN; 7];
+        wrist.turn(
+            &Float64MultiArray {
+                data,
+                ..Float64MultiArray::default()
+            },
+            1.0,
+        );
+        assert_eq!(wrist.step(0.0, 0.01, 0.8), config.arms.x.level_rad);
+        wrist.queue(&JointVelocity::of(config.arms.x.number, f64::NAN));
+        assert_eq!(wrist.step(0.01, 0.01, 0.8), config.arms.x.level_rad);
+    }
 }
