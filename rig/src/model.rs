@@ -96,7 +96,7 @@ impl Model {
                 "sliding_friction" => &mut rig.board.sliding_friction,
                 "spinning_friction" => &mut rig.board.spinning_friction,
                 _ => return Err(format!("board: unknown key '{key}'")),
-            } = value;
+            } = within("board", key, value, [0.0, 1000.0])?;
         }
         for (key, &value) in &file.marble {
             *match key.as_str() {
@@ -104,18 +104,19 @@ impl Model {
                 "mass_kg" => &mut rig.marble.mass_kg,
                 "damping_per_s" => &mut rig.marble.damping_per_s,
                 _ => return Err(format!("marble: unknown key '{key}'")),
-            } = value;
+            } = within("marble", key, value, [0.0, 1000.0])?;
         }
-        let parameter = |name: &str| {
+        let parameter = |name: &str, bounds: [f64; 2]| {
             let found = file.parameters.get(name).map(|one| one.value);
-            found.ok_or(format!("parameters: {name} is missing"))
+            let found = found.ok_or(format!("parameters: {name} is missing"))?;
+            within("parameters", name, found, bounds)
         };
         let parameters = Parameters {
-            gear_x: parameter("gear_x")?,
-            gear_y: parameter("gear_y")?,
-            rolling_friction: parameter("rolling_friction")?,
-            time_scale: parameter("time_scale")?,
-            observation_scale: parameter("observation_scale")?,
+            gear_x: parameter("gear_x", [-100.0, 100.0])?,
+            gear_y: parameter("gear_y", [-100.0, 100.0])?,
+            rolling_friction: parameter("rolling_friction", [0.0, 100.0])?,
+            time_scale: parameter("time_scale", [0.0, 5000.0])?,
+            observation_scale: parameter("observation_scale", [0.01, 100.0])?,
         };
         let effects = file
             .effects
@@ -201,6 +202,21 @@ impl Model {
         )
         .map_err(|error| Error::refused(error.to_string()))
     }
+}
+
+/// A number within what `irt` allows at all; the engine refuses more.
+fn within(
+    table: &str,
+    key: &str,
+    value: f64,
+    [low, high]: [f64; 2],
+) -> std::result::Result<f64, String> {
+    if (low..=high).contains(&value) {
+        return Ok(value);
+    }
+    Err(format!(
+        "{table}: {key}: expected a number from {low} to {high}, found {value:?}"
+    ))
 }
 
 fn read_effect(
