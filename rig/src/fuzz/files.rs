@@ -1,6 +1,7 @@
 //! What comes from disks: configurations, models, commands and bags.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -69,7 +70,8 @@ fn models() -> Vec<Vec<u8>> {
     for effect in effects() {
         let mut text = format!("{PLAIN}[[effects]]\nname = \"{}\"\n", effect.name);
         for one in effect.parameters {
-            text += &format!("{} = {:?}\n", one.name, 0.5 * (one.range.0 + one.range.1));
+            let middle = 0.5 * (one.range.0 + one.range.1);
+            writeln!(text, "{} = {middle:?}", one.name).expect("it is a text");
         }
         found.push(text);
     }
