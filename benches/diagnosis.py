@@ -29,7 +29,7 @@ import numpy as np
 
 import irt
 from irt.files import write_atomic
-from irt.residual import free_run_error
+from irt.proof.score import intervals, matched, mean_error, naming
 
 NOTHING = ("none", "outliers")
 #: Names of parameters in other labels, and the factor to this project's unit.
@@ -117,30 +117,26 @@ def score(rigs: Path, out: Path, name: str, label: dict[str, Any]) -> dict[str, 
     """Compare an answer with its label."""
     said = json.loads((out / name / "diagnosis.json").read_text(encoding="utf-8"))
     model = irt.load_model(out / name / "model.toml")
-    tests = [irt.load_recording(path) for path in sorted((rigs / name).glob("test-*.csv"))]
-    final = float(np.mean([free_run_error(model, test) for test in tests]))
+    final = mean_error(model, [irt.load_recording(path) for path in sorted((rigs / name).glob("test-*.csv"))])
     kinds = label["kind"] if isinstance(label["kind"], list) else [label["kind"]]
-    named = {one["name"]: {one["name"], *one["confusable_with"]} for one in said["effects"]}
-    ties = [len(alike) for alike in named.values()]
-    right, false = compared(kinds, named, [one["name"] for one in label.get("left_over", [])])
+    hidden = [kind for kind in kinds if kind not in NOTHING]
+    found = naming(NAMELESS if kinds[0].startswith(NAMELESS) else "", hidden, said)
+    ties = {one["name"]: one["confusable_with"] for one in said["effects"]}
+    right, false = compared(hidden, ties, [one["name"] for one in label.get("left_over", [])])
     return {
         "rig": name,
         "kind": kinds,
         "verdict": said["verdict"],
-        "named": list(named),
-        "ties": {key: sorted(alike - {key}) for key, alike in named.items()},
-        "exact": set(kinds) == set(named),
-        "found": len(named) == len(kinds) and all(any(k in alike for alike in named.values()) for k in kinds),
-        "contains": all(any(k in alike for alike in named.values()) for k in kinds),
+        **found,
+        "named": list(ties),
         "right": right,
         "moves": label.get("moves", {}),
         "false": false,
-        "tie_size": float(np.mean(ties)) if ties else None,
         "final": final,
         "base": label["base"],
         "oracle": label["oracle"],
         "closed": (label["base"] - final) / (label["base"] - label["oracle"]),
-        "intervals": intervals(said, label["truth"]),
+        "intervals": {one: held != "no" for one, held in intervals(said, renamed(label["truth"])).items()},
         "inclusion": {
             effect: [probability, effect in kinds]
             for effect, probability in said.get("inclusion", {}).items()
@@ -164,41 +160,20 @@ def compared(
     left_over : sequence of str
         Additional hidden physics; names of similar effects are neither right nor false.
     """
-    stands_for: dict[str, str] = {}
-
-    def stand(effect: str, asked: set[str]) -> bool:
-        """Match an effect to its own name, or to a tied one by reassigning another effect."""
-        for name in sorted(named, key=lambda name: name != effect):
-            if effect in named[name] and name not in asked:
-                asked.add(name)
-                if name not in stands_for or stand(stands_for[name], asked):
-                    stands_for[name] = effect
-                    return True
-        return False
-
-    right = [effect for effect in hidden if stand(effect, set())]
+    stands_for = matched(hidden, named)
+    right = [effect for effect in hidden if effect in stands_for]
     excused = {NAMELESS}.union(*(LIKE.get(effect, {effect}) for effect in left_over))
-    false = [name for name, alike in named.items() if name not in stands_for and not excused & {*alike}]
+    right_names = {*stands_for.values()}
+    false = [
+        name for name, alike in named.items() if name not in right_names and not excused & {name, *alike}
+    ]
     return right, false
 
 
-def intervals(said: dict[str, Any], truth: dict[str, Any]) -> dict[str, bool]:
-    """Return whether the intervals of the base and of rightly named effects contain the truth."""
-    held = {}
-    for name, one in said["parameters"].items():
-        alias, factor = ALIASES.get(name, (name, 1.0))
-        held[name] = _holds(one, truth[name] if name in truth else factor * truth[alias])
-    hidden = {one["name"]: one for one in truth.get("effects", [])}
-    for effect in said["effects"]:
-        for name, one in effect["parameters"].items():
-            if name in hidden.get(effect["name"], {}):
-                held[f"{effect['name']}.{name}"] = _holds(one, hidden[effect["name"]][name])
-    return held
-
-
-def _holds(one: dict[str, Any], value: float) -> bool:
-    low, high = (math.nan if end is None else end for end in (one["low"], one["high"]))
-    return not (value < low or value > high)
+def renamed(truth: dict[str, Any]) -> dict[str, Any]:
+    """Return a truth with the names and units of this project."""
+    known = {name: factor * truth[alias] for name, (alias, factor) in ALIASES.items() if alias in truth}
+    return {**known, **truth}
 
 
 def summary(rows: list[dict[str, Any]]) -> Iterator[str]:

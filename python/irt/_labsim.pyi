@@ -18,6 +18,7 @@ __all__ = [
     "filtered",
     "fit",
     "inform",
+    "leave_out",
     "paper_drive",
     "refine",
     "rollouts",
@@ -96,6 +97,15 @@ def fit(
     progress: Callable[[int, int, int], object] | None,
 ) -> dict[str, Any]: ...
 def inform(problem: Mapping[str, Any], values: Sequence[float], *, noise: float) -> dict[str, Any]: ...
+def leave_out(
+    problem: Mapping[str, Any],
+    values: Sequence[float],
+    noise: npt.NDArray[np.float64],
+    states: npt.NDArray[np.float64],
+    *,
+    folds: Sequence[int],
+    iterations: int,
+) -> list[dict[str, Any]]: ...
 def refine(
     problem: Mapping[str, Any], values: Sequence[Sequence[float]], *, iterations: int, held: bool
 ) -> list[dict[str, Any]]: ...

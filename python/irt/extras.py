@@ -13,6 +13,7 @@ OPTIONAL = {
     "cyclonedds": ("Cyclone DDS", "ros"),
     "gymnasium": ("Gymnasium", "gym"),
     "mcap_ros2": ("mcap-ros2-support", "ros"),
+    "mujoco": ("MuJoCo", "prove"),
     "pybullet": ("PyBullet", "prove"),
     "pysindy": ("PySINDy", "prove"),
     "ray": ("Ray", "cluster"),

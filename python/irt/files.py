@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import secrets
@@ -39,6 +40,22 @@ def read_text(path: PathLike) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise IrtError(f"{path}, line {line}: not UTF-8 text; save the file as UTF-8") from error
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the object in a JSON file.
+
+    Raises
+    ------
+    IrtError
+        If the file cannot be read or is broken.
+    """
+    text = read_text(path)
+    try:
+        content: dict[str, Any] = json.loads(text)
+    except ValueError as error:
+        raise IrtError(f"{path}: broken JSON: {error}") from error
+    return content
 
 
 def as_typed(path: Path) -> str:

@@ -78,80 +78,16 @@ def test_other_methods_and_another_place_for_the_page(irt, proved, monkeypatch, 
 
 
 @pytest.mark.slow
-def test_rounds_end_on_one_page(irt, monkeypatch, tmp_path: Path) -> None:
-    """Stopped in the second round, the page covers the first, and the same command resumes."""
-    monkeypatch.chdir(tmp_path)
-    words = ("--rounds", "2", "--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD, "--out", "out")
-    run = import_module("irt.proof.run").Proof.run
-
-    def stopped(proof):
-        if proof.places.out.name == "round-2":
-            raise KeyboardInterrupt
-        return run(proof)
-
-    monkeypatch.setattr("irt.proof.run.Proof.run", stopped)
-    assert irt("prove", *words).status == 130
-    page = Path("out/proof.md")
-    assert "| rounds | 1 of 2 are finished, and counted here |" in page.read_text()
-    verified = irt("prove", "--verify", "--out", "out")
-    assert (verified.status, verified.err) == (0, "")
-    first, second = verified.out.splitlines()
-    assert first.startswith("out: 1 rigs: labels, recordings and answers are unchanged since")
-    assert second == (
-        "out/round-2: not finished, and not checked: its rigs are not all hidden; the same command goes on"
-    )
-    monkeypatch.setattr("irt.proof.run.Proof.run", run)
-    done = irt("prove", *words)
+def test_a_full_proof_names_its_commit_and_publishes_the_chain(irt, monkeypatch, tmp_path: Path) -> None:
+    monkeypatch.setattr("irt.proof.provenance.clean_commit", lambda: "0123abc")
+    page = tmp_path / "docs" / "proof.md"
+    words = ("--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD, "--out", tmp_path / "out")
+    done = irt("prove", "--full", *words, "--page", page)
     assert (done.status, done.err) == (0, "")
-    assert done.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
-    assert "| rounds | 2 of 2 are finished, and counted here |" in page.read_text()
-    for number in (1, 2):
-        assert f"| `keys.json`, round {number} |" in page.read_text()
-    assert irt("prove", "--verify", "--out", "out").out.startswith("out: 2 rigs: ")
-    # A page of two rounds never covers only one again.
-    written, scorecard = [], import_module("irt.proof.scorecard")
-    write = scorecard.write_scorecard
-    monkeypatch.setattr(
-        scorecard,
-        "write_scorecard",
-        lambda page, results, rounds, *rest, **more: (
-            written.append(len(rounds)) or write(page, results, rounds, *rest, **more)
-        ),
-    )
-    assert irt("prove", *words).status == 0
-    assert written == [2]
-
-
-@pytest.mark.slow
-def test_rounds_of_another_day_are_added_to_a_page(irt, monkeypatch, tmp_path: Path) -> None:
-    """Given again, the command counts nothing twice; what others have added since is not taken away."""
-    monkeypatch.chdir(tmp_path)
-    words = ("--rigs", "0", "--nulls", "1", "--jobs", "1", "--world", WORLD)
-    page = Path("docs/proof.md")
-    first = irt("prove", "--full", "--rounds", "1", *words, "--out", "one", "--page", page)
-    assert (first.status, first.err) == (0, "")
-    for _ in range(2):
-        second = irt("prove", *words, "--out", "two", "--onto", page)
-        assert (second.status, second.err) == (0, "")
-        assert second.out.startswith("0 rigs with hidden physics and 2 without, diagnosed blind: ")
-        scores = json.loads(Path("docs/proof/scores.json").read_text())
-        assert [one["rig"] for one in scores["rigs"]] == ["rig-0001", "rig-0002"]
-        assert [one["rigs"] for one in scores["rounds"]] == [1, 1]
-    assert irt("prove", *words, "--out", "three", "--onto", page).out.startswith(
-        "0 rigs with hidden physics and 3"
-    )
-    refused = irt("prove", *words, "--out", "two", "--onto", page)
-    assert refused.status == 1
-    assert refused.err == (
-        "irt: docs/proof.md: another proof has been added since this one began; choose another --out\n"
-    )
-    assert (
-        irt("prove", *words, "--onto", page, "--page", page).err
-        == "irt: --onto names the page: leave --page out\n"
-    )
-    assert (
-        irt("prove", *words, "--out", "four", "--onto", "none.md").err
-        == "irt: none/scores.json: no such file\n"
+    assert "| commit | 0123abc |" in page.read_text()
+    checked = irt("prove", "--verify", "--out", page.with_suffix(""))
+    assert checked.out.endswith(
+        "proof: 1 rigs: plan, commitments, manifest and keys fit; recordings and answers are elsewhere\n"
     )
 
 
@@ -195,7 +131,7 @@ def test_ctrl_c_leaves_what_is_done(tmp_path: Path) -> None:
     ("words", "message"),
     [
         (("--rigs", "0", "--nulls", "0"), "irt: a proof needs at least one rig"),
-        (("--verify",), "irt: none/commitments.json: no such file"),
+        (("--verify",), "irt: none/plan.json: no such file"),
         (("--world", "no-such-program"), "irt: the concealed world cannot be started (no-such-program): "),
         (("--world", f"{sys.executable} -c pass"), "irt: the concealed world ended before it answered"),
     ],

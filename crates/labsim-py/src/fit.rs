@@ -2,9 +2,8 @@
 
 use labsim::effects::effect;
 use labsim::error::Error;
-use labsim::filter::Smoothed;
 use labsim::fit::{Hypothesis, Information, ParameterSpec, Problem, Recording, Settings, Stretch};
-use labsim::{Engine, Hold, Noise, Rig};
+use labsim::{Engine, Hold, Rig};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -12,11 +11,11 @@ use pyo3::types::PyDict;
 
 use crate::{arrays, errors, interrupt};
 
-type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+pub(crate) type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 
 /// A problem with Rust's own data, without Python objects.
-struct Owned {
+pub(crate) struct Owned {
     rig: Rig,
     parameters: [ParameterSpec; 5],
     effects: Vec<Hypothesis>,
@@ -71,7 +70,7 @@ pub(crate) struct Asked<'py> {
 }
 
 impl Owned {
-    fn new(asked: &Asked<'_>) -> PyResult<Self> {
+    pub(crate) fn new(asked: &Asked<'_>) -> PyResult<Self> {
         let sought = |[low, high, start]: [f64; 3]| {
             if low.is_nan() {
                 ParameterSpec::Held(start)
@@ -142,7 +141,7 @@ impl Owned {
         })
     }
 
-    fn with<T>(&self, ask: impl FnOnce(&Problem<'_>) -> T) -> T {
+    pub(crate) fn with<T>(&self, ask: impl FnOnce(&Problem<'_>) -> T) -> T {
         let recordings: Vec<Recording<'_>> = self
             .recordings
             .iter()
@@ -313,140 +312,6 @@ pub(crate) fn refine<'py>(
     results.collect()
 }
 
-/// One-step predictions at some values; see `irt.fitting.problem`.
-#[pyfunction]
-#[pyo3(signature = (problem, values, noise, states=None))]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "the extracted views of Python's arguments are owned here"
-)]
-pub(crate) fn filtered<'py>(
-    py: Python<'py>,
-    problem: Asked<'py>,
-    values: Vec<Vec<f64>>,
-    noise: Matrix<'py>,
-    states: Option<Vec<Matrix<'py>>>,
-) -> PyResult<Vec<Bound<'py, PyDict>>> {
-    let problem = Owned::new(&problem)?;
-    let (noise, states) = (noises(&noise)?, given_states(states)?);
-    let filtered = interrupt::interruptible(py, |cancel| {
-        problem.with(|problem| problem.filter(&values, &noise, states.as_deref(), cancel))
-    })?;
-    let results = filtered.iter().map(|one| {
-        let result = PyDict::new(py);
-        let all = |rows: &[Vec<[f64; 2]>]| -> Vec<_> {
-            rows.iter().map(|one| arrays::matrix(py, one)).collect()
-        };
-        result.set_item("predicted", all(&one.predicted))?;
-        result.set_item("variance", all(&one.variance))?;
-        result.set_item("log_likelihood", arrays::matrix(py, &one.log_likelihood))?;
-        Ok(result)
-    });
-    results.collect()
-}
-
-/// Smoothed random accelerations in each row, given all rows; see `irt.fitting.problem`.
-#[pyfunction]
-#[pyo3(signature = (problem, values, noise, states))]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "the extracted views of Python's arguments are owned here"
-)]
-pub(crate) fn smoothed<'py>(
-    py: Python<'py>,
-    problem: Asked<'py>,
-    values: Vec<f64>,
-    noise: Matrix<'py>,
-    states: Matrix<'py>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let problem = Owned::new(&problem)?;
-    let (noise, states) = (noises(&noise)?[0], of_segments(&states)?);
-    let smoothed = interrupt::interruptible(py, |cancel| {
-        problem.with(|problem| problem.smooth(&values, noise, &states, cancel))
-    })?;
-    let result = PyDict::new(py);
-    let all = |of: fn(&Smoothed) -> f64| -> Vec<_> {
-        let rows = |one: &Vec<[Smoothed; 2]>| -> Vec<[f64; 2]> {
-            one.iter().map(|row| [of(&row[0]), of(&row[1])]).collect()
-        };
-        smoothed
-            .iter()
-            .map(|one| arrays::matrix(py, &rows(one)))
-            .collect()
-    };
-    result.set_item("push", all(|one| one.push.mean))?;
-    result.set_item("push_deviation", all(|one| one.push.deviation))?;
-    result.set_item("lasting", all(|one| one.lasting.mean))?;
-    result.set_item("lasting_deviation", all(|one| one.lasting.deviation))?;
-    Ok(result)
-}
-
-/// Maximises the posterior from values and noise; see `irt.fitting.problem`.
-#[pyfunction]
-#[pyo3(signature = (problem, values, noise, states=None, *, iterations))]
-#[expect(
-    clippy::needless_pass_by_value,
-    reason = "the extracted views of Python's arguments are owned here"
-)]
-pub(crate) fn ascend<'py>(
-    py: Python<'py>,
-    problem: Asked<'py>,
-    values: Vec<Vec<f64>>,
-    noise: Matrix<'py>,
-    states: Option<Vec<Matrix<'py>>>,
-    iterations: usize,
-) -> PyResult<Vec<Bound<'py, PyDict>>> {
-    let problem = Owned::new(&problem)?;
-    let (noise, given) = (noises(&noise)?, given_states(states)?);
-    let tops = interrupt::interruptible(py, |cancel| {
-        problem
-            .with(|problem| problem.ascend(&values, &noise, given.as_deref(), iterations, cancel))
-    })?;
-    let results = tops.iter().map(|one| {
-        let result = PyDict::new(py);
-        let vector = |values: Vec<f64>| Array1::from(values).into_pyarray(py);
-        let mut covariance = Array2::<f64>::zeros((one.values.len(), one.values.len()));
-        for (i, &slot) in one.slots.iter().enumerate() {
-            for (j, &other) in one.slots.iter().enumerate() {
-                covariance[[slot, other]] = one.covariance[(i, j)];
-            }
-        }
-        let deviations = covariance.diag().mapv(f64::sqrt).to_vec();
-        let sizes = <[f64; 10]>::from(one.noise);
-        result.set_item("values", vector(one.values.clone()))?;
-        result.set_item("deviations", vector(deviations))?;
-        result.set_item("covariance", covariance.into_pyarray(py))?;
-        result.set_item("states", self::states(py, &one.states))?;
-        result.set_item("noise", vector(sizes.to_vec()))?;
-        result.set_item("log_likelihood", one.log_likelihood)?;
-        result.set_item("log_evidence", one.log_evidence)?;
-        Ok(result)
-    });
-    results.collect()
-}
-
-/// The start state of each stretch; none if it is unknown.
-type States = Vec<Option<[f64; 4]>>;
-
-/// Start states of all stretches for each of some values, a row each; NaN without a marble.
-fn given_states(states: Option<Vec<Matrix<'_>>>) -> PyResult<Option<Vec<States>>> {
-    states
-        .map(|states| states.iter().map(of_segments).collect())
-        .transpose()
-}
-
-fn of_segments(all: &Matrix<'_>) -> PyResult<States> {
-    let known = |state: [f64; 4]| state.iter().all(|one| one.is_finite()).then_some(state);
-    Ok(arrays::rows::<4>(all)?.into_iter().map(known).collect())
-}
-
-fn noises(noise: &Matrix<'_>) -> PyResult<Vec<Noise>> {
-    Ok(arrays::rows::<10>(noise)?
-        .into_iter()
-        .map(Noise::from)
-        .collect())
-}
-
 /// Standard deviation of the tracker (board edges) from `(n, 2)` recordings alone.
 #[pyfunction]
 #[expect(
@@ -478,7 +343,10 @@ fn dictionary<'py>(py: Python<'py>, information: &Information) -> PyResult<Bound
     Ok(result)
 }
 
-fn states<'py>(py: Python<'py>, states: &[Option<[f64; 4]>]) -> Bound<'py, numpy::PyArray2<f64>> {
+pub(crate) fn states<'py>(
+    py: Python<'py>,
+    states: &[Option<[f64; 4]>],
+) -> Bound<'py, numpy::PyArray2<f64>> {
     let known = states.iter().map(|one| one.unwrap_or([f64::NAN; 4]));
     arrays::matrix(py, &known.collect::<Vec<_>>())
 }

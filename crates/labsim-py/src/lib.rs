@@ -5,6 +5,7 @@ mod catalogue;
 mod errors;
 mod fit;
 mod fleet;
+mod grey_box;
 mod interrupt;
 
 use labsim::board::{Board, Marble, Rig};
@@ -21,9 +22,11 @@ mod _labsim {
     #[pymodule_export]
     use super::catalogue::catalogue;
     #[pymodule_export]
-    use super::fit::{ascend, filtered, fit, inform, refine, smoothed, tracker_noise};
+    use super::fit::{fit, inform, refine, tracker_noise};
     #[pymodule_export]
     use super::fleet::Fleet;
+    #[pymodule_export]
+    use super::grey_box::{ascend, filtered, leave_out, smoothed};
     #[pymodule_export]
     use super::{paper_drive, rollouts, turned};
 

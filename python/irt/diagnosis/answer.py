@@ -335,6 +335,8 @@ class Answer:
                 final=after.prediction,
                 base_mae=before.mae,
                 final_mae=after.mae,
+                base_model=before.model,
+                final_model=after.model,
             )
             for recording, before, after in proofs
         )

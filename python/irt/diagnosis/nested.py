@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,13 +40,12 @@ def nested(sets: Sequence[Scored], validation: Validation) -> Nested:
     Parameters
     ----------
     sets : sequence of Scored
-        The competing sets; sets with values from free runs compete by their likelihood in a filter.
+        The competing sets; sets with values from free runs compete by those from the filter.
     validation : Validation
         Validation of the same case, with two recordings or more.
     """
     unique = list({frozenset(one.effects): one for one in reversed(sets)}.values())
-    filtered = [replace(one, is_free=False) if one.is_free else one for one in unique]
-    scores = np.array([validation.of(one).scores for one in filtered])
+    scores = np.array([validation.of(one.filtered or one).scores for one in unique])
     best = np.argmax(np.where(np.isnan(scores), -np.inf, scores), axis=0)
     errors = [validation.of(unique[i]).runs[run].mae for run, i in enumerate(best)]
     return Nested(tuple(frozenset(unique[i].effects) for i in best), float(np.mean(errors)))

@@ -64,12 +64,22 @@ class Relevance:
         """Return a set with values from free runs if these predict held-out recordings better.
 
         A filter corrects a sticking marble in every row, whereas a free run is sensitive to sticking. If the
-        residuals of free runs are about the tracker's noise, there is nothing to gain.
+        residuals of free runs are about the tracker's noise, there is nothing to gain. A push accumulates in
+        free runs, and their values may undo an effect: such values are rejected.
         """
         if one.is_free or one.fitted.noise < (1.0 + config.MATTERS) * one.case.noise:
             return one
         other = Scores.of(one).freed(one)
+        if self._undoes_an_effect(other, one):
+            return one
         return min(one, other, key=lambda each: self.validation.of(each).mae)
+
+    def _undoes_an_effect(self, free: Scored, one: Scored) -> bool:
+        """Whether a set without one of the effects explains the rows better than values from free runs do."""
+        problem = Scores.of(one).problem(one.effects)
+        (found,) = problem.filter(free.top.values[None], one.noise[None], [one.top.states])
+        own = float(found.log_likelihood.sum())
+        return any(self.without(one, name).top.log_likelihood > own for name in one.effects)
 
     def loss(self, one: Scored, name: str) -> float:
         """Return the increase of the held-out error without an effect [board edges].

@@ -149,6 +149,8 @@ class RunProof:
         Predictions before and after [board edges].
     base_mae, final_mae : float
         Their mean absolute errors [board edges].
+    base_model, final_model : Model
+        The models, fitted to the other recordings; to this one if it is the only one.
     """
 
     recording: str
@@ -158,6 +160,8 @@ class RunProof:
     final: Array
     base_mae: float
     final_mae: float
+    base_model: Model
+    final_model: Model
 
 
 @dataclass(frozen=True)

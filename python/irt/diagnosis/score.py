@@ -58,8 +58,8 @@ class Scored:
         Negative log prior of the set [nats].
     terms : tuple of Term
         Terms of the learned correction, if it is among the effects.
-    is_free : bool
-        Whether the values are from free runs by least squares, instead of from the filter.
+    filtered : Scored, optional
+        The same set with values from the filter, if its values are from free runs by least squares.
     """
 
     case: Case
@@ -68,7 +68,12 @@ class Scored:
     top: Probable
     price: float
     terms: tuple[Term, ...] = ()
-    is_free: bool = False
+    filtered: Scored | None = None
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the values are from free runs by least squares, instead of from the filter."""
+        return self.filtered is not None
 
     @property
     def score(self) -> float:
@@ -233,7 +238,7 @@ class Scores:
 
     def freed(self, one: Scored) -> Scored:
         """Return a set with values from free runs."""
-        return replace(one, top=replace(one.top, values=self.least_squares(one)), is_free=True)
+        return replace(one, top=replace(one.top, values=self.least_squares(one)), filtered=one)
 
     def least_squares(self, one: Scored) -> Array:
         """Return the values of a set after a fit of free runs that starts at them, (n,); a map is held."""

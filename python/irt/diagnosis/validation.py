@@ -96,7 +96,7 @@ def _held_out(one: Scored) -> HeldOut:
     if len(folds) < 2:
         runs = tuple(_predicted(case, one.values, one.effects, each) for each in case.rig.recordings)
         return HeldOut(np.zeros((0, len(one.names))), runs, np.zeros(0))
-    found = {int(fold): _fitted_without(one, int(fold)) for fold in folds}
+    found = {int(fold): each for fold, each in zip(folds, _fitted_without(one, folds), strict=True)}
     runs = tuple(
         _predicted(case, found.get(index, one).values, one.effects, recording)
         for index, recording in enumerate(case.rig.recordings)
@@ -105,18 +105,22 @@ def _held_out(one: Scored) -> HeldOut:
     return HeldOut(np.array([list(each.values.values()) for each in found.values()]), runs, np.array(scores))
 
 
-def _fitted_without(one: Scored, fold: int) -> Scored:
-    """Return a set refitted without one recording, starting at the fit to all."""
-    keep = one.case.run_folds != fold
-    rest = one.case.only([other for other in np.unique(one.case.folds) if other != fold])
-    scores = Scores(rest, one.terms)
+def _fitted_without(one: Scored, folds: NDArray[np.int64]) -> list[Scored]:
+    """Return a set refitted without each recording, starting at the fit to all."""
+    tops = [one.top] * len(folds)
     # Free runs hold a slope map, so it must be fitted to the other recordings by the filter.
     if MAP in one.effects or not one.is_free:
-        (top,) = scores.problem(one.effects).ascend(
-            one.top.values[None], one.noise[None], [one.top.states[keep]], iterations=config.REFIT
+        top, problem = (one.filtered or one).top, Scores.of(one).problem(one.effects)
+        tops = problem.leave_out(
+            top.values, top.noise, top.states, one.case.run_folds.tolist(), iterations=config.REFIT
         )
-        one = replace(one, top=top)
-    return scores.freed(one) if one.is_free else one
+    found = [replace(one, top=top) for top in tops]
+    if not one.is_free:
+        return found
+    return [
+        Scores(one.case.only([other for other in folds if other != fold]), one.terms).freed(each)
+        for fold, each in zip(folds, found, strict=True)
+    ]
 
 
 def _predicted(case: Case, values: Mapping[str, float], effects: tuple[str, ...], run: Recording) -> Held:

@@ -269,6 +269,26 @@ class Problem:
             found.update(zip(own, (Probable.of(one, self.slots) for one in tops), strict=True))
         return [found[index] for index in range(len(values))]
 
+    def leave_out(
+        self, values: Array, noise: Array, states: Array, folds: Sequence[int], *, iterations: int
+    ) -> list[Probable]:
+        """Maximise the posterior without each fold of the segments, from the maximum with all of them.
+
+        Takes (n,) values, (10,) noise sizes, (s, 4) start states and the fold of each segment, and returns a
+        maximum for each fold in ascending order. All folds share the first derivatives.
+        """
+        ((asked, _),) = self._by_choice(values[None])
+        found = answered(
+            _labsim.leave_out,
+            asked,
+            self._of_engine(values[None])[0],
+            np.ascontiguousarray(noise[None]),
+            np.ascontiguousarray(states),
+            folds=folds,
+            iterations=iterations,
+        )
+        return [Probable.of(one, self.slots) for one in found]
+
     def inform(self, values: Array, noise: float) -> Curvature:
         """Return the curvature of the loss at any (n,) values.
 

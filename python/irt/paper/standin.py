@@ -21,7 +21,7 @@ from irt.model import Effect, Model
 from irt.paper.contenders import METHODS, Held, Trials, available
 from irt.paper.errors import median_interval
 from irt.paper.setting import ROLLOUTS, Setting, digest, within
-from irt.proof.pipe import Pipe
+from irt.proof.world import World
 from irt.residual import evaluate
 from irt.rig import PARAMETERS, Rig, load_rig
 
@@ -200,7 +200,7 @@ def _recorded(setting: Setting, progress: Progress | None) -> list[dict[str, Any
     missing = [rig for rig in range(setting.rigs) if not there(rig)]
     if missing:
         require("pybullet", "the laboratory")
-        with Pipe(LABORATORY, "the laboratory") as laboratory:
+        with World(LABORATORY, "the laboratory") as laboratory:
             for done, rig in enumerate(missing):
                 folder = _folder(setting, rig)
                 asked = {"rig": rig, "seed": setting.seed, "folder": str(folder)}

@@ -4,7 +4,8 @@
 
 FOLDER is a copy of a rig's folder under a neutral name. The process writes into OUT: ``diagnosis.json``,
 ``base.toml``, ``model.toml``, a ``plausible-N.toml`` for each plausible model, their probabilities
-(``plausible.json``), and ``seconds.json``. Except for the last, the same recordings give the same bytes.
+(``plausible.json``), the code that found them (``code.json``), and ``seconds.json``. Except for the last, the
+same recordings give the same bytes.
 """
 
 from __future__ import annotations
@@ -16,10 +17,13 @@ from pathlib import Path
 
 from irt.errors import IrtError
 from irt.files import write_atomic
+from irt.proof.provenance import this_code
 from irt.proof.seal import canonical
 
 #: CPU time of one core [s]; not reproducible, so it has its own file.
 SECONDS = "seconds.json"
+#: Version and digest of the code.
+CODE = "code.json"
 #: Probabilities of the plausible models, in order.
 CHANCES = "plausible.json"
 
@@ -43,6 +47,7 @@ def main(words: Sequence[str]) -> int:
     for number, one in enumerate(found.plausible, start=1):
         save_model(out / f"plausible-{number}.toml", one.model)
     write_atomic(out / CHANCES, canonical({"probabilities": [one.probability for one in found.plausible]}))
+    write_atomic(out / CODE, canonical({"code": this_code()}))
     write_atomic(out / SECONDS, canonical({"seconds": time.process_time() - began}))
     write_atomic(out / "diagnosis.json", canonical(content))
     return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.proof.hash_chain import read_json
+from irt.files import read_json
 from irt.proof.metrics import Quantity, Rate, nulls, of_catalogue
 from irt.proof.score import RigScore, held_out, label_of
 from irt.recording import Recording
@@ -51,11 +51,6 @@ class Contestant:
     def as_dict(self) -> dict[str, Any]:
         """Return it as JSON content; `detected` has the key ``told``."""
         return {"told" if name == "detected" else name: value for name, value in asdict(self).items()}
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> Contestant:
-        """Return the score that `as_dict` wrote."""
-        return cls(**{"detected" if name == "told" else name: value for name, value in content.items()})
 
 
 @dataclass(frozen=True)

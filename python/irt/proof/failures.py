@@ -12,6 +12,7 @@ from irt.proof.score import RigScore
 GROUPS = {
     "single": "one effect",
     "pair": "two effects",
+    "triple": "three effects",
     UNLISTED: "physics not in the catalogue",
     "none": "nothing",
     "outliers": "nothing, with outliers of the tracker",
@@ -95,6 +96,6 @@ def _reason(score: RigScore) -> str:
         (score.group == UNLISTED, "named as effects of the catalogue"),
         (score.verdict == UNLISTED, "reported as unlisted physics"),
         (hidden < named, "one effect too many"),
-        (bool(hidden & named), "only one of two"),
+        (bool(hidden & named), "only some of them"),
     )
     return next((words for holds, words in cases if holds), "another effect named")

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.proof.hash_chain import read_json
-from irt.proof.pipe import Pipe
+from irt.files import read_json
 from irt.proof.propose import RANDOM, SUGGESTED
 from irt.proof.score import RigScore, naming
+from irt.proof.world import World
 from irt.workers import FAILED, Files, Workers
 from irt.workers.processes import files_of
 
@@ -67,11 +67,14 @@ def propose(workers: Workers, rigs: Mapping[str, Path], answers: Mapping[str, Pa
         return {name: files for name, files in proposed if FAILED not in files}
 
 
-def recorded(sealer: Pipe, index: int, runs: Mapping[str, bytes]) -> dict[str, str] | None:
-    """Return runs recorded by the concealed world, by kind; None if it supports no further runs."""
+def recorded(world: World, asked: Mapping[str, Any], runs: Mapping[str, bytes]) -> dict[str, str] | None:
+    """Return runs of a rig recorded by the concealed world, by kind; None if it supports no further runs.
+
+    `asked` holds index, kind and seed of the rig, as they were when it was made.
+    """
     try:
         return {
-            kind: str(sealer.ask({"record": {"index": index, "csv": runs[f"{kind}.csv"].decode()}})["csv"])
+            kind: str(world.ask({"record": {**asked, "csv": runs[f"{kind}.csv"].decode()}})["csv"])
             for kind in KINDS
         }
     except IrtError:

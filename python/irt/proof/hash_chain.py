@@ -1,56 +1,62 @@
-"""The hash chain of a proof: seals, answers, manifest and keys, and their verification.
+"""The files of a proof, each with the SHA-256 of the one before it, and their verification.
 
-``keys.json`` contains the SHA-256 of ``manifest.json``. The manifest contains the hashes of each answer and
-of ``commitments.json``, which contains the hashes of each label and of each recording.
+``plan.json`` (the list of rigs, the code, a commitment to the seed) is written before the first rig,
+``commitments.json`` (the commitment to each label, the SHA-256 of each recording) before the first diagnosis,
+``manifest.json`` (the SHA-256 of each answer) after the last one, and ``keys.json`` (the key and the seed)
+after that.
 """
 
 from __future__ import annotations
 
-import json
 import secrets
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
-from irt.files import make_folder, read_text, read_toml, write_atomic
-from irt.proof.seal import Key, Seal, canonical, digest, digests, open_seal
+from irt.files import make_folder, read_json, read_toml, write_atomic
+from irt.proof.blind import CODE
+from irt.proof.plan import Plan, is_of_kind
+from irt.proof.seal import canonical, digest, digests, open_seal
 from irt.rig import read_start
+
+#: The files of the chain, in their order; they are published.
+CHAIN = ("plan.json", "commitments.json", "manifest.json", "keys.json")
 
 
 @dataclass(frozen=True)
 class Places:
-    """The paths of a proof.
-
-    Attributes
-    ----------
-    out : Path
-        The folder of the proof.
-    """
+    """The paths of a proof in the folder `out`."""
 
     out: Path
 
     @property
-    def vault(self) -> Path:
-        """The folder of seed and keys, which only the sealing process reads before the manifest exists."""
-        return self.out / "vault"
+    def secret(self) -> Path:
+        """Key and seed, in a folder that is closed to other users."""
+        return self.out / "vault" / "secret.json"
+
+    @property
+    def plan(self) -> Path:
+        """The plan, written before the first rig."""
+        return self.out / CHAIN[0]
 
     @property
     def commitments(self) -> Path:
         """The commitments, published before the first diagnosis."""
-        return self.out / "commitments.json"
+        return self.out / CHAIN[1]
 
     @property
     def manifest(self) -> Path:
-        """The manifest, written after the last diagnosis and before the release of a key."""
-        return self.out / "manifest.json"
+        """The manifest, written after the last diagnosis and before the release of the key."""
+        return self.out / CHAIN[2]
 
     @property
     def keys(self) -> Path:
-        """The keys, released for the manifest."""
-        return self.out / "keys.json"
+        """The key, released for the manifest."""
+        return self.out / CHAIN[3]
 
     def rig(self, name: str) -> Path:
         """Return the folder of a rig's recordings."""
@@ -82,48 +88,77 @@ class Places:
         return self.out / "baselines" / name
 
 
-def commitments(places: Places, names: Sequence[str]) -> dict[str, Any]:
-    """Return the content of the commitments: commitment and recordings' hashes of each rig."""
-    seals = {name: read_json(places.seal(name)) for name in names}
-    return {
-        "commitments": {name: seal["commitment"] for name, seal in seals.items()},
+@dataclass(frozen=True)
+class Secret:
+    """Seed of the proof, key of its seals, and the nonce of the commitment to the seed."""
+
+    seed: int
+    key: str
+    nonce: str
+
+    @property
+    def commitment(self) -> str:
+        """The commitment to the seed."""
+        return digest(f"{self.nonce} {self.seed}".encode())
+
+
+def begin(places: Places, plan: Plan, seed: int | None, made: Mapping[str, str]) -> Secret:
+    """Publish the plan of a new proof, or check that of an existing one; return its secret.
+
+    `seed` is by default from the operating system; `made` holds ``world``, ``code`` and ``commit``.
+
+    Raises
+    ------
+    IrtError
+        If the folder holds a proof of another plan or seed, or an unfinished one of another code.
+    """
+    make_folder(places.secret.parent).chmod(0o700)
+    if not places.plan.exists():
+        drawn = secrets.randbits(64) if seed is None else seed
+        secret = Secret(drawn, secrets.token_hex(32), secrets.token_hex(32))
+        write_atomic(places.secret, canonical(vars(secret)))
+        write_atomic(places.plan, canonical({"plan": plan.as_dict(), "seed": secret.commitment, **made}))
+    secret, published = Secret(**read_json(places.secret)), read_json(places.plan)
+    if published["plan"] != plan.as_dict() or seed not in (None, secret.seed):
+        raise IrtError(f"{places.out}: holds a proof of another plan or seed; choose another --out")
+    if published["code"] != made["code"] and not places.keys.exists():
+        raise IrtError(
+            f"{places.out}: an unfinished proof of {published['code']}, and this is {made['code']}; go on "
+            "with that version, or choose another --out"
+        )
+    return secret
+
+
+def commit(places: Places, names: list[str]) -> None:
+    """Write the commitments to all rigs, whose labels are sealed."""
+    content = {
+        "plan": digest(places.plan.read_bytes()),
+        "commitments": {name: read_json(places.seal(name))["commitment"] for name in names},
         "recordings": {name: digests(places.rig(name)) for name in names},
     }
+    write_atomic(places.commitments, canonical(content))
 
 
-def manifest(places: Places, names: Sequence[str]) -> dict[str, Any]:
-    """Return the content of the manifest: the SHA-256 of all answers and of the commitments."""
-    return {
-        "commitments": digest(places.commitments.read_bytes()),
-        "answers": {name: digests(places.answer(name)) for name in names},
-    }
-
-
-def check_answers(places: Places, names: Sequence[str]) -> None:
-    """Raise unless answers and commitments are those of the manifest.
+def release(places: Places, names: list[str], secret: Secret) -> None:
+    """Write the manifest of all answers, then the key for this manifest only, and open the seals.
 
     Raises
     ------
     IrtError
-        With one line that contains the rig's name.
+        If an answer is missing, or any part of the chain was altered.
     """
-    written = read_json(places.manifest)
-    if digest(places.commitments.read_bytes()) != written["commitments"]:
-        raise IrtError(f"{places.commitments}: not what the manifest says: it was altered after publication")
-    for name in names:
-        if written["answers"].get(name) != digests(make_folder(places.answer(name))):
-            raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
-
-
-def open_all(places: Places, names: Sequence[str]) -> None:
-    """Open the seals with the released keys, and write labels and held-out runs.
-
-    Raises
-    ------
-    IrtError
-        If any part of the chain was altered; one line with the rig's name.
-    """
-    for name, content in opened(places, names).items():
+    if not places.manifest.exists():
+        if missing := [name for name in names if not places.answer(name).exists()]:
+            raise IrtError(f"{missing[0]}: there is no answer; the key is not released")
+        for name in names:
+            _check_code(places, name)
+        answers = {name: digests(places.answer(name)) for name in names}
+        before = digest(places.commitments.read_bytes())
+        write_atomic(places.manifest, canonical({"commitments": before, "answers": answers}))
+    hashed = digest(places.manifest.read_bytes())
+    if not places.keys.exists():
+        write_atomic(places.keys, canonical({"manifest": hashed, **vars(secret)}))
+    for name, content in _labels(places, names).items():
         label = content["label"]
         files = {"label.json": canonical(label)}
         files.update({f"{run}.csv": test["csv"].encode() for run, test in label["tests"].items()})
@@ -131,53 +166,70 @@ def open_all(places: Places, names: Sequence[str]) -> None:
         write_folder(places.opened(name), files)
 
 
-def unfinished(places: Places) -> str:
-    """Return the missing step of an unfinished proof as a phrase; empty if it can be checked.
-
-    After the release of its keys only labels can be missing, which the keys open. Any other missing file was
-    removed, and `verify` reports it.
-    """
-    if places.keys.exists():
-        names = read_json(places.commitments)["commitments"] if places.commitments.exists() else ()
-        are_open = all((places.opened(name) / "label.json").exists() for name in names)
-        return "" if are_open else "its seals are not all open"
-    if not places.commitments.exists():
-        return "its rigs are not all hidden"
-    return "its keys are not released" if places.manifest.exists() else "its rigs are not all diagnosed"
-
-
 def verify(out: Path) -> int:
-    """Check a proof from end to end, and return its number of rigs.
+    """Check a proof, and return its number of rigs; without ``seals/``, check the published chain alone.
 
     Raises
     ------
     IrtError
-        If it is not finished, or a label, a recording, a commitment or an answer was altered.
+        If it is not finished, or a plan, label, recording, commitment, answer or seed was altered.
     """
     places = Places(out)
-    names = list(read_json(places.commitments)["commitments"])
-    for name, content in opened(places, names).items():
-        path = places.opened(name) / "label.json"
-        if not path.exists() or path.read_bytes() != canonical(content["label"]):
+    published = read_json(places.plan)
+    plan = Plan(**published["plan"])
+    names = plan.names()
+    for path in (places.commitments, places.manifest, places.keys):
+        if not path.exists():
+            done = sum(places.answer(name).exists() for name in names)
+            raise IrtError(
+                f"{out}: not finished: no {path.name} yet, {done} of {plan.rigs} rigs are diagnosed"
+            )
+    _check_links(places)
+    if names != list(read_json(places.commitments)["commitments"]):
+        raise IrtError(f"{places.commitments}: not the rigs of the plan: one of them was altered")
+    keys = read_json(places.keys)
+    secret = Secret(keys["seed"], keys["key"], keys["nonce"])
+    if published["seed"] != secret.commitment:
+        raise IrtError(f"{places.keys}: not the seed that the plan is committed to: it was altered")
+    if not places.seal(names[0]).parent.is_dir():
+        return plan.rigs
+    labels = _labels(places, names)
+    for name, kind in zip(names, plan.order(secret.seed), strict=True):
+        label = labels[name]["label"]
+        if label != read_json(places.opened(name) / "label.json"):
             raise IrtError(f"{name}: the label that was opened is not the one that was sealed")
-    return len(names)
+        _check_code(places, name)
+        if not is_of_kind(label["kind"], kind):
+            raise IrtError(f"{name}: its label is not of the kind that plan and seed give it")
+    return plan.rigs
 
 
-def opened(places: Places, names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the sealed labels after a check of the whole chain."""
-    keys, published = read_json(places.keys), read_json(places.commitments)
-    if digest(canonical(read_json(places.manifest))) != keys["manifest"]:
-        raise IrtError(f"{places.manifest}: not the one that the keys were released for: it was altered")
-    check_answers(places, names)
-    found = {}
+def _check_code(places: Places, name: str) -> None:
+    """Raise unless the code of the plan found the answer of a rig; a diagnosis that failed names none."""
+    said, planned = places.answer(name) / CODE, read_json(places.plan)["code"]
+    if said.exists() and (found := read_json(said)["code"]) != planned:
+        raise IrtError(f"{name}: diagnosed by {found}, and the plan is of {planned}: the code was changed")
+
+
+def _check_links(places: Places) -> None:
+    """Raise unless each file of the chain holds the SHA-256 of the one before it."""
+    chain = [places.out / name for name in CHAIN]
+    for before, path in pairwise(chain):
+        if read_json(path)[before.stem] != digest(before.read_bytes()):
+            raise IrtError(f"{before}: not the one that {path.name} is of: one of them was altered")
+
+
+def _labels(places: Places, names: list[str]) -> dict[str, dict[str, Any]]:
+    """Return the contents of the seals, by rig, after a check of the whole chain."""
+    _check_links(places)
+    key, found = read_json(places.keys)["key"], {}
+    commitments, answers = read_json(places.commitments)["commitments"], read_json(places.manifest)["answers"]
     for name in names:
-        seal = Seal(**read_json(places.seal(name)))
-        content = open_seal(seal, Key(**keys["keys"][name]), published["commitments"][name])
-        if content["rig"] != name:
-            raise IrtError(f"{name}: its seal holds the label of {content['rig']}: the two were swapped")
-        if content["recordings"] != digests(places.rig(name)):
+        if answers.get(name) != digests(places.answer(name)):
+            raise IrtError(f"{name}: the answer is not the one of the manifest: it was altered afterwards")
+        found[name] = open_seal(name, read_json(places.seal(name)), key, commitments[name])
+        if found[name]["recordings"] != digests(places.rig(name)):
             raise IrtError(f"{name}: its recordings are not those that were sealed: they were altered")
-        found[name] = content
     return found
 
 
@@ -189,19 +241,3 @@ def write_folder(folder: Path, files: Mapping[str, bytes]) -> None:
         (beside / name).parent.mkdir(parents=True, exist_ok=True)
         write_atomic(beside / name, data)
     beside.replace(folder)
-
-
-def read_json(path: Path) -> dict[str, Any]:
-    """Return the object in a JSON file.
-
-    Raises
-    ------
-    IrtError
-        If the file cannot be read or is broken.
-    """
-    text = read_text(path)
-    try:
-        content: dict[str, Any] = json.loads(text)
-    except ValueError as error:
-        raise IrtError(f"{path}: broken JSON: {error}") from error
-    return content

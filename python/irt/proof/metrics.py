@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irt.diagnosis.result import UNLISTED
-from irt.proof.plan import NULLS
+from irt.proof.plan import NULLS, SIZES
 from irt.proof.score import NOTHING, RigScore, matched
 
 #: Edges of the bins of signal over noise.
@@ -155,8 +155,8 @@ def nulls(scores: Iterable[RigScore]) -> list[RigScore]:
 
 
 def of_catalogue(scores: Iterable[RigScore]) -> list[RigScore]:
-    """Return the rigs with one or two hidden effects of the catalogue."""
-    return [one for one in scores if one.group in ("single", "pair")]
+    """Return the rigs with hidden effects of the catalogue."""
+    return [one for one in scores if one.group in SIZES]
 
 
 def in_group(scores: Iterable[RigScore], group: str) -> list[RigScore]:

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from irt.errors import IrtError
 
 #: Kinds of rigs; the first two have no hidden physics.
-KINDS = ("none", "outliers", "single", "pair", "unlisted")
+KINDS = ("none", "outliers", "single", "pair", "triple", "unlisted")
+#: Kinds that hide effects of the catalogue, with their numbers.
+SIZES = {"single": 1, "pair": 2, "triple": 3}
 NULLS = ("none", "outliers")
 #: Shares of the kinds among rigs with hidden physics, and among those without.
-_HIDDEN = {"single": 0.6, "pair": 0.2, "unlisted": 0.2}
+_HIDDEN = {"single": 0.5, "pair": 0.2, "triple": 0.1, "unlisted": 0.2}
 _NOTHING = {"none": 0.9, "outliers": 0.1}
 
 
@@ -25,22 +28,20 @@ class Plan:
     ----------
     none, outliers : int
         Rigs without hidden physics, the latter with outliers of the tracker.
-    single, pair, unlisted : int
-        Rigs that hide one effect, two effects, or physics outside the catalogue.
-    first : int
-        Number of rigs of earlier rounds and proofs, so that names are unique over all of them.
+    single, pair, triple, unlisted : int
+        Rigs that hide one effect, two or three effects, or physics outside the catalogue.
     """
 
     none: int = 0
     outliers: int = 0
     single: int = 0
     pair: int = 0
+    triple: int = 0
     unlisted: int = 0
-    first: int = 0
 
     @classmethod
-    def of(cls, hidden: int, nulls: int, first: int = 0) -> Plan:
-        """Return the plan for numbers of rigs with and without hidden physics, after the first ones.
+    def of(cls, hidden: int, nulls: int) -> Plan:
+        """Return the plan for numbers of rigs with and without hidden physics.
 
         Raises
         ------
@@ -49,28 +50,19 @@ class Plan:
         """
         if hidden + nulls < 1:
             raise IrtError("a proof needs at least one rig")
-        return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING), first=first)
+        return cls(**_shared(hidden, _HIDDEN), **_shared(nulls, _NOTHING))
 
     @property
     def rigs(self) -> int:
         """The number of rigs."""
-        return self.none + self.outliers + self.single + self.pair + self.unlisted
-
-    @property
-    def nulls(self) -> int:
-        """The number of rigs without hidden physics."""
-        return self.none + self.outliers
+        return sum(self.as_dict().values())
 
     def names(self) -> list[str]:
         """Return the names of all rigs, which are plain numbers."""
-        return [self.name_of(index) for index in range(self.rigs)]
-
-    def name_of(self, index: int) -> str:
-        """Return the name of a rig of this round."""
-        return f"rig-{self.first + index + 1:04d}"
+        return [f"rig-{number:04d}" for number in range(1, self.rigs + 1)]
 
     def order(self, seed: int) -> list[str]:
-        """Return the kind of each rig, shuffled by a seed that only the sealing process has."""
+        """Return the kind of each rig, shuffled by the secret seed."""
         kinds = [kind for kind in KINDS for _ in range(getattr(self, kind))]
         places = np.random.default_rng(_mixed(seed, "order")).permutation(len(kinds))
         return [kinds[place] for place in places]
@@ -80,14 +72,16 @@ class Plan:
         return asdict(self)
 
 
+def is_of_kind(hidden: Any, kind: str) -> bool:
+    """Return whether the ``kind`` of a label, an effect or several or a word, is of a kind of rigs."""
+    if kind in SIZES:
+        return (1 if isinstance(hidden, str) else len(hidden)) == SIZES[kind]
+    return str(hidden).startswith(kind)
+
+
 def seed_of(seed: int, index: int) -> int:
     """Return the seed of one rig, below 2^63; it reveals nothing about the other seeds."""
     return _mixed(seed, f"rig {index}")
-
-
-def seed_of_round(seed: int, number: int) -> int:
-    """Return the seed of one round of a proof, below 2^63; the first round has the proof's own seed."""
-    return _mixed(seed, f"round {number}") if number else seed
 
 
 def _mixed(seed: int, purpose: str) -> int:

@@ -17,10 +17,10 @@ import numpy as np
 
 from irt.engine import SUBSTEP_S
 from irt.errors import IrtError
+from irt.files import read_json
 from irt.fitting.least_squares import stamped_time_scale
 from irt.model import load_model
 from irt.proof.blind import CHANCES
-from irt.proof.hash_chain import read_json
 from irt.recording import save_recording
 from irt.rig import Rig, load_rig
 from irt.suggestion import suggest
@@ -52,12 +52,10 @@ def main(words: Sequence[str]) -> int:
 def save_random(rig: Rig, path: Path) -> None:
     """Write a random run from the families of `irt suggest`, within the rig's limits."""
     stamped = stamped_time_scale(rig)
-    limits = Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S)
     random = np.random.default_rng(0)
-    run = draw(str(random.choice(list(FAMILIES))), random.random(GENES), limits)
-    marble = np.full_like(run.commands, np.nan)
-    marble[0] = run.start
-    save_recording(path, run.commands, marble)
+    family = str(random.choice(list(FAMILIES)))
+    run = draw(family, random.random(GENES), Limits.of(rig, None if stamped is None else stamped * SUBSTEP_S))
+    save_recording(path, run.commands, np.vstack([run.start, np.full_like(run.commands[1:], np.nan)]))
 
 
 if __name__ == "__main__":

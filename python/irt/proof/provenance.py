@@ -1,80 +1,52 @@
-"""Provenance of the rounds of a proof: seed, concealed world, and version and digest of the code."""
+"""Which code diagnoses the rigs of a proof: version, digest and commit."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import json
-from dataclasses import dataclass
+import subprocess
 from importlib.metadata import version
 from pathlib import Path
 
-from irt.files import make_folder, write_atomic
-from irt.proof.hash_chain import Places, read_json
+from irt.errors import IrtError
 
 #: Files of the package's digest: its modules and the engine.
 _CODE = ("*.py", "*.so", "*.pyd")
 _DIGITS = 12
-#: File in the folder of a round.
-_NOTES = "made.json"
-
-
-@dataclass(frozen=True)
-class Made:
-    """Provenance of a round, as text.
-
-    Attributes
-    ----------
-    rigs : int
-        Number of rigs.
-    seed : str
-        Seed of the hidden physics.
-    world, code : str
-        Versions of the concealed world, and of the package that diagnosed the rigs.
-    """
-
-    rigs: int
-    seed: str
-    world: str
-    code: str
-
-    @classmethod
-    def of(cls, places: Places, rigs: int) -> Made:
-        """Return the provenance of a finished round with this number of rigs.
-
-        If several versions of the code worked on it, all of them are listed.
-
-        Raises
-        ------
-        IrtError
-            If its keys or its notes are missing.
-        """
-        notes, keys = read_json(places.out / _NOTES), read_json(places.keys)
-        return cls(rigs, f"{keys['seed']}", *(", then ".join(notes[name]) for name in ("world", "code")))
-
-
-def note(places: Places, world: str) -> None:
-    """Record, in a round's folder, the version that works on it.
-
-    Raises
-    ------
-    IrtError
-        If the file cannot be read or written.
-    """
-    path = make_folder(places.out) / _NOTES
-    notes: dict[str, list[str]] = read_json(path) if path.exists() else {"world": [], "code": []}
-    for name, now in (("world", world), ("code", f"{this_code()}, one thread each")):
-        if now not in notes[name]:
-            notes[name].append(now)
-    write_atomic(path, json.dumps(notes, indent=1) + "\n")
+_ROOT = Path(__file__).parents[1]
 
 
 @functools.cache
 def this_code() -> str:
     """Return version and digest of the running package."""
-    root = Path(__file__).parents[1]
     total = hashlib.sha256()
-    for path in sorted(path for kind in _CODE for path in root.rglob(kind)):
-        total.update(f"{path.relative_to(root).as_posix()}\0".encode())
+    for path in sorted(path for kind in _CODE for path in _ROOT.rglob(kind)):
+        total.update(f"{path.relative_to(_ROOT).as_posix()}\0".encode())
         total.update(hashlib.sha256(path.read_bytes()).digest())
     return f"irt {version('labsim-irt')}, code {total.hexdigest()[:_DIGITS]}"
+
+
+def clean_commit(root: Path = _ROOT) -> str:
+    """Return the hash of the commit that the package runs from.
+
+    Raises
+    ------
+    IrtError
+        If it does not run from a git checkout, or tracked files there were changed.
+    """
+    commit = _git(root, "rev-parse", "HEAD")
+    changed = _git(root, "status", "--porcelain", "--untracked-files=no")
+    if commit is None or changed is None:
+        raise IrtError(f"{root}: no git checkout, and a full proof is of one commit; run it from a checkout")
+    if changed:
+        name = changed.splitlines()[0][3:]
+        raise IrtError(f"{root}: a full proof is of one commit; {name} was changed since: commit it first")
+    return commit
+
+
+def _git(root: Path, *words: str) -> str | None:
+    try:
+        done = subprocess.run(["git", "-C", str(root), *words], capture_output=True, text=True, check=False)
+    except OSError:
+        return None
+    return done.stdout.rstrip("\n") if done.returncode == 0 else None

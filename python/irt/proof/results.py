@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from irt.errors import IrtError
-from irt.files import write_atomic
+from irt.files import read_json, write_atomic
 from irt.proof.contest import METHODS
 from irt.proof.contested import Contestant, Standing, contestants, is_ahead, of_diagnosis, standing
 from irt.proof.further import Resolved, all_resolved
-from irt.proof.hash_chain import Places, read_json
+from irt.proof.hash_chain import Places
 from irt.proof.metrics import Floor, floors
-from irt.proof.provenance import Made
+from irt.proof.plan import Plan
 from irt.proof.score import RigScore, score_rig
 from irt.proof.seal import canonical
 
@@ -31,24 +29,26 @@ class Results:
         Scores of other methods on the same rigs; empty if they did not run.
     ties : tuple of Resolved
         Ties before and after one more run; empty without ties.
-    made : tuple of Made
-        Provenance of each round.
+    made : dict
+        Provenance: ``world``, ``code``, ``commit`` and ``seed``.
     """
 
     scores: tuple[RigScore, ...]
     entries: tuple[Contestant, ...] = ()
     ties: tuple[Resolved, ...] = ()
-    made: tuple[Made, ...] = ()
+    made: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, places: Places, names: Sequence[str], made: Made | None = None) -> Results:
-        """Score a round of a proof whose seals are open.
+    def of(cls, places: Places) -> Results:
+        """Score a proof whose seals are open.
 
         Raises
         ------
         IrtError
             If a file is missing or broken.
         """
+        published, keys = read_json(places.plan), read_json(places.keys)
+        names = Plan(**published["plan"]).names()
         scores = tuple(score_rig(name, places.answer(name), places.opened(name)) for name in names)
         entries = [
             entry
@@ -59,49 +59,8 @@ class Results:
             )
         ]
         ties = tuple(all_resolved(scores, places.out / "further"))
-        return cls(scores, tuple(entries), ties, () if made is None else (made,))
-
-    @classmethod
-    def load(cls, path: Path) -> Results:
-        """Read a file of `save`.
-
-        Raises
-        ------
-        IrtError
-            If the file is missing or has other content.
-        """
-        content = read_json(path)
-        try:
-            return cls(
-                tuple(RigScore.from_dict(one) for one in content["rigs"]),
-                tuple(Contestant.from_dict(one) for one in content["baselines"]),
-                tuple(Resolved(**one) for one in content["ties"]),
-                tuple(Made(**one) for one in content["rounds"]),
-            )
-        except (KeyError, TypeError) as error:
-            raise IrtError(f"{path}: holds no scores of a proof: {error}") from error
-
-    def first(self, rounds: int) -> Results:
-        """Return the scores of the first rounds alone."""
-        made = self.made[:rounds]
-        scores = self.scores[: sum(one.rigs for one in made)]
-        names = {one.rig for one in scores}
-        return Results(
-            scores,
-            tuple(one for one in self.entries if one.rig in names),
-            tuple(one for one in self.ties if one.rig in names),
-            made,
-        )
-
-    @classmethod
-    def joined(cls, rounds: Sequence[Results]) -> Results:
-        """Return the scores of several rounds as one proof; names of rigs are unique."""
-        return cls(
-            tuple(one for each in rounds for one in each.scores),
-            tuple(one for each in rounds for one in each.entries),
-            tuple(one for each in rounds for one in each.ties),
-            tuple(one for each in rounds for one in each.made),
-        )
+        made = {name: str(published[name]) for name in ("world", "code", "commit")}
+        return cls(scores, tuple(entries), ties, {**made, "seed": str(keys["seed"])})
 
     @property
     def standings(self) -> list[Standing]:
@@ -138,6 +97,6 @@ class Results:
             "rigs": [one.as_dict() for one in self.scores],
             "baselines": [one.as_dict() for one in self.entries],
             "ties": [asdict(one) for one in self.ties],
-            "rounds": [asdict(one) for one in self.made],
+            "made": self.made,
         }
         write_atomic(path, canonical(content) + b"\n")

@@ -7,30 +7,23 @@ continues.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import ExitStack, closing
 from pathlib import Path
 from queue import Queue
+from typing import Any
 
 import numpy as np
 
 from irt.errors import IrtError
 from irt.files import make_folder, write_atomic
-from irt.proof import further, sealing
-from irt.proof.hash_chain import (
-    Places,
-    check_answers,
-    commitments,
-    manifest,
-    open_all,
-    read_json,
-    write_folder,
-)
-from irt.proof.pipe import Pipe
-from irt.proof.plan import Plan
+from irt.proof import further
+from irt.proof.hash_chain import Places, Secret, begin, commit, release, write_folder
+from irt.proof.plan import Plan, seed_of
 from irt.proof.score import held_out, label_of
-from irt.proof.seal import canonical
+from irt.proof.seal import canonical, close, digests
+from irt.proof.world import World
 from irt.recording import Recording
 from irt.segments import LEAD_ROWS
 from irt.workers import Files, Workers
@@ -53,10 +46,12 @@ class Proof:
         Its folder, new or started by the same command.
     plan : Plan
         Its rigs.
-    generator : sequence of str
+    world : sequence of str
         The command of the concealed world.
     workers : Workers
         Workers that run the diagnoses.
+    made : mapping
+        ``world``, ``code`` and ``commit``, which are published with the plan.
     seed : int, optional
         Seed of the hidden physics; by default from the operating system.
     progress : callable, optional
@@ -64,7 +59,7 @@ class Proof:
     contest : bool
         Whether other methods run on the same rigs.
     hiders : int
-        Number of rigs made at a time, each by its own sealing process.
+        Number of rigs made at a time, each by its own world.
 
     Raises
     ------
@@ -76,8 +71,9 @@ class Proof:
         self,
         out: Path,
         plan: Plan,
-        generator: Sequence[str],
+        world: Sequence[str],
         workers: Workers,
+        made: Mapping[str, str],
         *,
         seed: int | None = None,
         progress: Progress | None = None,
@@ -85,72 +81,73 @@ class Proof:
         hiders: int = 1,
     ) -> None:
         self.places, self.plan, self._workers = Places(make_folder(out)), plan, workers
-        self._generator, self._seed, self._contest = generator, seed, contest
+        self._world, self._made, self._seed, self._contest = world, made, seed, contest
         self._hiders = hiders
         self._progress = progress or (lambda *_: None)
         self._done = 0
 
     def run(self) -> Places:
         """Run all remaining steps."""
-        with self._sealer() as sealer:
-            self._hide(sealer)
-            self._diagnose()
-            self._release(sealer)
-            open_all(self.places, self.plan.names())
-            if self._contest:
-                self._resolve(sealer)
+        names = self.plan.names()
+        secret = begin(self.places, self.plan, self._seed, self._made)
+        self._hide(secret)
+        self._diagnose()
+        release(self.places, names, secret)
         if self._contest:
+            self._resolve(secret)
             self._compare()
         self._report(self._total, "done")
         return self.places
 
-    def _sealer(self) -> Pipe:
-        vault = self.places.vault.resolve()
-        return Pipe(sealing.command(vault, self.plan, self._seed, self._generator), "the sealing process")
+    def _asked(self, index: int, secret: Secret) -> dict[str, Any]:
+        """Return what the world needs to know to make a rig."""
+        kind = self.plan.order(secret.seed)[index]
+        return {"index": index, "kind": kind, "seed": seed_of(secret.seed, index)}
 
-    def _hide(self, sealer: Pipe) -> None:
+    def _hide(self, secret: Secret) -> None:
         """Make the rigs, and publish the commitments to all of them."""
         names = self.plan.names()
         for kind in ("rigs", "seals", "answers", "opened", "baselines", "further"):
             make_folder(self.places.out / kind)
-        if self.places.commitments.exists():
-            self._step("hidden", "", len(names))
-            return
         left = [index for index, name in enumerate(names) if not self.places.seal(name).exists()]
+        if self.places.commitments.exists():
+            left = []
         already = len(names) - len(left)
         self._step("hidden", f"hidden: {already} of {len(names)}", already)
-        # The first process creates the vault; the others find it.
-        sealer.ask({"begin": {}})
         with ExitStack() as stack:
-            others = min(self._hiders, len(left)) - 1
-            idle: Queue[Pipe] = Queue()
-            pipes = [sealer, *(stack.enter_context(self._sealer()) for _ in range(others))]
-            for pipe in pipes:
-                idle.put(pipe)
+            idle: Queue[World] = Queue()
+            worlds = [stack.enter_context(World(self._world)) for _ in range(min(self._hiders, len(left)))]
+            for world in worlds:
+                idle.put(world)
             pool = stack.enter_context(ThreadPoolExecutor(self._hiders))
-            tasks = [pool.submit(self._make, idle, index, names[index]) for index in left]
+            tasks = [pool.submit(self._make, idle, index, secret) for index in left]
             try:
                 for done, task in enumerate(as_completed(tasks), start=already + 1):
                     task.result()
                     self._step("hidden", f"hidden: {done} of {len(names)}")
             except BaseException:
                 pool.shutdown(wait=False, cancel_futures=True)
-                for pipe in pipes:
-                    pipe.stop()
+                for world in worlds:
+                    world.stop()
                 raise
-        write_atomic(self.places.commitments, canonical(commitments(self.places, names)))
+        if not self.places.commitments.exists():
+            commit(self.places, names)
 
-    def _make(self, idle: Queue[Pipe], index: int, name: str) -> None:
-        """Make one rig in an idle sealing process, and publish its seal."""
+    def _make(self, idle: Queue[World], index: int, secret: Secret) -> None:
+        """Make one rig in an idle world, and seal its label."""
+        name = self.plan.names()[index]
         folder = self.places.rig(name)
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        pipe = idle.get()
+        world = idle.get()
         try:
-            made = pipe.ask({"make": {"index": index, "folder": str(folder.resolve())}})
+            asked = {**self._asked(index, secret), "folder": str(folder.resolve())}
+            label = world.ask({"make": asked})["label"]
         finally:
-            idle.put(pipe)
-        write_atomic(self.places.seal(name), canonical(made))
+            idle.put(world)
+        # The label is bound to the recordings.
+        content = {"recordings": digests(folder), "label": label}
+        write_atomic(self.places.seal(name), canonical(close(name, content, secret.key)))
 
     def _diagnose(self) -> None:
         names = self.plan.names()
@@ -161,15 +158,6 @@ class Proof:
             raise IrtError(f"{next(iter(inputs))}: its answer is gone, and the manifest is written")
         self._work("diagnosed", BLIND, inputs, self.places.answer)
 
-    def _release(self, sealer: Pipe) -> None:
-        """Write the manifest of all answers, and only then request the keys."""
-        names = self.plan.names()
-        if not self.places.manifest.exists():
-            write_atomic(self.places.manifest, canonical(manifest(self.places, names)))
-        check_answers(self.places, names)
-        released = sealer.ask({"release": {"manifest": read_json(self.places.manifest)}})
-        write_atomic(self.places.keys, canonical(released))
-
     def _compare(self) -> None:
         """Run the other methods on the same rigs, with the commands of the held-out runs."""
         names = self.plan.names()
@@ -177,7 +165,7 @@ class Proof:
         inputs = {name: self._contest_files(name) for name in left}
         self._work("contested", CONTEST, inputs, self.places.contest)
 
-    def _resolve(self, sealer: Pipe) -> None:
+    def _resolve(self, secret: Secret) -> None:
         """Record one more run for each tie and repeat the diagnosis, if the world supports it."""
         names = self.plan.names()
         tied = {
@@ -185,13 +173,16 @@ class Proof:
             for name in names
             if further.in_a_tie(self.places.answer(name)) and not self.places.further(name).exists()
         }
+        if not tied:
+            return
         runs = {}
         answers = {name: self.places.answer(name) for name in tied}
-        for name, commands in further.propose(self._workers, tied, answers).items():
-            seen = further.recorded(sealer, names.index(name), commands)
-            if seen is None:
-                return
-            runs[name] = seen
+        with World(self._world) as world:
+            for name, commands in further.propose(self._workers, tied, answers).items():
+                seen = further.recorded(world, self._asked(names.index(name), secret), commands)
+                if seen is None:
+                    return
+                runs[name] = seen
         collected: dict[str, dict[str, Files]] = {}
         for name, kind, files in further.diagnosed(self._workers, tied, runs):
             collected.setdefault(name, {})[kind] = files

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from irt.diagnosis.result import UNLISTED
 from irt.errors import IrtError
+from irt.files import read_json
 from irt.model import Model, load_model
 from irt.proof.blind import SECONDS
-from irt.proof.hash_chain import read_json
+from irt.proof.plan import SIZES
 from irt.recording import Recording, load_recording
 from irt.residual import free_run_error
 from irt.segments import LEAD_ROWS
@@ -65,7 +66,7 @@ class RigScore:
     ----------
     rig : str
         Its name.
-    group : {"none", "outliers", "single", "pair", "unlisted"}
+    group : {"none", "outliers", "single", "pair", "triple", "unlisted"}
         Kind of rig.
     kinds : tuple of str
         Hidden physics: effects, or one ``unlisted_...``; empty without any.
@@ -86,8 +87,9 @@ class RigScore:
     intervals : dict
         Whether the 95 % interval of each parameter contains the truth: "yes", "no", or "open" if it has an
         infinite end and so cannot fail on that side.
-    noise, sigma, through_camera
-        Kind of tracker noise, its standard deviation [board edges], and whether pictures were tracked.
+    noise, sigma, through_camera, engine
+        Kind of tracker noise, its standard deviation [board edges], whether pictures were tracked, and the
+        engine that recorded it; empty if the world does not say.
     seconds : float
         CPU time of the diagnosis on one core [s].
     reason : str
@@ -114,6 +116,7 @@ class RigScore:
     noise: str = "white"
     sigma: float = math.nan
     through_camera: bool = False
+    engine: str = ""
     seconds: float = math.nan
     reason: str = ""
     unread: tuple[str, ...] = ()
@@ -130,18 +133,6 @@ class RigScore:
         """Return the score as JSON content, with None for NaN and infinities."""
         content: dict[str, Any] = _finite({**asdict(self), "closed": self.closed})
         return content
-
-    @classmethod
-    def from_dict(cls, content: Mapping[str, Any]) -> RigScore:
-        """Return the score from the content of `as_dict`."""
-        values = {name: value for name, value in content.items() if name != "closed"}
-        for name in ("kinds", "named", "unread", "left_out"):
-            values[name] = tuple(values[name])
-        for name in ("sigma", "seconds"):
-            values[name] = _number(values[name])
-        if values["errors"] is not None:
-            values["errors"] = Errors(**{name: _number(one) for name, one in values["errors"].items()})
-        return cls(**values)
 
 
 def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
@@ -167,6 +158,7 @@ def score_rig(rig: str, answer: Path, opened: Path) -> RigScore:
         "noise": str(label.get("noise", "white")),
         "sigma": math.nan if label["sigma"] is None else float(label["sigma"]),
         "through_camera": bool(label.get("through_camera", False)),
+        "engine": str(label.get("engine", "")),
     }
     if (answer / FAILED).exists():
         unread, why = _unread(label)
@@ -206,9 +198,10 @@ def group_of(label: Mapping[str, Any]) -> tuple[str, tuple[str, ...]]:
     kind = label["kind"]
     if isinstance(kind, list | tuple):
         names = tuple(str(one) for one in kind)
-        if len(names) not in (1, 2):
-            raise IrtError(f"a label names {len(names)} effects; one or two were expected")
-        return ("pair" if len(names) == 2 else "single"), names
+        groups = {size: group for group, size in SIZES.items()}
+        if len(names) not in groups:
+            raise IrtError(f"a label names {len(names)} effects; one to {max(groups)} were expected")
+        return groups[len(names)], names
     if kind in ("none", "outliers"):
         return str(kind), ()
     return (UNLISTED if str(kind).startswith(UNLISTED) else "single"), (str(kind),)
@@ -235,25 +228,19 @@ def naming(group: str, kinds: Sequence[str], diagnosis: Mapping[str, Any]) -> di
     }
 
 
-def matched(kinds: Sequence[str], ties: Mapping[str, Sequence[str]]) -> dict[str, str]:
+def matched(kinds: Sequence[str], ties: Mapping[str, Collection[str]]) -> dict[str, str]:
     """Match each hidden effect to at most one name that is equal to it or tied with it.
 
     The matching is a largest one, with exact names first.
     """
-    slots: list[str | None] = [*ties, *[None] * len(kinds)]
-
-    def worth(order: Sequence[str | None]) -> float:
-        return sum(
-            1.1 if name == kind else 1.0 if name is not None and kind in ties[name] else 0.0
-            for kind, name in zip(kinds, order, strict=True)
-        )
-
-    best = max(itertools.permutations(slots, len(kinds)), key=worth)
-    return {
-        kind: name
-        for kind, name in zip(kinds, best, strict=True)
-        if name is not None and (kind == name or kind in ties[name])
-    }
+    if not kinds or not ties:
+        return {}
+    names = list(ties)
+    worth = np.array(
+        [[1.1 if name == kind else float(kind in ties[name]) for name in names] for kind in kinds]
+    )
+    pairs = zip(*linear_sum_assignment(worth, maximize=True), strict=True)
+    return {kinds[kind]: names[name] for kind, name in pairs if worth[kind, name] > 0.0}
 
 
 def errors_of(
@@ -332,11 +319,6 @@ def _holds(name: str, one: Mapping[str, Any], value: float) -> str:
     if all(same < low or same > high for same in (value, value - turn, value + turn)):
         return "no"
     return "open" if math.isnan(low) or math.isnan(high) else "yes"
-
-
-def _number(value: float | None) -> float:
-    """Return a number, NaN for None."""
-    return math.nan if value is None else value
 
 
 def _finite(content: Any) -> Any:

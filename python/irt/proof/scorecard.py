@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ from irt.files import make_folder, write_atomic
 from irt.proof import figures
 from irt.proof.failures import GROUPS, counted, failures, left_out_runs, short_unread, unread_rigs
 from irt.proof.further import KINDS
-from irt.proof.hash_chain import Places
+from irt.proof.hash_chain import CHAIN, Places
 from irt.proof.metrics import (
     CLEAR,
     GAP_CLOSED,
@@ -30,8 +30,6 @@ from irt.proof.metrics import (
     power,
 )
 from irt.proof.plan import NULLS
-from irt.proof.provenance import Made
-from irt.proof.publish import named, publish, published, withdraw
 from irt.proof.results import Results
 from irt.proof.score import CHANCE, RigScore
 from irt.proof.seal import digest
@@ -43,13 +41,7 @@ _NOISES_MM = (0.0, 0.3, 0.6, 1.0, 2.5)
 
 
 def write_scorecard(
-    page: Path,
-    results: Results,
-    rounds: Sequence[Places],
-    settings: Mapping[str, str],
-    *,
-    raw: bool = False,
-    earlier: int = 0,
+    page: Path, results: Results, places: Places, settings: Mapping[str, str], *, raw: bool = False
 ) -> Path:
     """Write the page, its pictures and ``scores.json``, the latter two into a folder of the page's name.
 
@@ -59,15 +51,12 @@ def write_scorecard(
         The ``.md`` file.
     results : Results
         The scores.
-    rounds : sequence of Places
-        The finished rounds of the proof, whose hashes the page lists.
+    places : Places
+        The finished proof, whose hashes the page lists.
     settings : mapping
         Descriptions of the settings, by title.
     raw : bool
-        Whether commitments, manifest and keys are copied beside the page. Those of an earlier page, or of
-        rounds that this page does not contain, are removed in any case.
-    earlier : int
-        Number of rounds of earlier proofs in the results; their published files stay.
+        Whether plan, commitments, manifest and keys are copied beside the page.
 
     Raises
     ------
@@ -76,15 +65,16 @@ def write_scorecard(
     """
     make_folder(page.parent)
     folder = make_folder(page.with_suffix(""))
-    # First, because it checks that earlier rounds are complete before their page is overwritten.
-    copied = publish(folder, rounds, earlier) if raw else set()
+    chain = [places.out / name for name in CHAIN]
+    if raw and folder.resolve() != places.out.resolve():
+        for path in chain:
+            write_atomic(folder / path.name, path.read_bytes())
     scores = results.scores
     figures.plot_confusion(folder / "confusion.png", scores)
     figures.plot_power(folder / "power.png", scores)
     figures.plot_gaps(folder / "gaps.png", scores, list(_rival_gaps(results)))
     figures.plot_coverage(folder / "coverage.png", scores)
     results.save(folder / "scores.json")
-    quoted = ((f"`{name}`", path) for name, path in published(folder, rounds, earlier))
     lines = [
         *_answer(results),
         *_naming(scores, folder.name),
@@ -93,14 +83,12 @@ def write_scorecard(
         *_one_more(results),
         *_intervals(scores, folder.name),
         *failures(scores),
-        *_how(settings, results.made),
-        *_hashes(quoted if raw else named(rounds)),
+        *_how({**settings, **_made(results)}),
+        *_hashes(chain),
         "",
         f"Every score is in [{folder.name}/scores.json]({folder.name}/scores.json).",
     ]
     write_atomic(page, "\n".join(lines) + "\n")
-    # Last, because the old page refers to them until then.
-    withdraw(folder, copied)
     return page
 
 
@@ -205,6 +193,10 @@ def _cuts(known: Sequence[RigScore]) -> Iterator[tuple[str, list[RigScore]]]:
         inside = [one for one in known if one.through_camera == camera]
         if inside and len(inside) < len(known):
             yield words, inside
+    for engine, title in (("pybullet", "PyBullet"), ("mujoco", "MuJoCo")):
+        inside = [one for one in known if one.engine == engine and not one.through_camera]
+        if inside and len(inside) < len(known):
+            yield f"positions from {title}", inside
 
 
 def _errors(results: Results, folder: str) -> Iterator[str]:
@@ -305,33 +297,34 @@ def _intervals(scores: Sequence[RigScore], folder: str) -> Iterator[str]:
         )
 
 
-def _how(settings: Mapping[str, str], made: Sequence[Made]) -> Iterator[str]:
+def _how(settings: Mapping[str, str]) -> Iterator[str]:
     yield "\n## How it was done\n"
     yield (
-        "1. A separate process drew the seeds, had every rig recorded, encrypted its label "
-        "(ChaCha20-Poly1305) and published a commitment: SHA-256 over a secret nonce and the label.\n"
-        "2. Each rig was then diagnosed by a process that got a copy of the recordings under a "
-        "neutral name.\n"
-        "3. The SHA-256 of every answer went into a manifest. The keys were handed out for that "
-        "manifest only.\n"
-        "4. The labels were decrypted and checked against the commitments, the answers against the manifest, "
-        "and the recordings against the labels. Only then were scores computed."
+        "1. The list of rigs, the code that diagnoses them and a commitment to a secret seed were written to "
+        "`plan.json`. The seed decides which rig hides what.\n"
+        "2. Another program recorded every rig. Its label was encrypted (ChaCha20-Poly1305), and a "
+        "commitment to it, the SHA-256 of the label and a secret nonce, went into `commitments.json`.\n"
+        "3. Each rig was then diagnosed by a process that got a copy of its recordings under a neutral name. "
+        "The SHA-256 of every answer went into `manifest.json`.\n"
+        "4. Only then were seed and key written to `keys.json`, for that manifest.\n"
+        "5. Labels were checked against commitments, plan and seed, answers against the manifest, and "
+        "recordings against labels, before scores were computed. `irt prove --verify` checks them again."
     )
     yield "\n| | |\n| --- | --- |"
     for title, words in settings.items():
         yield f"| {title} | {words} |"
-    yield "\n| round | rigs | seed | recorded by | diagnosed by |"
-    yield "| --- | --- | --- | --- | --- |"
-    for number, one in enumerate(made, start=1):
-        yield f"| {number} | {one.rigs} | {one.seed} | {one.world} | {one.code} |"
 
 
-def _hashes(files: Iterable[tuple[str, Path]]) -> Iterator[str]:
+def _made(results: Results) -> dict[str, str]:
+    titles = {"world": "recorded by", "code": "diagnosed by", "commit": "commit", "seed": "seed"}
+    return {title: results.made[name] for name, title in titles.items() if results.made.get(name)}
+
+
+def _hashes(chain: Sequence[Path]) -> Iterator[str]:
     yield "\n| file | SHA-256 |"
     yield "| --- | --- |"
-    for name, path in files:
-        if path.exists():
-            yield f"| {name} | `{digest(path.read_bytes())}` |"
+    for path in chain:
+        yield f"| `{path.name}` | `{digest(path.read_bytes())}` |"
 
 
 def _rival_gaps(results: Results) -> Iterator[tuple[str, list[float]]]:

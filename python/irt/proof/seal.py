@@ -1,63 +1,22 @@
 """Seals: encrypted labels of hidden physics, with commitments that reveal any change.
 
-The commitment is the SHA-256 of a secret nonce of 32 bytes and the label. It does not reveal the label and
-fits no other one. The label is encrypted with ChaCha20-Poly1305 (RFC 8439), which authenticates it together
-with the rig's name and the commitment.
+The commitment is the SHA-256 of the label and a secret nonce of 32 bytes in it. It does not reveal the label
+and fits no other one. The label is encrypted with ChaCha20-Poly1305 (RFC 8439) under the key of the proof.
 """
 
 from __future__ import annotations
 
-import base64
-import binascii
 import hashlib
-import hmac
 import json
 import secrets
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from irt.errors import IrtError
 from irt.extras import require
 
-_SECRET_BYTES = 32
 _COUNTER_BYTES = 12
-
-
-@dataclass(frozen=True)
-class Seal:
-    """The published seal of a rig.
-
-    Attributes
-    ----------
-    rig : str
-        Its name.
-    commitment : str
-        SHA-256 over nonce and label, hexadecimal.
-    sealed : str
-        The encrypted label, base64.
-    """
-
-    rig: str
-    commitment: str
-    sealed: str
-
-    def as_dict(self) -> dict[str, str]:
-        """Return the seal as JSON content."""
-        return asdict(self)
-
-
-@dataclass(frozen=True)
-class Key:
-    """The key of a seal: the cipher's key and the commitment's nonce, 32 bytes each, hexadecimal."""
-
-    key: str
-    nonce: str
-
-    def as_dict(self) -> dict[str, str]:
-        """Return the key as JSON content."""
-        return asdict(self)
 
 
 def canonical(content: Any) -> bytes:
@@ -80,80 +39,48 @@ def digest(data: bytes) -> str:
 
 
 def digests(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file of a folder, by name."""
-    return {path.name: digest(path.read_bytes()) for path in sorted(folder.iterdir()) if path.is_file()}
+    """Return the SHA-256 of each file of a folder, by name; none if there is no folder."""
+    paths = sorted(folder.iterdir()) if folder.is_dir() else []
+    return {path.name: digest(path.read_bytes()) for path in paths if path.is_file()}
 
 
-def close(rig: str, label: Mapping[str, Any]) -> tuple[Seal, Key]:
-    """Seal the label of a rig with a fresh key and a fresh nonce.
+def close(rig: str, label: Mapping[str, Any], key: str) -> dict[str, str]:
+    """Return the seal of a rig: its name, the commitment to its label, and the label, encrypted.
 
     Raises
     ------
     IrtError
         If the label cannot be written as JSON, or the package that encrypts is missing.
     """
-    cipher = _cipher()
-    key, nonce = secrets.token_bytes(_SECRET_BYTES), secrets.token_bytes(_SECRET_BYTES)
-    plain = canonical(label)
-    commitment = digest(nonce + plain)
+    plain = canonical({"nonce": secrets.token_hex(32), "rig": rig, **label})
     counter = secrets.token_bytes(_COUNTER_BYTES)
-    sealed = counter + cipher(key).encrypt(counter, plain, _bound(rig, commitment))
-    seal = Seal(rig, commitment, base64.b64encode(sealed).decode("ascii"))
-    return seal, Key(key.hex(), nonce.hex())
+    sealed = counter + _cipher(key).encrypt(counter, plain, rig.encode())
+    return {"rig": rig, "commitment": digest(plain), "sealed": sealed.hex()}
 
 
-def open_seal(seal: Seal, key: Key, commitment: str | None = None) -> dict[str, Any]:
-    """Return the label of a rig after a check of its seal.
-
-    Parameters
-    ----------
-    seal : Seal
-        The published seal.
-    key : Key
-        The released key.
-    commitment : str, optional
-        The commitment from before the diagnosis; by default the seal's own.
+def open_seal(rig: str, seal: Mapping[str, str], key: str, commitment: str) -> dict[str, Any]:
+    """Return the label of a rig after a check of its seal against the published commitment.
 
     Raises
     ------
     IrtError
-        If the label, its encryption, the nonce, the key or the commitment was altered since the sealing; one
-        line with the rig's name.
+        If the seal, the key or the commitment was altered since the sealing; one line with the rig's name.
     """
     from cryptography.exceptions import InvalidTag  # noqa: PLC0415
 
-    cipher = _cipher()
-    if commitment is not None and not hmac.compare_digest(commitment, seal.commitment):
-        raise IrtError(f"{seal.rig}: the seal carries another commitment than was published: it was altered")
     try:
-        sealed = base64.b64decode(seal.sealed, validate=True)
-        plain = cipher(bytes.fromhex(key.key)).decrypt(
-            sealed[:_COUNTER_BYTES], sealed[_COUNTER_BYTES:], _bound(seal.rig, seal.commitment)
-        )
-    except (InvalidTag, ValueError, binascii.Error) as error:
-        raise IrtError(
-            f"{seal.rig}: the sealed label does not open: label, key, commitment or name was altered"
-        ) from error
-    if not hmac.compare_digest(digest(_bytes(seal.rig, key.nonce) + plain), seal.commitment):
-        raise IrtError(f"{seal.rig}: the label does not fit its commitment: label or nonce was altered")
+        sealed = bytes.fromhex(seal["sealed"])
+        plain = _cipher(key).decrypt(sealed[:_COUNTER_BYTES], sealed[_COUNTER_BYTES:], rig.encode())
+    except (InvalidTag, ValueError, KeyError) as error:
+        raise IrtError(f"{rig}: the sealed label does not open: label, key or name was altered") from error
+    if digest(plain) != commitment:
+        raise IrtError(f"{rig}: the label does not fit its published commitment: one of them was altered")
     label: dict[str, Any] = json.loads(plain)
     return label
 
 
-def _bound(rig: str, commitment: str) -> bytes:
-    """Return the data that is authenticated but not encrypted."""
-    return f"{rig}\n{commitment}".encode()
-
-
-def _bytes(rig: str, text: str) -> bytes:
-    try:
-        return bytes.fromhex(text)
-    except ValueError as error:
-        raise IrtError(f"{rig}: its nonce is no hexadecimal number: it was altered") from error
-
-
-def _cipher() -> Any:
+def _cipher(key: str) -> Any:
     require("cryptography", "irt prove")
     from cryptography.hazmat.primitives.ciphers.aead import ChaCha20Poly1305  # noqa: PLC0415
 
-    return ChaCha20Poly1305
+    return ChaCha20Poly1305(bytes.fromhex(key))

@@ -1,5 +1,7 @@
 """Named effects are nonzero, and held-out errors increase without them."""
 
+from dataclasses import replace
+
 import pytest
 
 from irt.catalogue import effect
@@ -7,6 +9,7 @@ from irt.diagnosis import config
 from irt.diagnosis.relevance import Relevance
 from irt.diagnosis.score import Scores
 from irt.diagnosis.selection import Selection
+from irt.diagnosis.validation import Validation
 
 DELAY = {"name": "delay", "delay_s": 0.15}
 ASKED = ("delay", "lag", "backlash", "tilt_bias", "viscous_drag", "bump")
@@ -56,3 +59,28 @@ def test_where_free_runs_are_off_by_noise_the_values_stay(plant):
     less = relevance.without(best, name)
     assert less.effects == ()
     assert relevance.without(best, name) is less
+
+
+class FreeRunsPredictBest(Validation):
+    """A validation in which values from free runs predict held-out recordings without any error."""
+
+    def of(self, one):
+        found = super().of(one)
+        runs = tuple(replace(run, mae=0.0) for run in found.runs) if one.is_free else found.runs
+        return replace(found, runs=runs)
+
+
+@pytest.mark.parametrize("undone", [False, True])
+def test_values_from_free_runs_that_undo_an_effect_are_rejected(plant, monkeypatch, undone):
+    case = plant([DELAY], runs=4, rows=60, stamped=True, pushed=0.1)
+    selection = Selection(Scores(case), ("delay",), lambda _: None, FreeRunsPredictBest())
+    posterior = selection.run()
+    best, relevance = posterior.best, Relevance(selection, posterior)
+    assert best.effects == ("delay",)
+    values = best.top.values.copy()
+    if undone:
+        values[best.names.index("delay.delay_s")] = 0.0
+    monkeypatch.setattr(
+        Scores, "freed", lambda _, one: replace(one, top=replace(one.top, values=values), filtered=one)
+    )
+    assert relevance.freed(best).is_free is not undone

@@ -76,3 +76,25 @@ def test_an_axis_that_never_moves_says_nothing(planted):
     np.testing.assert_array_equal(found.log_likelihood[:, 1], 0.0)
     (top,) = problem.ascend(TRUTH[None], NOISE[None])
     assert np.hypot(*top.noise[:2]) == pytest.approx(1e-3, rel=0.3)
+
+
+def test_without_a_fold_the_maximum_is_that_of_the_other_runs(planted):
+    drag = {"name": "viscous_drag", "rate_per_s": 0.5}
+    rig = planted(5, noise=1e-3, stamped=True, effects=[drag])
+    folds = [0, 1, 1, 2, 0]
+    values = np.array([*TRUTH, 0.4])
+    # Without a push there is one maximum.
+    noise = np.array([*NOISE[:3], 0.0, 0.0, 0.2, 0.02, *NOISE[7:]])
+    (top,) = problem_of(rig, "viscous_drag").ascend(values[None], noise[None], iterations=60)
+    found = problem_of(rig, "viscous_drag").leave_out(top.values, top.noise, top.states, folds, iterations=60)
+    assert len(found) == 3
+    for fold, one in enumerate(found):
+        kept = [index for index, own in enumerate(folds) if own != fold]
+        rest = replace(rig, recordings=tuple(rig.recordings[index] for index in kept))
+        (other,) = problem_of(rest, "viscous_drag").ascend(
+            top.values[None], top.noise[None], [top.states[kept]], iterations=60
+        )
+        free = other.deviations > 0.0
+        np.testing.assert_array_less(np.abs(one.values - other.values)[free], 0.3 * other.deviations[free])
+        assert one.log_likelihood == pytest.approx(other.log_likelihood, abs=0.2)
+        assert np.abs(one.values - top.values)[5] > 0.0

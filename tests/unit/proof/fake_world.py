@@ -34,6 +34,11 @@ HIDDEN: dict[str, list[dict[str, Any]]] = {
     "outliers": [],
     "single": [{"name": "parallax", "height_m_per_rad": 0.5}],
     "pair": [{"name": "parallax", "height_m_per_rad": 0.5}, {"name": "viscous_drag", "rate_per_s": 0.8}],
+    "triple": [
+        {"name": "parallax", "height_m_per_rad": 0.5},
+        {"name": "viscous_drag", "rate_per_s": 0.8},
+        {"name": "camera_rotation", "angle_rad": 0.1},
+    ],
     "unlisted": [{"name": "cross_coupling", "angle_rad": 0.2}],
 }
 
@@ -60,9 +65,12 @@ def make(index: int, kind: str, folder: str, seed: int, lost: Collection[str] = 
         (Path(folder) / f"{name}.csv").write_text(texts[name])
     (Path(folder) / "rig.toml").write_text("[board]\nedge_x_m = 0.276\nedge_y_m = 0.231\n")
     hidden = [one["name"] for one in HIDDEN[kind]]
-    kinds: Any = {"single": hidden[:1] and hidden[0], "pair": hidden, "unlisted": "unlisted_twist"}.get(
-        kind, kind
-    )
+    kinds: Any = {
+        "single": hidden[:1] and hidden[0],
+        "pair": hidden,
+        "triple": hidden,
+        "unlisted": "unlisted_twist",
+    }.get(kind, kind)
     label = {
         "kind": kinds,
         "truth": {**TRUTH, "effects": HIDDEN[kind]},

@@ -11,14 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irt.errors import IrtError
 from irt.model import Effect, Model, save_model
 from irt.proof import further, propose
 from irt.proof.further import all_resolved, in_a_tie, recorded
 from irt.proof.hash_chain import write_folder
-from irt.proof.pipe import Pipe
 from irt.proof.plan import Plan
-from irt.proof.sealing import command
+from irt.proof.world import World
 from irt.recording import load_commands, load_recording
 from irt.rig import load_rig
 
@@ -82,20 +80,14 @@ def test_a_tie_is_a_name_with_others_beside_it(tmp_path: Path) -> None:
         assert in_a_tie(tmp_path) is tie
 
 
-def test_further_runs_come_after_the_answers(world, files, tmp_path: Path) -> None:
-    plan = Plan(single=1)
-    (tmp_path / "rig").mkdir()
-    with Pipe(command(tmp_path / "vault", plan, 0, world), "the sealing process") as sealer:
-        sealer.ask({"make": {"index": 0, "folder": str(tmp_path / "rig")}})
+def test_a_further_run_is_of_the_same_rig(world, tmp_path: Path) -> None:
+    asked = {"index": 0, "kind": "single", "seed": 7}
+    with World(world) as one:
+        one.ask({"make": {**asked, "folder": str(tmp_path / "rig")}})
         csv = (tmp_path / "rig" / "train-1.csv").read_bytes()
-        runs = {f"{kind}.csv": csv for kind in further.KINDS}
-        assert recorded(sealer, 0, runs) is None
-        with pytest.raises(IrtError, match="no further run is recorded before the answers"):
-            sealer.ask({"record": {"index": 0, "csv": csv.decode()}})
-        sealer.ask({"release": {"manifest": {"answers": {"rig-0001": {}}}}})
-        seen = recorded(sealer, 0, runs)
-        assert seen is not None
-        (tmp_path / "next.csv").write_text(seen["suggested"])
+        seen = recorded(one, asked, {f"{kind}.csv": csv for kind in further.KINDS})
+    assert seen is not None
+    (tmp_path / "next.csv").write_text(seen["suggested"])
     before, after = (
         load_recording(path) for path in (tmp_path / "rig" / "train-1.csv", tmp_path / "next.csv")
     )
@@ -105,8 +97,8 @@ def test_further_runs_come_after_the_answers(world, files, tmp_path: Path) -> No
 
 def test_a_world_that_records_no_further_runs_is_left_alone(tmp_path: Path) -> None:
     silent = 'import sys\nfor line in sys.stdin: print(\'{"error": "KeyError: make"}\', flush=True)'
-    with Pipe([sys.executable, "-c", silent], "a world") as pipe:
-        assert recorded(pipe, 0, {"suggested.csv": b"", "random.csv": b""}) is None
+    with World([sys.executable, "-c", silent]) as one:
+        assert recorded(one, {"index": 0}, {"suggested.csv": b"", "random.csv": b""}) is None
 
 
 def test_what_became_of_ties(score, tmp_path: Path) -> None:
@@ -162,9 +154,9 @@ def test_a_proof_with_a_tie_gets_one_more_run(prove, answered, tmp_path: Path) -
         "rig-0002 random",
         "rig-0002 suggested",
     ]
-    results = import_module("irt.proof.results").Results.of(places, ["rig-0001", "rig-0002"])
+    results = import_module("irt.proof.results").Results.of(places)
     assert [one.exact for one in results.ties] == [{"suggested": True, "random": False}] * 2
-    page = import_module("irt.proof.scorecard").write_scorecard(tmp_path / "p.md", results, [places], {})
+    page = import_module("irt.proof.scorecard").write_scorecard(tmp_path / "p.md", results, places, {})
     assert "| suggested | 100.0 % (34.2 to 100.0) of 2 | 2.00 | 1.00 |" in page.read_text()
     count = len(asked)
     prove(Tied(), contest=True, plan=Plan(single=2))

@@ -28,8 +28,7 @@ from irt.rig import load_rig
 from irt.workers import FAILED, Files
 
 REASON = "two marbles move on the board"
-#: Of the rigs of a proof that is finished.
-NAMES = ("rig-0001", "rig-0002", "rig-0003")
+MADE = {"world": "a small world", "code": "this code", "commit": ""}
 
 
 def ask(request: Mapping[str, object]) -> dict:
@@ -147,8 +146,8 @@ def lose(world, answered, tmp_path: Path) -> Callable[..., tuple[Places, Results
     def run(*lost: str) -> tuple[Places, Results]:
         plan = Plan(single=3)
         workers = Diagnoses(tmp_path / "seen", answered)
-        places = Proof(tmp_path / "proof", plan, [*world, *lost], workers, seed=5).run()
-        return places, Results.of(places, plan.names())
+        places = Proof(tmp_path / "proof", plan, [*world, *lost], workers, MADE, seed=5).run()
+        return places, Results.of(places)
 
     return run
 
@@ -166,7 +165,7 @@ def test_a_lost_rig_costs_the_proof_one_rig(lose, tmp_path: Path) -> None:
     assert {one.rig for one in results.entries} == {"rig-0001", "rig-0003"}
     assert results.standings[0].seconds == 1.5
     assert "The tracker lost the marble in 1 rig, counted as failed." in verdict(results)
-    page = write_scorecard(tmp_path / "p.md", results, [places], {}).read_text()
+    page = write_scorecard(tmp_path / "p.md", results, places, {}).read_text()
     assert f"| rig-0002 | parallax | failed |  |  |  | white | {rig.reason} |" in page
     assert "The tracker lost the marble in 1 rig (rig-0002)" in page
     assert json.dumps(rig.as_dict(), allow_nan=False)
@@ -185,7 +184,7 @@ def test_a_lost_held_out_run_is_left_out_and_reported(lose, tmp_path: Path) -> N
     assert set(errors) == {"rig-0001", "rig-0002"}
     assert errors["rig-0001"] is not None
     assert "tracker lost" not in verdict(results)
-    page = write_scorecard(tmp_path / "p.md", results, [places], {}).read_text()
+    page = write_scorecard(tmp_path / "p.md", results, places, {}).read_text()
     assert (
         "The tracker lost the marble in 3 runs held out, which are left out of all errors: "
         "rig-0001 test-2, rig-0003 test-1, rig-0003 test-2." in page
@@ -193,18 +192,18 @@ def test_a_lost_held_out_run_is_left_out_and_reported(lose, tmp_path: Path) -> N
 
 
 def test_nothing_is_said_where_nothing_was_lost(places: Places, tmp_path: Path) -> None:
-    page = write_scorecard(tmp_path / "p.md", Results.of(places, NAMES), [places], {}).read_text()
+    page = write_scorecard(tmp_path / "p.md", Results.of(places), places, {}).read_text()
     assert "tracker lost" not in page
 
 
 def test_a_run_held_out_that_begins_unseen_is_scored_from_the_true_start(places: Places) -> None:
     """Row 0 is true in any case; a world that does not say that it was lost ends no proof by that."""
-    results = Results.of(places, NAMES)
+    results = Results.of(places)
     path = places.opened("rig-0001") / "test-1.csv"
     header, first, *rows = path.read_text().splitlines()
     path.write_text("\n".join([header, f"{first.rsplit(',', 2)[0]},,", *rows]) + "\n")
-    again = Results.of(places, NAMES)
+    again = Results.of(places)
     assert again.scores[0].errors == results.scores[0].errors
     path.write_text("\n".join([header, first.replace("0", "x"), *rows]) + "\n")
     with pytest.raises(IrtError, match=r'test-1\.csv, line 2, column step: expected a number, found "x"'):
-        Results.of(places, ["rig-0001"])
+        Results.of(places)

@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import stat
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from irt.errors import IrtError
-from irt.proof.hash_chain import Places, manifest, verify
-from irt.proof.pipe import Pipe
+from irt.proof.hash_chain import CHAIN, Places, Secret, release, verify
 from irt.proof.plan import Plan
-from irt.proof.seal import canonical
-from irt.proof.sealing import command
+from irt.proof.seal import canonical, close, digest, digests
+from irt.proof.world import World
 
 
 def test_the_chain_holds(places: Places) -> None:
@@ -62,14 +62,14 @@ def test_kinds_are_shuffled_by_the_seed_alone() -> None:
     plan = Plan.of(20, 20)
     assert plan.order(1) == plan.order(1) != plan.order(2)
     assert sorted(plan.order(1)) == sorted(plan.order(2))
-    assert (plan.rigs, plan.nulls) == (40, 20)
+    assert plan.rigs == 40
     assert Plan.of(300, 300).as_dict() == {
         "none": 270,
         "outliers": 30,
-        "single": 180,
+        "single": 150,
         "pair": 60,
+        "triple": 30,
         "unlisted": 60,
-        "first": 0,
     }
     with pytest.raises(IrtError, match="at least one rig"):
         Plan.of(0, 0)
@@ -112,14 +112,14 @@ def test_nothing_goes_on_behind_a_stop(prove, hat) -> None:
 
 
 def test_rigs_half_made_are_made_again(prove, files, monkeypatch, tmp_path: Path) -> None:
-    whole = Pipe.ask
+    whole = World.ask
 
-    def stop_at_third(pipe, request):
+    def stop_at_third(world, request):
         if request.get("make", {}).get("index") == 2:
             raise KeyboardInterrupt
-        return whole(pipe, request)
+        return whole(world, request)
 
-    monkeypatch.setattr(Pipe, "ask", stop_at_third)
+    monkeypatch.setattr(World, "ask", stop_at_third)
     with pytest.raises(KeyboardInterrupt):
         prove()
     monkeypatch.undo()
@@ -149,10 +149,45 @@ def test_another_plan_or_seed_is_another_proof(prove) -> None:
     prove(seed=None)
 
 
+def test_an_unfinished_proof_stays_with_its_code(prove, hat) -> None:
+    """Rigs of one proof are diagnosed by one state of the code; a finished proof may be scored by another."""
+    with pytest.raises(KeyboardInterrupt):
+        prove(hat(stop=1))
+    other = {"world": "a small world", "code": "other code", "commit": ""}
+    with pytest.raises(IrtError, match="an unfinished proof of this code, and this is other code"):
+        prove(made=other)
+    prove()
+    prove(made=other)
+
+
+def test_code_that_changes_under_way_releases_no_key(prove, hat, tmp_path: Path) -> None:
+    class Edited:
+        def each(self, name, inputs):
+            for rig, answer in hat().each(name, inputs):
+                yield rig, {**answer, "code.json": b'{"code": "edited code"}'}
+
+    with pytest.raises(IrtError, match="rig-0001: diagnosed by edited code, and the plan is of this code"):
+        prove(Edited())
+    assert not Places(tmp_path / "proof").keys.exists()
+
+
 def test_the_vault_is_its_owners_alone(prove) -> None:
     places = prove(seed=None)
-    assert stat.S_IMODE(places.vault.stat().st_mode) == 0o700
-    assert json.loads((places.vault / "secret.json").read_text())["seed"] > 0
+    assert stat.S_IMODE(places.secret.parent.stat().st_mode) == 0o700
+    assert json.loads(places.secret.read_text())["seed"] > 0
+
+
+def test_no_file_but_the_vault_says_what_is_hidden(prove, hat, tmp_path: Path) -> None:
+    """While rigs are diagnosed neither seed nor label lies in the open."""
+    with pytest.raises(KeyboardInterrupt):
+        prove(hat(stop=0))
+    places = Places(tmp_path / "proof")
+    secret = json.loads(places.secret.read_text())
+    for path in places.out.rglob("*"):
+        if path.is_file() and path != places.secret:
+            text = path.read_text()
+            assert "parallax" not in text
+            assert not any(f"{one}" in text for one in (secret["key"], secret["nonce"]))
 
 
 def altered_answer(places: Places) -> None:
@@ -174,26 +209,63 @@ def altered_opened_label(places: Places) -> None:
 
 
 def exchanged_seals(places: Places) -> None:
-    one, other = (json.loads(places.seal(name).read_text()) for name in ("rig-0001", "rig-0002"))
-    places.seal("rig-0002").write_bytes(canonical({**one, "rig": "rig-0002"}))
-    places.seal("rig-0001").write_bytes(canonical({**other, "rig": "rig-0001"}))
+    one, other = (places.seal(name).read_text() for name in ("rig-0001", "rig-0002"))
+    places.seal("rig-0002").write_text(one)
+    places.seal("rig-0001").write_text(other)
 
 
-def altered_nonce(places: Places) -> None:
-    keys = json.loads(places.keys.read_text())
-    keys["keys"]["rig-0002"]["nonce"] = "00" * 32
-    places.keys.write_bytes(canonical(keys))
+def another_label_under_the_same_key(places: Places) -> None:
+    """Whoever has the key can encrypt another label; the commitment stands against it."""
+    label = json.loads((places.opened("rig-0002") / "label.json").read_text())
+    content = {"recordings": digests(places.rig("rig-0002")), "label": {**label, "kind": "lag"}}
+    key = json.loads(places.keys.read_text())["key"]
+    places.seal("rig-0002").write_bytes(canonical(close("rig-0002", content, key)))
+
+
+def rewritten(places: Places, name: str, **changed: object) -> None:
+    """Change a file of the chain, and all that holds its SHA-256."""
+    content = json.loads((places.out / name).read_text())
+    (places.out / name).write_bytes(canonical({**content, **changed}))
+    for before, after in pairwise(CHAIN):
+        content = json.loads((places.out / after).read_text())
+        content[Path(before).stem] = digest((places.out / before).read_bytes())
+        (places.out / after).write_bytes(canonical(content))
+
+
+def altered_key(places: Places) -> None:
+    rewritten(places, "keys.json", key="00" * 32)
+
+
+def another_seed(places: Places) -> None:
+    """Another seed would give the rigs other kinds."""
+    rewritten(places, "keys.json", seed=6)
+
+
+def fewer_rigs(places: Places) -> None:
+    """A rig that failed is left out of the plan afterwards."""
+    rewritten(places, "plan.json", plan={**Plan(none=1, single=1).as_dict()})
+
+
+def another_kind(places: Places) -> None:
+    rewritten(places, "plan.json", plan={**Plan(none=2, single=1).as_dict()})
 
 
 def altered_answer_and_manifest(places: Places) -> None:
     altered_answer(places)
-    places.manifest.write_bytes(canonical(manifest(places, ["rig-0001", "rig-0002", "rig-0003"])))
+    content = json.loads(places.manifest.read_text())
+    content["answers"]["rig-0002"] = digests(places.answer("rig-0002"))
+    places.manifest.write_bytes(canonical(content))
 
 
 def altered_commitment(places: Places) -> None:
     published = json.loads(places.commitments.read_text())
     published["commitments"]["rig-0002"] = "00" * 32
     places.commitments.write_bytes(canonical(published))
+
+
+def another_code(places: Places) -> None:
+    content = json.loads(places.plan.read_text())
+    places.plan.write_bytes(canonical({**content, "code": "better code"}))
 
 
 @pytest.mark.parametrize(
@@ -203,10 +275,15 @@ def altered_commitment(places: Places) -> None:
         (answer_more, "rig-0002: the answer is not the one of the manifest"),
         (altered_recording, "rig-0002: its recordings are not those that were sealed"),
         (altered_opened_label, "rig-0002: the label that was opened is not the one that was sealed"),
-        (exchanged_seals, "rig-0001: the seal carries another commitment"),
-        (altered_nonce, "rig-0002: the label does not fit its commitment"),
-        (altered_answer_and_manifest, "manifest.json: not the one that the keys were released for"),
-        (altered_commitment, "commitments.json: not what the manifest says"),
+        (exchanged_seals, "rig-0001: the sealed label does not open"),
+        (another_label_under_the_same_key, "rig-0002: the label does not fit its published commitment"),
+        (altered_key, "rig-0001: the sealed label does not open"),
+        (another_seed, "keys.json: not the seed that the plan is committed to"),
+        (fewer_rigs, "commitments.json: not the rigs of the plan"),
+        (another_kind, "its label is not of the kind that plan and seed give it"),
+        (another_code, "plan.json: not the one that commitments.json is of"),
+        (altered_answer_and_manifest, "manifest.json: not the one that keys.json is of"),
+        (altered_commitment, "commitments.json: not the one that manifest.json is of"),
     ],
 )
 def test_what_was_altered_is_caught(places: Places, alter, message: str) -> None:
@@ -216,31 +293,52 @@ def test_what_was_altered_is_caught(places: Places, alter, message: str) -> None
     assert "\n" not in str(caught.value)
 
 
-def test_the_keys_go_out_for_one_manifest(places: Places, prove) -> None:
+@pytest.mark.parametrize("gone", [("keys.json",), ("keys.json", "manifest.json"), CHAIN[1:]])
+def test_an_unfinished_proof_is_named(places: Places, gone: tuple[str, ...]) -> None:
+    for name in gone:
+        (places.out / name).unlink()
+    with pytest.raises(IrtError, match=r"not finished: no .* yet, 3 of 3 rigs"):
+        verify(places.out)
+
+
+def test_the_published_files_are_checked_alone(places: Places, tmp_path: Path) -> None:
+    """Whoever has the page's files can check them without recordings and answers."""
+    published = tmp_path / "published"
+    published.mkdir()
+    for name in CHAIN:
+        (published / name).write_bytes((places.out / name).read_bytes())
+    assert verify(published) == 3
+    for alter in (another_seed, altered_commitment, another_code):
+        kept = {name: (published / name).read_bytes() for name in CHAIN}
+        alter(Places(published))
+        with pytest.raises(IrtError):
+            verify(published)
+        for name, data in kept.items():
+            (published / name).write_bytes(data)
+
+
+def test_the_key_goes_out_for_one_manifest(places: Places, prove) -> None:
     """Nobody can open the seals, change an answer, and come again."""
     altered_answer_and_manifest(places)
-    with pytest.raises(IrtError, match="the keys were released for other answers"):
+    with pytest.raises(IrtError, match=r"manifest\.json: not the one that keys\.json is of"):
         prove()
 
 
-def test_no_key_without_all_answers(world, tmp_path: Path) -> None:
-    with Pipe(command(tmp_path / "vault", Plan(none=1), 0, world), "the sealing process") as sealer:
-        made = sealer.ask({"make": {"index": 0, "folder": str(tmp_path)}})
-        assert set(made) == {"rig", "commitment", "sealed"}
-        with pytest.raises(IrtError, match="rig-0001: the manifest has no answer"):
-            sealer.ask({"release": {"manifest": {"answers": {}}}})
-        with pytest.raises(IrtError, match="unknown request: open"):
-            sealer.ask({"open": {}})
+def test_no_key_without_all_answers(places: Places) -> None:
+    for name in ("keys.json", "manifest.json", "answers/rig-0002/diagnosis.json"):
+        (places.out / name).unlink()
+    places.answer("rig-0002").rename(places.out / "elsewhere")
+    names = ["rig-0001", "rig-0002", "rig-0003"]
+    with pytest.raises(IrtError, match="rig-0002: there is no answer; the key is not released"):
+        release(places, names, Secret(**json.loads(places.secret.read_text())))
+    assert not places.keys.exists()
 
 
 def test_a_world_that_fails_is_one_clear_line(tmp_path: Path) -> None:
-    for world, message in (
+    for command, message in (
         ([sys.executable, "-c", "pass"], "the concealed world ended before it answered"),
         ([str(tmp_path / "none")], "the concealed world cannot be started"),
         ([sys.executable, "-c", 'print(\'{"error": "no marble"}\')'], "^no marble$"),
     ):
-        with (
-            Pipe(command(tmp_path / "vault", Plan(none=1), 0, world), "the sealing process") as sealer,
-            pytest.raises(IrtError, match=message),
-        ):
-            sealer.ask({"make": {"index": 0, "folder": str(tmp_path)}})
+        with pytest.raises(IrtError, match=message), World(command) as world:
+            world.ask({"make": {"index": 0, "folder": str(tmp_path)}})

@@ -132,7 +132,7 @@ def test_unknown_physics_is_refused() -> None:
     with pytest.raises(ValueError, match="lag: "):
         made([{"name": "lag", "time_s": 1.0}])
     with pytest.raises(ValueError, match="a kind of rig is one of none, "):
-        draw(np.random.default_rng(1), "triple")
+        draw(np.random.default_rng(1), "quadruple")
     with pytest.raises(ValueError, match="pair: 2 of delay, "):
         draw(np.random.default_rng(1), "pair", physics=["lag"])
 
@@ -207,8 +207,11 @@ def test_outliers_are_rows_that_jump() -> None:
 @pytest.mark.slow
 def test_drawn_rigs_show_what_they_hide(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(specs, "PROBES", (0,))
-    for names in (["tilt_bias"], ["gear_asymmetry", "tilt_bias"]):
-        kind = "single" if len(names) == 1 else "pair"
+    for kind, names in (
+        ("single", ["tilt_bias"]),
+        ("pair", ["gear_asymmetry", "tilt_bias"]),
+        ("triple", ["gear_asymmetry", "side_force", "tilt_bias"]),
+    ):
         spec = draw(np.random.default_rng(2), kind, "rig-007", names)
         assert (spec.name, sorted(str(one["name"]) for one in spec.effects)) == ("rig-007", names)
         assert all(specs.shows(spec, one) for one in names)

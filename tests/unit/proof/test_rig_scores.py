@@ -46,6 +46,8 @@ def diagnosis(verdict: str, *effects: str, **ties: list[str]) -> dict:
             True,
         ),
         (["delay", "bump"], diagnosis("missing", "delay"), False, False),
+        (["delay", "bump", "lag"], diagnosis("missing", "lag", "delay", "bump"), True, True),
+        (["delay", "bump", "lag"], diagnosis("missing", "lag", "delay"), False, False),
         ("unlisted_magnus", diagnosis("unlisted", "unlisted"), True, True),
         ("unlisted_magnus", diagnosis("missing", "side_force"), False, False),
         ("unlisted_magnus", diagnosis("sufficient"), False, False),
@@ -72,9 +74,9 @@ def test_a_name_stands_for_one_effect() -> None:
     assert matched(["lag", "delay"], {"x": ["lag", "delay"], "lag": []}) == {"lag": "lag", "delay": "x"}
 
 
-def test_three_hidden_effects_are_no_label() -> None:
-    with pytest.raises(IrtError, match="names 3 effects"):
-        group_of({"kind": ["a", "b", "c"]})
+def test_four_hidden_effects_are_no_label() -> None:
+    with pytest.raises(IrtError, match="names 4 effects; one to 3 were expected"):
+        group_of({"kind": ["a", "b", "c", "d"]})
 
 
 def test_intervals_of_what_is_known() -> None:

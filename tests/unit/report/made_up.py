@@ -67,7 +67,8 @@ def make_runs(rig, verdict):
         (after,) = rollouts(FINAL[None], recording.knobs, effects=added, **given)
         times = np.arange(len(marble)) * TRUE[3] / 240
         errors = [float(np.nanmean(np.abs(path - observed))) for path in (before, after)]
-        runs.append(RunProof(recording.name, times, observed, before, after, *errors))
+        models = Model.from_rig(rig, base), Model.from_rig(rig, FINAL)
+        runs.append(RunProof(recording.name, times, observed, before, after, *errors, *models))
     return tuple(runs)
 
 

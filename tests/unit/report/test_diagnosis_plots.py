@@ -2,10 +2,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_up import TRUE, sample_rig
 from matplotlib.collections import QuadMesh
 from matplotlib.text import Text
 
 from irt.diagnosis.result import Candidate, RunProof
+from irt.model import Model
 from irt.report import diagnosis_plots as plots
 from irt.report import style
 from irt.report.diagnosis_plots import Side
@@ -24,7 +26,9 @@ def proof():
     observed = np.stack([np.linspace(-0.4, 0.4, 40), np.full(40, -0.2)], axis=1)
     observed[5] = np.nan
     off = np.array([0.02, 0.04])
-    return RunProof("<run>", 0.1 * np.arange(40), observed, observed + off, observed + 0.1 * off, 0.03, 0.003)
+    model = Model.from_rig(sample_rig(), TRUE)
+    paths = observed, observed + off, observed + 0.1 * off
+    return RunProof("<run>", 0.1 * np.arange(40), *paths, 0.03, 0.003, model, model)
 
 
 def candidate(gain, *effects, outcome=""):

@@ -337,7 +337,8 @@ def test_long_recordings_make_no_large_page(tmp_path, labyrinth, diagnosis_of):
         times = 0.02 * np.arange(6000)
         path = 0.3 * np.sin(times[:, None] * [0.7, 1.1])
         observed = path + rng.normal(0, 1e-3, path.shape)
-        runs.append(RunProof(f"run-{number}", times, observed, 1.1 * path, path, 0.02, 8e-4))
+        models = diagnosis_of("missing").base, diagnosis_of("missing").model
+        runs.append(RunProof(f"run-{number}", times, observed, 1.1 * path, path, 0.02, 8e-4, *models))
     page = write(tmp_path, labyrinth, replace(diagnosis_of("missing"), runs=tuple(runs)))
     assert len(page.encode()) < 2_000_000
     assert page.count("<option") == 20 + 6

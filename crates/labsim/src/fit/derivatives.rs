@@ -72,6 +72,24 @@ impl Derivatives {
         }
     }
 
+    /// Those of some windows.
+    pub(super) fn only(&self, is_kept: impl Fn(usize) -> bool) -> Self {
+        let mut kept = Self {
+            count: self.count,
+            ..Self::default()
+        };
+        for (i, one) in self.innovations.iter().enumerate() {
+            if is_kept(one.window) {
+                let own = i * self.count..(i + 1) * self.count;
+                kept.innovations.push(*one);
+                kept.of_mean.extend(&self.of_mean[own.clone()]);
+                kept.of_spread.extend(&self.of_spread[own]);
+                kept.of_state.push(self.of_state[i]);
+            }
+        }
+        kept
+    }
+
     /// Moves to other innovations after a step, with the least change of the derivatives that explains them
     /// (Broyden, "A class of methods for solving nonlinear simultaneous equations", 1965), in units of what the
     /// innovations resolve.

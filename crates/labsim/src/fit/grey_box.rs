@@ -8,7 +8,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::hill::{Hill, Place, Probable};
+use super::hill::{Hill, Probable};
 use super::problem::Problem;
 use super::shooting::Shooting;
 use super::windows::State;
@@ -41,19 +41,8 @@ impl Problem<'_> {
         let mut ascents = Vec::with_capacity(values.len());
         for (i, (values, noise)) in values.iter().zip(noise).enumerate() {
             self.check_values(values)?;
-            let z = coordinates.clip(&coordinates.to_z(values));
-            let noise = Noise {
-                start_velocity: None,
-                ..*noise
-            };
             let states = self.of_windows(&whole, states.map_or(&[], |states| &states[i]));
-            let place = Place {
-                z,
-                states,
-                noise,
-                spreads: hill.prior.widest(),
-            };
-            ascents.push(place.into());
+            ascents.push(hill.place(values, states, noise).into());
         }
         for _ in 0..iterations {
             if !hill.step(&mut ascents)? {
@@ -62,5 +51,38 @@ impl Problem<'_> {
         }
         let of_stretches = |states: &[State]| self.of_stretches(&whole, |i| states[i]);
         hill.tops(&mut ascents, of_stretches)
+    }
+
+    /// Ascends from the top of all stretches once for each fold, without its stretches, in order of the folds.
+    ///
+    /// `folds` has the fold of each stretch. The derivatives at the start are taken once for all folds.
+    ///
+    /// # Errors
+    /// As [`Problem::fit`].
+    pub fn leave_out(
+        &self,
+        values: &[f64],
+        noise: &Noise,
+        states: &[Option<[f64; 4]>],
+        folds: &[usize],
+        iterations: usize,
+        cancel: &AtomicBool,
+    ) -> Result<Vec<Probable>> {
+        self.check()?;
+        let (coordinates, whole) = self.around(values, cancel)?;
+        let shooting = Shooting::new(self, &coordinates, &whole, 1.0, cancel);
+        let hill = Hill::new(&shooting, &coordinates, std::slice::from_ref(noise));
+        let place = hill.place(values, self.of_windows(&whole, states), noise);
+        let mut of_windows = vec![0; whole.all.len()];
+        for (window, fold) in self.of_stretches(&whole, |i| i).into_iter().zip(folds) {
+            if let Some(window) = window {
+                of_windows[window] = *fold;
+            }
+        }
+        let of_stretches = |states: &[State]| self.of_stretches(&whole, |i| states[i]);
+        let mut numbers = folds.to_vec();
+        numbers.sort_unstable();
+        numbers.dedup();
+        hill.leave_out(place, &numbers, of_windows, iterations, of_stretches)
     }
 }

@@ -25,8 +25,11 @@ const STATES: [f64; 4] = [1.0, 1.0, 0.1, 0.1];
 /// powers of ten.
 const FARTHEST: f64 = 0.7;
 const FARTHEST_SIZE: f64 = 2.0;
-/// An ascent ends where a step gains less [nats].
-const LITTLE: f64 = 0.02;
+/// An ascent ends where a step gains less [nats]: the posterior is rough to about this where a marble may stick, or
+/// touch a wall, in one row or the next.
+const LITTLE: f64 = 0.1;
+/// The same without a fold: the spread between folds is that of small steps.
+const LITTLE_OF_FOLDS: f64 = 0.02;
 /// The damping of the first step.
 const DAMPING: f64 = 1e-3;
 /// Dampings tried in each step, in units of the last one that helped, with shares of the step in values and states,
@@ -70,6 +73,8 @@ pub(super) struct Place {
     pub(super) noise: Noise,
     /// Spreads of the coefficients of each map, in coordinates.
     pub(super) spreads: Vec<f64>,
+    /// The fold whose observations are left out.
+    pub(super) left_out: Option<usize>,
 }
 
 /// Whether derivatives are those of the present place.
@@ -110,9 +115,13 @@ pub(super) struct Hill<'a> {
     shooting: &'a Shooting<'a>,
     coordinates: &'a Coordinates,
     guesses: Vec<State>,
-    pub(super) prior: Prior,
+    prior: Prior,
     /// The estimated sizes: those that are not zero everywhere.
     sizes: Vec<usize>,
+    /// The fold of each window; empty if none is left out.
+    folds: Vec<usize>,
+    /// Gain of a step at which an ascent ends [nats].
+    little: f64,
 }
 
 impl<'a> Hill<'a> {
@@ -129,14 +138,80 @@ impl<'a> Hill<'a> {
             guesses: shooting.windows.guesses(),
             prior: Prior::new(coordinates),
             sizes: (0..SIZES).filter(|&i| is_sought(i)).collect(),
+            folds: Vec::new(),
+            little: LITTLE,
         }
+    }
+
+    /// The place of values, start states and sizes.
+    pub(super) fn place(&self, values: &[f64], states: Vec<State>, noise: &Noise) -> Place {
+        Place {
+            z: self.coordinates.clip(&self.coordinates.to_z(values)),
+            states,
+            noise: Noise {
+                start_velocity: None,
+                ..*noise
+            },
+            spreads: self.prior.widest(),
+            left_out: None,
+        }
+    }
+
+    /// Ascends from a place once for each fold, without the observations of its windows; start states by stretches.
+    ///
+    /// All folds begin with the derivatives at the place, and the evidence has their curvatures: the tops are close
+    /// to that of all observations.
+    pub(super) fn leave_out(
+        mut self,
+        place: Place,
+        folds: &[usize],
+        of_windows: Vec<usize>,
+        iterations: usize,
+        of_stretches: impl Fn(&[State]) -> Vec<Option<[f64; 4]>>,
+    ) -> Result<Vec<Probable>> {
+        self.folds = of_windows;
+        self.little = LITTLE_OF_FOLDS;
+        let all = self.derivatives(&[&place])?.remove(0);
+        let begin = |&fold: &usize| Ascent {
+            place: Place {
+                left_out: Some(fold),
+                ..place.clone()
+            },
+            derivatives: all.only(|window| self.folds[window] != fold),
+            look: Look::Taken,
+            damping: DAMPING,
+            gain: f64::INFINITY,
+        };
+        let mut ascents: Vec<Ascent> = folds.iter().map(begin).collect();
+        let slopes: Vec<Slope> = ascents
+            .iter()
+            .map(|one| self.slope(&one.place, &one.derivatives))
+            .collect();
+        for _ in 0..iterations {
+            if !self.step(&mut ascents)? {
+                break;
+            }
+        }
+        let ends: Vec<_> = ascents.iter().map(|one| self.at(&one.place)).collect();
+        let found = self.innovations(&ends, ascents.iter().map(|one| one.place.left_out))?;
+        let top = |(one, (slope, found)): (&Ascent, (Slope, Vec<Innovation>))| {
+            let slope = Slope {
+                log_likelihood: log_likelihood(&found),
+                ..slope
+            };
+            self.top(&one.place, &slope, of_stretches(&one.place.states))
+        };
+        let ends = slopes.into_iter().zip(found);
+        Ok(ascents.iter().zip(ends).map(top).collect())
     }
 
     /// One step of each ascent that still gains: the best of several dampings, with and without new sizes. Returns
     /// whether there is any.
     pub(super) fn step(&self, ascents: &mut [Ascent]) -> Result<bool> {
-        let mut ascents: Vec<&mut Ascent> =
-            ascents.iter_mut().filter(|one| one.gain > LITTLE).collect();
+        let mut ascents: Vec<&mut Ascent> = ascents
+            .iter_mut()
+            .filter(|one| one.gain > self.little)
+            .collect();
         if ascents.is_empty() {
             return Ok(false);
         }
@@ -160,7 +235,8 @@ impl<'a> Hill<'a> {
             }
         }
         let trials: Vec<_> = tried.iter().map(|place| self.at(place)).collect();
-        let mut found = self.innovations(&trials)?;
+        let left_out = tried.iter().map(|place| place.left_out);
+        let mut found = self.innovations(&trials, left_out)?;
         let posterior: Vec<f64> = tried
             .iter()
             .zip(&found)
@@ -171,7 +247,7 @@ impl<'a> Hill<'a> {
             let best = own.max_by(|&a, &b| posterior[a].total_cmp(&posterior[b]));
             let Some(best) = best else { continue };
             let gain = posterior[best] - slope.log_likelihood - self.log_prior(&ascent.place);
-            if gain > LITTLE {
+            if gain > self.little {
                 let step = self.between(&ascent.place, &tried[best]);
                 ascent.look = Look::Needed;
                 if gain > FOLLOWED * slope.gain(&step) {
@@ -250,6 +326,7 @@ impl<'a> Hill<'a> {
             states,
             noise: with_sizes(&here.noise, sizes),
             spreads: here.spreads.clone(),
+            left_out: here.left_out,
         }
     }
 
@@ -271,6 +348,7 @@ impl<'a> Hill<'a> {
     fn derivatives(&self, places: &[&Place]) -> Result<Vec<Derivatives>> {
         let count = self.coordinates.len();
         let mut trials = Vec::new();
+        let mut left_out = Vec::new();
         for place in places {
             let here = self.at(place);
             let updates = here.0.updates;
@@ -296,8 +374,9 @@ impl<'a> Hill<'a> {
                 let trial = self.shooting.trial(&place.z, &states, Some(updates));
                 trials.push((trial, place.noise));
             }
+            left_out.resize(trials.len(), place.left_out);
         }
-        let mut found = self.innovations(&trials)?.into_iter();
+        let mut found = self.innovations(&trials, left_out.into_iter())?.into_iter();
         let mut next = || found.next().unwrap_or_default();
         let mut of_place = || {
             let here = next();
@@ -430,22 +509,30 @@ impl<'a> Hill<'a> {
         )
     }
 
-    /// Innovations of each observation of the marble, along axes that change.
-    fn innovations(&self, trials: &[(Trial, Noise)]) -> Result<Vec<Vec<Innovation>>> {
+    /// Innovations of each observation of the marble, along axes that change, without those of a fold.
+    fn innovations(
+        &self,
+        trials: &[(Trial, Noise)],
+        left_out: impl Iterator<Item = Option<usize>>,
+    ) -> Result<Vec<Vec<Innovation>>> {
         let noise: Vec<Noise> = trials.iter().map(|(_, noise)| *noise).collect();
         let trials: Vec<&Trial> = trials.iter().map(|(trial, _)| trial).collect();
         let filtered = self.shooting.filter(&trials, &noise)?;
         Ok(filtered
             .iter()
-            .map(|one| self.innovations_of(one))
+            .zip(left_out)
+            .map(|(one, left_out)| self.innovations_of(one, left_out))
             .collect())
     }
 
-    fn innovations_of(&self, found: &Filtered) -> Vec<Innovation> {
+    fn innovations_of(&self, found: &Filtered, left_out: Option<usize>) -> Vec<Innovation> {
         let windows = self.shooting.windows;
         let active = &windows.channels.active[MARBLE];
         let mut innovations = Vec::new();
         for (number, window) in windows.all.iter().enumerate() {
+            if left_out.is_some_and(|fold| self.folds[number] == fold) {
+                continue;
+            }
             let known = &windows.known[window.marble()];
             let observed = &windows.observed[window.marble()];
             let predicted = found.predicted[number].iter().zip(&found.variance[number]);

@@ -5,8 +5,10 @@
     {"record": {"index": 3, "kind": "single", "seed": 7, "csv": "step,knob_x_rad,..."}}
     {"csv": "step,knob_x_rad,..."}
 
-Optional keys: "physics": ["lag"] selects the hidden physics, and "tracker": "irt.tracking:positions" renders
-pictures and tracks them with that function. ``--tracker MODULE:FUNCTION SHARE`` does so for a share of rigs.
+Optional keys: "physics": ["lag"] selects the hidden physics, "engine": "mujoco" another engine, and
+"tracker": "irt.tracking:positions" renders pictures and tracks them with that function. ``--tracker
+MODULE:FUNCTION SHARE`` does so for a share of rigs; ``--thirds MODULE:FUNCTION`` records a third of the rigs
+in PyBullet, a third in MuJoCo, and a third in PyBullet through the camera.
 
 The training runs are written into the rig's folder. The label with the test runs is returned in memory;
 `conceal` is its last step before it leaves this process. A further run of a rig is recorded from commands and
@@ -37,13 +39,14 @@ def make(
     seed: int,
     physics: Iterable[str] = (),
     tracker: str | None = None,
+    engine: str = "pybullet",
 ) -> tuple[str, dict[str, Any]]:
     """Write the training runs of the rig with that index; return its name and its label.
 
     A `tracker`, given as "module:function", reads rendered pictures. The caller names it, because this
     package imports none.
     """
-    spec = _drawn(index, kind, seed, physics, tracker)
+    spec = _drawn(index, kind, seed, physics, watched=tracker is not None, engine=engine)
     recorded = record(spec, None if tracker is None else _named(tracker))
     recorded.write(folder)
     return spec.name, recorded.label()
@@ -57,15 +60,16 @@ def further(
     csv: str,
     physics: Iterable[str] = (),
     tracker: str | None = None,
+    engine: str = "pybullet",
 ) -> str:
     """Return a requested run of the rig with that index, as tracked."""
-    spec = _drawn(index, kind, seed, physics, tracker)
+    spec = _drawn(index, kind, seed, physics, watched=tracker is not None, engine=engine)
     return record_further(spec, csv, None if tracker is None else _named(tracker))
 
 
-def _drawn(index: int, kind: str, seed: int, physics: Iterable[str], tracker: str | None) -> Spec:
+def _drawn(index: int, kind: str, seed: int, physics: Iterable[str], *, watched: bool, engine: str) -> Spec:
     random = np.random.default_rng([seed, index])
-    return draw(random, kind, f"rig-{index:03d}", list(physics), tracker is not None)
+    return draw(random, kind, f"rig-{index:03d}", list(physics), through_camera=watched, engine=engine)
 
 
 def _named(tracker: str) -> Watch:
@@ -82,17 +86,33 @@ def conceal(label: dict[str, Any]) -> dict[str, Any]:
     return {"label": label}
 
 
-def serve(requests: Iterable[str], answers: TextIO, tracker: str | None = None, share: float = 0.0) -> None:
+#: The world of a rig, by its index.
+THIRDS = ("pybullet", "mujoco", "camera")
+
+
+def serve(
+    requests: Iterable[str],
+    answers: TextIO,
+    tracker: str | None = None,
+    share: float = 0.0,
+    *,
+    thirds: bool = False,
+) -> None:
     """Answer requests until the input ends; failures are answered by {"error": "..."}.
 
-    A share of the rigs without a requested tracker is rendered and read by this one.
+    A share of the rigs without a requested tracker is rendered and read by this one; with `thirds`, each
+    third rig is, and each third is recorded in MuJoCo.
     """
     for line in requests:
         if not line.strip():
             continue
         try:
             ((verb, asked),) = json.loads(line).items()
-            if tracker is not None and _is_watched(asked, share):
+            if thirds:
+                world = THIRDS[asked["index"] % len(THIRDS)]
+                more = {"tracker": tracker} if world == "camera" else {"engine": world}
+                asked = {**more, **asked}
+            elif tracker is not None and _is_watched(asked, share):
                 asked = {"tracker": tracker, **asked}
             answers.write(json.dumps(_answered(verb, asked)) + "\n")
         except (KeyError, TypeError, ValueError, OSError, ImportError) as error:
@@ -120,10 +140,14 @@ def main() -> None:
     parser.add_argument(
         "--tracker", nargs=2, metavar=("MODULE:FUNCTION", "SHARE"), help="of rigs seen through a camera"
     )
-    tracker, share = parser.parse_args().tracker or (None, 0.0)
+    parser.add_argument(
+        "--thirds", metavar="MODULE:FUNCTION", help="a third each in PyBullet, in MuJoCo, through a camera"
+    )
+    args = parser.parse_args()
+    tracker, share = args.tracker or (args.thirds, 0.0)
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    serve(sys.stdin, answers, tracker, float(share))
+    serve(sys.stdin, answers, tracker, float(share), thirds=args.thirds is not None)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,6 +65,10 @@ class Played:
     seen: Array
 
 
+#: Returns the marble's centre (steps + 1, 2) [m] from the five parameters, tilts, start and hidden physics.
+Roll = Callable[[Base, Array, tuple[float, float], Sequence[Physics]], Array]
+
+
 def bullet() -> ModuleType:
     """Import PyBullet without its greeting, which would break the line protocol."""
     if "pybullet" not in sys.modules:
@@ -89,6 +93,8 @@ def play(
     start_m: tuple[float, float],
     hidden: Sequence[Physics] = (),
     random: np.random.Generator | None = None,
+    *,
+    rolled: Roll | None = None,
 ) -> Played:
     """Simulate a run that starts at rest with level knobs.
 
@@ -104,6 +110,8 @@ def play(
         Hidden physics, in the order in which it acts.
     random : Generator
         Generator of random physics; the same seed gives the same run.
+    rolled : callable, optional
+        Moves the marble; by default PyBullet (`roll`).
     """
     rows: Array = np.asarray(base.row_s * np.arange(len(commands)), dtype=np.float64)
     exposed = rows
@@ -112,7 +120,7 @@ def play(
     exposed = np.maximum(exposed, np.float64(0.0))
     steps = max(1, math.ceil(exposed.max() / STEP_S - 1e-9))
     tilts = tilt(base, arrived(commands, rows, steps, hidden, random or np.random.default_rng(0)), hidden)
-    path = roll(base, tilts, start_m, hidden)
+    path = (rolled or roll)(base, tilts, start_m, hidden)
     moments = STEP_S * np.arange(steps + 1)
     places = np.stack([np.interp(exposed, moments, path[:, axis]) for axis in (0, 1)], axis=1)
     # A picture at the time of a change of the board shows the board before it.

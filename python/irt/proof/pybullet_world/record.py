@@ -109,6 +109,7 @@ class Recorded:
             "drive": spec.drive,
             "starts": spec.starts,
             "through_camera": spec.through_camera,
+            "engine": spec.engine,
             "lost": self.lost(),
             "tests": tests,
         }
@@ -190,7 +191,8 @@ def record_further(spec: Spec, csv: str, watch: Watch | None = None) -> str:
     if not (np.isfinite(commands).all() and np.isfinite(shown).all()):
         raise ValueError("a run to record needs a command in every row, and a position in row 0")
     x, y = np.clip(shown * EDGE_X_M / spec.observation_scale, -room, room)
-    played = play(spec.base, commands, (float(x), float(y)), spec.hidden, spec.random(FURTHER, 1))
+    start_m, random = (float(x), float(y)), spec.random(FURTHER, 1)
+    played = play(spec.base, commands, start_m, spec.hidden, random, rolled=spec.rolled)
     if watch is not None and spec.through_camera:
         ((seen,), _) = _watched(spec, [played], watch, FURTHER)
     else:

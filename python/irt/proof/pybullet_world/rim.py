@@ -9,7 +9,7 @@ module applies the impulse of the rebound.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +24,7 @@ FREE_M, LEANS_M_PER_S = 2.5e-4, 1e-3
 class Rim:
     """The rim's restitution, with the friction of its impulse."""
 
-    def __init__(self, p: ModuleType, client: int, body: int, restitution: float) -> None:
+    def __init__(self, p: Any, client: int, body: int, restitution: float) -> None:
         self.p, self.client, self.body = p, client, body
         self.restitution = restitution
         self.acts = restitution > 0.0

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from . import drives, noise
+from . import drives, in_mujoco, noise
 from .effects import EFFECTS
-from .engine import Base, Played, play
+from .engine import Base, Played, Roll, play, roll
 from .out_of_catalogue import BEYOND
 from .physics import EDGE_X_M, EDGE_Y_M, RADIUS_M, Array, Physics
 
 TRAIN, TEST = 8, 4
-KINDS = ("none", "outliers", "single", "pair", "unlisted")
+KINDS = ("none", "outliers", "single", "pair", "triple", "unlisted")
 #: A rig is redrawn unless the hidden physics changes the path by this many times the noise.
 SHOWS = 3.0
 #: Runs that are simulated for this check, unless the first ones are below this part of the threshold.
@@ -24,6 +24,9 @@ PROBES, HOPELESS = (0, 3, 6, 9), 0.25
 #: Draws until noise and parameters are redrawn too, and number of such redraws until magnitudes come from the
 #: largest fifth of their range and noise from the smallest.
 DRAWS, GROWS = 2, 9
+
+#: The engines.
+ENGINES: dict[str, Roll] = {"pybullet": roll, "mujoco": in_mujoco.roll}
 
 _KNOWN = {one.name: one for one in (*EFFECTS, *BEYOND)}
 _ORDER = list(_KNOWN)
@@ -55,6 +58,8 @@ class Spec:
         "centre" or "anywhere", always at rest.
     through_camera : bool
         Whether the recording is read from rendered pictures.
+    engine : {"pybullet", "mujoco"}
+        What moves the marble.
     """
 
     name: str
@@ -72,6 +77,7 @@ class Spec:
     drive: str = "mixed"
     starts: str = "anywhere"
     through_camera: bool = False
+    engine: str = "pybullet"
 
     @property
     def base(self) -> Base:
@@ -100,7 +106,12 @@ class Spec:
     def play(self, run: int) -> Played:
         """Simulate a run."""
         commands, start_m = self.excitation(run)
-        return play(self.base, commands, start_m, self.hidden, self.random(run, 1))
+        return play(self.base, commands, start_m, self.hidden, self.random(run, 1), rolled=self.rolled)
+
+    @property
+    def rolled(self) -> Roll:
+        """What moves the marble."""
+        return ENGINES[self.engine]
 
     def missed(self, run: int, played: Played, without: Sequence[str] = ()) -> float:
         """Return the distance of a run from the same run without some of its physics [board edges].
@@ -115,7 +126,7 @@ class Spec:
             seen = played.seen[0] * EDGE_X_M / self.observation_scale
             x, y = np.clip(seen, -room, room)
             start_m = float(x), float(y)
-        plain = play(self.base, commands, start_m, left, self.random(run, 1))
+        plain = play(self.base, commands, start_m, left, self.random(run, 1), rolled=self.rolled)
         return float(np.abs(played.seen - plain.seen).mean())
 
     def to_json(self) -> dict[str, Any]:
@@ -151,7 +162,9 @@ def draw(
     kind: str,
     name: str = "rig",
     physics: Sequence[str] = (),
+    *,
     through_camera: bool = False,
+    engine: str = "pybullet",
 ) -> Spec:
     """Draw a rig whose hidden physics changes the path noticeably.
 
@@ -160,22 +173,27 @@ def draw(
     random : Generator
         The same state gives the same rig.
     kind : str
-        "none", "outliers", "single", "pair", "unlisted".
+        "none", "outliers", "single", "pair", "triple", "unlisted".
     name : str
         Name of the rig.
     physics : sequence of str
         Names of the physics to hide; drawn as well if empty.
     through_camera : bool
         Whether the recording is read from rendered pictures.
+    engine : {"pybullet", "mujoco"}
+        What moves the marble.
 
     Raises
     ------
     ValueError
         If a kind or a name is not known, or names do not fit the kind.
     """
+    if engine not in ENGINES:
+        raise ValueError(f"an engine is one of {', '.join(ENGINES)}, not {engine!r}")
     names = _names(random, kind, physics)
     for least in itertools.chain(np.linspace(0.0, 0.8, GROWS), itertools.repeat(0.8)):
-        spec = replace(_plain(random, name, 1.0 - float(least)), through_camera=through_camera)
+        spec = _plain(random, name, 1.0 - float(least))
+        spec = replace(spec, through_camera=through_camera, engine=engine)
         if kind == "outliers":
             return replace(spec, outliers=float(np.exp(random.uniform(np.log(0.005), np.log(0.05)))))
         for _ in range(DRAWS):
@@ -202,7 +220,7 @@ def shows(spec: Spec, name: str) -> bool:
 def _names(random: np.random.Generator, kind: str, physics: Sequence[str]) -> list[str]:
     if kind not in KINDS:
         raise ValueError(f"a kind of rig is one of {', '.join(KINDS)}, not {kind!r}")
-    count = {"single": 1, "pair": 2, "unlisted": 1}.get(kind, 0)
+    count = {"single": 1, "pair": 2, "triple": 3, "unlisted": 1}.get(kind, 0)
     possible = [one.name for one in (BEYOND if kind == "unlisted" else EFFECTS)]
     unknown = [one for one in physics if one not in possible]
     if unknown or (physics and len(set(physics)) != count):

@@ -196,3 +196,31 @@ fn threads_change_no_bit() {
     });
     assert!(tops[0] == tops[1] && tops[1] == tops[2]);
 }
+
+#[test]
+fn threads_change_no_bit_without_a_fold() {
+    let truth: [(&str, &[f64]); 1] = [("delay", &[0.15, 0.0])];
+    let mut planted = pushed(3, &truth, PUSH_RAD);
+    let all = top(&mut planted, 0.9, &truth);
+    let found = [1, 2, 4].map(|threads| {
+        planted.threads = Some(threads);
+        let found = planted.with(|problem| {
+            problem.leave_out(
+                &all.values,
+                &all.noise,
+                &all.states,
+                &[2, 0, 1, 0, 1, 2],
+                12,
+                &AtomicBool::new(false),
+            )
+        });
+        found.unwrap()
+    });
+    assert_eq!(found[0].len(), 3);
+    assert!(found[0] == found[1] && found[1] == found[2]);
+    assert!(
+        found[0]
+            .iter()
+            .all(|one| one.log_likelihood < all.log_likelihood)
+    );
+}

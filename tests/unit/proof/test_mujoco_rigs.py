@@ -1,0 +1,97 @@
+"""The concealed world in MuJoCo: the same hidden physics as in PyBullet, and rebounds of its own."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irt.proof.pybullet_world.__main__ import THIRDS, serve
+from irt.proof.pybullet_world.effects import EFFECTS
+from irt.proof.pybullet_world.engine import Base, play
+from irt.proof.pybullet_world.in_mujoco import roll
+from irt.proof.pybullet_world.out_of_catalogue import BEYOND
+from irt.proof.pybullet_world.physics import EDGE_X_M, RADIUS_M, Physics
+from irt.proof.pybullet_world.spec import draw, made
+
+pytest.importorskip("pybullet", reason="PyBullet has wheels up to Python 3.11 only: pip install pybullet")
+pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
+
+BASE = Base(0.07, 0.06, 5e-4, 16.0, 1.03)
+#: Where marbles reach no rim.
+ROWS = 45
+#: Differences of engines away from rims [board edges]: 0.03 mm.
+NEAR = 1e-4
+
+
+def drive() -> np.ndarray:
+    """Commands (ROWS, 2) [rad] that lead a marble to and fro."""
+    time = np.arange(ROWS)[:, None] / ROWS
+    return 0.12 * np.sin(2.0 * np.pi * time * [2.0, 3.0] + [0.0, 0.5]) * np.minimum(1.0, 6.0 * time)
+
+
+def test_without_hidden_physics_both_go_the_same_way() -> None:
+    one, other = (play(BASE, drive(), (0.02, -0.01), rolled=engine).seen for engine in (None, roll))
+    assert np.ptp(one, axis=0).min() > 0.02
+    assert np.abs(one - other).max() < NEAR
+
+
+@pytest.mark.parametrize("kind", [*EFFECTS, *BEYOND], ids=lambda kind: kind.name)
+def test_hidden_physics_does_the_same_in_both(kind: type[Physics]) -> None:
+    hidden = [kind.draw(np.random.default_rng(3), 0.7)]
+    start = (0.02, -0.01)
+    plain, one, other = (
+        play(BASE, drive(), start, physics, np.random.default_rng(0), rolled=engine).seen
+        for physics, engine in (([], None), (hidden, None), (hidden, roll))
+    )
+    # Where a marble is let go from rest by friction, a step more or less grows into a difference.
+    assert np.abs(one - other).mean() < NEAR + 0.1 * np.abs(one - plain).mean()
+
+
+@pytest.mark.parametrize("increase", [0.0, 0.6])
+def test_a_rim_returns_the_part_of_the_speed_that_it_should(increase: float) -> None:
+    commands = np.tile([0.0, 0.12], (40, 1))
+    commands[0] = 0.0
+    hidden = made([{"name": "wall_restitution", "increase": increase}]) if increase else ()
+    path = play(BASE, commands, (0.08, 0.0), hidden, rolled=roll).seen[:, 0] * EDGE_X_M / 1.03
+    reach = EDGE_X_M / 2.0 - RADIUS_M
+    assert path.max() == pytest.approx(reach, abs=1e-3)
+    hit = int(np.argmax(path > reach - 2e-3))
+    back = reach - path[hit + 1 : hit + 12].min()
+    # A marble that is thrown back with half its speed comes back a quarter of the way.
+    assert (back > 4e-3) == bool(increase)
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_rig_in_mujoco() -> None:
+    one, other = (
+        draw(np.random.default_rng(4), "single", physics=["lag"], engine="mujoco") for _ in range(2)
+    )
+    assert one == other
+    np.testing.assert_array_equal(one.play(0).seen, other.play(0).seen)
+    with pytest.raises(ValueError, match="an engine is one of pybullet, mujoco, not 'bullet'"):
+        draw(np.random.default_rng(4), "none", engine="bullet")
+
+
+def test_rigs_take_turns_at_the_worlds(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[dict] = []
+    monkeypatch.setattr(
+        "irt.proof.pybullet_world.__main__._answered", lambda _, request: asked.append(request) or {}
+    )
+    lines = [json.dumps({"make": {"index": index, "seed": 1, "kind": "none"}}) for index in range(6)]
+    serve(lines, io.StringIO(), "module:track", thirds=True)
+    assert [one.get("engine", "camera") for one in asked] == [*THIRDS, *THIRDS]
+    assert [one.get("tracker") for one in asked] == [None, None, "module:track"] * 2
+
+
+@pytest.mark.slow
+def test_a_label_names_its_engine(tmp_path: Path) -> None:
+    answers = io.StringIO()
+    asked = {"index": 1, "kind": "none", "seed": 3, "folder": f"{tmp_path / 'rig'}"}
+    serve([json.dumps({"make": asked})], answers, "module:track", thirds=True)
+    label = json.loads(answers.getvalue())["label"]
+    assert (label["engine"], label["through_camera"], label["kind"]) == ("mujoco", False, "none")
+    assert len(list((tmp_path / "rig").glob("train-*.csv"))) == 8
