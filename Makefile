@@ -14,6 +14,8 @@ DOCS := .venv-docs/.packages
 EXTENSION := .venv/.extension
 EXTENSION_SOURCES := Cargo.toml pyproject.toml $(wildcard Cargo.lock crates/*/Cargo.toml) $(shell find crates/*/src)
 PYTHON_SOURCES := python tests benches docs examples
+# How long `make fuzz` goes on [s].
+FUZZ_SECONDS ?= 600
 # The tests of a report render it in the first of these that is there.
 BROWSERS := chromium chromium-browser google-chrome
 # Continuous integration builds what Cargo.lock says, and fails where it is out of date.
@@ -47,6 +49,13 @@ test: | $(BIN)/python browser ## every test, Rust and Python
 .PHONY: test-rust
 test-rust: tools ## the tests of Rust alone
 	+PROPTEST_RNG_SEED=1 cargo test $(LOCKED) --workspace --release
+
+# Each reader in Rust gets its share: there are 24 of them, on two threads.
+.PHONY: fuzz
+fuzz: $(EXTENSION) $(PACKAGES) tools ## read files and messages that are changed at random, for FUZZ_SECONDS=600
+	$(BIN)/python tests/fuzz/fuzz.py --seconds $$(($(FUZZ_SECONDS) / 2))
+	+FUZZ_SECONDS=$$(($(FUZZ_SECONDS) / 24)) FUZZ_SEED=$$(date +%s) cargo test $(LOCKED) --release --package rig \
+		--config profile.release.package.rig.overflow-checks=true fuzz:: -- --nocapture --test-threads 2
 
 .PHONY: lint
 lint: $(EXTENSION) $(PACKAGES) components ## formatting, lints, types, and the extension against its stub

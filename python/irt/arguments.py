@@ -62,7 +62,10 @@ def number(name: str, value: object) -> float:
     """Return a number, finite or not."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise IrtError(f"{name}: expected a number, got {shown(value)}")
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise IrtError(f"{name}: expected a number below 1e308, got {shown(value)}") from error
 
 
 def pair(name: str, value: object) -> tuple[float, float]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import struct
-import tomllib
+import io
 from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from irt.errors import IrtError
 from irt.extras import require
-from irt.files import PathLike
+from irt.files import PathLike, TomlTable, parse_toml
 
 Array = NDArray[np.float64]
 
 #: Topics that `rig` adds to a bag: events, the rows of played files, and set points.
 EVENTS, ROWS, SET_POINTS = "/rig/events", "/rig/command", "/rig/setpoint"
 _ERROR = 40
+#: Largest angle [rad] or position [board edges]; larger ones are broken, and their squares may overflow.
+_LARGEST = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +74,8 @@ class Bag:
     ----------
     path : Path
         The file.
-    config : dict
-        The rig's configuration at the time of the recording.
+    edge_x_m : float
+        The board's long edge [m], as the rig was configured at the time of the recording.
     plays : tuple of Play
         Played files, in order.
     set_points : Series
@@ -85,11 +87,21 @@ class Bag:
     """
 
     path: Path
-    config: dict[str, Any]
+    edge_x_m: float
     plays: tuple[Play, ...]
     set_points: Series
     measured: Series | None
     marble: Series
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """An arm in the rig's configuration: joint angle = level + gear x knob angle."""
+
+    joint: str
+    topic: str
+    gear: float
+    level_rad: float
 
 
 def load_bag(path: PathLike) -> Bag:
@@ -98,60 +110,51 @@ def load_bag(path: PathLike) -> Bag:
     Raises
     ------
     IrtError
-        If the bag cannot be read, is truncated, or was recorded by another program, or if the packages for
-        bags are not installed.
+        If the bag cannot be read, is broken or truncated, or was recorded by another program, or if the
+        packages for bags are not installed.
     """
     require("mcap_ros2", "reading a bag")
-    from mcap.exceptions import McapError  # noqa: PLC0415
-
     path = Path(path)
     try:
         stream = path.open("rb")
     except OSError as error:
         raise IrtError(f"{path}: cannot be read: {error.strerror}") from error
-    with stream:
-        try:
-            config, messages = _read(path, stream)
-        # A file that is too short has no footer to read.
-        except (McapError, OSError, struct.error) as error:
-            raise IrtError(
-                f"{path}: not a bag, or one that was cut short ({error}); try 'rig recover {path}'"
-            ) from error
-    if ROWS not in messages or SET_POINTS not in messages:
-        raise IrtError(f"{path}: contains no played file (no {ROWS}); record it with 'rig play'")
-    arms = [config["arms"][axis] for axis in ("x", "y")]
-    joints = [_joint(messages.get(arm["joint_states"], []), arm) for arm in arms]
-    tracker = config.get("tracker", {})
-    unit = 1.0 / tracker.get("edge_x_m", 0.276) if tracker.get("unit", "edges") == "m" else 1.0
-    marble = messages.get(tracker.get("topic", "/marble/position"), [])
-    points = [
-        (age, message.header, (message.point.x * unit, message.point.y * unit)) for age, message in marble
-    ]
-    return Bag(
-        path=path,
-        config=config,
-        plays=tuple(_plays(messages)),
-        set_points=_series([(age, point.header, point.position) for age, point in messages[SET_POINTS]]),
-        measured=_together(*joints),
-        marble=_series(points),
-    )
+    with stream, _of_library(path):
+        return _read(path, stream)
 
 
 def is_own(path: PathLike) -> bool:
-    """Return whether `rig` recorded a bag: it contains the rig's configuration, or is truncated."""
+    """Return whether `rig` recorded a bag: it contains the rig's configuration, or is broken."""
     require("mcap_ros2", "reading a bag")
-    from mcap.exceptions import McapError  # noqa: PLC0415
     from mcap.reader import make_reader  # noqa: PLC0415
 
     try:
-        with Path(path).open("rb") as stream:
+        with Path(path).open("rb") as stream, _of_library(Path(path)):
             return any(one.name == "rig.toml" for one in make_reader(stream).iter_attachments())
-    except (McapError, OSError, struct.error):
+    except (IrtError, OSError):
         return True
 
 
-def _read(path: Path, stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, list[Any]]]:
-    """Return the configuration, and the messages of each topic with the ages of their stamps [s]."""
+@contextmanager
+def _of_library(path: Path) -> Iterator[None]:
+    """Turn what the library makes of broken bytes into one line.
+
+    It raises errors of all kinds, `MemoryError` for a length that lies among them, and its parser of message
+    definitions prints.
+    """
+    try:
+        with redirect_stderr(io.StringIO()):
+            yield
+    except IrtError:
+        raise
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise IrtError(
+            f"{path}: not a bag, or one that was cut short ({reason}); try 'rig recover {path}'"
+        ) from error
+
+
+def _read(path: Path, stream: IO[bytes]) -> Bag:
     from mcap.reader import make_reader  # noqa: PLC0415
     from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
 
@@ -165,7 +168,42 @@ def _read(path: Path, stream: IO[bytes]) -> tuple[dict[str, Any], dict[str, list
     for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
         age = (message.log_time - message.publish_time) / 1e9
         messages.setdefault(channel.topic, []).append((age, decoded))
-    return tomllib.loads(attached["rig.toml"].decode()), messages
+    if ROWS not in messages or SET_POINTS not in messages:
+        raise IrtError(f"{path}: contains no played file (no {ROWS}); record it with 'rig play'")
+    config = parse_toml(f"{path}, rig.toml", attached["rig.toml"])
+    joints = [_joint(messages, arm) for arm in _arms(config.section("arms"))]
+    tracker = config.section("tracker")
+    edge = _within(tracker, "edge_x_m", 0.276, 0.01, 10.0)
+    unit = 1.0 / edge if tracker.content.get("unit") == "m" else 1.0
+    topic = tracker.word("topic") if "topic" in tracker else "/marble/position"
+    points = [
+        (age, message.header, (message.point.x * unit, message.point.y * unit))
+        for age, message in messages.get(topic, [])
+    ]
+    return Bag(
+        path=path,
+        edge_x_m=edge,
+        plays=tuple(_plays(messages)),
+        set_points=_series([(age, point.header, point.position) for age, point in messages[SET_POINTS]]),
+        measured=_together(*joints),
+        marble=_series(points),
+    )
+
+
+def _arms(table: TomlTable) -> Iterator[_Arm]:
+    """Yield the arms about x and about y."""
+    for arm in (table.section("x"), table.section("y")):
+        gear = arm.number("gear")
+        if not 1e-3 <= abs(gear) <= 1e3:
+            raise arm.error("gear", f"expected 0.001 to 1000 in either direction, found {gear:g}")
+        yield _Arm(arm.word("joint"), arm.word("joint_states"), gear, arm.number("level_rad"))
+
+
+def _within(table: TomlTable, key: str, otherwise: float, low: float, high: float) -> float:
+    number = table.number(key) if key in table else otherwise
+    if not low <= number <= high:
+        raise table.error(key, f"expected a number from {low:g} to {high:g}, found {number:g}")
+    return number
 
 
 def _stamp(time: Any) -> float:
@@ -173,30 +211,30 @@ def _stamp(time: Any) -> float:
 
 
 def _series(messages: list[tuple[float, Any, Any]]) -> Series:
-    """Return messages as a series, without values that are not finite and stamps that do not increase."""
+    """Return messages as a series, without impossible values and stamps that do not increase."""
     kept: list[tuple[float, float, float, float]] = []
     for age, header, (x, y) in messages:
         stamp = _stamp(header.stamp)
-        if np.isfinite(x) and np.isfinite(y) and (not kept or stamp > kept[-1][0]):
+        if abs(x) <= _LARGEST and abs(y) <= _LARGEST and (not kept or stamp > kept[-1][0]):
             kept.append((stamp, x, y, age))
     columns = np.array(kept, dtype=np.float64).reshape(-1, 4)
     return Series(columns[:, 0], columns[:, 1:3], columns[:, 3])
 
 
-def _joint(messages: list[Any], arm: dict[str, Any]) -> Series:
+def _joint(messages: dict[str, list[Any]], arm: _Arm) -> Series:
     """Return the knob angle of a joint in the first column; the second is not used."""
     found = []
-    for age, message in messages:
-        if arm["joint"] in message.name:
-            angle = message.position[list(message.name).index(arm["joint"])]
+    for age, message in messages.get(arm.topic, []):
+        if arm.joint in message.name:
+            angle = message.position[list(message.name).index(arm.joint)]
             found.append((age, message.header, (angle, 0.0)))
     series = _series(found)
     joint = np.unwrap(series.values[:, 0])
-    turned = joint - arm["level_rad"]
+    turned = joint - arm.level_rad
     if turned.size:
         # A continuous joint may be some full turns away from its configured level.
         turned = turned - 2.0 * np.pi * np.round(turned[0] / (2.0 * np.pi))
-    return Series(series.stamps, np.column_stack([turned / arm["gear"], np.zeros(turned.size)]), series.ages)
+    return Series(series.stamps, np.column_stack([turned / arm.gear, np.zeros(turned.size)]), series.ages)
 
 
 def _together(x: Series, y: Series) -> Series | None:

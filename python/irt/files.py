@@ -139,13 +139,23 @@ def read_toml(path: PathLike) -> TomlTable:
     IrtError
         If the file cannot be read, or is invalid TOML (the message contains line and column).
     """
-    text = read_text(path)
+    return parse_toml(f"{path}", read_text(path))
+
+
+def parse_toml(where: str, text: str | bytes) -> TomlTable:
+    """Return TOML text, or its bytes in UTF-8, as a table; ``where`` is its place, for messages.
+
+    Raises
+    ------
+    IrtError
+        If it is invalid TOML (the message contains line and column).
+    """
     try:
-        content = tomllib.loads(text)
+        content = tomllib.loads(text if isinstance(text, str) else text.decode())
     # Besides its own errors, the parser raises these two for thousands of digits or brackets.
     except (ValueError, RecursionError) as error:
-        raise IrtError(f"{path}: broken TOML: {error}") from error
-    return TomlTable(f"{path}", content)
+        raise IrtError(f"{where}: broken TOML: {error}") from error
+    return TomlTable(where, content)
 
 
 class TomlTable:

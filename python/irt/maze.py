@@ -227,9 +227,10 @@ def _rows(name: str, given: Any, width: int) -> tuple[Any, ...]:
         right = all(isinstance(one, int | float) and not isinstance(one, bool) for one in numbers)
         if len(numbers) != width or not right:
             raise IrtError(f"{what}: expected {form} in metres, got {arguments.shown(row)}")
-        if not np.isfinite(numbers).all():
+        floats = tuple(arguments.number(what, number) for number in numbers)
+        if not all(map(math.isfinite, floats)):
             raise IrtError(f"{what}: expected finite numbers, got {arguments.shown(row)}")
-        rows.append(tuple(float(number) for number in numbers))
+        rows.append(floats)
     return tuple(rows)
 
 

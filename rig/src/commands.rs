@@ -7,6 +7,9 @@ use crate::config::{Config, TICK_S};
 use crate::error::{Error, Result};
 use crate::safety::{SetPoint, bounds};
 
+/// Longest duration of a row (s): every tick of a file is looked at before it is played.
+const LONGEST_S: f64 = 60.0;
+
 /// The columns of knob angles.
 pub const KNOBS: [&str; 2] = ["knob_x_rad", "knob_y_rad"];
 
@@ -37,7 +40,11 @@ impl Commands {
             .map_err(|what| Error::refused(format!("{}{what}", path.display())))
     }
 
-    fn parse(
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// Row and column, and what is wrong there.
+    pub fn parse(
         text: &str,
         pairs: &[[&str; 2]],
         period: Option<f64>,
@@ -120,6 +127,12 @@ impl Commands {
         let shorter = |pair: &[f64]| !(pair[1] - pair[0] >= TICK_S - 1e-9);
         if let Some(row) = self.begins.windows(2).position(shorter) {
             return Err(format!(", row {row}, t_s: lasts less than {TICK_S} s"));
+        }
+        let longer = |pair: &[f64]| pair[1] - pair[0] > LONGEST_S;
+        if let Some(row) = self.begins.windows(2).position(longer) {
+            return Err(format!(
+                ", row {row}, t_s: lasts more than {LONGEST_S} s; are the stamps in seconds?"
+            ));
         }
         let rows = self.begins.len();
         self.last_s = self.begins[rows - 1] - self.begins[rows - 2];
@@ -218,6 +231,12 @@ mod tests {
                 "knob_x_rad,knob_y_rad,t_s\n0,0,0\n0,0,0.005\n",
                 None,
                 "row 0, t_s",
+            ),
+            // The check of every tick until then took hours.
+            (
+                "knob_x_rad,knob_y_rad,t_s\n0,0,0\n0,0,0.1\n0,0,1e9\n",
+                None,
+                "row 1, t_s: lasts more than 60 s",
             ),
             ("knob_x_rad,knob_y_rad\n0,0\n", Some(0.1), "at least 2 rows"),
             ("", None, "empty"),

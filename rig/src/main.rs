@@ -14,6 +14,8 @@ mod config;
 mod dds;
 mod error;
 mod frames;
+#[cfg(test)]
+mod fuzz;
 mod labs;
 mod messages;
 mod model;

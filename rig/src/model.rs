@@ -72,10 +72,17 @@ impl Model {
         let shown = path.display();
         let text = fs::read_to_string(path)
             .map_err(|error| Error::refused(format!("{shown}: cannot be read: {error}")))?;
-        let file: File = toml::from_str(&text).map_err(|error| {
-            Error::refused(format!("{shown}: {}", error.message().replace('\n', " ")))
-        })?;
-        Self::from_file(&file).map_err(|what| Error::refused(format!("{shown}, {what}")))
+        Self::parse(&text).map_err(|what| Error::refused(format!("{shown}{what}")))
+    }
+
+    /// Reads the text of a model.
+    ///
+    /// # Errors
+    /// The key, and what is wrong there.
+    pub fn parse(text: &str) -> std::result::Result<Self, String> {
+        let file: File = toml::from_str(text)
+            .map_err(|error| format!(": {}", error.message().replace('\n', " ")))?;
+        Self::from_file(&file).map_err(|what| format!(", {what}"))
     }
 
     fn from_file(file: &File) -> std::result::Result<Self, String> {
@@ -89,7 +96,7 @@ impl Model {
                 "sliding_friction" => &mut rig.board.sliding_friction,
                 "spinning_friction" => &mut rig.board.spinning_friction,
                 _ => return Err(format!("board: unknown key '{key}'")),
-            } = value;
+            } = within("board", key, value, [0.0, 1000.0])?;
         }
         for (key, &value) in &file.marble {
             *match key.as_str() {
@@ -97,18 +104,19 @@ impl Model {
                 "mass_kg" => &mut rig.marble.mass_kg,
                 "damping_per_s" => &mut rig.marble.damping_per_s,
                 _ => return Err(format!("marble: unknown key '{key}'")),
-            } = value;
+            } = within("marble", key, value, [0.0, 1000.0])?;
         }
-        let parameter = |name: &str| {
+        let parameter = |name: &str, bounds: [f64; 2]| {
             let found = file.parameters.get(name).map(|one| one.value);
-            found.ok_or(format!("parameters: {name} is missing"))
+            let found = found.ok_or(format!("parameters: {name} is missing"))?;
+            within("parameters", name, found, bounds)
         };
         let parameters = Parameters {
-            gear_x: parameter("gear_x")?,
-            gear_y: parameter("gear_y")?,
-            rolling_friction: parameter("rolling_friction")?,
-            time_scale: parameter("time_scale")?,
-            observation_scale: parameter("observation_scale")?,
+            gear_x: parameter("gear_x", [-100.0, 100.0])?,
+            gear_y: parameter("gear_y", [-100.0, 100.0])?,
+            rolling_friction: parameter("rolling_friction", [0.0, 100.0])?,
+            time_scale: parameter("time_scale", [0.0, 5000.0])?,
+            observation_scale: parameter("observation_scale", [0.01, 100.0])?,
         };
         let effects = file
             .effects
@@ -196,6 +204,21 @@ impl Model {
     }
 }
 
+/// A number within what `irt` allows at all; the engine refuses more.
+fn within(
+    table: &str,
+    key: &str,
+    value: f64,
+    [low, high]: [f64; 2],
+) -> std::result::Result<f64, String> {
+    if (low..=high).contains(&value) {
+        return Ok(value);
+    }
+    Err(format!(
+        "{table}: {key}: expected a number from {low} to {high}, found {value:?}"
+    ))
+}
+
 fn read_effect(
     table: &BTreeMap<String, toml::Value>,
 ) -> std::result::Result<(&'static EffectSpec, Vec<f64>), String> {
@@ -223,21 +246,18 @@ fn read_effect(
 pub mod tests {
     use super::*;
 
-    const PLAIN: &str = "format = 1\n[board]\nedge_x_m = 0.3\n[parameters]\ngear_x = { value = 0.07, low = 0.06, high = 0.08, range = [0.0, 0.1] }\ngear_y = { value = 0.06 }\nrolling_friction = { value = 3e-4 }\ntime_scale = { value = 24 }\nobservation_scale = { value = 1.0 }\n";
+    /// A model without effects.
+    pub const PLAIN: &str = "format = 1\n[board]\nedge_x_m = 0.3\n[parameters]\ngear_x = { value = 0.07, low = 0.06, high = 0.08, range = [0.0, 0.1] }\ngear_y = { value = 0.06 }\nrolling_friction = { value = 3e-4 }\ntime_scale = { value = 24 }\nobservation_scale = { value = 1.0 }\n";
 
     /// A model with further tables.
     pub fn with(tables: &str) -> Model {
-        parse(&format!("{PLAIN}{tables}")).expect("it is right")
-    }
-
-    fn parse(text: &str) -> std::result::Result<Model, String> {
-        Model::from_file(&toml::from_str(text).expect("its form is right"))
+        Model::parse(&format!("{PLAIN}{tables}")).expect("it is right")
     }
 
     #[test]
     fn a_model_is_read_with_its_effects() {
         let text = format!("{PLAIN}[[effects]]\nname = \"backlash\"\nwidth_x_rad = 0.03\n");
-        let model = parse(&text).expect("it is right");
+        let model = Model::parse(&text).expect("it is right");
         assert_eq!(model.rig.board.edge_x_m, 0.3);
         assert_eq!(model.effects[0].1, [0.03, 0.0]);
         let mut live = model
@@ -249,7 +269,7 @@ pub mod tests {
     #[test]
     fn a_marble_of_a_model_with_a_maze_falls_through_its_hole() {
         let maze = "[maze]\nwall_thickness_m = 0.005\nwall_height_m = 0.012\nhole_radius_m = 0.0075\nholes = [\n    [0.05, 0.0],\n]\n";
-        let model = parse(&format!("{PLAIN}{maze}")).expect("it is right");
+        let model = Model::parse(&format!("{PLAIN}{maze}")).expect("it is right");
         let mut live = model
             .live([0.0; 2], (400, 1.0 / 120.0), 0)
             .expect("it is physical");
@@ -269,10 +289,11 @@ pub mod tests {
                 "unknown parameter 'width'",
             ),
         ] {
-            let error = parse(&format!("{PLAIN}{change}")).expect_err(said);
+            let error = Model::parse(&format!("{PLAIN}{change}")).expect_err(said);
             assert!(error.contains(said), "{error}");
         }
-        let error = parse(&PLAIN.replace("gear_y", "gear_z")).expect_err("a gear is missing");
+        let error =
+            Model::parse(&PLAIN.replace("gear_y", "gear_z")).expect_err("a gear is missing");
         assert!(error.contains("gear_y is missing"), "{error}");
     }
 }

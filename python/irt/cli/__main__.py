@@ -10,10 +10,12 @@ from __future__ import annotations
 import argparse
 import keyword
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
+from types import FrameType
 from typing import Any, Protocol, cast
 
 from irt.errors import IrtError
@@ -40,6 +42,7 @@ DONE = 0
 COULD_NOT = 1
 WRONG_USAGE = 2  # set by argparse itself
 INTERRUPTED = 130  # the shell's status of a program ended by Ctrl-C
+TERMINATED = 143  # and by SIGTERM
 
 
 class Verb(Protocol):
@@ -58,6 +61,9 @@ class Verb(Protocol):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit status; wrong usage raises `SystemExit` with status 2."""
     words = sys.argv[1:] if argv is None else argv
+    if argv is None:
+        # What Ctrl-C cleans up, another process's SIGTERM is to clean up too.
+        signal.signal(signal.SIGTERM, _terminated)
     with_traceback = "--traceback" in words or os.environ.get("IRT_TRACEBACK", "0") not in {"", "0"}
     try:
         try:
@@ -65,6 +71,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             args.run(args)
         finally:
             sys.stdout.flush()
+    except _Terminated:
+        return _failed("terminated", TERMINATED)
     except KeyboardInterrupt:
         return _failed("stopped", INTERRUPTED)
     except BrokenPipeError:
@@ -120,6 +128,16 @@ class _Version(argparse.Action):
 
         print(f"irt {version('labsim-irt')}")
         parser.exit()
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM came."""
+
+
+def _terminated(_signal: int, _frame: FrameType | None) -> None:
+    # A second signal, during the clean-up, ends the process at once.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    raise _Terminated
 
 
 def _explained(error: Exception) -> str:

@@ -204,8 +204,8 @@ def _is_done(folder: Path, rig: Rig, seed: int) -> bool:
     from importlib.metadata import version
 
     try:
-        settings = json.loads((folder / "diagnosis.json").read_bytes())["settings"]
-    except (OSError, ValueError, KeyError):
+        settings = dict(json.loads((folder / "diagnosis.json").read_bytes())["settings"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return False
     wanted = {"recordings_sha256": rig.digest, "seed": seed, "version": version("labsim-irt")}
     return all(settings.get(key) == value for key, value in wanted.items())

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -73,7 +74,7 @@ class Unfinished:
             return cls(path, about)
         there, *answers = lines
         stale = tuple(name for name, value in about.items() if there.get(name) != value)
-        known = {} if stale else {one["asked"]: one["answer"] for one in answers}
+        known = {} if stale else {one["asked"]: one["answer"] for one in answers if _is_answer(one)}
         return cls(path, about, stale, known)
 
     def __len__(self) -> int:
@@ -89,7 +90,7 @@ class Unfinished:
             If the file cannot be written.
         """
         # Rewrite complete lines only: the last line may have been cut.
-        kept = [{"asked": key, "answer": one} for key, one in self._known.items()]
+        kept = [_checked(key, one) for key, one in self._known.items()]
         write_atomic(self.path, "".join(map(_line, [self.about, *kept])))
         token = _CURRENT.set(self)
         try:
@@ -108,7 +109,7 @@ class Unfinished:
         answer = ask(*asked, **options)
         try:
             with self.path.open("a", encoding="utf-8") as file:
-                file.write(_line({"asked": key, "answer": _encoded(answer)}))
+                file.write(_line(_checked(key, _encoded(answer))))
         except OSError as error:
             raise IrtError(f"{self.path}: cannot be written: {error.strerror or error}") from error
         return answer
@@ -116,6 +117,18 @@ class Unfinished:
 
 def _line(content: Mapping[str, Any]) -> str:
     return f"{json.dumps(content)}\n"
+
+
+def _checked(asked: str, answer: Any) -> dict[str, Any]:
+    """Return a line's content. A damaged answer would change results unnoticed: the checksum shows it."""
+    return {"asked": asked, "answer": answer, "crc32": zlib.crc32(json.dumps([asked, answer]).encode())}
+
+
+def _is_answer(content: dict[str, Any]) -> bool:
+    """Whether a line's content is an answer as it was written."""
+    return content.keys() == {"asked", "answer", "crc32"} and content == _checked(
+        content["asked"], content["answer"]
+    )
 
 
 @cache
@@ -128,16 +141,18 @@ def _engine() -> str:
 
 
 def _lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the complete lines of a file, none if there is no file."""
+    """Yield the objects on complete lines of a file, none if there is no file."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return
     for line in text.split("\n")[:-1]:
         try:
-            yield json.loads(line)
-        except ValueError:
-            return
+            content = json.loads(line)
+        except (ValueError, RecursionError):
+            continue
+        if isinstance(content, dict):
+            yield content
 
 
 def _feed(sha: Any, value: Any) -> None:

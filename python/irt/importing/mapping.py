@@ -114,6 +114,7 @@ def _names(node: ast.expr) -> list[str]:
         case ast.Name(id=name):
             return [name]
         case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            _number(value)
             return []
         case ast.UnaryOp(op=ast.UAdd() | ast.USub(), operand=operand):
             return _names(operand)
@@ -129,7 +130,7 @@ def _value(node: ast.expr, columns: Mapping[str, Array]) -> Array:
         case ast.Name(id=name):
             return columns[name]
         case ast.Constant(value=int() | float() as number):
-            return np.array(float(number))
+            return np.array(_number(number))
         case ast.UnaryOp(op=kind, operand=operand):
             value = _value(operand, columns)
             return -value if isinstance(kind, ast.USub) else value
@@ -138,3 +139,10 @@ def _value(node: ast.expr, columns: Mapping[str, Array]) -> Array:
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             return _FUNCTIONS[name](_value(argument, columns))
     raise AssertionError(f"{node} passed the parser")
+
+
+def _number(value: float) -> float:
+    try:
+        return float(value)
+    except OverflowError as error:
+        raise IrtError("a number of more than 308 digits") from error

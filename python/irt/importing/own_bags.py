@@ -103,7 +103,7 @@ def import_bags(
             taken.append(name)
             found.append(_import(bag, play, target / f"{name}.csv", knobs, period))
     if not (target / "rig.toml").exists():
-        edge = read[0].config.get("tracker", {}).get("edge_x_m", 0.276)
+        edge = read[0].edge_x_m
         board = "" if edge == 0.276 else f"[board]\nedge_x_m = {edge!r}\n\n"
         write_atomic(target / "rig.toml", f'{board}[recordings]\nstart = "rest"\n')
     return found

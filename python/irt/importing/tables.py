@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -143,7 +142,8 @@ def read_replay(path: Path) -> tuple[Columns, Array]:
         If arrays are missing, hold objects, or differ in length.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # A stream of its own, since numpy leaves a file open in which it finds no archive.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             arrays = {
                 name: np.asarray(archive[name])
                 for name in ("states", "action", "is_first")
@@ -151,8 +151,10 @@ def read_replay(path: Path) -> tuple[Columns, Array]:
             }
     except FileNotFoundError as error:
         raise IrtError(f"{path}: no such file") from error
-    except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-        raise IrtError(f"{path}: no NPZ of plain numbers, or one that was cut short ({error})") from error
+    # A broken archive raises errors of any kind: of its format, its compression, its lengths.
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise IrtError(f"{path}: no NPZ of plain numbers, or one that was cut short ({reason})") from error
     if "states" not in arrays:
         raise IrtError(f'{path}: no array "states" in it; expected a replay of CyberRunner')
     states = _first_stream(path, arrays["states"], 4)

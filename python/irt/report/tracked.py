@@ -203,6 +203,8 @@ def _follow(
                 overlay.add(frame, sighting)
 
         found = follow(source, scene, _partial(folder, source), report, seconds=seconds, watch=watch)
+        if overlay is not None:
+            overlay.finish()
     sheet.write(folder / f"{source.name}-unsure.png")
     return found
 

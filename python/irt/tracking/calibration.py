@@ -22,7 +22,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
-from irt.files import PathLike, read_toml, write_atomic
+from irt.files import PathLike, TomlTable, read_toml, write_atomic
 from irt.tracking.geometry import Lens
 from irt.tracking.opencv import opencv
 
@@ -174,9 +174,8 @@ def load_lens(path: PathLike) -> Lens:
     return Lens(matrix, np.array(_list(camera, "distortion", 5)), (width, height), camera.number("error_px"))
 
 
-def _list(table: Any, key: str, count: int) -> list[float]:
-    content = table.content.get(key)
-    good = isinstance(content, list) and len(content) == count
-    if not good or not all(isinstance(one, int | float) and np.isfinite(one) for one in content):
-        raise table.error(key, f"expected {count} numbers in brackets")
-    return [float(one) for one in content]
+def _list(table: TomlTable, key: str, count: int) -> tuple[float, ...]:
+    numbers = table.series(key)
+    if len(numbers) != count:
+        raise table.error(key, f"expected {count} numbers in brackets, found {len(numbers)}")
+    return numbers

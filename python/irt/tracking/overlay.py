@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.errors import IrtError
-from irt.files import PathLike, atomic_path
+from irt.files import PathLike, write_atomic
 from irt.tracking.opencv import opencv
 from irt.tracking.run import Scene
 from irt.tracking.source import Frame, Picture
@@ -45,6 +45,7 @@ class Overlay:
         self.path, self._scene, self._rate = path, scene, rate
         self._trail: deque[tuple[float, float]] = deque(maxlen=TRAIL)
         self._writer: Any = None
+        self._count = 0
 
     def add(self, frame: Frame, sighting: Sighting) -> None:
         """Draw the next picture."""
@@ -69,11 +70,31 @@ class Overlay:
             _write(drawn, text, (8 + dx, 20 + dy), (0, 0, 0))
         _write(drawn, text, (8, 20), PAPER if sighting.seen else LOST)
         self._writer.write(drawn)
+        self._count += 1
 
     def close(self) -> None:
-        """Finish the file."""
+        """Close the file."""
         if self._writer is not None:
             self._writer.release()
+
+    def finish(self) -> None:
+        """Close the file and check that it is complete, because its writer reports no errors.
+
+        Raises
+        ------
+        IrtError
+            If it is not, as on a full disk.
+        """
+        cv2 = opencv()
+        self.close()
+        capture = cv2.VideoCapture(str(self.path))
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)) if capture.isOpened() else 0
+        capture.release()
+        if count != self._count:
+            raise IrtError(
+                f"{self.path.parent}: the video of what was seen cannot be written: {count} of {self._count} "
+                "pictures are in it; is the disk full?"
+            )
 
 
 def _write(picture: Picture, text: str, place: tuple[int, int], colour: tuple[int, int, int]) -> None:
@@ -157,9 +178,9 @@ class ContactSheet:
         blank = np.full_like(drawn[0], 255)
         drawn += [blank] * (-len(drawn) % COLUMNS)
         rows = [np.hstack(drawn[row : row + COLUMNS]) for row in range(0, len(drawn), COLUMNS)]
-        with atomic_path(path) as beside:
-            if not cv2.imwrite(str(beside), np.vstack(rows)):
-                raise IrtError(f"{path}: the sheet cannot be written")
+        # OpenCV's own writer of files reports no full disk.
+        _, data = cv2.imencode(".png", np.vstack(rows))
+        write_atomic(path, data.tobytes())
 
     def _drawn(self, tile: _Tile) -> Picture:
         cv2 = opencv()

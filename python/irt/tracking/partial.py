@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -24,23 +26,37 @@ class Partial:
         self._flushed = 0.0
 
     def __enter__(self) -> Self:
-        try:
+        with self._reported():
             self._file = self._path.open("w", encoding="utf-8")
-        except OSError as error:
-            raise IrtError(f"{self._path}: cannot be written: {error.strerror}") from error
-        self._file.write("t_s,marble_x,marble_y,confidence\n")
+            self._file.write("t_s,marble_x,marble_y,confidence\n")
         return self
 
     def add(self, stamp: float, place: NDArray[np.float64], confidence: float) -> None:
-        """Add a picture."""
+        """Add a picture.
+
+        Raises
+        ------
+        IrtError
+            If it cannot be written.
+        """
         x, y = ("" if np.isnan(one) else f"{one:.7f}" for one in place)
-        self._file.write(f"{stamp:.6f},{x},{y},{confidence:.3f}\n")
         now = time.monotonic()
-        if now - self._flushed > FLUSHED_S:
-            self._file.flush()
-            self._flushed = now
+        with self._reported():
+            self._file.write(f"{stamp:.6f},{x},{y},{confidence:.3f}\n")
+            if now - self._flushed > FLUSHED_S:
+                self._file.flush()
+                self._flushed = now
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        # What could not be written before cannot be written now.
+        with self._reported() if kind is None else suppress(OSError):
+            self._file.close()
+
+    @contextmanager
+    def _reported(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise IrtError(f"{self._path}: cannot be written: {error.strerror or error}") from error

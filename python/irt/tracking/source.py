@@ -118,9 +118,9 @@ class _Video:
 
     def _opened(self) -> Any:
         cv2 = opencv()
-        capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG)
-        if not capture.isOpened():
-            capture = cv2.VideoCapture(str(self._path))
+        # The readers of OpenCV's own print of each broken byte, and are asked only where FFmpeg is missing.
+        has_ffmpeg = cv2.videoio_registry.hasBackend(cv2.CAP_FFMPEG)
+        capture = cv2.VideoCapture(str(self._path), cv2.CAP_FFMPEG if has_ffmpeg else cv2.CAP_ANY)
         if not capture.isOpened():
             raise IrtError(
                 f"{self._path}: is no video that can be opened; give a video file, or a folder of images"

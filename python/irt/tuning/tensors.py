@@ -48,8 +48,17 @@ def read_tensors(path: PathLike) -> tuple[dict[str, NDArray[Any]], dict[str, str
     try:
         with safe_open(path, framework="np") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118  # not a mapping
-            metadata = json.loads((file.metadata() or {}).get(_METADATA, "{}"))
-    except (SafetensorError, OSError, ValueError) as error:
+            metadata = dict(json.loads((file.metadata() or {}).get(_METADATA, "{}")))
+    # For types that numpy lacks, and for metadata of another kind, there are errors of other kinds.
+    except (
+        SafetensorError,
+        OSError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        KeyError,
+        RecursionError,
+    ) as error:
         raise IrtError(f"{path}: cut short or no safetensors file ({error}); create it again") from error
     return tensors, metadata
 

@@ -8,8 +8,9 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from pathlib import Path
 
 from irt.errors import IrtError
@@ -41,18 +42,37 @@ def run_module(
         Registry of the process, through which it can be ended.
     """
     # Relative paths are the same in every run, so messages that contain them are too.
-    with tempfile.TemporaryDirectory(prefix="irt-") as place:
+    with _filled(files) as place:
         folder, out = Path(place) / "rig", Path(place) / "out"
-        for path in (folder, out):
-            path.mkdir()
-        for name, data in files.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(data)
-        command = [sys.executable, "-m", module, folder.name, out.name, *words]
+        command = [sys.executable, "-m", "irt.workers.child", place, module, folder.name, out.name, *words]
         failure = _run(command, place, started or Started())
         if failure is not None:
             return {FAILED: json.dumps({"error": failure}).encode()}
         return {path.name: path.read_bytes() for path in sorted(out.iterdir())}
+
+
+@contextmanager
+def _filled(files: Mapping[str, bytes]) -> Iterator[str]:
+    """Yield a temporary folder with these files in ``rig``, and an empty ``out``.
+
+    Raises
+    ------
+    IrtError
+        If they cannot be written.
+    """
+    with tempfile.TemporaryDirectory(prefix="irt-") as place:
+        folder, out = Path(place) / "rig", Path(place) / "out"
+        try:
+            for path in (folder, out):
+                path.mkdir()
+            for name, data in files.items():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                (folder / name).write_bytes(data)
+        except OSError as error:
+            raise IrtError(
+                f"{place}: cannot be written: {error.strerror or error}; TMPDIR names another place"
+            ) from error
+        yield place
 
 
 class Started:
@@ -60,7 +80,7 @@ class Started:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._running: set[subprocess.Popen[str]] = set()
+        self._running: dict[subprocess.Popen[str], int] = {}
         self._stopped = False
 
     def start(self, command: Sequence[str], place: str) -> subprocess.Popen[str]:
@@ -68,24 +88,32 @@ class Started:
         with self._lock:
             if self._stopped:
                 raise IrtError("stopped")
-            process = subprocess.Popen(
-                list(command),
-                cwd=place,
-                env=environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.PIPE,
-                text=True,
-                errors="replace",
-                start_new_session=True,
-            )
-            self._running.add(process)
+            # The process ends when the other end of this pipe closes, even where this process is killed.
+            read, write = os.pipe()
+            try:
+                process = subprocess.Popen(
+                    list(command),
+                    cwd=place,
+                    env=environment(),
+                    stdin=read,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.PIPE,
+                    text=True,
+                    errors="replace",
+                    start_new_session=True,
+                )
+            except BaseException:
+                os.close(write)
+                raise
+            finally:
+                os.close(read)
+            self._running[process] = write
             return process
 
     def ended(self, process: subprocess.Popen[str]) -> None:
         """Remove a process that has ended."""
         with self._lock:
-            self._running.discard(process)
+            os.close(self._running.pop(process))
 
     def stop(self) -> None:
         """End all running processes, and prevent further starts."""

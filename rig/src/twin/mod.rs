@@ -2,7 +2,7 @@
 
 mod board;
 pub mod lab;
-mod wrist;
+pub mod wrist;
 
 use std::collections::VecDeque;
 use std::path::Path;

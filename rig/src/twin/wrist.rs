@@ -40,9 +40,14 @@ enum Ears {
 /// A driver and its joint.
 pub struct Driver {
     ears: Ears,
+    clock: Clock,
+    wrist: Wrist,
+}
+
+/// A joint that does what commands say, at its maximum rate.
+pub struct Wrist {
     joint: String,
     number: usize,
-    clock: Clock,
     plan: Plan,
     angle: f64,
     rate: f64,
@@ -65,34 +70,92 @@ impl Driver {
         };
         Ok(Self {
             ears,
-            joint: arm.joint.clone(),
-            number: arm.number,
             clock: Clock::new(),
-            plan: Plan::Rest,
-            angle: arm.level_rad,
-            rate: 0.0,
-            credit: 0.0,
+            wrist: Wrist::at_level(arm),
         })
     }
 
     /// Angle of the joint (rad).
     pub fn angle(&self) -> f64 {
-        self.angle
+        self.wrist.angle
     }
 
     /// Rate of the joint (rad/s).
     pub fn rate(&self) -> f64 {
-        self.rate
+        self.wrist.rate
     }
 
     /// Clears the last command.
     pub fn rest(&mut self) {
-        self.plan = Plan::Rest;
+        self.wrist.plan = Plan::Rest;
     }
 
     /// Receives commands and turns for a tick, no faster than `fastest` (rad/s); rates expire. Returns the angle (rad).
     pub fn step(&mut self, now: f64, tick: f64, fastest: f64, expires_s: f64) -> f64 {
-        self.hear(now, expires_s);
+        let (clock, wrist) = (self.clock, &mut self.wrist);
+        match &self.ears {
+            Ears::Trajectory(inbox) => inbox.drain(clock, |_, message| {
+                wrist.follow(&message, now);
+            }),
+            Ears::Velocities(inbox) => inbox.drain(clock, |_, message| {
+                wrist.turn(&message, now + expires_s);
+            }),
+            Ears::Kinova(inbox) => inbox.drain(clock, |_, message| wrist.queue(&message)),
+            Ears::Action(server) => {
+                while let Ok(Some((id, request))) = server.receive_goal() {
+                    let response = SendGoalResponse {
+                        accepted: wrist.follow(&request.goal.trajectory, now),
+                        stamp: ros2_client::builtin_interfaces::Time::now(),
+                    };
+                    let _ = server.send_goal_response(id, response);
+                }
+            }
+        }
+        wrist.step(now, tick, fastest)
+    }
+}
+
+impl Wrist {
+    /// At its level pose.
+    pub fn at_level(arm: &Arm) -> Self {
+        Self {
+            joint: arm.joint.clone(),
+            number: arm.number,
+            plan: Plan::Rest,
+            angle: arm.level_rad,
+            rate: 0.0,
+            credit: 0.0,
+        }
+    }
+
+    /// Takes a trajectory; returns whether it is one of this joint. Otherwise the joint rests.
+    pub fn follow(&mut self, message: &JointTrajectory, now: f64) -> bool {
+        let found = way(message, &self.joint, now, self.angle);
+        let accepted = found.is_some();
+        self.plan = found.unwrap_or(Plan::Rest);
+        accepted
+    }
+
+    /// Takes the rates of joints (rad/s), which count until a time (s).
+    pub fn turn(&mut self, message: &Float64MultiArray, until: f64) {
+        let rate = message.data.get(self.number - 1).copied().unwrap_or(0.0);
+        self.plan = Plan::Rate(or_rest(rate), until);
+    }
+
+    /// Takes the rates of joints for the next 10 ms.
+    pub fn queue(&mut self, message: &JointVelocity) {
+        if !matches!(self.plan, Plan::Queue(_)) {
+            self.plan = Plan::Queue(VecDeque::new());
+        }
+        if let Plan::Queue(queue) = &mut self.plan
+            && queue.len() < BUFFER
+        {
+            queue.push_back(or_rest(message.joint(self.number).to_radians()));
+        }
+    }
+
+    /// Turns for a tick, no faster than `fastest` (rad/s); returns the angle (rad).
+    pub fn step(&mut self, now: f64, tick: f64, fastest: f64) -> f64 {
         let wanted = match &mut self.plan {
             Plan::Way(points) => along(points, now),
             Plan::Rate(rate, until) if now < *until => self.angle + *rate * tick,
@@ -113,41 +176,11 @@ impl Driver {
         self.angle += turn;
         self.angle
     }
+}
 
-    fn hear(&mut self, now: f64, expires_s: f64) {
-        let (angle, number, clock) = (self.angle, self.number, self.clock);
-        let plan = &mut self.plan;
-        match &self.ears {
-            Ears::Trajectory(inbox) => inbox.drain(clock, |_, message| {
-                *plan = way(&message, &self.joint, now, angle).unwrap_or(Plan::Rest);
-            }),
-            Ears::Velocities(inbox) => inbox.drain(clock, |_, message| {
-                let rate = message.data.get(number - 1).copied().unwrap_or(0.0);
-                *plan = Plan::Rate(rate, now + expires_s);
-            }),
-            Ears::Kinova(inbox) => inbox.drain(clock, |_, message| {
-                if !matches!(plan, Plan::Queue(_)) {
-                    *plan = Plan::Queue(VecDeque::new());
-                }
-                if let Plan::Queue(queue) = plan
-                    && queue.len() < BUFFER
-                {
-                    queue.push_back(message.joint(number).to_radians());
-                }
-            }),
-            Ears::Action(server) => {
-                while let Ok(Some((id, request))) = server.receive_goal() {
-                    let found = way(&request.goal.trajectory, &self.joint, now, angle);
-                    let response = SendGoalResponse {
-                        accepted: found.is_some(),
-                        stamp: ros2_client::builtin_interfaces::Time::now(),
-                    };
-                    *plan = found.unwrap_or(Plan::Rest);
-                    let _ = server.send_goal_response(id, response);
-                }
-            }
-        }
-    }
+/// A rate, none for what is no number: the joint's angle would be none from then on.
+fn or_rest(rate: f64) -> f64 {
+    if rate.is_finite() { rate } else { 0.0 }
 }
 
 /// The trajectory of a joint from its present angle; none if the message is of other joints or out of order.
@@ -215,5 +248,22 @@ mod tests {
         let points = [(1.0, 0.0), (2.0, 0.1), (4.0, -0.1)];
         let found = [0.5, 1.5, 3.0, 9.0].map(|now| along(&points, now));
         assert_eq!(found, [0.0, 0.05, 0.0, -0.1]);
+    }
+
+    #[test]
+    fn a_rate_that_is_no_number_left_the_joint_without_an_angle_for_ever() {
+        let config: Config = toml::from_str(crate::config::EXAMPLE).expect("the example is right");
+        let mut wrist = Wrist::at_level(&config.arms.x);
+        let data = vec![f64::NAN; 7];
+        wrist.turn(
+            &Float64MultiArray {
+                data,
+                ..Float64MultiArray::default()
+            },
+            1.0,
+        );
+        assert_eq!(wrist.step(0.0, 0.01, 0.8), config.arms.x.level_rad);
+        wrist.queue(&JointVelocity::of(config.arms.x.number, f64::NAN));
+        assert_eq!(wrist.step(0.01, 0.01, 0.8), config.arms.x.level_rad);
     }
 }
