@@ -7,13 +7,18 @@ ranges, exported, loaded in MuJoCo and played: marbles from rest under four sine
 steps. The table has the root mean square distance of the marbles [% of the edge] over the first second and
 over the whole run, of tilts [mrad], and beside it the distance of this project's two engines. In the last
 sets the knobs turn four times as far, so that marbles meet rims: there engines differ most.
+
+A second table is of labyrinths: marbles from random places among walls and holes, and whether they end alike,
+through the same hole or through none.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -22,6 +27,7 @@ from numpy.typing import NDArray
 
 import irt
 from irt.export.mjcf import EXPRESSED, STEP_S, to_mjcf
+from irt.maze import Maze
 from irt.rig import PARAMETERS, RANGES, Board, Marble
 
 Array = NDArray[np.float64]
@@ -37,6 +43,9 @@ SETS = {
     "at rims: five parameters": (),
     **{f"at rims: {name}": (name,) for name in sorted(AT_RIMS)},
 }
+#: Labyrinths; in them knobs turn so much further that some marbles fall.
+LIVELY = 3.0
+LAYOUTS = ("cyberrunner-easy", "cyberrunner-hard")
 ROWS = 100
 
 
@@ -60,6 +69,19 @@ def main() -> None:
             f"| {np.median(found[:, 4]):.0f} x |",
             flush=True,
         )
+    print()
+    print(
+        "| layout | ends alike | fell: here, in MuJoCo | median distance at the end of a second | real time |"
+    )
+    print("| --- | --- | --- | --- | --- |")
+    for name in LAYOUTS:
+        ends = [among_holes(name, seed) for seed in range(args.seed, args.seed + args.runs)]
+        alike, fell, theirs = (sum(one) for one in zip(*(end[:3] for end in ends), strict=True))
+        away, speed = (float(np.median(one)) for one in zip(*(end[3:] for end in ends), strict=True))
+        print(
+            f"| `{name}` | {alike} of {len(ends)} | {fell}, {theirs} | {100 * away:.2f} % | {speed:.1f} x |",
+            flush=True,
+        )
 
 
 def _factor(name: str) -> float:
@@ -74,7 +96,7 @@ def compared(
     model = drawn(effects, random)
     knobs = factor * sines(random)
     began = time.perf_counter()
-    seen, tilt = play(to_mjcf(model).text, knobs)
+    seen, tilt, _ = play(to_mjcf(model).text, knobs)
     seconds = time.perf_counter() - began
     row_s = model.parameters["time_scale"].value / 240.0
     ours, our_tilt = irt.rollouts(model, knobs, tilt=True)
@@ -87,6 +109,58 @@ def compared(
         rms(rapier[0] - ours[0]),
         ROWS * row_s / seconds,
     )
+
+
+def among_holes(layout: str, seed: int) -> tuple[bool, bool, bool, float, float]:
+    """Return how a marble from a random place fares in a labyrinth, here and in MuJoCo.
+
+    Returns
+    -------
+    alike, fell, fell_there : bool
+        Whether it falls through the same hole in both or through none, and whether it falls in each.
+    away : float
+        The distance of the two after a second, or before the first falls [board edges].
+    speed : float
+        How much faster than the clock MuJoCo is.
+    """
+    random = np.random.default_rng([12, seed])
+    maze = Maze.of_layout(layout)
+    model = replace(drawn((), random), maze=replace(maze, start=free_place(maze, random)))
+    knobs = LIVELY * sines(random)
+    falls = np.empty((1, 2), dtype=np.int64)
+    assert model.maze is not None
+    ours = irt.rollouts(model, knobs, start=np.array(model.maze.start) / model.board.edge_x_m, falls=falls)[0]
+    began = time.perf_counter()
+    seen, _, below = play(to_mjcf(model).text, knobs, start=model.maze.start)
+    seconds = time.perf_counter() - began
+    row_s = model.parameters["time_scale"].value / 240.0
+    row, hole = falls[0].tolist()
+    fell_there = bool(below.any())
+    there = int(np.argmax(below)) if fell_there else ROWS
+    holes = np.array(maze.holes) / model.board.edge_x_m
+    through = int(np.argmin(np.hypot(*(holes - seen[there]).T))) if fell_there else -1
+    last = max(1, min(round(1.0 / row_s), there if row < 0 else min(row, there)) - 1)
+    away = float(np.hypot(*(seen[last] - ours[last])))
+    return (row >= 0) == fell_there and hole == through, row >= 0, fell_there, away, ROWS * row_s / seconds
+
+
+def free_place(maze: Maze, random: np.random.Generator) -> tuple[float, float]:
+    """Return a place [m] of a marble that touches no wall, and is beside the holes by its radius."""
+    board, radius = Board(), Marble().radius_m
+    half = np.array([board.edge_x_m, board.edge_y_m]) / 2.0 - radius
+    while True:
+        x, y = random.uniform(-half, half).tolist()
+        if all(math.dist((x, y), hole) > maze.hole_radius_m + radius for hole in maze.holes) and all(
+            _distance(wall, (x, y)) > maze.wall_thickness_m / 2.0 + radius for wall in maze.walls
+        ):
+            return x, y
+
+
+def _distance(wall: Sequence[float], place: tuple[float, float]) -> float:
+    begin, end, point = np.array(wall[:2]), np.array(wall[2:]), np.array(place)
+    along = end - begin
+    part = np.clip((point - begin) @ along / max(along @ along, 1e-12), 0.0, 1.0)
+    return float(np.linalg.norm(point - begin - part * along))
 
 
 def rms(difference: Array) -> float:
@@ -152,30 +226,38 @@ def sines(random: np.random.Generator) -> Array:
     return np.asarray(0.04 * np.sum(waves, axis=0))
 
 
-def play(xml: str, knobs: Array) -> tuple[Array, Array]:
-    """Play commands (rows, 2) to a marble at rest where the camera sees the middle.
+def play(
+    xml: str, knobs: Array, start: tuple[float, float] | None = None
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Play commands (rows, 2) to a marble at rest at a place [m], or where the camera sees the middle.
 
     Returns
     -------
     seen, tilt : (rows, 2) arrays
         The marble [board edges] and the board's tilt [rad] in each row.
+    below : (rows,) array
+        Whether the marble's centre is below the plate's surface.
     """
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     row_s, edges = (float(model.numeric(name).data[0]) for name in ("row_s", "edges_per_cm"))
     mujoco.mj_forward(model, data)
-    data.joint("marble").qpos[:2] = data.site("camera").xpos[:2]
+    begin = data.site("camera").xpos[:2] if start is None else 100.0 * np.array(start)
+    data.joint("marble").qpos[:2] = begin
     mujoco.mj_forward(model, data)
     seen, tilt = np.empty((len(knobs), 2)), np.empty((len(knobs), 2))
+    below = np.zeros(len(knobs), dtype=bool)
+    radius = float(model.geom("marble").size[0])
     done = 0
     for row, knob in enumerate(knobs):
         while done < round(row * row_s / STEP_S):
             mujoco.mj_step(model, data)
             done += 1
         seen[row] = edges * data.sensor("marble").data[:2]
+        below[row] = data.sensor("marble").data[2] < -radius
         tilt[row] = data.sensor("tilt_x").data[0], data.sensor("tilt_y").data[0]
         data.ctrl[:] = knob
-    return seen, tilt
+    return seen, tilt, below
 
 
 if __name__ == "__main__":

@@ -227,8 +227,8 @@ def delayed(folder: Path, _: int) -> list[irt.Model]:
 def to_scale(model: irt.Model) -> irt.Model:
     """Return the model with the scale that its pictures are known to have.
 
-    A fit that lacks physics may leave the range of the scale by a third. A scale times r with gears and
-    friction over r leaves paths off the rim as they are.
+    A fit that lacks physics leaves the range of the scale. A scale times r with gears and friction over r
+    leaves paths off the rim as they are.
     """
     scale = model.parameters["observation_scale"].value
     values = model.values * np.array([scale, scale, scale, 1.0, 1.0 / scale])

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import NDArray
 
 from irt.engine import SUBSTEP_S
-from irt.export import drive
+from irt.export import drive, plate
 from irt.export.rebound import DEAD_STEPS, solref
 from irt.maze import Maze
 from irt.model import Model
+
+Array = NDArray[np.float64]
 
 #: Time step [s]: an eighth of the engine's, so that rows of whole engine steps have whole ones here.
 STEP_S = SUBSTEP_S / 8.0
@@ -160,8 +163,9 @@ def _warnings(model: Model, found: Mapping[str, drive.Axis]) -> Iterator[str]:
         yield "eccentric_marble is left out: MuJoCo's marble has no heavy side that follows its path"
     if any(_is_bent(one) and _is_mixed(one, axis) for axis, one in found.items()):
         yield "gear_nonlinearity is left out about an axis that both commands move: MuJoCo bends one alone"
-    if model.maze is not None and model.maze.holes:
-        yield "the maze's holes are left out: the plate is one box; its walls are there"
+    if model.maze is not None:
+        for one, other in plate.gaps(model.maze.holes, model.maze.hole_radius_m):
+            yield f"some of the plate between holes {one} and {other} is missing: they are close together"
     yield from drive.warnings(found)
 
 
@@ -221,16 +225,9 @@ def _board(world: ET.Element, model: Model) -> None:
         body = _add(body, "body", name="board" if axis == "y" else "gimbal", gravcomp="1")
         _add(body, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
         _add(body, "joint", name=f"tilt_{axis}", type="hinge", axis=_AXES[axis], armature=_n(BOARD_INERTIA))
-    _add(
-        body,
-        "geom",
-        name="plate",
-        type="box",
-        pos=_n(0.0, 0.0, -THICK / 2.0),
-        size=_n(half_x + THICK, half_y + THICK, THICK / 2.0),
-        friction=_n(model.board.sliding_friction, spinning * radius, rolling * radius),
-        rgba="0.78 0.62 0.42 1",
-    )
+    friction = (model.board.sliding_friction, spinning * radius, rolling * radius)
+    maze = model.maze or Maze()
+    _plate(body, maze, np.array([half_x, half_y]) + THICK, friction)
     restitution = model.board.wall_restitution + _effect(model, "wall_restitution").get("increase", 0.0)
     rim = {
         "type": "box",
@@ -247,9 +244,26 @@ def _board(world: ET.Element, model: Model) -> None:
             size=_n(THICK / 2.0 if x else half_x + THICK, THICK / 2.0 if y else half_y + THICK, HIGH / 2.0),
             **rim,
         )
-    if model.maze is not None:
-        _walls(body, model.maze, rim)
+    _walls(body, maze, rim)
     _camera(body, model, radius)
+
+
+def _plate(body: ET.Element, maze: Maze, half: Array, friction: tuple[float, float, float]) -> None:
+    """Add the plate: a box, or as many as it takes about the holes."""
+    radius = CM * maze.hole_radius_m
+    holes = [(CM * x, CM * y) for x, y in maze.holes]
+    for number, box in enumerate(plate.boxes(half, holes, radius)):
+        _add(
+            body,
+            "geom",
+            name=f"plate_{number}" if number else "plate",
+            type="box",
+            pos=_n(box.x, box.y, -THICK / 2.0),
+            size=_n(box.half_x, box.half_y, THICK / 2.0),
+            quat=_n(math.cos(box.turn / 2.0), 0.0, 0.0, math.sin(box.turn / 2.0)),
+            friction=_n(*friction),
+            rgba="0.78 0.62 0.42 1",
+        )
 
 
 def _walls(body: ET.Element, maze: Maze, rim: Mapping[str, str]) -> None:
@@ -303,7 +317,8 @@ def _camera(body: ET.Element, model: Model, radius: float) -> None:
 def _marble(world: ET.Element, model: Model) -> None:
     radius, mass = CM * model.marble.radius_m, GRAM * model.marble.mass_kg
     rate = model.marble.damping_per_s + _effect(model, "viscous_drag").get("rate_per_s", 0.0)
-    body = _add(world, "body", name="marble", pos=_n(0.0, 0.0, radius))
+    start = (0.0, 0.0) if model.maze is None or model.maze.start is None else model.maze.start
+    body = _add(world, "body", name="marble", pos=_n(CM * start[0], CM * start[1], radius))
     # One coefficient damps both the way and the turn of a marble that rolls: together they make the rate.
     damping = 1.4 * mass * rate / (1.0 + 1.0 / radius**2)
     _add(body, "joint", name="marble", type="free", damping=_n(damping))

@@ -53,8 +53,9 @@ def least_squares(
 
     Start points are a space-filling draw over the ranges. The best of a screening are refined by
     Levenberg-Marquardt under a Student-t likelihood, which is robust against jumps of the tracker. Start
-    states are estimated along with the parameters. Values may exceed the ranges by up to a factor of three;
-    the notes report this. The time scale of stamped recordings is taken from the stamps and not fitted.
+    states are estimated along with the parameters. Values may leave their ranges by as much as those are
+    wide, and magnitudes by at most a factor of three; the notes report this. The time scale of stamped
+    recordings is taken from the stamps and not fitted.
 
     Parameters
     ----------

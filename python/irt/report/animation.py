@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irt.diagnosis.result import RunProof
+from irt.maze import Maze
 from irt.model import Model
 from irt.report.diagnosis_plots import Side, thinned
 from irt.report.plots import rim_of
@@ -43,6 +44,12 @@ class Animation:
         Half-widths along x and y of the rim's inside, and of the reach of the marble's centre [1/1000 edge].
     radius : float
         Of the marble [1/1000 edge].
+    walls : (n, 4) array
+        Inner walls from end to end, x0, y0, x1, y1, with y downwards as in an SVG [1/1000 edge].
+    holes : (m, 2) array
+        Centres of holes, with y downwards [1/1000 edge].
+    wall_thickness, hole_radius : float
+        Of each [1/1000 edge].
     data : dict
         For the script: rows, times and positions of each run, null where the marble was not seen.
     """
@@ -52,6 +59,10 @@ class Animation:
     rim: Array
     reach: Array
     radius: float
+    walls: Array
+    holes: Array
+    wall_thickness: float
+    hole_radius: float
     data: dict[str, Any]
 
     @classmethod
@@ -70,7 +81,9 @@ class Animation:
             Whether the clock shows seconds; otherwise it shows rows.
         """
         rim = _SCALE * rim_of(model)
-        radius = float(2 * rim[0] * model.marble.radius_m / model.board.edge_x_m)
+        per_m = float(2 * rim[0] / model.board.edge_x_m)
+        radius = per_m * model.marble.radius_m
+        walls, thickness, holes, hole_radius = (model.maze or Maze()).arrays()
         names = [_CLASS[side.which] if len(shown) > 1 else "after" for side in shown]
         most = max(_LEAST_ROWS, _MOST_ROWS // max(1, len(runs)))
         return cls(
@@ -79,6 +92,10 @@ class Animation:
             rim,
             rim - radius,
             radius,
+            per_m * walls * [1.0, -1.0, 1.0, -1.0],
+            per_m * holes * [1.0, -1.0],
+            per_m * thickness,
+            per_m * hole_radius,
             {
                 "series": ["recorded", *names],
                 "stamped": stamped,

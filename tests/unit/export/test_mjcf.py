@@ -49,8 +49,8 @@ def numbers(text: str) -> list[float]:
     return [float(word) for word in text.split()]
 
 
-def test_inner_walls_are_where_they_are_and_holes_are_warned_of() -> None:
-    maze = Maze(walls=((-0.05, 0.0, 0.03, 0.06), (0.1, 0.0, 0.1, 0.0)), holes=((0.0, -0.05),))
+def test_inner_walls_are_where_they_are() -> None:
+    maze = Maze(walls=((-0.05, 0.0, 0.03, 0.06), (0.1, 0.0, 0.1, 0.0)))
     given = to_mjcf(model(maze=maze))
     wall = named(ET.fromstring(given.text), "geom", "wall_1")
     assert numbers(wall["pos"])[:2] == pytest.approx([-1.0, 3.0])
@@ -60,10 +60,18 @@ def test_inner_walls_are_where_they_are_and_holes_are_warned_of() -> None:
     end = named(ET.fromstring(given.text), "geom", "wall_1_end_2")
     assert numbers(end["pos"])[:2] == pytest.approx([3.0, 6.0])
     assert (end["type"], numbers(end["size"])) == ("cylinder", pytest.approx([0.25, 0.6]))
-    assert any("holes are left out" in one for one in given.warnings)
-    assert not any(
-        "holes" in one for one in to_mjcf(model(maze=dataclasses.replace(maze, holes=()))).warnings
-    )
+
+
+def test_a_marble_begins_where_the_maze_does() -> None:
+    marble = named(tree(model(maze=Maze.of_layout("cyberrunner-easy"))), "body", "marble")
+    assert numbers(marble["pos"]) == pytest.approx([-11.83, 9.62, 0.685])
+
+
+@pytest.mark.parametrize(("apart", "missing"), [(0.0184, False), (0.018, True)])
+def test_holes_that_leave_no_room_for_the_plate_are_a_warning(apart, missing) -> None:
+    maze = Maze(holes=((0.0, 0.0), (0.06, 0.06), (0.0, apart)))
+    warnings = to_mjcf(model(maze=maze)).warnings
+    assert any("between holes 1 and 3 is missing" in one for one in warnings) == missing
 
 
 EVERYTHING = [(info.name, {one.name: one.low for one in info.required}) for info in effects()]

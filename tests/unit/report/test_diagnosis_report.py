@@ -15,6 +15,7 @@ from irt.catalogue import effect
 from irt.diagnosis.result import RunProof
 from irt.diagnosis.words import LEARNED
 from irt.errors import IrtError
+from irt.maze import Maze
 from irt.report.diagnosis_report import answers, write_diagnosis_report
 from irt.report.words import change, percent, with_interval
 from irt.rig import PARAMETERS
@@ -291,6 +292,24 @@ def test_animation_holds_the_runs_to_four_digits(missing, diagnosis_of):
         np.testing.assert_allclose(shown["after"], run.final, atol=5.1e-5)
         assert [row for row, place in enumerate(shown["recorded"]) if place is None] == [30, 31, 32, 33]
         assert shown["worst"] == np.nanargmax(np.abs(run.base - run.observed).mean(axis=1))
+
+
+def test_the_animation_has_walls_and_holes_where_pictures_have_them(tmp_path, labyrinth, diagnosis_of):
+    """An edge is 1000 units; pictures have y upwards and an SVG downwards."""
+    diagnosis = diagnosis_of("missing")
+    maze = Maze(walls=((-0.05, 0.02, 0.03, 0.06),), holes=((0.1, -0.04),))
+    text = write(tmp_path, labyrinth, replace(diagnosis, model=replace(diagnosis.model, maze=maze)))
+    per_m = 1000.0 * diagnosis.model.parameters["observation_scale"].value / labyrinth.board.edge_x_m
+    found = {
+        name: {key: float(value) for key, value in tag.items() if key != "class"}
+        for _, tag in Tags(text).tags
+        if (name := tag.get("class")) in {"wall", "hole"}
+    }
+    wall, hole = found["wall"], found["hole"]
+    places = [wall["x1"], wall["y1"], wall["x2"], wall["y2"], hole["cx"], hole["cy"]]
+    np.testing.assert_allclose(places, per_m * np.array([-0.05, -0.02, 0.03, -0.06, 0.1, 0.04]), atol=0.051)
+    sizes = [wall["stroke-width"], hole["r"]]
+    np.testing.assert_allclose(sizes, per_m * np.array([0.005, 0.0075]), atol=0.051)
 
 
 def test_still_pictures_stand_in_for_the_animation(missing):

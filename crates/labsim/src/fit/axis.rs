@@ -7,7 +7,7 @@ use crate::effects::Parameter;
 use crate::error::{Error, Result};
 use crate::parameters::{FRICTION, GEAR_Y, MOST_SUBSTEPS, TIME};
 
-/// Factor by which a fit may leave the ranges, for true values slightly outside.
+/// Factor by which a fit may at most leave a range of magnitudes at either end.
 const REACH: f64 = 3.0;
 /// Smallest value of a logarithmic coordinate, as a share of the largest allowed one.
 pub(super) const SMALLEST: f64 = 1e-4;
@@ -53,9 +53,24 @@ impl Axis {
         0.5 * (self.high - self.low)
     }
 
+    /// The width of its range: of magnitudes in logarithms, else in coordinates.
+    pub(super) fn width(&self) -> f64 {
+        match self.shape {
+            Shape::Linear(unit) => (self.high - self.low) / unit,
+            _ => (self.high / self.low).ln(),
+        }
+    }
+
     pub(super) fn clip(&self, magnitude: f64) -> f64 {
         magnitude.clamp(self.lower, self.upper)
     }
+}
+
+/// The lowest and highest magnitude that a fit may take: beyond the range by its own width in logarithms, for true values
+/// slightly outside, and at most by a factor of [`REACH`].
+fn allowed(low: f64, high: f64) -> (f64, f64) {
+    let factor = (high / low).min(REACH);
+    (low / factor, high * factor)
 }
 
 /// The axis of one of the five parameters.
@@ -68,7 +83,7 @@ pub(super) fn base_axis(
     let sign = if slot <= GEAR_Y { senses[slot] } else { 1.0 };
     let ends = [(range.0 * sign).max(0.0), (range.1 * sign).max(0.0)];
     let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-    let (mut lower, mut upper) = (low / REACH, high * REACH);
+    let (mut lower, mut upper) = allowed(low, high);
     if slot <= GEAR_Y {
         let knob = problem.largest_knob(slot);
         upper = upper.min(STEEPEST * FRAC_PI_2 / knob.max(f64::MIN_POSITIVE));
@@ -117,6 +132,7 @@ pub(super) fn effect_axis(
     let reach = parameter.reach.unwrap_or((low, high));
     let (near, far) = (reach.0.min(low), reach.1.max(high));
     if low > 0.0 && (parameter.neutral > 0.0 || high >= DECADES * low) {
+        let (lower, upper) = allowed(low, high);
         return Ok(Axis {
             slot,
             shape: Shape::Logarithm,
@@ -124,13 +140,12 @@ pub(super) fn effect_axis(
             low,
             high,
             reach: (near, far),
-            lower: (low / REACH).min(near).max(least),
-            upper: (high * REACH).max(far).min(most),
+            lower: lower.min(near).max(least),
+            upper: upper.max(far).min(most),
             time_power,
         });
     }
     let width = high - low;
-    let beyond = (REACH - 1.0) / 2.0 * width;
     let (low, high) = (low.min(parameter.neutral), high.max(parameter.neutral));
     Ok(Axis {
         slot,
@@ -139,8 +154,8 @@ pub(super) fn effect_axis(
         low,
         high,
         reach: (near.min(low), far.max(high)),
-        lower: (low - beyond).min(near).max(least),
-        upper: (high + beyond).max(far).min(most),
+        lower: (low - width).min(near).max(least),
+        upper: (high + width).max(far).min(most),
         time_power,
     })
 }

@@ -115,7 +115,7 @@ pub(super) struct Hill<'a> {
     shooting: &'a Shooting<'a>,
     coordinates: &'a Coordinates,
     guesses: Vec<State>,
-    prior: Prior,
+    prior: Prior<'a>,
     /// The estimated sizes: those that are not zero everywhere.
     sizes: Vec<usize>,
     /// The fold of each window; empty if none is left out.
@@ -163,7 +163,7 @@ impl<'a> Hill<'a> {
     /// to that of all observations.
     pub(super) fn leave_out(
         mut self,
-        place: Place,
+        place: &Place,
         folds: &[usize],
         of_windows: Vec<usize>,
         iterations: usize,
@@ -171,7 +171,7 @@ impl<'a> Hill<'a> {
     ) -> Result<Vec<Probable>> {
         self.folds = of_windows;
         self.little = LITTLE_OF_FOLDS;
-        let all = self.derivatives(&[&place])?.remove(0);
+        let all = self.derivatives(&[place])?.remove(0);
         let begin = |&fold: &usize| Ascent {
             place: Place {
                 left_out: Some(fold),
@@ -399,12 +399,8 @@ impl<'a> Hill<'a> {
                 start.uphill[c] -= (state[c] - middle(guess)[c]) * size.powi(-2);
             }
         }
-        let prior = self.prior.of(&place.spreads);
-        for (a, (mean, deviation)) in prior.iter().enumerate() {
-            slope.curvature[(a, a)] += deviation.powi(-2);
-            slope.uphill[a] -= (place.z[a] - mean) * deviation.powi(-2);
-        }
-        for a in prior.len()..slope.uphill.len() {
+        self.prior.add(&place.z, &place.spreads, &mut slope);
+        for a in place.z.len()..slope.uphill.len() {
             slope.curvature[(a, a)] += KNOWN;
         }
         slope
@@ -458,8 +454,7 @@ impl<'a> Hill<'a> {
             .iter()
             .map(|start| 0.5 * start.curvature.determinant().ln())
             .sum();
-        let prior = self.prior.of(&place.spreads);
-        let log_width: f64 = prior.iter().map(|(_, deviation)| deviation.ln()).sum();
+        let log_width = self.prior.log_width(&place.z, &place.spreads);
         let rows = self.coordinates.derivative(&place.z);
         let by_z = DMatrix::from_fn(count, count, |i, j| rows[i][j]);
         let covariance = curvature.cholesky().map_or_else(
@@ -485,13 +480,6 @@ impl<'a> Hill<'a> {
 
     /// Log prior up to the terms of its widths alone.
     fn log_prior(&self, place: &Place) -> f64 {
-        let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
-        let of_values: f64 = place
-            .z
-            .iter()
-            .zip(&self.prior.of(&place.spreads))
-            .map(square)
-            .sum();
         let pairs = place.states.iter().zip(&self.guesses);
         let of_states: f64 = pairs
             .map(|(state, guess)| {
@@ -499,7 +487,7 @@ impl<'a> Hill<'a> {
                 (0..4).map(|c| off(c).powi(2)).sum::<f64>()
             })
             .sum();
-        -0.5 * (of_values + of_states)
+        self.prior.log(&place.z, &place.spreads) - 0.5 * of_states
     }
 
     fn at(&self, place: &Place) -> (Trial, Noise) {

@@ -13,7 +13,8 @@ pub enum ParameterSpec {
     Held(f64),
     /// Free.
     Free {
-        /// The plausible values, low and high; a fit may leave them by up to a factor of three.
+        /// The plausible values, low and high; a fit may leave them by as much as they are wide, and magnitudes by at
+        /// most a factor of three.
         range: (f64, f64),
         /// The first start value; without it any value of the range.
         start: Option<f64>,

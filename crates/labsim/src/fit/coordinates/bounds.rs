@@ -4,8 +4,16 @@ use super::Coordinates;
 use crate::fit::axis::{Axis, SMALLEST, Shape};
 use crate::parameters::FRICTION;
 
-/// Relative distance outside a range that is penalised like a residual of one standard deviation.
+/// Distance outside a range that is penalised like a residual of one standard deviation, as a share of the width of the
+/// range ([`Axis::width`]); of ranges of magnitudes at most this relative distance.
 const LEEWAY: f64 = 0.1;
+
+fn leeway(axis: &Axis) -> f64 {
+    match axis.shape {
+        Shape::Linear(_) => LEEWAY,
+        _ => LEEWAY * axis.width().min(1.0),
+    }
+}
 
 impl Coordinates {
     /// Moves coordinates to the nearest allowed ones.
@@ -37,7 +45,7 @@ impl Coordinates {
         bounds
     }
 
-    /// Distances of parameters outside their reach in units of [`LEEWAY`], to be squared and halved like
+    /// Distances of parameters outside their reach in units of their leeway, to be squared and halved like
     /// residuals. They keep a fit near the ranges where recordings hold no information.
     pub(in crate::fit) fn excess(&self, z: &[f64]) -> Vec<f64> {
         let magnitudes = self.magnitudes(z);
@@ -56,8 +64,8 @@ impl Coordinates {
             let p = p.max(f64::MIN_POSITIVE);
             past(p, most) - past(least, p)
         };
-        let beyond = self.axes.iter().zip(&magnitudes).map(beyond);
-        beyond.map(|beyond| beyond / LEEWAY).collect()
+        let all = self.axes.iter().zip(&magnitudes);
+        all.map(|of| beyond(of) / leeway(of.0)).collect()
     }
 
     /// The derivative of [`Coordinates::excess`]: a row for each excess.
@@ -73,7 +81,8 @@ impl Coordinates {
                     row[i] = 1.0;
                 }
             }
-            row.iter().map(|slope| slope / LEEWAY).collect()
+            let leeway = leeway(&self.axes[i]);
+            row.iter().map(|slope| slope / leeway).collect()
         };
         (0..self.len()).map(row).collect()
     }

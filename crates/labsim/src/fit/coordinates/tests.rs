@@ -1,3 +1,5 @@
+use proptest::prelude::*;
+
 use super::*;
 use crate::board::Rig;
 use crate::effects::effect;
@@ -10,15 +12,20 @@ const VALUES: [f64; 11] = [
 ];
 const FREE: usize = 9;
 
-/// The five over their ranges, and a lag, a bias and a ratio.
+const RANGES: [(f64, f64); 5] = [
+    (0.0, 0.1),
+    (0.0, 0.1),
+    (0.0, 0.001),
+    (0.0, 50.0),
+    (0.8, 1.2),
+];
+
 fn coordinates() -> Coordinates {
-    let ranges = [
-        (0.0, 0.1),
-        (0.0, 0.1),
-        (0.0, 0.001),
-        (0.0, 50.0),
-        (0.8, 1.2),
-    ];
+    coordinates_of(RANGES)
+}
+
+/// The five over these ranges, and a lag, a bias and a ratio.
+fn coordinates_of(ranges: [(f64, f64); 5]) -> Coordinates {
     let names = ["lag", "tilt_bias", "static_friction"];
     let effects = names.map(|name| Hypothesis::free(effect(name).unwrap()));
     let problem = Problem {
@@ -140,7 +147,55 @@ fn derivatives_are_those_of_the_maps() {
                 &column(&slope),
                 1e-4,
             );
+            for i in 0..z.len() {
+                let off = |z: &[f64]| {
+                    let (mean, deviation) = coordinates.prior(z, i);
+                    vec![(z[i] - mean) / deviation]
+                };
+                let slope = coordinates.prior_slope(&z, i)[j];
+                assert_near(&difference(&off), &[slope], 1e-5);
+            }
         }
+    }
+}
+
+proptest! {
+    /// A scale of pictures, whose range has ends a factor apart: narrow and wide ones alike.
+    #[test]
+    fn a_range_is_left_by_its_own_width_and_at_most_threefold(
+        low in 0.2..2.0_f64, factor in 1.001..30.0_f64,
+    ) {
+        let mut ranges = RANGES;
+        ranges[SCALE] = (low, low * factor);
+        let coordinates = coordinates_of(ranges);
+        let scale = |far: f64| coordinates.to_values(&coordinates.clip(&[far; FREE]))[SCALE];
+        let beyond = factor.min(3.0);
+        assert_near(&[scale(-20.0), scale(20.0)], &[low / beyond, low * factor * beyond], 1e-9);
+        // Inside it is free; a width outside costs as much for a narrow range as for one of a factor of e.
+        let excess = |scale: f64| {
+            let mut values = VALUES;
+            values[SCALE] = scale;
+            coordinates.excess(&coordinates.to_z(&values))[SCALE]
+        };
+        assert_near(&[excess(low * factor.sqrt())], &[0.0], 1e-9);
+        if factor < 3.0_f64.min(1.0_f64.exp()) {
+            assert_near(&[excess(low / factor), excess(low * factor * factor)], &[-10.0, 10.0], 1e-6);
+        }
+    }
+
+    /// The prior of the friction is about the friction itself, and not about its share of the gears.
+    #[test]
+    fn a_frictions_prior_does_not_depend_on_gears(
+        gear in 0.001..0.1_f64, low in 1e-5..1e-3_f64, factor in 1.01..5.0_f64,
+    ) {
+        let mut ranges = RANGES;
+        ranges[FRICTION] = (low, low * factor);
+        let coordinates = coordinates_of(ranges);
+        let mut values = VALUES;
+        (values[GEAR_X], values[GEAR_Y], values[FRICTION]) = (gear, 0.5 * gear, low * factor);
+        let z = coordinates.to_z(&values);
+        let (mean, deviation) = coordinates.prior(&z, FRICTION);
+        assert_near(&[(z[FRICTION] - mean) / deviation], &[3.0_f64.sqrt()], 1e-9);
     }
 }
 
