@@ -126,7 +126,9 @@ class Component:
         value, bounds, linear, power = self._stacked
         for _ in range(_BATCHES):
             z = random.standard_normal((_BATCH, linear.shape[1]))
-            found = (value + z @ linear.T) * np.exp(z @ power.T)
+            # A draw that overflows lies within no bounds.
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = (value + z @ linear.T) * np.exp(z @ power.T)
             inside = np.flatnonzero(((bounds[:, 0] <= found) & (found <= bounds[:, 1])).all(axis=1))
             if len(inside):
                 return dict(zip(self.parameters, found[inside[0]].tolist(), strict=True))

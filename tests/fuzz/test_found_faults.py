@@ -18,6 +18,7 @@ from irt.fitting.unfinished import Unfinished, answered
 from irt.importing import import_bags
 from irt.importing.mapping import Expression
 from irt.importing.tables import read_replay
+from irt.model import load_model
 from irt.rig import load_rig
 from irt.tracking.calibration import load_lens
 from irt.tracking.source import open_source
@@ -165,6 +166,14 @@ def test_a_network_of_another_kind_was_a_traceback(tmp_path, old, new) -> None:
         header = header[:begin] + header[end:]
     data = struct.pack("<Q", len(header)) + header + seed[8 + length :]
     refused(load_network, tmp_path / "network.safetensors", data, "cut short or no safetensors file")
+
+
+def test_draws_of_a_posterior_that_overflow_warned(tmp_path) -> None:
+    path = tmp_path / "model.toml"
+    text = (CORPUS / "model.toml").read_text().replace("linear = [0.001, 0.0]", "linear = [1e308, 1e308]")
+    path.write_text(text)
+    with pytest.raises(IrtError, match="draws lies within the bounds"):
+        load_model(path).sample(20)
 
 
 def test_a_broken_video_printed_a_line_for_each_broken_byte(tmp_path, capfd) -> None:
