@@ -113,32 +113,26 @@ impl Coordinates {
         }
     }
 
-    /// Mean and standard deviation of a coordinate whose parameter lies anywhere in its range, beside the others at z.
-    pub(super) fn prior(&self, z: &[f64], i: usize) -> (f64, f64) {
+    /// Standard deviation of a coordinate that lies anywhere in its range.
+    pub(super) fn spread_of_range(&self, i: usize) -> f64 {
         let axis = &self.axes[i];
-        let (low, high) = match axis.shape {
-            Shape::Logarithm => (axis.low.max(axis.lower).ln(), axis.high.ln()),
-            Shape::Friction => {
-                let unit = self.friction_unit * self.gear(z).max(f64::MIN_POSITIVE);
-                (axis.low / unit, axis.high / unit)
-            }
-            Shape::Linear(unit) => (axis.low / unit, axis.high / unit),
+        let width = match axis.shape {
+            Shape::Logarithm => (axis.high / axis.low.max(axis.lower)).ln(),
+            Shape::Friction => 1.0,
+            Shape::Linear(unit) => (axis.high - axis.low) / unit,
         };
-        (0.5 * (low + high), (high - low) / 12f64.sqrt())
+        width / 12f64.sqrt()
     }
 
-    /// The derivative of the distance from that mean in those standard deviations by all coordinates.
-    pub(super) fn prior_slope(&self, z: &[f64], i: usize) -> Vec<f64> {
-        let deviation = self.prior(z, i).1;
-        let mut row = vec![0.0; self.len()];
-        if self.axes[i].shape == Shape::Friction {
-            row = self.gear_shares(z);
-            for share in &mut row {
-                *share *= z[i] / deviation;
-            }
-        }
-        row[i] = deviation.recip();
-        row
+    /// Mean and standard deviation of each coordinate where its parameter lies anywhere in its range.
+    pub(super) fn prior(&self) -> Vec<(f64, f64)> {
+        let middle = |axis: &Axis| match axis.shape {
+            Shape::Logarithm => 0.5 * (axis.high.ln() + axis.low.max(axis.lower).ln()),
+            Shape::Friction => 0.5,
+            Shape::Linear(unit) => 0.5 * (axis.high + axis.low) / unit,
+        };
+        let of = |(i, axis)| (middle(axis), self.spread_of_range(i));
+        self.axes.iter().enumerate().map(of).collect()
     }
 
     /// The value of a linear coordinate.

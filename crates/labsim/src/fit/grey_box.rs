@@ -8,7 +8,8 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::hill::{Hill, Probable};
+use super::ascent::Probable;
+use super::hill::Hill;
 use super::problem::Problem;
 use super::shooting::Shooting;
 use super::windows::State;
@@ -83,6 +84,6 @@ impl Problem<'_> {
         let mut numbers = folds.to_vec();
         numbers.sort_unstable();
         numbers.dedup();
-        hill.leave_out(&place, &numbers, of_windows, iterations, of_stretches)
+        hill.leave_out(place, &numbers, of_windows, iterations, of_stretches)
     }
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix4, SVector};
 
+use super::ascent::{Ascent, DAMPING, Look, Place, Probable};
 use super::channels::MARBLE;
 use super::coordinates::Coordinates;
 use super::derivatives::{Derivatives, Innovation, log_likelihood};
@@ -30,8 +31,6 @@ const FARTHEST_SIZE: f64 = 2.0;
 const LITTLE: f64 = 0.1;
 /// The same without a fold: the spread between folds is that of small steps.
 const LITTLE_OF_FOLDS: f64 = 0.02;
-/// The damping of the first step.
-const DAMPING: f64 = 1e-3;
 /// Dampings tried in each step, in units of the last one that helped, with shares of the step in values and states,
 /// and of that in sizes.
 const TRIED: [(f64, f64, f64); 5] = [
@@ -46,76 +45,12 @@ const FOLLOWED: f64 = 0.5;
 /// Prior of the logarithm of a size: a standard deviation of ten, which keeps sizes without influence in place.
 const KNOWN: f64 = 0.01;
 
-/// The maximum that an ascent has reached.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Probable {
-    /// The five parameters, then those of the effects.
-    pub values: Vec<f64>,
-    /// Start states of the stretches, as of [`super::Refined`].
-    pub states: Vec<Option<[f64; 4]>>,
-    /// The sizes of the random quantities.
-    pub noise: Noise,
-    /// Log-likelihood of the observations [nats].
-    pub log_likelihood: f64,
-    /// Log evidence: marginal likelihood of the observations over all values [nats].
-    pub log_evidence: f64,
-    /// Places of the free parameters among all.
-    pub slots: Vec<usize>,
-    /// Their covariance, with the sizes marginalised.
-    pub covariance: DMatrix<f64>,
-}
-
-/// Present point of an ascent.
-#[derive(Clone)]
-pub(super) struct Place {
-    pub(super) z: Vec<f64>,
-    pub(super) states: Vec<State>,
-    pub(super) noise: Noise,
-    /// Spreads of the coefficients of each map, in coordinates.
-    pub(super) spreads: Vec<f64>,
-    /// The fold whose observations are left out.
-    pub(super) left_out: Option<usize>,
-}
-
-/// Whether derivatives are those of the present place.
-#[derive(Clone, Copy, PartialEq)]
-enum Look {
-    /// Not at all: they have to be taken.
-    Needed,
-    /// By finite differences there.
-    Taken,
-    /// Carried along from another place.
-    Carried,
-}
-
-/// An ascent: its point, the derivatives there, its damping and its last gain.
-pub(super) struct Ascent {
-    place: Place,
-    derivatives: Derivatives,
-    look: Look,
-    damping: f64,
-    /// Gain of the last step; infinite before the first and after one that failed.
-    gain: f64,
-}
-
-impl From<Place> for Ascent {
-    fn from(place: Place) -> Self {
-        Self {
-            place,
-            derivatives: Derivatives::default(),
-            look: Look::Needed,
-            damping: DAMPING,
-            gain: f64::INFINITY,
-        }
-    }
-}
-
 /// The log-posterior.
 pub(super) struct Hill<'a> {
     shooting: &'a Shooting<'a>,
     coordinates: &'a Coordinates,
     guesses: Vec<State>,
-    prior: Prior<'a>,
+    prior: Prior,
     /// The estimated sizes: those that are not zero everywhere.
     sizes: Vec<usize>,
     /// The fold of each window; empty if none is left out.
@@ -163,7 +98,7 @@ impl<'a> Hill<'a> {
     /// to that of all observations.
     pub(super) fn leave_out(
         mut self,
-        place: &Place,
+        place: Place,
         folds: &[usize],
         of_windows: Vec<usize>,
         iterations: usize,
@@ -171,7 +106,7 @@ impl<'a> Hill<'a> {
     ) -> Result<Vec<Probable>> {
         self.folds = of_windows;
         self.little = LITTLE_OF_FOLDS;
-        let all = self.derivatives(&[place])?.remove(0);
+        let all = self.derivatives(&[&place])?.remove(0);
         let begin = |&fold: &usize| Ascent {
             place: Place {
                 left_out: Some(fold),
@@ -399,8 +334,12 @@ impl<'a> Hill<'a> {
                 start.uphill[c] -= (state[c] - middle(guess)[c]) * size.powi(-2);
             }
         }
-        self.prior.add(&place.z, &place.spreads, &mut slope);
-        for a in place.z.len()..slope.uphill.len() {
+        let prior = self.prior.of(&place.spreads);
+        for (a, (mean, deviation)) in prior.iter().enumerate() {
+            slope.curvature[(a, a)] += deviation.powi(-2);
+            slope.uphill[a] -= (place.z[a] - mean) * deviation.powi(-2);
+        }
+        for a in prior.len()..slope.uphill.len() {
             slope.curvature[(a, a)] += KNOWN;
         }
         slope
@@ -454,7 +393,8 @@ impl<'a> Hill<'a> {
             .iter()
             .map(|start| 0.5 * start.curvature.determinant().ln())
             .sum();
-        let log_width = self.prior.log_width(&place.z, &place.spreads);
+        let prior = self.prior.of(&place.spreads);
+        let log_width: f64 = prior.iter().map(|(_, deviation)| deviation.ln()).sum();
         let rows = self.coordinates.derivative(&place.z);
         let by_z = DMatrix::from_fn(count, count, |i, j| rows[i][j]);
         let covariance = curvature.cholesky().map_or_else(
@@ -480,6 +420,13 @@ impl<'a> Hill<'a> {
 
     /// Log prior up to the terms of its widths alone.
     fn log_prior(&self, place: &Place) -> f64 {
+        let square = |(z, (mean, deviation)): (&f64, &(f64, f64))| ((z - mean) / deviation).powi(2);
+        let of_values: f64 = place
+            .z
+            .iter()
+            .zip(&self.prior.of(&place.spreads))
+            .map(square)
+            .sum();
         let pairs = place.states.iter().zip(&self.guesses);
         let of_states: f64 = pairs
             .map(|(state, guess)| {
@@ -487,7 +434,7 @@ impl<'a> Hill<'a> {
                 (0..4).map(|c| off(c).powi(2)).sum::<f64>()
             })
             .sum();
-        self.prior.log(&place.z, &place.spreads) - 0.5 * of_states
+        -0.5 * (of_values + of_states)
     }
 
     fn at(&self, place: &Place) -> (Trial, Noise) {

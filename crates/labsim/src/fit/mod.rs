@@ -4,6 +4,7 @@
 //! growing length whose start states are eliminated. All columns of all Jacobians of all candidates are
 //! simulated in one batch.
 
+mod ascent;
 mod axis;
 mod channels;
 mod coordinates;
@@ -32,7 +33,7 @@ mod windows;
 
 use std::sync::atomic::AtomicBool;
 
-pub use self::hill::Probable;
+pub use self::ascent::Probable;
 pub use self::information::Information;
 pub use self::problem::{Hypothesis, ParameterSpec, Problem, Recording, Stretch};
 pub use self::refine::Refined;

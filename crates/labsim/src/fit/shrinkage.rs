@@ -144,7 +144,7 @@ pub(super) fn evidence(
         let mut of_others = part(&others, &others);
         let largest = of_others.diagonal().amax().max(f64::MIN_POSITIVE);
         for (i, &other) in others.iter().enumerate() {
-            let range = repetition / coordinates.prior(&point.z, other).1.powi(2);
+            let range = repetition / coordinates.spread_of_range(other).powi(2);
             of_others[(i, i)] += prior[other] + range + 1e-9 * largest;
         }
         let pulled = DVector::from_fn(others.len(), |i, _| {

@@ -147,14 +147,6 @@ fn derivatives_are_those_of_the_maps() {
                 &column(&slope),
                 1e-4,
             );
-            for i in 0..z.len() {
-                let off = |z: &[f64]| {
-                    let (mean, deviation) = coordinates.prior(z, i);
-                    vec![(z[i] - mean) / deviation]
-                };
-                let slope = coordinates.prior_slope(&z, i)[j];
-                assert_near(&difference(&off), &[slope], 1e-5);
-            }
         }
     }
 }
@@ -181,21 +173,6 @@ proptest! {
         if factor < 3.0_f64.min(1.0_f64.exp()) {
             assert_near(&[excess(low / factor), excess(low * factor * factor)], &[-10.0, 10.0], 1e-6);
         }
-    }
-
-    /// The prior of the friction is about the friction itself, and not about its share of the gears.
-    #[test]
-    fn a_frictions_prior_does_not_depend_on_gears(
-        gear in 0.001..0.1_f64, low in 1e-5..1e-3_f64, factor in 1.01..5.0_f64,
-    ) {
-        let mut ranges = RANGES;
-        ranges[FRICTION] = (low, low * factor);
-        let coordinates = coordinates_of(ranges);
-        let mut values = VALUES;
-        (values[GEAR_X], values[GEAR_Y], values[FRICTION]) = (gear, 0.5 * gear, low * factor);
-        let z = coordinates.to_z(&values);
-        let (mean, deviation) = coordinates.prior(&z, FRICTION);
-        assert_near(&[(z[FRICTION] - mean) / deviation], &[3.0_f64.sqrt()], 1e-9);
     }
 }
 
