@@ -84,6 +84,6 @@ impl Problem<'_> {
         let mut numbers = folds.to_vec();
         numbers.sort_unstable();
         numbers.dedup();
-        hill.leave_out(place, &numbers, of_windows, iterations, of_stretches)
+        hill.leave_out(&place, &numbers, of_windows, iterations, of_stretches)
     }
 }

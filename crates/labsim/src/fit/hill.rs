@@ -98,7 +98,7 @@ impl<'a> Hill<'a> {
     /// to that of all observations.
     pub(super) fn leave_out(
         mut self,
-        place: Place,
+        place: &Place,
         folds: &[usize],
         of_windows: Vec<usize>,
         iterations: usize,
@@ -106,7 +106,7 @@ impl<'a> Hill<'a> {
     ) -> Result<Vec<Probable>> {
         self.folds = of_windows;
         self.little = LITTLE_OF_FOLDS;
-        let all = self.derivatives(&[&place])?.remove(0);
+        let all = self.derivatives(&[place])?.remove(0);
         let begin = |&fold: &usize| Ascent {
             place: Place {
                 left_out: Some(fold),

@@ -1,6 +1,6 @@
 """End commands at random moments, run them again, and write what came of it into docs/reliability.md.
 
-    python benches/faults.py --moments 20
+    python benches/ended_commands.py --moments 20
 
 Each command runs once undisturbed. Then it is ended at random moments of that time (SIGTERM, SIGKILL), its
 files are limited to a random size, as on a full disk, or its folder of results is removed. After each
@@ -28,11 +28,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from faults_inputs import CASES, Case
+from ended_commands_inputs import CASES, Case
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "reliability.md"
-BEGIN, END = "<!-- faults: written by benches/faults.py -->", "<!-- /faults -->"
+BEGIN, END = "<!-- faults: written by benches/ended_commands.py -->", "<!-- /faults -->"
 DISK = "disk full"
 KINDS = ("TERM", "KILL", DISK, "folder removed")
 HEAD = "| command | time [s] | fault | met | half-written | left behind | left after the second run | same |"
