@@ -18,9 +18,8 @@ DRAWS = 32
 FINER = 4
 #: Effects that are fitted after the screening, and starts of each.
 FITTED, STARTS = 10, 2
-#: Effects that are fitted as replacements of an effect of a set, and their smallest screened gain, as a share
-#: of what that effect gains.
-SWAPPED, REPLACES = 3, 0.1
+#: Effects that are fitted as replacements of an effect of a set.
+SWAPPED = 3
 #: Steps of all starts of an effect, of the best starts, and of a thorough fit.
 BEGUN, FIRST, THOROUGH = 4, 10, 40
 #: Starts that take more steps, and sets that are fitted thoroughly.

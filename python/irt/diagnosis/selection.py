@@ -187,10 +187,7 @@ class Selection:
         they are much less probable by then than the score to beat.
         """
         promises = Screening(self.scores, parent).promises(names)
-        largest = max((one.gain for one in promises), default=0.0)
-        worth = max(
-            config.LEAST, config.PROMISING * largest, config.REPLACES * max(0.0, to_beat - parent.score)
-        )
+        worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
         promises = [
             one for rank, one in enumerate(promises[:count]) if one.gain > worth or rank < config.TOPS
         ]
