@@ -11,7 +11,7 @@ from irt.extras import require
 
 @cache
 def opencv() -> Any:
-    """Return the module, its own messages silenced: this package tells what is wrong with a file, once.
+    """Return the module, its own messages silenced: this package says what is wrong with a file, once.
 
     Raises
     ------
@@ -19,8 +19,11 @@ def opencv() -> Any:
         If it is not installed.
     """
     require("cv2", "irt track")
-    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    level = os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2  # noqa: PLC0415
 
+    # The variable has no effect where the module was imported before.
+    if level == "SILENT":
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     return cv2
