@@ -106,7 +106,7 @@ def unfinished_seed() -> list[str]:
 
 
 def _unfinished(folder: Path, data: bytes) -> None:
-    """Whatever the file holds, a computation gets its right answers."""
+    """A computation gets its right answers beside any file, however broken."""
     found = Unfinished.of(_written(folder, "unfinished.jsonl", data), RECORDINGS, 0)
     with found.used():
         assert np.array_equal(answered(np.add, np.zeros(3), np.ones(3)), np.ones(3))

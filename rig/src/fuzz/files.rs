@@ -124,7 +124,7 @@ impl Drop for Folder {
     }
 }
 
-/// Whatever is in a bag, what is recovered from it is a whole bag, or nothing is written.
+/// From any bag, however broken, a whole bag is recovered, or nothing is written.
 #[test]
 fn bags_to_recover() {
     let folder = Folder::new();
