@@ -198,4 +198,4 @@ def _returns(values: Array, times: Array, step: int, back: int) -> bool:
     # Both jumps have a similar size, or the tilt returns to its value: the board may move while its marker is
     # hidden, and a wrong tilt may drift.
     alike = abs(out + home) <= 0.5 * abs(out) or abs(values[back + 1] - values[step]) <= 0.5 * abs(out)
-    return bool(soon and out * home < 0.0 and alike)
+    return bool(soon and np.sign(out) == -np.sign(home) != 0.0 and alike)

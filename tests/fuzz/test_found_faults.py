@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import sqlite3
 import struct
 from pathlib import Path
 
@@ -13,9 +15,11 @@ from readers import CORPUS, RECORDINGS, unfinished_seed
 
 import rig_bags
 from irt.bag import load_bag
+from irt.cleaning import tilt_jumps
 from irt.errors import IrtError
 from irt.fitting.unfinished import Unfinished, answered
 from irt.importing import import_bags
+from irt.importing.lab_bags import topics_of
 from irt.importing.mapping import Expression
 from irt.importing.tables import read_replay
 from irt.model import load_model
@@ -166,6 +170,26 @@ def test_a_network_of_another_kind_was_a_traceback(tmp_path, old, new) -> None:
         header = header[:begin] + header[end:]
     data = struct.pack("<Q", len(header)) + header + seed[8 + length :]
     refused(load_network, tmp_path / "network.safetensors", data, "cut short or no safetensors file")
+
+
+def test_a_topic_without_a_type_in_a_bag_was_a_traceback(tmp_path) -> None:
+    path = tmp_path / "lab.db3"
+    path.write_bytes((CORPUS / "lab.db3").read_bytes())
+    with contextlib.closing(sqlite3.connect(path)) as base, base:
+        base.executescript(
+            "CREATE TABLE bare AS SELECT * FROM topics; DROP TABLE topics;"
+            "ALTER TABLE bare RENAME TO topics; UPDATE topics SET type = NULL;"
+        )
+    with pytest.raises(IrtError, match="a topic lacks its name or its type"):
+        topics_of(path)
+
+
+def test_jumps_of_a_tilt_too_large_to_multiply_warned() -> None:
+    tilt = np.zeros((40, 2))
+    tilt[20:22] = 1e200
+    wrong = np.zeros((40, 2), dtype=bool)
+    wrong[20:22] = True
+    np.testing.assert_array_equal(tilt_jumps(tilt, np.arange(40) / 40.0), wrong)
 
 
 def test_draws_of_a_posterior_that_overflow_warned(tmp_path) -> None:

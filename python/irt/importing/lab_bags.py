@@ -124,6 +124,10 @@ class _Opened:
             raise IrtError(
                 f"{path}: no bag, or one that was cut short ({_reason(error)}); {_mend(path)}"
             ) from error
+        words = [word for one in self.reader.connections for word in (one.topic, one.msgtype)]
+        if not all(isinstance(word, str) for word in words):
+            self.reader.close()
+            raise IrtError(f"{path}: broken: a topic lacks its name or its type; {_mend(path)}")
         return self.reader
 
     def __exit__(self, *_: object) -> None:

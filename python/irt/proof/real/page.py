@@ -125,7 +125,7 @@ def _steps(found: RealProof) -> Iterator[str]:
         "SHA-256 of the recordings was written to `seal.json`."
     )
     yield "`irt diagnose` read that copy: commands, stamps and positions of the marble."
-    yield "The SHA-256 of its models was written to `answer.json` before the tilt was read."
+    yield "The SHA-256 of its models was written to `answer.json` before anything was compared with the tilt."
     yield "Then delay, lag and play were fitted to commands and measured tilt, without the answer."
     yield "This page compares the two."
 

@@ -156,7 +156,7 @@ def prove(
     blind = seal(folders, rig, this_code()).first_rows(MOST_ROWS)
     if not folders.answer.exists():
         _diagnose(folders, blind, seed, threads, report)
-    # From here on the answer cannot change, and the tilt is read.
+    # From here on the answer cannot change, and the tilt is used.
     rig = rig.first_rows(MOST_ROWS)
     cache = Unfinished.of(out / "unfinished.jsonl", rig.digest, seed)
     with cache.used():

@@ -2,7 +2,7 @@
 
 ``blind/`` is the rig as the diagnosis reads it. ``seal.json`` is written before the diagnosis and holds the
 SHA-256 of each recording with its tilt and of each file of the copy; ``answer.json`` is written after it,
-before the tilt is read, and holds the SHA-256 of the seal and of all models of the answer.
+before anything is compared with the tilt, and holds the SHA-256 of the seal and of all models of the answer.
 """
 
 from __future__ import annotations
