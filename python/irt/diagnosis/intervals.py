@@ -145,12 +145,12 @@ def _with_scatter(information: Information, values: Array) -> Information:
 
     The (k, n) values are those of fits without each recording.
     """
-    scatter = _scatter(values / information.widths @ information.directions.T)
-    wider = np.maximum(information.half_width, scatter)
+    by_folds = scatter(values / information.widths @ information.directions.T)
+    wider = np.maximum(information.half_width, by_folds)
     return replace(information, half_width=np.where(information.flat, information.half_width, wider))
 
 
-def _scatter(values: Array) -> Array:
+def scatter(values: Array) -> Array:
     """Return half-widths of 95 % intervals by the jackknife, from (k, ...) fits without each recording."""
     count = len(values)
     if count < FEWEST:

@@ -12,12 +12,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from irt.diagnosis.intervals import FEWEST, scatter
 from irt.model import Model
 from irt.posterior import draws
-
-Array = NDArray[np.float64]
 
 AXES = ("x", "y")
 #: Draws from a posterior for the intervals.
@@ -164,8 +162,8 @@ def widened(whole: Response, parts: Sequence[Response], row_s: float) -> Respons
     found = {}
     for key, one in whole.items():
         margins = [row_s] if key[0] in _TIMES else []
-        if len(parts) > 2:
-            margins.append(_jackknife(np.array([part[key].value for part in parts])))
+        if len(parts) >= FEWEST:
+            margins.append(float(scatter(np.array([part[key].value for part in parts]))))
         if not margins:
             found[key] = one
             continue
@@ -176,15 +174,6 @@ def widened(whole: Response, parts: Sequence[Response], row_s: float) -> Respons
         least = -math.inf if key[0] in ("gain", "zero") else 0.0
         found[key] = Estimate(one.value, max(least, low), high)
     return found
-
-
-def _jackknife(values: Array) -> float:
-    """Return the half-width of the 95 % interval from (n,) values that leave out one of n parts each."""
-    from scipy.special import stdtrit  # noqa: PLC0415
-
-    count = len(values)
-    deviation = math.sqrt((count - 1) / count * float(((values - values.mean()) ** 2).sum()))
-    return float(stdtrit(count - 1, _ENDS[1])) * deviation
 
 
 @dataclass(frozen=True)
