@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irt import arguments
-from irt.columns import Columns, is_table
+from irt.columns import Columns, is_number, is_table
 from irt.errors import IrtError
 from irt.files import PathLike, write_atomic
 from irt.path_length import rolled
@@ -52,6 +53,8 @@ __all__ = [
 Array = NDArray[np.float64]
 #: Hold of a command until the next row: zero-order, or first-order (linear interpolation).
 Hold = Literal["zero", "first"]
+#: All columns that are read.
+_NAMES = (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +343,8 @@ def load_commands(path: PathLike) -> Commands:
     def check(where: str, header: list[str]) -> None:
         _check_header(where, header, (STEP, *_columns_of_commands(header)))
 
-    return _commands(Columns.read(arguments.path("path", path), check))
+    expected = "a CSV file of commands, as `irt drive` writes them, or a recording"
+    return _commands(Columns.read(arguments.path("path", path), check, expected))
 
 
 def as_commands(value: Any) -> Commands:
@@ -431,14 +435,18 @@ def _check_header(where: str, header: list[str], required: Sequence[str]) -> Non
     """Raise unless a header has the required columns, and no column twice."""
     if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
         raise IrtError(f"{where}: cells must be separated by commas")
+    if all(is_number(cell) for cell in header):
+        raise IrtError(f"{where}: the columns have no names; name them {', '.join(required)}")
     if set(CMD) & set(header) and set(KNOBS) & set(header):
         raise IrtError(
             f"{where}: there are commands in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
         )
     for name in required:
         if name not in header:
-            raise IrtError(f"{where}: column {name} is missing; the header has {', '.join(header)}")
-    for name in (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT):
+            near = difflib.get_close_matches(name, [one for one in header if one not in _NAMES], n=1)
+            remedy = f"; rename {near[0]}" if near else "; count rows 0, 1, 2, ..." if name == STEP else ""
+            raise IrtError(f"{where}: column {name} is missing{remedy}; the header has {', '.join(header)}")
+    for name in _NAMES:
         if header.count(name) > 1:
             raise IrtError(f"{where}: column {name} appears {header.count(name)} times; keep one")
 

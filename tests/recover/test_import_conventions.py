@@ -117,7 +117,7 @@ def test_a_bag_whose_headers_are_of_another_clock(tmp_path: Path, seed: int) -> 
     summary = import_logs([bag], tmp_path / "rig", "tag")
     note = next(note for note in summary.logs[0].notes if "another clock" in note)
     assert float(note.split("clock: ")[1].split(" ")[0]) == pytest.approx(-offset, abs=CLOCK_S)
-    # Corrected by that, what is left is the dead time alone.
+    # Corrected by that, the dead time alone remains.
     assert np.abs(dead_times(summary) - truth.delay).max() < CLOCK_S
 
 

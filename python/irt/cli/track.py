@@ -110,9 +110,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  irt track run-1.mp4 --commands knobs-1.csv --out my-rig     then: irt diagnose my-rig\n"
         "  irt track chessboard.mp4 --calibrate --out my-rig           calibrate the lens for later tracks\n"
         "  irt track --markers                                         markers to print for the tilt\n"
-        "  irt track 0 --publish                                       a camera, live; Ctrl-C ends it\n\n"
-        "example:\n"
-        "  irt track run-1.mp4"
+        "  irt track 0 --publish                                       a camera, live; Ctrl-C ends it"
     )
 
 

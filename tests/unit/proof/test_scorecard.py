@@ -125,8 +125,8 @@ def test_where_nothing_is_copied_the_files_are_those_of_the_proof(results: Resul
 
 
 def test_the_page_names_code_commit_and_seed(score, places, tmp_path: Path) -> None:
-    made = {"world": "another engine", "code": "irt, code 12", "commit": "abc", "seed": "5"}
-    results = Results((score(), score("none")), made=made)
+    provenance = {"world": "another engine", "code": "irt, code 12", "commit": "abc", "seed": "5"}
+    results = Results((score(), score("none")), provenance=provenance)
     text = write_scorecard(tmp_path / "p.md", results, places, SETTINGS).read_text()
     for row in ("recorded by | another engine", "diagnosed by | irt, code 12", "commit | abc", "seed | 5"):
         assert f"| {row} |" in text
