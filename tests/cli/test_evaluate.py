@@ -80,7 +80,10 @@ def test_a_window_that_is_none_is_wrong_usage(irt, rig: Path, model: Path, windo
     ("words", "message"),
     [
         (("none.toml", "rig"), "irt: none.toml: no such file; give a model.toml, as `irt tune`"),
-        (("rig", "rig"), "irt: rig: is a folder, where a file was expected; give a model.toml, as `irt tune`"),
+        (
+            ("rig", "rig"),
+            "irt: rig: is a folder, where a file was expected; give a model.toml, as `irt tune`",
+        ),
         (("model.toml", "none"), "irt: none: no such folder; give a folder with recordings (*.csv)\n"),
         (("model.toml", "model.toml"), "irt: model.toml: a rig is a folder, and this is a file; "),
         (("model.toml", "."), "irt: .: the rig holds no recording; "),

@@ -128,8 +128,18 @@ def files() -> Callable[[Path], dict[str, bytes]]:
 
 
 @pytest.fixture
-def score() -> Callable[..., RigScore]:
+def score(scores: Callable[[], Callable[..., RigScore]]) -> Callable[..., RigScore]:
     """Return what makes a score by hand."""
+    return scores()
+
+
+@pytest.fixture(scope="session")
+def scores() -> Callable[[], Callable[..., RigScore]]:
+    """Return what returns, each time, a maker of scores whose rigs are numbered from 1."""
+    return _scores
+
+
+def _scores() -> Callable[..., RigScore]:
     count = iter(range(1, 10_000))
 
     def make(group: str = "single", **values: Any) -> RigScore:
