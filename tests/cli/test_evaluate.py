@@ -73,7 +73,7 @@ def test_by_default_windows_of_two_seconds_into_a_folder_here(irt, monkeypatch, 
 def test_a_window_that_is_none_is_wrong_usage(irt, rig: Path, model: Path, window: str) -> None:
     status, out, err = irt("evaluate", model, rig, "--window", window)
     assert (status, out) == (2, "")
-    assert f"argument --window: expected seconds above 0, found {window}" in err
+    assert f"argument --window: expected a number above 0, found {window}" in err
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from irt.cli.inputs import positive
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -80,9 +81,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--colour", metavar="R,G,B", type=_colour, help="the marble's colour, 0 to 255 (default: learned)"
     )
     parser.add_argument(
-        "--fps", metavar="RATE", type=_positive, help="pictures per second, if those of the file are wrong"
+        "--fps", metavar="RATE", type=positive, help="pictures per second, if those of the file are wrong"
     )
-    parser.add_argument("--seconds", metavar="S", type=_positive, help="stop after this time")
+    parser.add_argument("--seconds", metavar="S", type=positive, help="stop after this time")
     parser.add_argument(
         "--publish", action="store_true", help="publish each position on /marble/position, for ROS 2 nodes"
     )
@@ -297,13 +298,6 @@ def _colour(text: str) -> tuple[float, ...]:
     if not all(0 <= one <= 255 for one in numbers):
         raise argparse.ArgumentTypeError(f"expected red, green, blue from 0 to 255, found {text}")
     return numbers[::-1]
-
-
-def _positive(text: str) -> float:
-    (number,) = _numbers(text, 1)
-    if number <= 0:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, found {text}")
-    return number
 
 
 def _pattern(text: str) -> tuple[int, int]:

@@ -405,7 +405,7 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
         )
         yield (
             f"With each run in turn left out, the selection among the most probable sets contains {chosen}. "
-            f"It predicts the run left out with an error of {percent(diagnosis.nested_heldout_mae)} of the edge."
+            f"Its error on that run is {percent(diagnosis.nested_heldout_mae)} of the edge."
         )
     elif diagnosis.effects and not tied:
         yield "Not validated: there were no held-out runs."
