@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from irt import arguments
-from irt.columns import Columns, is_number, is_table
+from irt.columns import Columns, is_table
 from irt.errors import IrtError
 from irt.files import PathLike, write_atomic
 from irt.path_length import rolled
@@ -26,6 +25,7 @@ from irt.validity import (
     STEP,
     TILT,
     check_commands,
+    check_header,
     check_marble,
     check_steepness,
     check_tilt,
@@ -53,8 +53,6 @@ __all__ = [
 Array = NDArray[np.float64]
 #: Hold of a command until the next row: zero-order, or first-order (linear interpolation).
 Hold = Literal["zero", "first"]
-#: All columns that are read.
-_NAMES = (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,7 +339,7 @@ def load_commands(path: PathLike) -> Commands:
     """
 
     def check(where: str, header: list[str]) -> None:
-        _check_header(where, header, (STEP, *_columns_of_commands(header)))
+        check_header(where, header, (STEP, *_columns_of_commands(header)))
 
     expected = "a CSV file of commands, as `irt drive` writes them, or a recording"
     return _commands(Columns.read(arguments.path("path", path), check, expected))
@@ -368,7 +366,7 @@ def as_commands(value: Any) -> Commands:
     if is_table(value):
 
         def check(where: str, header: list[str]) -> None:
-            _check_header(where, header, _columns_of_commands(header))
+            check_header(where, header, _columns_of_commands(header))
 
         return _commands(Columns.of(value, "commands", check))
     knobs = arguments.array("commands", value)
@@ -431,26 +429,6 @@ def save_recording(
     write_atomic(path, recording.to_csv())
 
 
-def _check_header(where: str, header: list[str], required: Sequence[str]) -> None:
-    """Raise unless a header has the required columns, and no column twice."""
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise IrtError(f"{where}: cells must be separated by commas")
-    if all(is_number(cell) for cell in header):
-        raise IrtError(f"{where}: the columns have no names; name them {', '.join(required)}")
-    if set(CMD) & set(header) and set(KNOBS) & set(header):
-        raise IrtError(
-            f"{where}: there are commands in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
-        )
-    for name in required:
-        if name not in header:
-            near = difflib.get_close_matches(name, [one for one in header if one not in _NAMES], n=1)
-            remedy = f"; rename {near[0]}" if near else "; count rows 0, 1, 2, ..." if name == STEP else ""
-            raise IrtError(f"{where}: column {name} is missing{remedy}; the header has {', '.join(header)}")
-    for name in _NAMES:
-        if header.count(name) > 1:
-            raise IrtError(f"{where}: column {name} appears {header.count(name)} times; keep one")
-
-
 def _columns_of_commands(header: Sequence[str]) -> tuple[str, str]:
     return CMD if set(CMD) & set(header) else KNOBS
 
@@ -463,12 +441,12 @@ def _columns_of_recording(header: Sequence[str]) -> tuple[str, ...]:
 
 
 def _check_recording(where: str, header: list[str]) -> None:
-    _check_header(where, header, (STEP, *_columns_of_recording(header)))
+    check_header(where, header, (STEP, *_columns_of_recording(header)))
 
 
 def _check_frame(where: str, header: list[str]) -> None:
     """Check the header of a table in memory, where ``step`` is optional."""
-    _check_header(where, header, _columns_of_recording(header))
+    check_header(where, header, _columns_of_recording(header))
 
 
 def _read_commands(table: Columns) -> tuple[Array, Array | None, tuple[str, str]]:
