@@ -117,14 +117,14 @@ def test_bad_input_is_one_line(irt, filmed, tmp_path) -> None:
 def test_a_track_that_fits_no_commands_is_kept(irt, filmed, tmp_path) -> None:
     pictures, knobs, _ = filmed
     commands = write_commands(tmp_path / "knobs.csv", knobs)
-    words = ("--fps", "30", "--seconds", "2", "--commands", commands, "--offset", "500")
+    words = ("--fps", "30", "--commands", commands, "--offset", "500")
     done = irt("track", pictures, "--out", tmp_path / "out", *words)
     assert done.status == 1
     kept = tmp_path / "out" / "run-1.partial"
     assert "the commands and the pictures do not overlap" in done.err
     assert done.err.endswith(f"; the positions found before are kept in {kept}\n")
     assert done.err.count("\n") == 1
-    assert len(kept.read_text().splitlines()) == 61
+    assert len(kept.read_text().splitlines()) == 111
     assert not list((tmp_path / "out").glob("*.csv"))
 
 

@@ -16,7 +16,7 @@ from irt.recording import load_recording
 
 pytestmark = pytest.mark.slow
 
-COUNT = 80
+COUNT = 110
 Pictures = list[np.ndarray]
 
 
@@ -24,7 +24,7 @@ Pictures = list[np.ndarray]
 def shown(filmed) -> tuple[Pictures, np.ndarray]:
     """Return pictures of a run, and its commands (n, 2) [rad]."""
     folder, knobs, _ = filmed
-    return [cv2.imread(str(folder / f"{index}.png")) for index in range(COUNT)], knobs[:COUNT]
+    return [cv2.imread(str(folder / f"{index}.png")) for index in range(COUNT)], knobs
 
 
 def moved(picture: np.ndarray, dx: float, scale: float = 1.0, dy: float = 0.0) -> np.ndarray:
