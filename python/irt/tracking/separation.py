@@ -104,7 +104,7 @@ def marble_beside(
     if clue.colour is not None or len(found) < FEWEST:
         return None
     through = seen_through(pictures, found, known)
-    return None if through.middle < HALF else through.opaque()
+    return None if through.is_no_shadow or through.middle < HALF else through.opaque()
 
 
 def beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
