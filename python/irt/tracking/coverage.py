@@ -46,8 +46,8 @@ SIZED = 3.0
 WRONG = 0.2
 #: A lens blurs a rim over so much [pixels].
 BLURRED = 1.0
-#: About a marble that is smaller than the rig says at least this share of the board is in its usual light: the
-#: shadows of two lamps, each as wide as the marble, leave half of it, and a cell counts as lit or not by noise.
+#: About a marble that is smaller than the rig says at least this share of the board is in its usual light:
+#: the shadows of two lamps, each as wide as the marble, leave half of it; half of that is for noise.
 BARE = 0.25
 
 

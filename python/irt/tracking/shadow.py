@@ -146,6 +146,18 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     return Transmission(share / clear, np.hypot(error, scatter) / clear, np.median(apart[inner > 0], axis=0))
 
 
+def usual(neighbourhoods: Sequence[Neighbourhood]) -> tuple[Values, Values]:
+    """Return the medians of pictures and boards (n, n, 3), `CELLS` to a radius, discs in their middle."""
+    pictures, boards = (
+        np.median(np.array(cuts), axis=0).astype(np.float32)
+        for cuts in (
+            [_cut(one.picture, one) for one in neighbourhoods],
+            [_cut(one.board, one) for one in neighbourhoods],
+        )
+    )
+    return pictures, boards
+
+
 def _cut(layers: Values, one: Neighbourhood) -> Values:
     """Return a square about a disc (n, n, 3), `CELLS` to its radius."""
     half = int(np.ceil(REACH * CELLS))
