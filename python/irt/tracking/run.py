@@ -40,6 +40,9 @@ LOOKED_AT = 10
 SAME = 0.05
 #: Standard error of corners given in whole pixels [pixels].
 GIVEN_PX = float(np.sqrt(2.0 / 12.0))
+#: An outline that misses the board's shape by this share of its sides may be another's: three times the error
+#: of corners in one picture, 0.4 of 330 pixels. One that misses it by less than half of that is the board's.
+MISSHAPEN, NEARER = 0.0036, 0.5
 #: Every so many pixels are compared for that.
 SPARSE = 7
 
@@ -250,19 +253,39 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
         (first, True, "found in the first picture by their colour"),
         (middle, True, "found in the median of the pictures by their colour"),
     )
-    reasons = []
+    reasons, outlines = [], []
     for picture, by_colour, words in ways:
         try:
-            found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
-            return ordered(found, question.size), words, picture is middle
+            found = ordered(
+                find_corners(picture, question.lens, question.size, by_colour=by_colour), question.size
+            )
         except TwoBoardsError:
             raise
         except IrtError as error:
             reasons.append(error)
-        marked = corners_by_markers(first) if len(reasons) == 1 else None
+        else:
+            outlines.append((_misshapen(found, question), (found, words, picture is middle)))
+            if outlines[0][0] < MISSHAPEN:
+                break
+        marked = corners_by_markers(first) if len(reasons) + len(outlines) == 1 else None
         if marked is not None:
             return marked, "the outer corners of markers 0 to 3", False
-    raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
+    if not outlines:
+        raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
+    # The outline of a rim is nearly of the board's shape: another is the board's if it is much nearer.
+    best = min(outlines, key=lambda one: one[0])
+    return best[1] if best[0] < NEARER * outlines[0][0] else outlines[0][1]
+
+
+def _misshapen(corners: Array, question: Question) -> float:
+    """Return by what share of its sides an outline is not of the board's shape; without a lens, 0."""
+    if question.lens is None:
+        return 0.0
+    size = question.size
+    pose = Pose.of(question.lens, corners, size.corners, size.radius)
+    apart = pose.project(np.column_stack([size.corners, np.zeros(4)])) - corners
+    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    return float(np.sqrt((apart**2).sum(axis=1).mean()) / sides.mean())
 
 
 def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:
