@@ -40,9 +40,9 @@ LOOKED_AT = 10
 SAME = 0.05
 #: Standard error of corners given in whole pixels [pixels].
 GIVEN_PX = float(np.sqrt(2.0 / 12.0))
-#: An outline that misses the board's shape by this share of its sides is another's: that of a rim of 5 mm about
-#: a board of the paper's size. The board's own misses it by 0.0001 to 0.0009 in eight path-traced runs, that of
-#: a rim by 0.0022 to 0.0026 in seven. An outline that misses it by less than half of another is the board's.
+#: An outline that misses the board's shape by this share of its sides is another's: that of a rim of 5 mm
+#: about a board of the paper's size. The board's own misses it by 0.0001 to 0.0009 in eight path-traced runs,
+#: that of a rim by 0.0022 to 0.0026 in seven. One that misses it by less than half of another is the board's.
 MISSHAPEN, NEARER = 0.0015, 0.5
 #: Every so many pixels are compared for that.
 SPARSE = 7
@@ -203,8 +203,8 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         corners = edges.corners
         if _misshapen(corners, question) > MISSHAPEN:
             raise IrtError(
-                "the outline in the picture is not of the board's shape: a rim may have been found in its place; "
-                "--corners X,Y X,Y X,Y X,Y says where the board is, and its edges in rig.toml how large"
+                "what was found in the picture is not of the board's shape; it may be its rim: "
+                "--corners X,Y X,Y X,Y X,Y says where the board is"
             )
     if edges is not None and edges.clear:
         # A board that is elsewhere is no ground for the marble.
