@@ -132,13 +132,13 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
     )
     share = both / (ground + 1e-9)
     count = max(len(textures) - 1, 1) * 3.0 * inner.sum()
-    left = np.maximum(whole - share * both, 0.0) / count
+    rounded = ROUNDED * float(np.exp(-2.0 * boards).mean())
+    left = np.maximum((whole - share * both) / count, rounded)
     half = pictures.shape[1] // 2
     middle = slice(half - CELLS, half + CELLS + 1)
     apart = np.median(pictures - boards, axis=0)[middle, middle]
     # Levels are whole: a texture that is only rounded off shows nothing.
-    rounded = count * ROUNDED * float(np.exp(-2.0 * boards).mean())
-    error = np.sqrt(ALIKE * left / np.maximum(ground - rounded, 1e-9 * rounded))
+    error = np.sqrt(ALIKE * left / np.maximum(ground - count * rounded, 1e-9 * rounded))
     # Most of the neighbourhood is clear. Where the board shows less than itself there, its texture is noise.
     clear = float(np.median(share))
     scatter = 1.48 * float(np.median(np.abs(share - clear)))
