@@ -20,8 +20,8 @@ Picture = NDArray[np.uint8]
 #: Radii over the standard deviation of the smoothing: a disc that is blurred so keeps its level inside, and
 #: its rim within a third of its radius.
 SMOOTHED = 6.0
-#: Share of the box, and to how far from the middle its levels may be stretched: a board that stands askew fills
-#: little more than half of its box.
+#: Share of the box, and to how far from the middle its levels may be stretched: a board that stands askew
+#: fills little more than half of its box.
 MOST_OF_BOARD, ROOM = 0.45, 64.0
 #: The middle of levels.
 MIDDLE = 128.0

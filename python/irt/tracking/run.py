@@ -14,7 +14,16 @@ from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
 from irt.tracking.board_texture import BoardTexture
-from irt.tracking.corners import TwoBoardsError, checked, find_corners, ordered
+from irt.tracking.corners import (
+    MISSHAPEN,
+    NEARER,
+    TwoBoardsError,
+    checked,
+    find_corners,
+    mean_side,
+    misshapen,
+    ordered,
+)
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
@@ -40,10 +49,6 @@ LOOKED_AT = 10
 SAME = 0.05
 #: Standard error of corners given in whole pixels [pixels].
 GIVEN_PX = float(np.sqrt(2.0 / 12.0))
-#: An outline that misses the board's shape by this share of its sides is another's: that of a rim of 5 mm
-#: about a board of the paper's size. The board's own misses it by 0.0001 to 0.0009 in eight path-traced runs,
-#: that of a rim by 0.0022 to 0.0026 in seven. One that misses it by less than half of another is the board's.
-MISSHAPEN, NEARER = 0.0015, 0.5
 #: Every so many pixels are compared for that.
 SPARSE = 7
 
@@ -201,7 +206,8 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     edges = None if question.corners is not None else _sides(pictures, corners, lens)
     if edges is not None:
         corners = edges.corners
-        if _misshapen(corners, question) > MISSHAPEN:
+        surely = edges.clear and edges.error_px < MISSHAPEN * mean_side(corners)
+        if surely and misshapen(corners, lens, size) > MISSHAPEN:
             raise IrtError(
                 "what was found in the picture is not of the board's shape; it may be its rim: "
                 "--corners X,Y X,Y X,Y X,Y says where the board is"
@@ -270,7 +276,9 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
         except IrtError as error:
             reasons.append(error)
         else:
-            outlines.append((_misshapen(found, question), (found, words, picture is middle)))
+            outlines.append(
+                (misshapen(found, question.lens, question.size), (found, words, picture is middle))
+            )
             if outlines[0][0] < MISSHAPEN:
                 break
         marked = corners_by_markers(first) if len(reasons) + len(outlines) == 1 else None
@@ -281,17 +289,6 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
     # The outline of a rim is nearly of the board's shape: another is the board's if it is much nearer.
     best = min(outlines, key=lambda one: one[0])
     return best[1] if best[0] < NEARER * outlines[0][0] else outlines[0][1]
-
-
-def _misshapen(corners: Array, question: Question) -> float:
-    """Return by what share of its sides an outline is not of the board's shape; without a lens, 0."""
-    if question.lens is None:
-        return 0.0
-    size = question.size
-    pose = Pose.of(question.lens, corners, size.corners, size.radius)
-    apart = pose.project(np.column_stack([size.corners, np.zeros(4)])) - corners
-    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    return float(np.sqrt((apart**2).sum(axis=1).mean()) / sides.mean())
 
 
 def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:
