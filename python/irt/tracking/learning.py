@@ -9,6 +9,7 @@ and taken out of the median there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,29 +104,28 @@ def learn(
         raise IrtError(f"{FEWEST} pictures at least are needed to see what moves")
     without = np.median(np.stack(pictures), axis=0).astype(np.uint8) if empty is None else empty
     expected = geometry.radius_at(((box.left + box.right) / 2.0, (box.top + box.bottom) / 2.0))
-    light: Light | Contrast | None = None
+    even: Light | None = None
     given = pictures
     asked, told = clue or Clue(), empty is not None
     if not is_steady(pictures, Light(without, expected), box):
-        pictures, without, light = _evened(pictures, without, expected, known=told)
+        pictures, without, even = _evened(pictures, without, expected, known=told)
+    light: Light | Contrast | None = even
     try:
         learned = _learned(pictures, without, box, geometry, asked, told=told)
     except NoMarbleError:
-        contrast = Contrast(without, box, expected, light)
+        contrast = Contrast(without, box, expected, even)
         if asked.colour is not None or contrast.gain < WORTHWHILE:
             raise
-        height, width = without.shape[:2]
-        whole = Box(0, 0, width, height)
+        whole = Box(0, 0, without.shape[1], without.shape[0])
         more = [contrast.evened(one, whole) for one in given]
         plain = _Plain(pictures, without, _noise(pictures, without, box))
-        empty = contrast.evened(without, whole)
-        try:
-            learned = _learned(more, empty, box, geometry, asked, told=told, plain=plain)
-        except IrtError:
-            learned = None
-        if learned is None:
+        bare = contrast.evened(without, whole)
+        enlarged: Learned | None = None
+        with suppress(IrtError):
+            enlarged = _learned(more, bare, box, geometry, asked, told=told, plain=plain)
+        if enlarged is None:
             raise
-        light = contrast
+        learned, light = enlarged, contrast
     return replace(learned, finder=replace(learned.finder, light=light))
 
 
