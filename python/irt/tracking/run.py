@@ -209,7 +209,7 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
         surely = edges.clear and edges.error_px < MISSHAPEN * mean_side(corners)
         if surely and misshapen(corners, lens, size) > MISSHAPEN:
             raise IrtError(
-                "what was found in the picture is not of the board's shape; it may be its rim: "
+                "what was found in the picture is not of the board's shape; it may be its rim, or its edge: "
                 "--corners X,Y X,Y X,Y X,Y says where the board is"
             )
     if edges is not None and edges.clear:

@@ -48,7 +48,7 @@ LEVEL = np.zeros(2)
 def test_a_rim_in_the_place_of_the_board_is_refused() -> None:
     pictures = [drawn(VIEW, LEVEL, WOOD, rim=WOOD)] * 2
     source = SimpleNamespace(name="run", sample=lambda _: pictures)
-    with pytest.raises(IrtError, match="may be its rim: --corners"):
+    with pytest.raises(IrtError, match="may be its rim, or its edge: --corners"):
         prepare(source, Question(SIZE, lens_of(VIEW)), lambda *_: None)
 
 
