@@ -18,8 +18,9 @@ Picture = NDArray[np.uint8]
 
 #: What is seen between these multiples of a marble's radius tells of the board.
 NEAR, FAR = 1.35, 2.6
-#: Largest shift [pixels].
-MOST = 6.0
+#: Largest shift [pixels], and in radii of the marble where that is more: a tilt moves a board near a camera
+#: farther.
+MOST, MOST_RADII = 6.0, 0.7
 #: Rounds of looking for where the tilt has the board in one of the sample.
 ROUNDS = 4
 #: Weights of the colours that make grey.
@@ -67,6 +68,7 @@ class Underlay:
         cv2 = opencv()
         grey = cv2.GaussianBlur(opencv().transform(picture, GREY), (3, 3), 0)
         x, y, radius = disc
+        most = max(MOST, MOST_RADII * radius)
         down, right = np.ogrid[box.top : box.bottom, box.left : box.right]
         away = (right - x) ** 2 + (down - y) ** 2
         ring = (away > (NEAR * radius) ** 2) & (away < (FAR * radius) ** 2)
@@ -80,7 +82,7 @@ class Underlay:
             trust = 1.0 / (1.0 + (left / (6.0 * noise)) ** 2)
             weighed = slopes * trust[:, None]
             normal = slopes.T @ weighed + np.eye(2) * (noise / FREE) ** 2
-            shift = np.clip(shift - np.linalg.solve(normal, weighed.T @ left), -MOST, MOST)
+            shift = np.clip(shift - np.linalg.solve(normal, weighed.T @ left), -most, most)
         self.shift = shift
         return self._cut(self._colours, box, shift)
 

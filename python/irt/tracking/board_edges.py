@@ -22,9 +22,9 @@ Picture = NDArray[np.uint8]
 
 #: Points of a side, and the part of it that they lie on: near corners a side is not alone.
 POINTS, FIRST, LAST = 48, 0.06, 0.94
-#: How far beside a side its edge is looked for, and in what steps [pixels]: a tilt of 0.04 rad moves the end
-#: of a board of 350 pixels by 2.
-FAR, STEP = 5.0, 0.5
+#: How far beside a side its edge is looked for, where sides are so long on average [pixels], and in how many
+#: steps: a tilt of 0.04 rad moves the end of such a board by 2. On a larger one it is farther.
+FAR, LENGTH, STEPS = 5.0, 330.0, 20
 #: Samples at each end that say what is inside and outside.
 ENDS = 4
 #: Points of a side that err alike: they share the grain, and blocks of a compression.
@@ -41,10 +41,11 @@ STRAIGHT = 8
 
 @dataclass(frozen=True, eq=False)
 class _Sides:
-    """Points along four sides, and their outward normals (n, 2) [pixels]."""
+    """Points along four sides, outward normals (n, 2), and how far out edges are looked for [pixels]."""
 
     points: Array
     normals: Array
+    far: float
 
     @classmethod
     def of(cls, corners: Array, lens: Lens | None) -> _Sides:
@@ -57,12 +58,13 @@ class _Sides:
         if lens is not None:
             points = lens.bent(points)
         ways = np.repeat(np.roll(corners, -1, axis=0) - corners, POINTS, axis=0)
-        normals = np.column_stack([ways[:, 1], -ways[:, 0]]) / np.linalg.norm(ways, axis=1)[:, None]
-        return cls(points, normals)
+        lengths = np.linalg.norm(ways, axis=1)
+        normals = np.column_stack([ways[:, 1], -ways[:, 0]]) / lengths[:, None]
+        return cls(points, normals, FAR * max(float(lengths.mean()) / LENGTH, 1.0))
 
     def profiles(self, picture: Picture) -> Array:
         """Return levels (n, samples, 3) across the sides, from inside to outside."""
-        offsets = np.arange(-FAR, FAR + 0.5 * STEP, STEP)
+        offsets = np.linspace(-self.far, self.far, STEPS + 1)
         across = self.points[:, None] + offsets[:, None] * self.normals[:, None]
         cv2 = opencv()
         maps = across.astype(np.float32)
@@ -92,18 +94,19 @@ def _one_colour(profiles: Array, colours: NDArray[np.int64]) -> Array:
     return np.asarray(profiles[np.arange(len(profiles)), :, colours])
 
 
-def _crossings(profiles: Array) -> Array:
-    """Return how far outside each point's edge is (n,) [pixels], NaN where there is none."""
+def _crossings(profiles: Array, far: float) -> Array:
+    """Return how far outside each point's edge is (n,) [pixels], NaN where there is none so far beside."""
     contrast = np.abs(profiles[:, :ENDS].mean(axis=1) - profiles[:, -ENDS:].mean(axis=1))
     light = (profiles / 255.0) ** POWER
     halfway = 0.5 * (light[:, :ENDS].mean(axis=1) + light[:, -ENDS:].mean(axis=1))
     apart = light - halfway[:, None]
     crosses = apart[:, :-1] * apart[:, 1:] <= 0.0
-    starts = np.arange(-FAR, FAR - 0.5 * STEP, STEP)
-    nearest = np.argmin(np.where(crosses, np.abs(starts + 0.5 * STEP), np.inf), axis=1)
+    step = 2.0 * far / STEPS
+    starts = -far + step * np.arange(STEPS)
+    nearest = np.argmin(np.where(crosses, np.abs(starts + 0.5 * step), np.inf), axis=1)
     rows = np.arange(len(profiles))
     before, after = apart[rows, nearest], apart[rows, nearest + 1]
-    places = starts[nearest] + STEP * before / np.where(before == after, 1.0, before - after)
+    places = starts[nearest] + step * before / np.where(before == after, 1.0, before - after)
     return np.where(crosses.any(axis=1) & (contrast > LEAST_LEVELS), places, np.nan)
 
 
@@ -161,7 +164,7 @@ class BoardEdges:
             colours = [sides.profiles(picture) for picture in pictures]
             self._colours = _clearest(np.array(colours))
             profiles = [_one_colour(one, self._colours) for one in colours]
-            offsets = _smoothed(np.array([_crossings(one) for one in profiles]))
+            offsets = _smoothed(np.array([_crossings(one, sides.far) for one in profiles]))
             seen = np.isfinite(offsets).mean(axis=0) > 0.5
             middle = np.array(
                 [np.nanmean(one) if there else np.nan for one, there in zip(offsets.T, seen, strict=True)]
@@ -169,7 +172,7 @@ class BoardEdges:
             if (seen.reshape(4, POINTS).mean(axis=1) < ENOUGH).any():
                 return
             self._refine(sides, middle)
-            if np.abs(self.corners - corners).max() > 2.0 * FAR:
+            if np.abs(self.corners - corners).max() > 2.0 * sides.far:
                 # Lines that left what was found were laid through something else.
                 self.corners, self.error_px = corners, FAR
                 return
@@ -207,7 +210,7 @@ class BoardEdges:
     def _offsets(self, picture: Picture) -> Array:
         """Return how far outside of its place each point's edge is in a picture (n,) [pixels]."""
         profiles = _one_colour(self._places.profiles(picture), self._colours)
-        return _crossings(profiles)
+        return _crossings(profiles, self._places.far)
 
     def watch(self, level: Geometry, size: Size) -> bool:
         """Begin to measure the tilt; return whether the sides say it, which they do for a calibrated lens."""

@@ -44,6 +44,11 @@ ROUNDS = 6
 SIZED = 3.0
 #: A rig is of another marble if that is larger or smaller by this share at least.
 WRONG = 0.2
+#: A lens blurs a rim over so much [pixels].
+BLURRED = 1.0
+#: About a marble that is smaller than the rig says at least this share of the board is in its usual light:
+#: the shadows of two lamps, each as wide as the marble, leave half of it; half of that is for noise.
+BARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -138,7 +143,17 @@ class Coverage:
         if abs(np.log(seen / known)) < WRONG:
             return disc
         other = self.laid(seen)
+        if seen < known and self._lit_about(other, known) < BARE:
+            # The horizon in a mirroring marble is a rim as well, and a smaller one.
+            return disc
         return other if other.worth > disc.worth + SIZED else disc
+
+    def _lit_about(self, disc: Laid, radius: float) -> float:
+        """Return the share of the cells from a disc to another radius [pixels] about it that are lit."""
+        right, down = self._grid()
+        away = np.hypot(right - disc.x, down - disc.y)
+        ring = (away > disc.radius + BLURRED) & (away < radius)
+        return float(self.lit[ring].mean()) if ring.any() else 0.0
 
     def _grid(self) -> tuple[Array, Array]:
         """Return how far to the right and down cells are from the middle [pixels]."""

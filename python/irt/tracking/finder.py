@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from irt.tracking.blob_detector import COARSE_FROM, Box, seek
 from irt.tracking.colour import ColourModel
+from irt.tracking.contrast import Contrast
 from irt.tracking.light import Light
 from irt.tracking.opencv import opencv
 
@@ -37,8 +38,8 @@ class Finder:
         Where the marble can be.
     anew : bool
         Whether only what differs from the board without the marble counts.
-    light : Light or None
-        What makes pictures even, where shadows pass over the board.
+    light : Light, Contrast or None
+        What makes pictures even, where shadows pass over the board, or enlarges what is faint.
     aside : (dx, dy)
         From what has these colours to the marble [pixels]: the shadow of a marble that looks like the board
         is easier to find than the marble.
@@ -50,7 +51,7 @@ class Finder:
     noise: float
     box: Box
     anew: bool = True
-    light: Light | None = None
+    light: Light | Contrast | None = None
     aside: tuple[float, float] = (0.0, 0.0)
 
     @property

@@ -9,7 +9,8 @@ and taken out of the median there.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from irt.tracking.appearance import Match
 from irt.tracking.background import ROUNDS, Underlay
 from irt.tracking.blob_detector import Box, seek
 from irt.tracking.colour import ColourModel, shades_of
+from irt.tracking.contrast import Contrast
 from irt.tracking.edge_fit import Rim, Values, fit_rim
 from irt.tracking.finder import Finder, greatest
 from irt.tracking.geometry import Geometry
@@ -30,9 +32,11 @@ from irt.tracking.separation import (
     Clue,
     NoMarbleError,
     beside,
+    largest_group,
     marble_beside,
     middle_of,
     seen_through,
+    two_of,
     without_shadow,
 )
 from irt.tracking.template import View, learn_appearance
@@ -48,8 +52,6 @@ QUIETEST = 1.0
 ROUND = 0.7
 #: Candidates of one picture.
 MOST = 6
-#: Colours so far apart are one marble's [levels].
-SAME = 45.0
 #: Pixels of the board that the colours are learned against, per picture.
 OTHERS = 4000
 #: A board on which this share of the sample shows two marbles at once has two.
@@ -62,6 +64,9 @@ STIFF = 0.05
 VIEW = 0.6
 #: How far a marble is followed back from one picture of the sample to the one before, in radii.
 BACK = 3.0
+#: More contrast than this is worth another look, where nothing like a marble moves; then this share of the
+#: pictures must show it clearly, and the chance of a shadow may be no more than what is warned of.
+WORTHWHILE, CLEAR, FAINT_SHADOW = 1.5, 0.5, 0.05
 #: A chance of a shadow from here on is refused: one run in a thousand may be refused in vain.
 SHADOW = 0.999
 
@@ -99,20 +104,80 @@ def learn(
         raise IrtError(f"{FEWEST} pictures at least are needed to see what moves")
     without = np.median(np.stack(pictures), axis=0).astype(np.uint8) if empty is None else empty
     expected = geometry.radius_at(((box.left + box.right) / 2.0, (box.top + box.bottom) / 2.0))
-    light = None
+    even: Light | None = None
+    given = pictures
+    asked, told = clue or Clue(), empty is not None
     if not is_steady(pictures, Light(without, expected), box):
-        pictures, without, light = _evened(pictures, without, expected, known=empty is not None)
-    blank = Finder(without, _any(), expected, _noise(pictures, without, box), box)
-    scale = scale_of(geometry, blank.middle)
+        pictures, without, even = _evened(pictures, without, expected, known=told)
+    light: Light | Contrast | None = even
+    try:
+        learned = _learned(pictures, without, box, geometry, asked, told=told)
+    except NoMarbleError:
+        contrast = Contrast(without, box, expected, even)
+        if asked.colour is not None or contrast.gain < WORTHWHILE:
+            raise
+        whole = Box(0, 0, without.shape[1], without.shape[0])
+        more = [contrast.evened(one, whole) for one in given]
+        plain = _Plain(pictures, without, _noise(pictures, without, box))
+        bare = contrast.evened(without, whole)
+        enlarged: Learned | None = None
+        with suppress(IrtError):
+            enlarged = _learned(more, bare, box, geometry, asked, told=told, plain=plain)
+        if enlarged is None:
+            raise
+        learned, light = enlarged, contrast
+    return replace(learned, finder=replace(learned.finder, light=light))
+
+
+@dataclass(frozen=True, eq=False)
+class _Plain:
+    """Pictures without more contrast: there a shadow is the board in less light.
+
+    Attributes
+    ----------
+    pictures, without : (h, w, 3) uint8 arrays
+        A sample of the run, and the board without a marble.
+    noise : float
+        Standard deviation of a colour [levels].
+    least, shadow : float
+        Share of the pictures that must show the marble clearly, and the chance of a shadow from which on it
+        is refused: what is enlarged may be anything.
+    """
+
+    pictures: Sequence[Picture]
+    without: Picture
+    noise: float
+    least: float = CLEAR
+    shadow: float = FAINT_SHADOW
+
+    def known(self, known: Finder) -> Finder:
+        """Return what is known, in these pictures."""
+        return replace(known, without=self.without, noise=self.noise)
+
+
+def _learned(
+    pictures: Sequence[Picture],
+    without: Picture,
+    box: Box,
+    geometry: Geometry,
+    clue: Clue,
+    *,
+    told: bool,
+    plain: _Plain | None = None,
+) -> Learned:
+    """Return what is learned from pictures in the usual light; `plain` if these have more contrast."""
+    radius = geometry.radius_at(((box.left + box.right) / 2.0, (box.top + box.bottom) / 2.0))
+    blank = Finder(without, _any(), radius, _noise(pictures, without, box), box)
     known = blank
-    if clue is not None and (clue.places or clue.colour):
-        known = replace(blank, colours=_told(pictures, clue, expected, box))
-    if known is blank or (clue is not None and clue.places and len(_discs(pictures, known)) < FEWEST):
+    if clue.places or clue.colour:
+        known = replace(blank, colours=_told(pictures, clue, radius, box))
+    if known is blank or (clue.places and len(_discs(pictures, known)) < FEWEST):
         # A marble whose colours are the board's is found by what moves beside the place that was given. A
         # disc or two of these colours may be anything.
-        known = _moving(pictures, scale, blank, told=empty is not None)
-    learned = _refined(pictures, known, geometry, clue or Clue())
-    return replace(learned, finder=replace(learned.finder, light=light))
+        known = _moving(pictures, scale_of(geometry, blank.middle), blank, told=told)
+    return _refined(
+        pictures, known, geometry, clue, plain or _Plain(pictures, without, blank.noise, 0.0, SHADOW)
+    )
 
 
 def _evened(
@@ -168,7 +233,7 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: b
     for size in SIZES:
         tried = replace(blank, radius=size * blank.radius)
         found = [one for index, picture in enumerate(pictures) for one in _candidates(index, picture, tried)]
-        marble = _largest_group(found, rests=0.1 if told else 0.0)
+        marble = largest_group(found, rests=0.1 if told else 0.0)
         places = {one.picture for one in marble}
         if len(places) >= FEWEST:
             break
@@ -180,7 +245,7 @@ def _moving(pictures: Sequence[Picture], scale: Scale, blank: Finder, *, told: b
     if len(marble) - len(places) > TWO * len(places):
         marble = without_shadow(pictures, marble, blank)
     if len(marble) - len(places) > TWO * len(places):
-        first, second = _two(marble)
+        first, second = two_of(marble)
         raise IrtError(
             "two marbles move on the board, at pixels "
             f"{first[0]:.0f},{first[1]:.0f} and {second[0]:.0f},{second[1]:.0f} of one picture: take one away"
@@ -251,38 +316,6 @@ def _within(picture: Picture, rim: Rim, part: float) -> tuple[NDArray[np.int64],
     return down[inside], right[inside]
 
 
-def _largest_group(found: Sequence[Candidate], rests: float) -> list[Candidate]:
-    """Return the candidates of the colour that most of them share, in most places.
-
-    `rests` is what a marble that does not move is worth; on a board that nobody saw empty, nothing.
-    """
-    if not found:
-        return []
-    colours = np.array([one.colour for one in found])
-    places = np.array([[one.rim.x, one.rim.y] for one in found])
-    apart = np.linalg.norm(colours[:, None] - colours[None], axis=2)
-    best: list[int] = []
-    most = 0.0
-    for row in range(len(found)):
-        group = [int(one) for one in np.flatnonzero(apart[row] < SAME)]
-        pictures = len({found[one].picture for one in group})
-        # What stays in one place is a part of the board that moves with its tilt.
-        moved = float(np.hypot(*np.std(places[group], axis=0))) / max(found[row].rim.radius, 1.0)
-        worth = pictures * (min(moved, 2.0) + rests)
-        if worth > most:
-            best, most = group, worth
-    return [found[one] for one in best]
-
-
-def _two(marble: Sequence[Candidate]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return two places of one picture."""
-    for one in marble:
-        for other in marble:
-            if one.picture == other.picture and one is not other:
-                return (one.rim.x, one.rim.y), (other.rim.x, other.rim.y)
-    raise ValueError("no picture has two")
-
-
 def _colours(pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], box: Box) -> ColourModel:
     """Return the colours of discs beside those of all else on the board."""
     own = [pictures[index][_within(pictures[index], rim, 0.85)] for index, rim in discs]
@@ -314,13 +347,17 @@ def _told(pictures: Sequence[Picture], clue: Clue, radius: float, box: Box) -> C
     return ColourModel.learned(own, first[rows, columns].reshape(-1, 3)[::7])
 
 
-def _refined(pictures: Sequence[Picture], known: Finder, geometry: Geometry, clue: Clue) -> Learned:
+def _refined(
+    pictures: Sequence[Picture], known: Finder, geometry: Geometry, clue: Clue, plain: _Plain
+) -> Learned:
     """Return more exactly what is roughly known: the marble's colours, the board without it, its looks."""
     scale, size = scale_of(geometry, known.middle), geometry.radius_at(known.middle)
     found = _discs(pictures, known)
     if not found:
         raise NoMarbleError("nothing has the marble's colours and its size: is --marble or --colour right?")
-    aside = marble_beside(pictures, found, known, clue)
+    feet = geometry.feet(np.array([[rim.x, rim.y] for _, rim in found])).mean(axis=0)
+    foot = float(feet[0]), float(feet[1])
+    aside = marble_beside(plain.pictures, found, plain.known(known), clue, foot)
     radius = (
         float(np.median([rim.radius / scale(rim.x, rim.y) for _, rim in found])) if aside is None else size
     )
@@ -335,12 +372,13 @@ def _refined(pictures: Sequence[Picture], known: Finder, geometry: Geometry, clu
         without=_emptied(pictures, known.without, [*found, *discs]),
     )
     views = [_view(pictures[index], rim, Underlay(known.without), known.noise, scale) for index, rim in discs]
-    feet = geometry.feet(np.array([[rim.x, rim.y] for _, rim in discs])).mean(axis=0)
-    appearance = learn_appearance(views, radius, size, known.noise, (float(feet[0]), float(feet[1])))
+    appearance = learn_appearance(views, radius, size, known.noise, foot)
     learned = Learned(replace(known, radius=appearance.radius), appearance)
     tracker = Tracker(learned, scale)
     matches = [(index, tracker.match(pictures[index], rim.x, rim.y)) for index, rim in discs]
     clear = [(index, one) for index, one in matches if one.confidence > VIEW]
+    if len(clear) < plain.least * len(pictures):
+        raise NoMarbleError("what moves is seen in too few pictures")
     if aside is not None:
         # What was found lies beside the marble by so much on average, after the marble's own looks are known.
         offsets = [
@@ -355,8 +393,12 @@ def _refined(pictures: Sequence[Picture], known: Finder, geometry: Geometry, clu
             ),
         )
     seen = [(index, Rim(one.x, one.y, appearance.radius, 1.0, 1.0)) for index, one in clear]
-    shadow = seen_through(pictures, seen, known).chance_of_shadow if len(seen) >= FEWEST else 0.5
-    if shadow > SHADOW:
+    shadow = (
+        seen_through(plain.pictures, seen, plain.known(known)).chance_of_shadow
+        if len(seen) >= FEWEST
+        else 0.5
+    )
+    if shadow > plain.shadow:
         raise NoMarbleError(
             "what moves on the board is a shadow, and what throws it does not stand out: say where the "
             "marble is in the first picture (--marble X,Y), or take one of a colour that the board lacks"

@@ -14,7 +14,16 @@ from irt.errors import IrtError
 from irt.tracking.blob_detector import Box
 from irt.tracking.board_edges import BoardEdges
 from irt.tracking.board_texture import BoardTexture
-from irt.tracking.corners import TwoBoardsError, checked, find_corners, ordered
+from irt.tracking.corners import (
+    MISSHAPEN,
+    NEARER,
+    TwoBoardsError,
+    checked,
+    find_corners,
+    mean_side,
+    misshapen,
+    ordered,
+)
 from irt.tracking.geometry import Geometry, Lens, Plane, Pose, Size
 from irt.tracking.learning import learn, scale_of
 from irt.tracking.markers import Markers, corners_by_markers
@@ -197,6 +206,12 @@ def prepare(source: Source, question: Question, progress: Progress) -> Scene:
     edges = None if question.corners is not None else _sides(pictures, corners, lens)
     if edges is not None:
         corners = edges.corners
+        surely = edges.clear and edges.error_px < MISSHAPEN * mean_side(corners)
+        if surely and misshapen(corners, lens, size) > MISSHAPEN:
+            raise IrtError(
+                "what was found in the picture is not of the board's shape; it may be its rim, or its edge: "
+                "--corners X,Y X,Y X,Y X,Y says where the board is"
+            )
     if edges is not None and edges.clear:
         # A board that is elsewhere is no ground for the marble.
         pictures = [pictures[0], *(one for one in pictures[1:] if edges.stand(one))]
@@ -250,19 +265,30 @@ def _corners(pictures: list[Picture], question: Question) -> tuple[Array, str, b
         (first, True, "found in the first picture by their colour"),
         (middle, True, "found in the median of the pictures by their colour"),
     )
-    reasons = []
+    reasons, outlines = [], []
     for picture, by_colour, words in ways:
         try:
-            found = find_corners(picture, question.lens, question.size, by_colour=by_colour)
-            return ordered(found, question.size), words, picture is middle
+            found = ordered(
+                find_corners(picture, question.lens, question.size, by_colour=by_colour), question.size
+            )
         except TwoBoardsError:
             raise
         except IrtError as error:
             reasons.append(error)
-        marked = corners_by_markers(first) if len(reasons) == 1 else None
+        else:
+            outlines.append(
+                (misshapen(found, question.lens, question.size), (found, words, picture is middle))
+            )
+            if outlines[0][0] < MISSHAPEN:
+                break
+        marked = corners_by_markers(first) if len(reasons) + len(outlines) == 1 else None
         if marked is not None:
             return marked, "the outer corners of markers 0 to 3", False
-    raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
+    if not outlines:
+        raise IrtError(f"{reasons[0]}; --corners X,Y X,Y X,Y X,Y says where they are")
+    # The outline of a rim is nearly of the board's shape: another is the board's if it is much nearer.
+    best = min(outlines, key=lambda one: one[0])
+    return best[1] if best[0] < NEARER * outlines[0][0] else outlines[0][1]
 
 
 def board_box(corners: Array, geometry: Geometry, size: tuple[int, int]) -> Box:

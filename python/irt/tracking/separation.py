@@ -13,16 +13,22 @@ from irt.tracking.background import ROUNDS, Underlay
 from irt.tracking.blob_detector import Box
 from irt.tracking.edge_fit import Rim
 from irt.tracking.finder import Finder
-from irt.tracking.shadow import ASIDE, HALF, REACH, Neighbourhood, Transmission, transmission
+from irt.tracking.rims import light_of
+from irt.tracking.shading import thrower
+from irt.tracking.shadow import ASIDE, CELLS, HALF, REACH, Neighbourhood, Transmission, transmission, usual
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
+#: Colours so far apart are one marble's [levels].
+SAME = 45.0
 #: Pictures from which something can be said.
 FEWEST = 3
 #: Two things whose offset scatters by less than this keep step [radii]: rims are found to a tenth, and a lamp
 #: half a metre away turns a shadow by as much over the board.
 STEP = 0.25
+#: Chances of a shadow between this and one less this leave it open which of the two was found.
+UNSURE = 0.01
 #: A user points at a marble to within its radius, less what an unsteady hand misses [radii].
 POINTED = 0.75
 
@@ -46,6 +52,38 @@ class Candidate:
     picture: int
     rim: Rim
     colour: Array
+
+
+def largest_group(found: Sequence[Candidate], rests: float) -> list[Candidate]:
+    """Return the candidates of the colour that most of them share, in most places.
+
+    `rests` is what a marble that does not move is worth; on a board that nobody saw empty, nothing.
+    """
+    if not found:
+        return []
+    colours = np.array([one.colour for one in found])
+    places = np.array([[one.rim.x, one.rim.y] for one in found])
+    apart = np.linalg.norm(colours[:, None] - colours[None], axis=2)
+    best: list[int] = []
+    most = 0.0
+    for row in range(len(found)):
+        group = [int(one) for one in np.flatnonzero(apart[row] < SAME)]
+        pictures = len({found[one].picture for one in group})
+        # What stays in one place is a part of the board that moves with its tilt.
+        moved = float(np.hypot(*np.std(places[group], axis=0))) / max(found[row].rim.radius, 1.0)
+        worth = pictures * (min(moved, 2.0) + rests)
+        if worth > most:
+            best, most = group, worth
+    return [found[one] for one in best]
+
+
+def two_of(marble: Sequence[Candidate]) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return two places of one picture."""
+    for one in marble:
+        for other in marble:
+            if one.picture == other.picture and one is not other:
+                return (one.rim.x, one.rim.y), (other.rim.x, other.rim.y)
+    raise ValueError("no picture has two")
 
 
 def without_shadow(
@@ -87,9 +125,16 @@ def without_shadow(
 
 
 def marble_beside(
-    pictures: Sequence[Picture], found: Sequence[tuple[int, Rim]], known: Finder, clue: Clue
+    pictures: Sequence[Picture],
+    found: Sequence[tuple[int, Rim]],
+    known: Finder,
+    clue: Clue,
+    foot: tuple[float, float],
 ) -> tuple[float, float] | None:
-    """Return where the marble is beside what was found (dx, dy) [radii], None where that is the marble."""
+    """Return where the marble is beside what was found (dx, dy) [radii], None where that is the marble.
+
+    `foot` is where a marble touches the board, beside its middle in a picture [radii].
+    """
     if clue.places:
         index, rim = found[0]
         x, y = min(clue.places, key=lambda place: np.hypot(place[0] - rim.x, place[1] - rim.y))
@@ -103,8 +148,16 @@ def marble_beside(
         return (float(dx), float(dy)) if away > POINTED else None
     if clue.colour is not None or len(found) < FEWEST:
         return None
-    through = seen_through(pictures, found, known)
-    return None if through.middle < HALF else through.opaque()
+    around = _around(pictures, found, known)
+    through = transmission(around)
+    if through.is_no_shadow or through.chance_of_shadow < UNSURE:
+        return None
+    opaque = through.opaque() if through.middle > HALF else None
+    if opaque is None and through.chance_of_shadow < 1.0 - UNSURE:
+        # A board without texture does not say which of the two this is. The shape of the two does.
+        picture, board = usual(around)
+        return thrower(light_of(picture), light_of(board), CELLS, foot)
+    return opaque
 
 
 def beside(rim: Rim, aside: tuple[float, float], radius: float) -> Rim:
@@ -122,9 +175,16 @@ def seen_through(
     pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
 ) -> Transmission:
     """Return how much of the board's texture is seen through discs and what is beside them."""
-    return transmission(
-        [_neighbourhood(pictures[index], rim, Underlay(known.without), known.noise) for index, rim in discs]
-    )
+    return transmission(_around(pictures, discs, known))
+
+
+def _around(
+    pictures: Sequence[Picture], discs: Sequence[tuple[int, Rim]], known: Finder
+) -> list[Neighbourhood]:
+    """Return discs with what is beside them."""
+    return [
+        _neighbourhood(pictures[index], rim, Underlay(known.without), known.noise) for index, rim in discs
+    ]
 
 
 def _neighbourhood(picture: Picture, rim: Rim, under: Underlay, noise: float) -> Neighbourhood:

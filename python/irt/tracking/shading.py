@@ -13,6 +13,7 @@ shadow. What mirrors a lamp or a window is let go of.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,13 @@ SOFT, SOFT_ERROR = 0.08, 0.06
 #: How well the middle of what is covered is known where marble and board look alike (standard deviation)
 #: [radii].
 COVERS = 0.15
+#: The same where nothing is known of it, and where it may not leave its place.
+FREE, CENTRED = 1.0, 0.02
+#: From here on a middle is another one [radii].
+ELSEWHERE = 2.0 * COVERS
+#: A ball beside the middle leaves less than this share of what one in the middle does. Where a shadow is in
+#: the middle of drawn scenes it is 0.24 and 0.36, and where a marble is, 1.06 and more.
+OUTDOES = 0.5
 #: Samples that err alike.
 ALIKE = 20.0
 #: Residuals at which a sample loses its say, in scatters.
@@ -81,19 +89,87 @@ def ball_by_shading(light: Values, board: Values, covers: Laid, foot: tuple[floa
     light, board : (n, n, 3) float32 arrays
         The usual picture, and the board there without a marble [light, to 255], `FINE` samples to a pixel.
     covers : Laid
-        What the marble covers: its radius, and roughly its middle.
+        What the marble covers: its radius, and roughly its middle. On a board without texture its shadow
+        covers as much; so the ball is looked for in the picture's middle as well.
     foot : (dx, dy)
         Where the marble touches the board, beside its middle in the picture [radii].
     """
-    return _Ball(light, board, covers, foot).laid()
+    roughly = [covers]
+    if np.hypot(covers.x, covers.y) > ELSEWHERE * covers.radius:
+        roughly.append(Laid(0.0, 0.0, covers.radius, 0.0))
+    found = [
+        _Ball(light, board, one, foot).laid([(one.x, one.y, *aside) for aside in _asides()])
+        for one in roughly
+    ]
+    return min(found, key=lambda one: one.left).ball
+
+
+def thrower(
+    light: Values, board: Values, radius: float, foot: tuple[float, float]
+) -> tuple[float, float] | None:
+    """Return where the ball is that throws what is in a picture's middle, None where that is the ball.
+
+    A ball in the middle, whose shadow may be anywhere, is compared to one whose shadow is in the middle.
+
+    Parameters
+    ----------
+    light, board : (n, n, 3) float32 arrays
+        The usual picture, and the board there without a marble [light, to 255].
+    radius : float
+        Of ball and shadow [samples].
+    foot : (dx, dy)
+        Where a marble touches the board, beside its middle in the picture [radii].
+
+    Returns
+    -------
+    (dx, dy) or None
+        From the picture's middle [radii].
+    """
+    middle = Laid(0.0, 0.0, radius, 0.0)
+    here = _Ball(light, board, middle, foot, fine=1, hold=CENTRED).laid(
+        [(0.0, 0.0, *aside) for aside in _asides()], all_of_it=True
+    )
+    starts = [(-radius * (x + foot[0]), -radius * (y + foot[1]), x, y) for x, y in _asides()]
+    there = _Ball(light, board, middle, foot, fine=1, hold=FREE)
+    x, y = min(starts, key=there.left_by)[:2]
+    beside = _Ball(light, board, Laid(x, y, radius, 0.0), foot, fine=1, hold=FREE).laid(
+        starts, all_of_it=True
+    )
+    if not beside.ball.matt or beside.left > OUTDOES * here.left:
+        return None
+    return beside.ball.x / radius, beside.ball.y / radius
+
+
+def _asides() -> list[tuple[float, float]]:
+    """Return where shadows may be beside the foot of their ball [radii]."""
+    turns = 2.0 * np.pi * np.arange(TURNS) / TURNS
+    return [(aside * np.cos(turn), aside * np.sin(turn)) for turn in turns for aside in ASIDE]
+
+
+@dataclass(frozen=True)
+class _Laid:
+    """A ball laid over a picture, and the squares that it leaves of all samples."""
+
+    ball: Shaded
+    left: float
 
 
 class _Ball:
     """A picture, and what explains it."""
 
-    def __init__(self, light: Values, board: Values, covers: Laid, foot: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        light: Values,
+        board: Values,
+        covers: Laid,
+        foot: tuple[float, float],
+        *,
+        fine: int = FINE,
+        hold: float = COVERS,
+    ) -> None:
         half = len(light) // 2
-        down, right = np.mgrid[-half : half + 1, -half : half + 1] / FINE
+        down, right = np.mgrid[-half : half + 1, -half : half + 1] / fine
+        self._hold = hold
         self._right, self._down = right.ravel(), down.ravel()
         self._picture = light.reshape(-1, 3).T.astype(np.float64) / 255.0
         self._board = board.reshape(-1, 3).T.astype(np.float64) / 255.0
@@ -106,26 +182,28 @@ class _Ball:
         self._trust = np.ones(len(self._right))
         self._scatter = 1.0
 
-    def laid(self) -> Shaded:
-        """Return the ball that explains the picture best."""
+    def left_by(self, start: tuple[float, ...]) -> float:
+        """Return the squares that a middle, and where its shadow is, leave."""
+        return float(self._left(np.array([*start, SOFT]))[0].sum())
+
+    def laid(self, starts: Sequence[tuple[float, ...]], *, all_of_it: bool = False) -> _Laid:
+        """Return the ball that explains the picture best, or all of it where nothing may be let go of."""
         from scipy.optimize import minimize  # noqa: PLC0415
 
         covers = self._covers
-        turns = 2.0 * np.pi * np.arange(TURNS) / TURNS
-        starts = [
-            np.array([covers.x, covers.y, aside * np.cos(turn), aside * np.sin(turn), SOFT])
-            for turn in turns
-            for aside in ASIDE
-        ]
-        best = min(starts, key=lambda start: float(self._left(start)[0].sum()))
+        best = np.array([*min(starts, key=self.left_by), SOFT])
+        step = 2.0 * self._hold
         for _ in range(ROUNDS):
             self._let_go(best)
-            simplex = np.vstack([best, best + np.diag([0.3, 0.3, 0.2, 0.2, 0.04])])
+            if all_of_it:
+                self._trust = np.ones_like(self._trust)
+            simplex = np.vstack([best, best + np.diag([step, step, 0.2, 0.2, 0.04])])
             options = {"initial_simplex": simplex, "xatol": 0.01, "fatol": 0.01, "maxfev": STEPS}
             best = minimize(self._misfit, best, method="Nelder-Mead", options=options).x
         inner = np.hypot(self._right - best[0], self._down - best[1]) < covers.radius
-        left = 1.48 * float(np.median(np.sqrt(self._left(best)[1][inner])))
-        return Shaded(float(best[0]), float(best[1]), left)
+        left = self._left(best)[1]
+        scatter = 1.48 * float(np.median(np.sqrt(left[inner])))
+        return _Laid(Shaded(float(best[0]), float(best[1]), scatter), float(left.sum()))
 
     def _let_go(self, at: Array) -> None:
         """Let go of samples that are not explained."""
@@ -136,7 +214,7 @@ class _Ball:
     def _misfit(self, at: Array) -> float:
         """Return minus the logarithm of how likely a ball is [nats]."""
         covers = self._covers
-        away = ((at[0] - covers.x) ** 2 + (at[1] - covers.y) ** 2) / (COVERS * covers.radius) ** 2
+        away = ((at[0] - covers.x) ** 2 + (at[1] - covers.y) ** 2) / (self._hold * covers.radius) ** 2
         soft = ((abs(at[4]) - SOFT) / SOFT_ERROR) ** 2
         return float(self._left(at)[0].sum() / self._scatter**2 / ALIKE + away + soft) / 2.0
 

@@ -43,6 +43,8 @@ TINTED = np.log(3.0) / 2.4
 BRIGHTER = 0.05
 #: Samples that err alike: cells are about half a pixel wide and interpolated, colours share their grain.
 ALIKE = 12.0
+#: Variance of a whole level about the light [levels^2].
+ROUNDED = 1.0 / 12.0
 #: Standard errors that a decision needs.
 SURE = 3.0
 
@@ -88,6 +90,11 @@ class Transmission:
         return float(self.share[len(self.share) // 2, len(self.share) // 2])
 
     @property
+    def is_no_shadow(self) -> bool:
+        """Whether the disc in the middle has another hue than a shadow can have, or is brighter."""
+        return bool(np.ptp(self.change) > TINTED or self.change.max() > BRIGHTER)
+
+    @property
     def chance_of_shadow(self) -> float:
         """The chance that the disc in the middle is a shadow, from 0 to 1; a half where nothing says.
 
@@ -95,7 +102,7 @@ class Transmission:
         """
         from scipy.special import ndtr  # noqa: PLC0415
 
-        if np.ptp(self.change) > TINTED or self.change.max() > BRIGHTER:
+        if self.is_no_shadow:
             return 0.0
         error = self.error[len(self.error) // 2, len(self.error) // 2]
         return float(ndtr((self.middle - HALF) / error))
@@ -123,19 +130,32 @@ def transmission(neighbourhoods: Sequence[Neighbourhood]) -> Transmission:
         np.sum([_covariance(one, other, inner) for one, other in zip(first, second, strict=True)], axis=0)
         for first, second in ((textures, textures), (textures, grounds), (grounds, grounds))
     )
-    ground = ground + 1e-9
-    share = both / ground
+    share = both / (ground + 1e-9)
     count = max(len(textures) - 1, 1) * 3.0 * inner.sum()
-    left = np.maximum(whole - share * both, 0.0) / count
+    rounded = ROUNDED * float(np.exp(-2.0 * boards).mean())
+    left = np.maximum((whole - share * both) / count, rounded)
     half = pictures.shape[1] // 2
     middle = slice(half - CELLS, half + CELLS + 1)
     apart = np.median(pictures - boards, axis=0)[middle, middle]
-    error = np.sqrt(ALIKE * left / ground)
+    # Levels are whole: a texture that is only rounded off shows nothing.
+    error = np.sqrt(ALIKE * left / np.maximum(ground - count * rounded, 1e-9 * rounded))
     # Most of the neighbourhood is clear. Where the board shows less than itself there, its texture is noise.
     clear = float(np.median(share))
     scatter = 1.48 * float(np.median(np.abs(share - clear)))
     clear = max(clear, 1e-3)
     return Transmission(share / clear, np.hypot(error, scatter) / clear, np.median(apart[inner > 0], axis=0))
+
+
+def usual(neighbourhoods: Sequence[Neighbourhood]) -> tuple[Values, Values]:
+    """Return the medians of pictures and boards (n, n, 3), `CELLS` to a radius, discs in their middle."""
+    pictures, boards = (
+        np.median(np.array(cuts), axis=0).astype(np.float32)
+        for cuts in (
+            [_cut(one.picture, one) for one in neighbourhoods],
+            [_cut(one.board, one) for one in neighbourhoods],
+        )
+    )
+    return pictures, boards
 
 
 def _cut(layers: Values, one: Neighbourhood) -> Values:

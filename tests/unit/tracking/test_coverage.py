@@ -56,3 +56,20 @@ def test_sizes_of_another_marble_are_not_believed(wrong: float) -> None:
     coverage = Coverage.of(*views(COLOURS["painted"], 0.1), NOISE, FINE)
     assert abs(np.log(wrong)) > WRONG
     assert coverage.sized(RADIUS, wrong * RADIUS).radius == RADIUS
+
+
+def test_the_horizon_in_a_mirroring_marble_is_no_smaller_marble() -> None:
+    """Towards its rim steel on a bare board shows the board, a little darker; the horizon is a rim inside."""
+    half = SIDE // 2
+    down, right = np.mgrid[-half : half + 1, -half : half + 1] / FINE
+    away = np.hypot(right - MARBLE[0], down - MARBLE[1])
+    seen = np.where(np.hypot(right - SHADOW[0], down - SHADOW[1]) < RADIUS, 0.7, 1.0)
+    seen = np.where(away < RADIUS, 0.8, seen)
+    seen = np.where(away < 0.7 * RADIUS, 0.4, seen)[..., None] * BOARD
+    random = np.random.default_rng(1)
+    pictures, boards = (
+        (one + random.normal(0, scatter, (30, SIDE, SIDE, 3))).astype(np.float32)
+        for one, scatter in ((seen, NOISE), (BOARD, 0.3))
+    )
+    coverage = Coverage.of(pictures, boards, NOISE, FINE)
+    assert coverage.sized(0.7 * RADIUS, RADIUS).radius == RADIUS

@@ -8,7 +8,7 @@ import pytest
 
 from irt.tracking.appearance import FINE
 from irt.tracking.coverage import Laid
-from irt.tracking.shading import ball_by_shading
+from irt.tracking.shading import ball_by_shading, thrower
 
 RADIUS, HALF, SAMPLES = 8.0, 25, 4
 WOOD = np.array([0.16, 0.31, 0.47])
@@ -17,28 +17,30 @@ LAMP = np.array([0.5, -0.4, 0.77]) / np.linalg.norm([0.5, -0.4, 0.77])
 FOOT = (0.15, -0.1)
 
 
-def rendered(surface: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return light with and without a ball (n, n, 3), to 255, `FINE` samples to a pixel."""
-    side = (2 * HALF + 1) * SAMPLES
-    grid = ((np.arange(side) + 0.5) / SAMPLES - 0.5 - HALF) / FINE
+def rendered(
+    surface: str, middle: np.ndarray = MIDDLE, half: int = HALF, fine: float = FINE, lamp: np.ndarray = LAMP
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return light with and without a ball (n, n, 3), to 255, `fine` samples to a pixel."""
+    side = (2 * half + 1) * SAMPLES
+    grid = ((np.arange(side) + 0.5) / SAMPLES - 0.5 - half) / fine
     right, down = np.meshgrid(grid, grid)
-    u, v = (right - MIDDLE[0]) / RADIUS, (down - MIDDLE[1]) / RADIUS
+    u, v = (right - middle[0]) / RADIUS, (down - middle[1]) / RADIUS
     away = np.hypot(u, v)
     up = np.sqrt(np.maximum(1.0 - away**2, 0.0))
     # The shadow of a ball: rays towards the lamp that pass its middle, a radius above its foot, closely.
     x, y = u - FOOT[0], v - FOOT[1]
-    along = -x * LAMP[0] - y * LAMP[1] + LAMP[2]
+    along = -x * lamp[0] - y * lamp[1] + lamp[2]
     aside = np.sqrt(np.maximum(x**2 + y**2 + 1.0 - along**2, 0.0))
     shadow = np.clip((1.0 - aside) / (0.15 * np.maximum(along, 0.1)) + 0.5, 0.0, 1.0) * (along > 0.0)
     board = (0.95 - 0.6 * shadow - 0.1 / (1.0 + away**2) ** 2)[..., None] * WOOD
-    facing = np.maximum(u * LAMP[0] + v * LAMP[1] + up * LAMP[2], 0.0)
+    facing = np.maximum(u * lamp[0] + v * lamp[1] + up * lamp[2], 0.0)
     matt = (0.25 * (1.0 + 0.5 * up) + 0.75 * facing)[..., None] * 1.1 * WOOD
     matt[np.hypot(u - 0.25, v + 0.2) < 0.12] = 0.9
     mirror = np.where((np.sin(7.0 * u) * np.sin(6.0 * v) > 0.0)[..., None], 0.6, 0.08) * np.ones(3)
     ball = {"matt": matt, "mirror": mirror}[surface]
     light = cv2.GaussianBlur(
-        np.where((away < 1.0)[..., None], ball, board), (0, 0), 0.75 * FINE * SAMPLES
-    ).reshape(2 * HALF + 1, SAMPLES, 2 * HALF + 1, SAMPLES, 3).mean(axis=(1, 3))  # fmt: skip
+        np.where((away < 1.0)[..., None], ball, board), (0, 0), 0.75 * fine * SAMPLES
+    ).reshape(2 * half + 1, SAMPLES, 2 * half + 1, SAMPLES, 3).mean(axis=(1, 3))  # fmt: skip
     random = np.random.default_rng(2)
     noisy = 255.0 * light + random.normal(0.0, 0.5, light.shape)
     return noisy.astype(np.float32), np.full(light.shape, 255.0 * WOOD, np.float32)
@@ -55,3 +57,19 @@ def test_a_matt_ball_is_found_where_it_is(covered: tuple[float, float]) -> None:
 def test_what_mirrors_is_not_matt() -> None:
     light, board = rendered("mirror")
     assert not ball_by_shading(light, board, Laid(*MIDDLE, RADIUS, 0.0), FOOT).matt
+
+
+LOW = np.array([0.6, -0.5, 0.62]) / np.linalg.norm([0.6, -0.5, 0.62])
+#: Beside its foot a low lamp's shadow lies so far from the ball [radii].
+SHADOW = FOOT - LOW[:2] / LOW[2]
+
+
+@pytest.mark.parametrize("found", ["shadow", "ball"])
+def test_a_shadow_in_the_middle_leads_to_its_ball(found: str) -> None:
+    fine = 0.75
+    middle = -RADIUS * SHADOW if found == "shadow" else np.zeros(2)
+    thrown = thrower(*rendered("matt", middle, 22, fine, LOW), RADIUS * fine, FOOT)
+    if found == "ball":
+        assert thrown is None
+    else:
+        assert thrown == pytest.approx(tuple(-SHADOW), abs=0.3)

@@ -58,3 +58,16 @@ def test_a_board_without_texture_says_nothing() -> None:
     through = transmission([view(seed, 0.0, (0.0, 0.0), FAR) for seed in range(20)])
     assert through.opaque() is None
     assert 0.001 < through.chance_of_shadow < 0.999
+
+
+@pytest.mark.parametrize(("levels", "chance"), [((40, 40, 180), 0.0), ((60, 80, 100), 0.5)])
+def test_a_bare_board_without_noise_says_nothing_but_by_the_hue(
+    levels: tuple[int, ...], chance: float
+) -> None:
+    board = np.full((SIDE, SIDE, 3), (120, 160, 200), np.float32)
+    down, right = np.mgrid[:SIDE, :SIDE]
+    picture = board.copy()
+    picture[np.hypot(right - 40, down - 40) < RADIUS] = levels
+    through = transmission([Neighbourhood(picture, board, 40.0, 40.0, RADIUS)] * 5)
+    assert through.chance_of_shadow == pytest.approx(chance, abs=0.05)
+    assert through.opaque() is None

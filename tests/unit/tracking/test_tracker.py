@@ -33,6 +33,16 @@ def test_a_window_is_enough_for_a_marble_that_rolls(tracker: Tracker) -> None:
     assert all(one.in_window for one in seen[2:])
 
 
+def test_a_drawing_without_noise_is_followed() -> None:
+    places = path(16)
+    pictures = [rendered(place, noise=0.0) for place in places]
+    drawn = Tracker(
+        learn(pictures, PLANE, Box(0, 0, WIDTH, HEIGHT)), scale_of(PLANE, (WIDTH / 2, HEIGHT / 2))
+    )
+    seen = [drawn.see(picture) for picture in pictures]
+    assert np.abs([[one.x, one.y] for one in seen] - places).max() < 0.3
+
+
 def test_a_marble_that_jumps_is_kept_once_the_next_picture_agrees(tracker: Tracker) -> None:
     for index in range(4):
         tracker.see(rendered((60.0 + index, 60.0), seed=index))
