@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::messages::{Bool, Log, Time};
 use crate::recorder::{Attached, Channel, Recorder, fresh};
 use crate::safety::Reason;
+use crate::security;
 use crate::signals::Signals;
 use crate::watch::Moment;
 
@@ -18,6 +19,8 @@ use crate::watch::Moment;
 pub enum Level {
     /// It went as it should.
     Info = 20,
+    /// It may not be as it should.
+    Warn = 30,
     /// It did not.
     Error = 40,
 }
@@ -60,7 +63,7 @@ impl Base {
         let mut recorder = Recorder::create(&fresh(folder, name)?, config, all)?;
         let e_stop = link.subscribe(&safety.e_stop, Reliability::BestEffort)?;
         let clock = Clock::new();
-        Ok(Self {
+        let base = Self {
             e_stop: (e_stop, recorder.channel::<Bool>(&safety.e_stop)),
             stop: (
                 link.serve(&safety.stop_service)?,
@@ -72,7 +75,12 @@ impl Base {
             clock,
             link,
             recorder,
-        })
+        };
+        if let Some(warning) = security::warning(network) {
+            crate::say(&warning);
+            base.event(Level::Warn, "unauthenticated", &warning);
+        }
+        Ok(base)
     }
 
     /// All reasons to stop that come from people, from the system or from the bag.

@@ -1,0 +1,55 @@
+"""Answers that stay: each rig under one set of instructions, number of threads, and with or without the extras.
+
+`pinned_answers.json` was written by ``python tests/answers_of_rigs.py``. The engine's own instruction sets give the same bits
+(`crates/labsim/src/engine/rolling/tests.rs`); here it is numpy, its matrix library and the C library that lack theirs.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+TESTS = Path(__file__).resolve().parents[1]
+PINNED = json.loads((TESTS / "pinned_answers.json").read_text())
+
+
+def without(*newest: str) -> dict[str, str]:
+    """Return variables of a process in which numpy lacks these instructions; all that it need not have by default."""
+    umath = np._core._multiarray_umath
+    has = [name for name in umath.__cpu_dispatch__ if umath.__cpu_features__.get(name)]
+    lacks = [name for name in has if not newest or name.startswith(newest)]
+    return {"NPY_DISABLE_CPU_FEATURES": " ".join(lacks)} if lacks else {}
+
+
+AVX2 = {**without("AVX512", "X86_V4"), "OPENBLAS_CORETYPE": "Haswell"}
+BASELINE = {
+    **without(),
+    "OPENBLAS_CORETYPE": "Prescott",
+    "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX512F,-AVX2,-AVX,-FMA",
+}
+RIGS = list(PINNED)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("variables", "words", "rigs"),
+    [
+        pytest.param({}, ("--threads", "2"), RIGS[::3], id="own"),
+        pytest.param(AVX2, ("--threads", "1", "--without-extras"), RIGS[1::3], id="avx2"),
+        pytest.param(BASELINE, ("--threads", "3"), RIGS[2::3], id="baseline"),
+    ],
+)
+def test_answers_stay(variables, words, rigs):
+    command = [sys.executable, TESTS / "answers_of_rigs.py", *words, *rigs]
+    done = subprocess.run(
+        command, env={**os.environ, **variables}, capture_output=True, text=True, timeout=180, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    answers = json.loads(done.stdout)
+    assert list(answers) == rigs
+    for name, answer in answers.items():
+        assert answer == PINNED[name], name
