@@ -10,7 +10,6 @@ use crate::error::Result;
 use crate::messages::{Bool, Log, Time};
 use crate::recorder::{Attached, Channel, Recorder, fresh};
 use crate::safety::Reason;
-use crate::security;
 use crate::signals::Signals;
 use crate::watch::Moment;
 
@@ -76,10 +75,9 @@ impl Base {
             link,
             recorder,
         };
-        if let Some(warning) = security::warning(network) {
-            crate::say(&warning);
-            base.event(Level::Warn, "unauthenticated", &warning);
-        }
+        let warning = unauthenticated(network);
+        crate::say(&warning);
+        base.event(Level::Warn, "unauthenticated", &warning);
         Ok(base)
     }
 
@@ -116,4 +114,13 @@ impl Base {
         };
         self.recorder.record(self.events, now, now, &log);
     }
+}
+
+/// Warning about a network on which anybody may take part: DDS does not authenticate anyone here.
+fn unauthenticated(network: &Network) -> String {
+    let addresses: Vec<String> = network.interfaces.iter().map(ToString::to_string).collect();
+    format!(
+        "no peer is authenticated: every program that reaches {} can pose as tracker or arms, and can stop a run",
+        addresses.join(", ")
+    )
 }

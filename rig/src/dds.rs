@@ -14,7 +14,6 @@ use crate::clock::Clock;
 use crate::config::{Network, Reliability, Services};
 use crate::error::{Error, Result};
 use crate::messages::{Message, TriggerRequest, TriggerResponse};
-use crate::security::secured;
 use crate::watch::Moment;
 
 /// Queue length of a subscription: one second at a kilohertz.
@@ -85,9 +84,8 @@ impl Link {
                 there.join(", ")
             )));
         }
-        let builder = DomainParticipantBuilder::new(network.domain)
-            .with_only_networks(network.interfaces.iter().copied());
-        let participant = secured(builder, network.security.as_deref())?
+        let participant = DomainParticipantBuilder::new(network.domain)
+            .with_only_networks(network.interfaces.iter().copied())
             .build()
             .map_err(|error| broken(&format!("DDS cannot start on {}", shown()), &error))?;
         let context = Context::from_domain_participant(participant.clone())

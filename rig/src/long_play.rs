@@ -79,7 +79,7 @@ impl Room {
     fn now(&self) -> Moment {
         Moment {
             steady: self.step as f64 / HZ as f64,
-            nanos: BEGIN + (self.step * 1_000_000_000 / HZ) as i64,
+            nanos: BEGIN + (self.step * 1_000_000_000 / HZ).cast_signed(),
         }
     }
 

@@ -27,7 +27,6 @@ mod motion;
 mod recorder;
 mod recover;
 mod safety;
-mod security;
 mod signals;
 mod station;
 mod twin;

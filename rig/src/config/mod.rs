@@ -9,7 +9,7 @@ pub use mistakes::tests::EXAMPLE;
 
 use std::fs;
 use std::net::IpAddr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -64,8 +64,6 @@ pub struct Network {
     pub services: Services,
     /// Longest wait for peers (s).
     pub match_s: f64,
-    /// Folder of an enclave of an SROS2 keystore: peers are authenticated, and messages encrypted.
-    pub security: Option<PathBuf>,
 }
 
 impl Default for Network {
@@ -75,7 +73,6 @@ impl Default for Network {
             interfaces: vec![IpAddr::from([127, 0, 0, 1])],
             services: Services::Enhanced,
             match_s: 5.0,
-            security: None,
         }
     }
 }

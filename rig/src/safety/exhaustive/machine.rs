@@ -239,7 +239,7 @@ impl Machine {
             }
             (Planted::LatchedArmsDrift, State::Latched(_)) => {
                 if let Some(points) = &mut self.safety.points {
-                    points[0].position = 0.5 * points[0].position;
+                    points[0].position *= 0.5;
                 }
                 output.set_points = self.safety.points;
             }
