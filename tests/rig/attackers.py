@@ -28,7 +28,7 @@ SUBMESSAGES = (0x15, 0x07, 0x06, 0x09, 0x08, 0x16, 0x12, 0x13, 0x30, 0x33, 0x00,
 
 
 def broken_packets(draws: random.Random, seen: list[bytes]) -> Iterator[bytes]:
-    """Yield bytes at random, headers with submessages that lie about their length, and changed packets of others."""
+    """Yield random bytes, submessages that lie about their length, and changed packets of others."""
     while True:
         kind = draws.random()
         if kind < 0.1:
@@ -88,7 +88,7 @@ def repeat(send: Callable[[], None], hz: float, count: Path) -> None:
         while sent < hz * (time.monotonic() - begin):
             send()
             sent += 1
-            if sent % 1000 == 0:
+            if sent % 100 == 0:
                 count.write_text(f"{sent}")
         time.sleep(0.0005)
 

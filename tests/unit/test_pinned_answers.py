@@ -1,7 +1,8 @@
-"""Answers that stay: each rig under one set of instructions, number of threads, and with or without the extras.
+"""Answers that stay: each rig under one set of instructions, number of threads, with or without the extras.
 
-`pinned_answers.json` was written by ``python tests/answers_of_rigs.py``. The engine's own instruction sets give the same bits
-(`crates/labsim/src/engine/rolling/tests.rs`); here it is numpy, its matrix library and the C library that lack theirs.
+`pinned_answers.json` was written by ``python tests/answers_of_rigs.py``. The instruction sets of the engine
+give the same bits (`crates/labsim/src/engine/rolling/tests.rs`); here numpy, its matrix library and the C
+library lack theirs.
 """
 
 import json
@@ -18,7 +19,7 @@ PINNED = json.loads((TESTS / "pinned_answers.json").read_text())
 
 
 def without(*newest: str) -> dict[str, str]:
-    """Return variables of a process in which numpy lacks these instructions; all that it need not have by default."""
+    """Return variables with which numpy lacks these instructions, or all that it can do without."""
     umath = np._core._multiarray_umath
     has = [name for name in umath.__cpu_dispatch__ if umath.__cpu_features__.get(name)]
     lacks = [name for name in has if not newest or name.startswith(newest)]

@@ -26,7 +26,7 @@ PERMISSIVE = {
     "Zlib",
 }
 
-#: Crates of which a binary holds several versions, as their own dependants ask for them. More is a choice to be made.
+#: Crates of which a binary holds several versions, because its crates ask for them.
 DUPLICATES = {"cfg-if", "glam", "hashbrown", "itertools", "mio", "syn", "thiserror", "thiserror-impl"}
 
 #: What distributions of the base say of their licence, in their own words.
@@ -40,9 +40,7 @@ def is_permitted(expression: str) -> bool:
         verdict = "MIT" if is_permitted(inner[1]) else "none"
         expression = expression.replace(inner[0], verdict)
     alternatives = re.split(r"\s+OR\s+", expression)
-    return any(
-        all(one.strip() in PERMISSIVE for one in re.split(r"\s+AND\s+", way)) for way in alternatives
-    )
+    return any(all(one.strip() in PERMISSIVE for one in re.split(r"\s+AND\s+", way)) for way in alternatives)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +63,14 @@ def test_expressions_are_understood(expression, permitted):
 def packages():
     if shutil.which("cargo") is None:
         pytest.skip("cargo is not installed")
-    words = ("--locked", "--offline", "--format-version", "1", "--filter-platform", "x86_64-unknown-linux-gnu")
+    words = (
+        "--locked",
+        "--offline",
+        "--format-version",
+        "1",
+        "--filter-platform",
+        "x86_64-unknown-linux-gnu",
+    )
     done = subprocess.run(
         ["cargo", "metadata", *words], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
     )

@@ -11,7 +11,7 @@ pub struct Fault {
     pub effect: Effect,
     /// The stop that must follow.
     pub code: &'static str,
-    /// At most after this time (s): the time-out, the way of a picture, and two ticks.
+    /// At most after this time (s): the time-out, the way of a picture, and a tick that is 40 ms late.
     pub most_s: f64,
 }
 
@@ -58,7 +58,7 @@ pub const FAULTS: [Fault; 24] = [
         "the tracker dies",
         Effect::TrackerDies,
         "tracker_silent",
-        0.35,
+        0.37,
     ),
     fault(
         "the tracker freezes",
@@ -82,37 +82,37 @@ pub const FAULTS: [Fault; 24] = [
         "the tracker says NaN",
         Effect::TrackerSaysNan,
         "tracker_silent",
-        0.35,
+        0.37,
     ),
     fault(
         "the tracker's stamps are old",
         Effect::TrackerIsOld,
         "tracker_silent",
-        0.35,
+        0.37,
     ),
     fault(
         "the tracker's stamps are of the future",
         Effect::TrackerIsAhead,
         "tracker_silent",
-        0.35,
+        0.37,
     ),
     fault(
         "joint states stop",
         Effect::JointsDie,
         "joints_silent",
-        0.15,
+        0.17,
     ),
     fault(
         "those of one joint stop",
         Effect::OneJointDies,
         "joints_silent",
-        0.15,
+        0.17,
     ),
     fault(
         "joint states are NaN",
         Effect::JointsSayNan,
         "joints_silent",
-        0.15,
+        0.17,
     ),
     fault(
         "joint states stay as they are",
@@ -124,7 +124,7 @@ pub const FAULTS: [Fault; 24] = [
         "joint states jump by 1 rad",
         Effect::JointsJump,
         "joints_lie",
-        0.05,
+        0.07,
     ),
     fault(
         "the arms stand still",
@@ -136,57 +136,57 @@ pub const FAULTS: [Fault; 24] = [
         "the rig stalls for 80 ms",
         Effect::Stall(0.08),
         "overrun",
-        0.1,
+        0.14,
     ),
     fault(
         "the rig stalls for 400 ms",
         Effect::Stall(0.4),
         "overrun",
-        0.44,
+        0.46,
     ),
     fault(
         "the rig stalls for 3 s",
         Effect::Stall(3.0),
         "overrun",
-        3.04,
+        3.06,
     ),
     fault(
         "the e-stop is pressed",
         Effect::EStop,
         "emergency_stop",
-        0.05,
+        0.07,
     ),
     fault("a signal", Effect::Signal, "signal", 0.05),
     fault(
         "the clock is set",
         Effect::ClockSteps,
         "clock_stepped",
-        0.05,
+        0.07,
     ),
     fault(
         "somebody else commands",
         Effect::OtherPublisher,
         "other_publisher",
-        0.05,
+        0.07,
     ),
     fault(
         "the bag cannot be written",
         Effect::RecorderFails,
         "recorder",
-        0.05,
+        0.07,
     ),
     fault(
         "commands cannot be sent",
         Effect::Unsendable,
         "unsendable",
-        0.05,
+        0.07,
     ),
     fault("no command", Effect::NoCommand, "command_expired", 0.16),
     fault(
         "a command is NaN",
         Effect::NanCommand,
         "command_refused",
-        0.05,
+        0.07,
     ),
 ];
 
