@@ -35,6 +35,15 @@ BASELINE = {
 RIGS = list(PINNED)
 
 
+def like(pinned):
+    """Return what an answer has to equal: three digits, and 0.2 % of its width for a parameter's interval."""
+    if isinstance(pinned, dict):
+        return {key: like(value) for key, value in pinned.items()}
+    if isinstance(pinned, list) and None not in pinned:
+        return pytest.approx(pinned, rel=5e-3, abs=2e-3 * (pinned[2] - pinned[1]))
+    return pytest.approx(pinned, rel=5e-3) if isinstance(pinned, float) else pinned
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("variables", "words", "rigs"),
@@ -47,10 +56,10 @@ RIGS = list(PINNED)
 def test_answers_stay(variables, words, rigs):
     command = [sys.executable, TESTS / "answers_of_rigs.py", *words, *rigs]
     done = subprocess.run(
-        command, env={**os.environ, **variables}, capture_output=True, text=True, timeout=180, check=False
+        command, env={**os.environ, **variables}, capture_output=True, text=True, timeout=600, check=False
     )
     assert done.returncode == 0, done.stderr
     answers = json.loads(done.stdout)
     assert list(answers) == rigs
     for name, answer in answers.items():
-        assert answer == PINNED[name], name
+        assert answer == like(PINNED[name]), name

@@ -156,7 +156,7 @@ pub const FAULTS: [Fault; 24] = [
         "emergency_stop",
         0.07,
     ),
-    fault("a signal", Effect::Signal, "signal", 0.05),
+    fault("a signal", Effect::Signal, "signal", 0.07),
     fault(
         "the clock is set",
         Effect::ClockSteps,
@@ -181,7 +181,7 @@ pub const FAULTS: [Fault; 24] = [
         "unsendable",
         0.07,
     ),
-    fault("no command", Effect::NoCommand, "command_expired", 0.16),
+    fault("no command", Effect::NoCommand, "command_expired", 0.25),
     fault(
         "a command is NaN",
         Effect::NanCommand,
