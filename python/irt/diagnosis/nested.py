@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from irt.diagnosis import config
 from irt.diagnosis.score import Scored
 from irt.diagnosis.validation import Validation
 
@@ -35,7 +36,8 @@ def nested(sets: Sequence[Scored], validation: Validation) -> Nested:
     """Select among sets without each recording, and predict it by the selected set.
 
     The sets come from a search over all recordings, but neither the selection nor its values depend on the
-    recording left out (Varma and Simon, BMC Bioinformatics 7:91, 2006).
+    recording left out (Varma and Simon, BMC Bioinformatics 7:91, 2006). As in the search, each effect must
+    gain `config.SURE`.
 
     Parameters
     ----------
@@ -46,6 +48,7 @@ def nested(sets: Sequence[Scored], validation: Validation) -> Nested:
     """
     unique = list({frozenset(one.effects): one for one in reversed(sets)}.values())
     scores = np.array([validation.of(one.filtered or one).scores for one in unique])
+    scores -= config.SURE * np.array([len(one.effects) for one in unique])[:, None]
     best = np.argmax(np.where(np.isnan(scores), -np.inf, scores), axis=0)
     errors = [validation.of(unique[i]).runs[run].mae for run, i in enumerate(best)]
     return Nested(tuple(frozenset(unique[i].effects) for i in best), float(np.mean(errors)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,8 @@ from irt.fitting.solution import Filtered
 
 Array = NDArray[np.float64]
 
+#: Parameters that are a place on the board.
+PLACE = ("x_m", "y_m")
 #: Degrees of freedom of the tracker's errors, as in the engine's filter.
 TAIL = 4.0
 #: Step of finite differences, as a share of a parameter's range.
@@ -53,10 +55,20 @@ class Promise:
 
 
 class Screening:
-    """The residuals of a set, and their derivatives with its parameters."""
+    """The residuals of a set, and their derivatives with its parameters.
 
-    def __init__(self, scores: Scores, parent: Scored) -> None:
-        self._scores, self._parent = scores, parent
+    Parameters
+    ----------
+    scores : Scores
+        Scores of the sets.
+    parent : Scored
+        The set.
+    place : (float, float), optional
+        A place on the board [m] at which effects that have one are tried besides.
+    """
+
+    def __init__(self, scores: Scores, parent: Scored, place: tuple[float, float] | None = None) -> None:
+        self._scores, self._parent, self._place = scores, parent, place
         self._case = scores.case
         problem = scores.problem(parent.effects)
         here = np.array([parent.values[name] for name in problem.names])
@@ -130,7 +142,13 @@ class Screening:
         return Promise(JITTER, float(gains[best[0]]), values[best], noise[best])
 
     def _promise(self, name: str) -> Promise:
-        own, values, found = self._filtered(name, draws(name, config.DRAWS, self._case.seed))
+        drawn = draws(name, config.DRAWS, self._case.seed)
+        columns = place_columns(name)
+        if self._place is not None and columns:
+            there = drawn.copy()
+            there[:, columns] = self._place
+            drawn = np.concatenate([drawn, there])
+        own, values, found = self._filtered(name, drawn)
         changes = np.array([self._change(one) for one in found])
         for _ in range(config.FINER if values.shape[1] == own + 1 else 0):
             between = _between(values[:, own], changes)
@@ -211,6 +229,20 @@ def child(effects: Sequence[str], name: str) -> tuple[str, ...]:
     """Return a set with one more effect; delay jitter replaces the effects that it includes."""
     kept = [one for one in effects if name != JITTER or one not in SMOOTHED]
     return (*kept, name)
+
+
+def place_columns(name: str) -> list[int]:
+    """Return the indices of an effect's place among its parameters, x first; none if it has no place."""
+    names = [one.name for one in effect(name).required]
+    return [names.index(one) for one in PLACE] if set(PLACE) <= set(names) else []
+
+
+def place_of(name: str, values: Mapping[str, float]) -> tuple[float, float] | None:
+    """Return the place of an effect on the board [m], if it has one."""
+    if not place_columns(name):
+        return None
+    x, y = (values[f"{name}.{one}"] for one in PLACE)
+    return x, y
 
 
 def _both_ways(name: str) -> bool:

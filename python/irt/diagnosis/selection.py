@@ -12,7 +12,7 @@ import numpy as np
 from irt.diagnosis import config
 from irt.diagnosis.hypotheses import ALIKE, JITTER, MAP, MEAN, ON_AVERAGE, SMOOTHED
 from irt.diagnosis.score import KICK, LASTING, PULL, PUSH, Array, Scored, Scores, quiet
-from irt.diagnosis.screening import Promise, Screening, child
+from irt.diagnosis.screening import Promise, Screening, child, place_of
 from irt.diagnosis.validation import Validation
 
 Report = Callable[[str], None]
@@ -119,7 +119,8 @@ class Selection:
         """Add the effect with the largest gain, drop superfluous effects, then try replacements of each.
 
         A set with white residuals is complete. A slope map, which can describe any dependence on the
-        position, is tried once no other effect helps; effects that approximated it are then dropped.
+        position, is tried once no other effect helps; effects that approximated it are then dropped, and the
+        map itself is challenged by the effects that it may approximate.
         """
         best = self.scores.base()
         # Steps that were tried from a set are not repeated when the set comes back with a better fit.
@@ -129,10 +130,11 @@ class Selection:
             ("swapped", self._swapped),
             ("mapped", self._mapped),
         ]
+        named: list[tuple[str, Callable[[Scored], Scored | None]]] = [("unmapped", self._unmapped)]
         better: Scored | None = best
-        while better is not None and not self._is_whole(best):
+        while better is not None:
             own, better = frozenset(best.effects), None
-            for name, way in ways:
+            for name, way in named if self._is_whole(best) else ways:
                 if better is None and (name, own) not in tried:
                     tried.add((name, own))
                     better = way(best)
@@ -180,13 +182,21 @@ class Selection:
         held |= ALIKE if ALIKE.intersection(one.effects) else set()
         return [name for name in self.names if name not in held]
 
-    def _best_child(self, parent: Scored, names: Sequence[str], count: int, to_beat: float) -> Scored | None:
+    def _best_child(
+        self,
+        parent: Scored,
+        names: Sequence[str],
+        count: int,
+        to_beat: float,
+        place: tuple[float, float] | None = None,
+    ) -> Scored | None:
         """Return the best set with one more effect, among those with the largest screened gains.
 
-        All starts take a few steps, the best of them more, and the best effects are fitted thoroughly, unless
-        they are much less probable by then than the score to beat.
+        Effects that have a place are also tried at `place` [m]. All starts take a few steps, the best of them
+        more, and the best effects are fitted thoroughly, unless they are much less probable by then than the
+        score to beat.
         """
-        promises = Screening(self.scores, parent).promises(names)
+        promises = Screening(self.scores, parent, place).promises(names)
         worth = max(config.LEAST, config.PROMISING * max((one.gain for one in promises), default=0.0))
         promises = [
             one for rank, one in enumerate(promises[:count]) if one.gain > worth or rank < config.TOPS
@@ -304,10 +314,18 @@ class Selection:
 
     def _swapped(self, one: Scored) -> Scored | None:
         """Return a better set with one effect replaced, if there is one."""
-        for name in one.effects if len(one.effects) > 1 else ():
+        return self._with_another(one, one.effects) if len(one.effects) > 1 else None
+
+    def _unmapped(self, one: Scored) -> Scored | None:
+        """Return a better set with another effect instead of its slope map, if there is one."""
+        return self._with_another(one, [MAP]) if MAP in one.effects else None
+
+    def _with_another(self, one: Scored, names: Sequence[str]) -> Scored | None:
+        for name in names:
             less = self._stripped(one, name)
             others = [other for other in self._other(less) if other not in one.effects]
-            better = self._best_child(less, others, config.SWAPPED, one.score)
+            place = place_of(name, one.values)
+            better = self._best_child(less, others, config.SWAPPED, one.score, place)
             is_better = better is not None and better.score > one.score + config.BETTER
             if better is not None and is_better and self._better(one, better) is better:
                 return better

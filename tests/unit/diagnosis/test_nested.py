@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from irt.diagnosis import config
 from irt.diagnosis.nested import nested
 from irt.diagnosis.score import Scores
 from irt.diagnosis.validation import HeldOut, Validation
@@ -43,11 +44,16 @@ def test_what_is_planted_is_chosen_without_any_one_recording(two):
 
 def test_each_recording_is_predicted_by_what_the_others_choose(two):
     base, drag = two
-    validation = Judged({0: [0.0, 5.0, 0.0], 1: [1.0, 0.0, 1.0]})
+    validation = Judged({0: [0.0, -2.0, 0.0], 1: [9.0, 0.0, 9.0]})
     found = nested(two, validation)
     assert found.share_with(["viscous_drag"]) == pytest.approx(2 / 3)
     runs = [validation.of(one).runs[index].mae for index, one in enumerate((drag, base, drag))]
     assert found.mae == pytest.approx(np.mean(runs))
+
+
+def test_an_effect_that_gains_less_than_the_search_asks_is_not_chosen(two):
+    found = nested(two, Judged({0: [0.0] * 3, 1: [config.SURE - 0.1, config.SURE + 0.1, 0.0]}))
+    assert found.share_with(["viscous_drag"]) == pytest.approx(1 / 3)
 
 
 def test_values_by_free_runs_are_chosen_by_their_likelihood(two):

@@ -118,7 +118,7 @@ def test_the_proof_is_that_of_the_recordings(diagnosed, plant, name):
     # Clear effects are also selected without any single recording.
     assert all(one.chosen_again == 1.0 for one in found.effects)
     # Beside a push, a set with one effect more may win without a recording, and predicts it worse.
-    assert found.nested_heldout_mae == pytest.approx(found.final_heldout_mae, rel=0.15)
+    assert found.nested_heldout_mae == pytest.approx(found.final_heldout_mae, rel=0.25)
     assert all(0.0 <= chance <= 1.0 for chance in found.inclusion.values())
     assert sum(one.probability for one in found.candidates) == pytest.approx(1.0)
 

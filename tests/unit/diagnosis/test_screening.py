@@ -6,7 +6,7 @@ import pytest
 from irt.catalogue import effect
 from irt.diagnosis.hypotheses import hypotheses
 from irt.diagnosis.score import Scores
-from irt.diagnosis.screening import Screening, draws
+from irt.diagnosis.screening import Screening, draws, place_of
 
 ASKED = ("viscous_drag", "tilt_bias", "backlash", "lag", "parallax", "bump", "stribeck")
 
@@ -46,6 +46,27 @@ def test_a_bump_is_looked_for_where_it_is(plant):
     (promise,) = screened(plant([bump], runs=6, stamped=True)).promises(["bump"])
     places = promise.starts[:, -4:-2]
     assert np.hypot(places[:, 0] - 0.02, places[:, 1] + 0.015).min() < 0.03
+
+
+def test_an_effect_with_a_place_is_also_tried_at_the_one_given(plant):
+    field = {"name": "point_field", "x_m": 0.05, "y_m": -0.03, "strength_m3_per_s2": 2e-4}
+    scores = Scores(plant([field], runs=6, stamped=True))
+    base = scores.base()
+    gains = {}
+    for place in (None, (0.05, -0.03), (-0.1, 0.1)):
+        field, drag = Screening(scores, base, place).promises(["point_field", "viscous_drag"])
+        gains[place] = field.gain
+        if drag.name == "viscous_drag":
+            assert drag.gain < field.gain
+    assert gains[(0.05, -0.03)] > gains[None] + 5.0
+    # More draws never promise less.
+    assert gains[(-0.1, 0.1)] >= gains[None]
+
+
+def test_only_effects_with_a_place_have_one():
+    assert place_of("bump", {"bump.x_m": 0.1, "bump.y_m": -0.2, "bump.height_m": 1e-4}) == (0.1, -0.2)
+    assert place_of("slope_map", {}) is None
+    assert place_of("viscous_drag", {"viscous_drag.rate_per_s": 1.0}) is None
 
 
 def test_steps_of_a_knob_are_found_although_a_hundredth_beside_them_nothing_fits(plant):

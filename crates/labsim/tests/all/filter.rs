@@ -32,7 +32,7 @@ pub(crate) fn noise() -> Noise {
 }
 
 /// Filters one run of stamped rows from where it was first seen.
-fn filtered(
+pub(crate) fn filtered(
     values: [f64; 5],
     effects: &[EffectInstance<'_>],
     commands: &[[f64; 2]],
@@ -429,53 +429,6 @@ fn threads_and_neighbours_change_no_bit() {
         let alone = run(&[*one], 1);
         let own = i * commands.len()..(i + 1) * commands.len();
         assert_eq!(alone.marble, together.marble[own]);
-    }
-}
-
-/// The variances of predictions where a marble rolls into the wall at positive x with a speed along it, lies there, and
-/// leaves when the board turns back.
-fn at_a_wall(restitution: f64, departure: f64) -> Vec<[f64; 2]> {
-    let values = [0.3, 0.3, 0.0, 12.0, 1.0];
-    let mut commands = vec![[0.02, 0.2]; 40];
-    commands.extend([[0.02, -0.2]; 10]);
-    let observed = rolled(values, &[], &commands, [0.3, 0.0]);
-    let noise = Noise {
-        lasting: 0.0,
-        push: 0.0,
-        start_velocity: Some(0.0),
-        restitution,
-        departure,
-        ..noise()
-    };
-    filtered(values, &[], &commands, &observed, noise)
-        .0
-        .variance
-}
-
-#[test]
-fn an_impact_makes_the_velocity_along_the_wall_uncertain_too() {
-    let (sure, unsure) = (at_a_wall(0.0, 0.0), at_a_wall(0.1, 0.0));
-    let differs = |axis: usize| (1..40).find(|&row| unsure[row][axis] > 1.01 * sure[row][axis]);
-    let hit = differs(0).expect("the marble meets the wall");
-    assert_eq!(differs(1), Some(hit));
-    assert_eq!(sure[1..hit], unsure[1..hit]);
-}
-
-#[test]
-fn a_turn_of_the_board_makes_uncertain_how_a_marble_leaves_its_wall() {
-    let (sure, unsure) = (at_a_wall(0.0, 0.0), at_a_wall(0.0, 0.05));
-    assert_eq!(sure[1..=40], unsure[1..=40]);
-    // A row later its place has the deviation of the push that came 0.05 s early or late.
-    let speed = 0.05 * 5.0 / 7.0 * GRAVITY * 0.3 * 0.4;
-    let expected = (speed * ROW_S / Rig::default().board.edge_x_m).powi(2);
-    let found = unsure[41][0] - sure[41][0];
-    assert!(
-        (found / expected - 1.0).abs() < 0.05,
-        "{found}, not {expected}"
-    );
-    // Along the wall nothing has changed.
-    for row in 1..50 {
-        assert_eq!(sure[row][1], unsure[row][1]);
     }
 }
 

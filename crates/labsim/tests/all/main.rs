@@ -4,6 +4,7 @@ mod agreement;
 mod effects;
 mod effects_theory;
 mod filter;
+mod filter_contacts;
 mod fit;
 mod fleet;
 mod maze;

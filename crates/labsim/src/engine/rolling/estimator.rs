@@ -9,7 +9,7 @@ mod covariance;
 
 use pulp::{NullaryFnOnce, Simd};
 
-use self::covariance::{Covariance, Row, Variances};
+use self::covariance::{Covariance, Row, Sight, Variances};
 use super::LaneGroup;
 use crate::board::GRAVITY;
 use crate::correction::Correction;
@@ -167,24 +167,13 @@ impl<S: Simd> Estimator<S> {
         row
     }
 
-    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns who met walls along x
-    /// and along y.
+    /// Lets a row make the marbles uncertain: pushes, turns of the board, rests, and walls; returns with which probability
+    /// walls along x and along y were met.
     #[inline(always)]
-    fn grow(
-        &mut self,
-        lasted: &Row<S>,
-        tilt: &Pair<S>,
-        rims: &Rims<S>,
-        rests: Mask<S>,
-        marbles: &Marbles<S>,
-    ) -> [Mask<S>; 2] {
+    fn grow(&mut self, lasted: &Row<S>, tilt: &Pair<S>, rims: &Rims<S>, rests: Mask<S>) -> Pair<S> {
         let (seconds, variances) = (lasted.seconds, &self.variances);
-        let [x, y] = self.velocity;
-        let met = [
-            hits(marbles.x, x, marbles.vx, seconds, rims.reach_x),
-            hits(marbles.y, y, marbles.vy, seconds, rims.reach_y),
-        ];
         let zero = seconds.like(0.0);
+        let mut met = [zero; 2];
         for (axis, reach) in [rims.reach_x, rims.reach_y].into_iter().enumerate() {
             let covariance = &mut self.axes[axis];
             covariance.advance(lasted, variances);
@@ -200,6 +189,14 @@ impl<S: Simd> Estimator<S> {
             let of_time = variances.jitter + leaves.select(variances.departure, zero);
             covariance.kick(turned, seconds, of_time);
             covariance.settle(rests, seconds, variances);
+            let velocity = self.velocity[axis];
+            let pushed = 0.5 * pushes * (tilt[1 - axis] + self.tilt[1 - axis]);
+            let end = place + seconds * (velocity + 0.5 * seconds * pushed);
+            let towards = (velocity * place).gt(zero);
+            met[axis] = towards.select(covariance.beyond(end.abs() - reach), zero);
+        }
+        for axis in 0..2 {
+            let covariance = &mut self.axes[axis];
             covariance.bounce(met[axis], self.velocity[axis], rims.restitution, variances);
             // Coulomb's law: friction goes with the impulse, and is as uncertain.
             let along = rims.friction * self.velocity[1 - axis];
@@ -235,6 +232,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             out,
         } = self;
         let simd = rims.reach_x.simd();
+        let edges_per_m = estimator.edges_per_m;
         let of_job = |of: &dyn Fn(&Job<'_>) -> f64| Lanes::from_fn(simd, |lane| of(group.of(lane)));
         let last = row.checked_sub(1).filter(|_| row > group.filler.first);
         let length = |job: &Job<'_>| {
@@ -255,7 +253,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let moved = x.abs().ge(still) | y.abs().ge(still);
         let rests = rests & (moved | estimator.known.gt(still.like(0.0)));
         estimator.known = (rests | moved).select(still.like(1.0), estimator.known);
-        let met = estimator.grow(&lasted, tilt, rims, rests, marbles);
+        let met = estimator.grow(&lasted, tilt, rims, rests);
         let places = [&mut marbles.x, &mut marbles.y];
         let velocities = [&mut marbles.vx, &mut marbles.vy];
         let spins = [&mut marbles.sx, &mut marbles.sy];
@@ -263,7 +261,6 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
         let axes = places.into_iter().zip(velocities).zip(spins).zip(reaches);
         for (axis, (((place, velocity), spin), reach)) in axes.enumerate() {
             let covariance = &mut estimator.axes[axis];
-            let hit = met[axis];
             let lasting = &mut estimator.lasting[axis];
             *lasting = *lasting * remembered;
             // Friction holds a marble that rests.
@@ -275,7 +272,7 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
                 out.get(lane)
                     .map_or(0.0, |out| out.marble[row - group.filler.first][axis])
             };
-            let predicted = Lanes::from_fn(simd, seen) + estimator.edges_per_m * moved + *lasting;
+            let predicted = Lanes::from_fn(simd, seen) + edges_per_m * moved + *lasting;
             // A first row that is the start state itself holds no information about it.
             let counts = |one: &Measured<'_>| last.is_some() || one.noise.start_velocity.is_none();
             let measured = of_job(&|job| {
@@ -283,33 +280,34 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
                 measured.map_or(f64::NAN, |one| one.observed[row - job.first][axis])
             });
             let off = measured - predicted;
-            let at = *place + moved + off.over(estimator.edges_per_m);
-            let beyond = estimator.edges_per_m * (at.abs() - reach);
-            covariance.follow(
-                (off, beyond),
-                seconds,
-                estimator.edges_per_m,
-                &estimator.variances,
-            );
+            if covariance
+                .is_off(off, seconds, edges_per_m, &estimator.variances)
+                .any()
+            {
+                let ahead = Ahead {
+                    group,
+                    row,
+                    axis,
+                    edges_per_m,
+                    reach,
+                };
+                let motion = [*place + moved, *velocity, estimator.velocity[axis]];
+                let sight = ahead.sight(predicted, off, motion, seconds);
+                covariance.follow(&sight, edges_per_m, &estimator.variances);
+            }
             let before = *covariance;
             let (variance, gain, weight) =
-                covariance.update(off, estimator.edges_per_m, &estimator.variances);
+                covariance.update(off, edges_per_m, &estimator.variances);
             let one = weight.like(1.0);
             let went = [
                 estimator.variances.push * seconds,
                 rests.select(one, one.like(0.0)),
-                hit.select(-rims.restitution, one),
-                estimator.edges_per_m,
+                one - met[axis] * (one + rims.restitution),
+                edges_per_m,
             ];
             let known = [*pull, *lasting, off, weight];
-            write_down(
-                out,
-                (row - group.filler.first, axis),
-                &before,
-                known,
-                &lasted,
-                went,
-            );
+            let at = (row - group.filler.first, axis);
+            write_down(out, at, &before, known, &lasted, went);
             *place = (*place + moved + gain[0]).clamp(reach);
             *velocity = *velocity + faster + gain[1];
             *spin = *spin + faster + gain[1];
@@ -317,15 +315,92 @@ impl<S: Simd> NullaryFnOnce for Taken<'_, '_, '_, '_, S> {
             *lasting = *lasting + gain[3];
             estimator.place[axis] = *place;
             estimator.velocity[axis] = *velocity;
-            let (predicted, variance) = (predicted.to_array(), variance.to_array());
-            for (lane, out) in out.iter_mut().enumerate().take(group.jobs.len()) {
-                out.marble[row - group.filler.first][axis] = predicted[lane];
-                let is_start = !group.jobs[lane].measured.as_ref().is_some_and(counts);
-                out.variance[row - group.filler.first][axis] =
-                    if is_start { f64::NAN } else { variance[lane] };
-            }
+            let is_start = |lane: usize| !group.jobs[lane].measured.as_ref().is_some_and(counts);
+            let out = &mut out[..group.jobs.len()];
+            write_prediction(out, at, predicted, variance, &is_start);
         }
         estimator.tilt = *tilt;
+    }
+}
+
+/// The rows after a row, along an axis.
+struct Ahead<'a, 'b, S: Simd> {
+    group: LaneGroup<'a, 'b>,
+    row: usize,
+    axis: usize,
+    edges_per_m: Lanes<S>,
+    reach: Lanes<S>,
+}
+
+impl<S: Simd> Ahead<'_, '_, S> {
+    /// What is seen in the row and in the next two, beside a marble that goes on: from its place, velocity, and velocity
+    /// before the row, which took so many seconds.
+    #[inline(always)]
+    fn sight(
+        &self,
+        predicted: Lanes<S>,
+        off: Lanes<S>,
+        [place, velocity, before]: [Lanes<S>; 3],
+        seconds: Lanes<S>,
+    ) -> Sight<S> {
+        let pushed = (velocity - before).over(seconds);
+        let mut time = seconds.like(0.0);
+        let later = [1, 2].map(|rows| {
+            time = time + self.of(|job| self.duration(job, rows - 1));
+            let way = time * (velocity + 0.5 * time * pushed);
+            let way = (place + way).clamp(self.reach) - place;
+            let seen = self.of(|job| self.observed(job, rows));
+            (seen - predicted - self.edges_per_m * way, time)
+        });
+        let at = place + off.over(self.edges_per_m);
+        Sight {
+            off,
+            beyond: self.edges_per_m * (at.abs() - self.reach),
+            seconds,
+            later,
+        }
+    }
+
+    fn of(&self, value: impl Fn(&Job<'_>) -> f64) -> Lanes<S> {
+        Lanes::from_fn(self.reach.simd(), |lane| value(self.group.of(lane)))
+    }
+
+    /// What is seen some rows later; NaN beyond the recording.
+    fn observed(&self, job: &Job<'_>, rows: usize) -> f64 {
+        let measured = job.measured.as_ref();
+        let seen = measured.and_then(|one| one.observed.get(self.row + rows - job.first));
+        seen.map_or(f64::NAN, |seen| seen[self.axis])
+    }
+
+    /// Time from the row that is some rows later to the one after it (s); 0 beyond the recording.
+    fn duration(&self, job: &Job<'_>, rows: usize) -> f64 {
+        let row = self.row + rows;
+        let recorded = job.measured.as_ref().map_or(0, |one| one.observed.len());
+        if row + 1 - job.first >= recorded {
+            return 0.0;
+        }
+        let step = job.clock.step(row);
+        f64::from(step.substeps) * step.length_s
+    }
+}
+
+/// Writes the predictions of a row along an axis and their variances, which are NaN for start states.
+#[inline(always)]
+fn write_prediction<S: Simd>(
+    out: &mut [Sink<'_>],
+    (row, axis): (usize, usize),
+    predicted: Lanes<S>,
+    variance: Lanes<S>,
+    is_start: &dyn Fn(usize) -> bool,
+) {
+    let (predicted, variance) = (predicted.to_array(), variance.to_array());
+    for (lane, out) in out.iter_mut().enumerate() {
+        out.marble[row][axis] = predicted[lane];
+        out.variance[row][axis] = if is_start(lane) {
+            f64::NAN
+        } else {
+            variance[lane]
+        };
     }
 }
 
@@ -363,18 +438,4 @@ fn write_down<S: Simd>(
             };
         }
     }
-}
-
-/// Whether marbles have met the wall that they moved towards as a row began.
-#[inline(always)]
-fn hits<S: Simd>(
-    place: Lanes<S>,
-    before: Lanes<S>,
-    after: Lanes<S>,
-    seconds: Lanes<S>,
-    reach: Lanes<S>,
-) -> Mask<S> {
-    let zero = place.like(0.0);
-    let near = (place.abs() + before.abs() * seconds).ge(reach);
-    near & (before * place).gt(zero) & (after * before).le(zero)
 }
