@@ -56,7 +56,7 @@ class World(Protocol):
     KNOWN: frozenset[str]
     """Names of the effects that it can simulate."""
     CHOICES: dict[str, dict[str, float]]
-    """By effect and parameter, the values of switches that it can simulate."""
+    """By effect and parameter, the values of choices that it can simulate."""
 
     def simulate(
         self,

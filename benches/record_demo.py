@@ -19,7 +19,7 @@ from irt.files import make_folder, write_atomic
 from irt.proof.pybullet_world.engine import Base, play
 from irt.proof.pybullet_world.physics import EDGE_X_M
 from irt.proof.pybullet_world.record import RIG_TOML
-from irt.proof.pybullet_world.spec import made
+from irt.proof.pybullet_world.spec import physics_of
 from irt.recording import save_recording
 from irt.suggestion.first_runs import first_runs
 
@@ -60,7 +60,7 @@ def main(argv: list[str] | None = None) -> None:
     stamps = (TRUTH.row_s * np.arange(ROWS)).round(6)
     for number, run in enumerate(first_runs(ROWS, TRUTH.row_s), start=1):
         commands = run.commands.round(6) + 0.0
-        seen = play(TRUTH, commands, (0.0, 0.0), made([BACKLASH])).seen
+        seen = play(TRUTH, commands, (0.0, 0.0), physics_of([BACKLASH])).seen
         random = np.random.default_rng([SEED, number])
         tracked = seen + NOISE_M / EDGE_X_M * random.normal(size=seen.shape)
         save_recording(folder / f"run-{number}.csv", commands, tracked.round(5), stamps)

@@ -95,7 +95,7 @@ def draw(effect: EffectInfo) -> str:
             for tilt, colour in ((base, style.MUTED), (changed, style.TUNED)):
                 over_time.plot(seconds, tilt[:, axis], color=colour)
             over_time.set(xlabel="time  [s]", title=f"measured tilt about {'xy'[axis]}  [rad]")
-            return _told(effect, values)
+            return _with_units(effect, values)
         above, over_time = figure.subplots(1, 2, width_ratios=(1.0, 1.3))
         rim = Rectangle((-half_x, -half_y), 2 * half_x, 2 * half_y, fill=False, ec=style.MUTED, lw=0.7)
         above.add_patch(rim)
@@ -108,10 +108,10 @@ def draw(effect: EffectInfo) -> str:
         above.grid(visible=False)
         above.spines[:].set_visible(False)
         over_time.set(xlabel="time  [s]", title=f"{'xy'[axis]}  [edges]")
-    return _told(effect, values)
+    return _with_units(effect, values)
 
 
-def _told(effect: EffectInfo, values: dict[str, float]) -> str:
+def _with_units(effect: EffectInfo, values: dict[str, float]) -> str:
     """Return values with their units."""
     units = {one.name: one.unit for one in effect.parameters}
     return ", ".join(f"`{name}` = {value:g} {units[name]}".rstrip() for name, value in values.items())
@@ -144,7 +144,7 @@ def _table(effect: EffectInfo) -> Iterator[str]:
 
 
 def page(drawn_at: dict[str, str]) -> str:
-    """Return the whole page; `drawn_at` tells the values of each picture."""
+    """Return the whole page; `drawn_at` has the values of each picture."""
     catalogue = effects()
     contents = "\n".join(f"- [{one.name}](#{one.name}) ({one.stage})" for one in catalogue)
     parts = [OPENING, contents + "\n", *(section(one, drawn_at[one.name]) + "\n" for one in catalogue)]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 
-# Before numpy is imported: threads of its matrix library wait for each other longer than such matrices take,
-# and beside a second worker up to twenty times as long.
+# Before numpy and torch are imported: threads of their matrix libraries wait for each other longer than such
+# matrices take, and beside a second worker up to twenty times as long.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

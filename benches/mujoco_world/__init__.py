@@ -28,7 +28,7 @@ KNOWN = frozenset(
     ["delay", "delay_jitter", "clock_drift", "latency", *TURNS, *TILTS, *FORCES, *FACTORS]
 ) | frozenset([*OF_MARBLE, *OF_RIMS, *SEEN])
 
-#: Values of switches that it can simulate: no heavy side follows the path.
+#: Values of choices that it can simulate: no heavy side follows the path.
 CHOICES = {"eccentric_marble": {"follows_path": 0.0}}
 
 

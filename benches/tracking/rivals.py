@@ -1,6 +1,6 @@
 """What is used otherwise to find a ball in a picture, each as its documentation shows it.
 
-All are told more than the tracker: the marble's colour and size as the first pictures show them, and the
+All know more than the tracker: the marble's colour and size as the first pictures show them, and the
 board's box. Of several finds each takes the one nearest to its last.
 """
 
@@ -45,7 +45,7 @@ class Rival:
 def rivals(
     first: Sequence[Picture], places: Array, radius: float, box: Box, absent: dict[str, str]
 ) -> dict[str, Rival]:
-    """Return the ways by name, told where the marble is in the first pictures."""
+    """Return the ways by name; they know where the marble is in the first pictures."""
     colours = np.concatenate([_inner(one, place, radius) for one, place in zip(first, places, strict=True)])
     found = {
         "HSV inRange + minEnclosingCircle": Rival(_in_range(colours, radius), box),

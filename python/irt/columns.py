@@ -41,15 +41,15 @@ class Columns:
     lines: tuple[int, ...] | None = None
 
     @classmethod
-    def read(cls, path: PathLike, check_header: CheckHeader) -> Columns:
-        """Read a CSV file with a header; blank lines are skipped.
+    def read(cls, path: PathLike, check_header: CheckHeader, expected: str = "") -> Columns:
+        """Read a CSV file with a header; blank lines are skipped, ``expected`` is as for `read_text`.
 
         Raises
         ------
         IrtError
             If the file cannot be read, is invalid CSV, or has no rows.
         """
-        reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+        reader = csv.reader(io.StringIO(read_text(path, expected), newline=""), strict=True)
         rows: list[list[str]] = []
         lines: list[int] = []
         try:
@@ -153,6 +153,15 @@ def _names(table: Any) -> Iterable[Any]:
         return table.keys()
     names: Iterable[Any] = table.dtype.names if isinstance(table, np.ndarray) else table.columns
     return names
+
+
+def is_number(text: str) -> bool:
+    """Whether a cell is a number."""
+    try:
+        _number(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _number(text: str) -> float:

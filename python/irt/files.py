@@ -18,8 +18,15 @@ from irt.errors import IrtError, unknown_name
 PathLike = str | os.PathLike[str]
 
 
-def read_text(path: PathLike) -> str:
+def read_text(path: PathLike, expected: str = "") -> str:
     """Return the text of a UTF-8 file, with or without a byte order mark; line ends are unchanged.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    expected : str, optional
+        Description of the file to give; part of the message where there is none.
 
     Raises
     ------
@@ -27,12 +34,13 @@ def read_text(path: PathLike) -> str:
         If the file is missing, unreadable or not UTF-8.
     """
     path = Path(path)
+    remedy = f"; give {expected}" if expected else ""
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
-        raise IrtError(f"{path}: no such file") from error
+        raise IrtError(f"{path}: no such file{remedy}") from error
     except IsADirectoryError as error:
-        raise IrtError(f"{path}: is a folder, where a file was expected") from error
+        raise IrtError(f"{path}: is a folder, where a file was expected{remedy}") from error
     except OSError as error:
         raise IrtError(f"{path}: cannot be read: {error.strerror}") from error
     try:
@@ -42,15 +50,15 @@ def read_text(path: PathLike) -> str:
         raise IrtError(f"{path}, line {line}: not UTF-8 text; save the file as UTF-8") from error
 
 
-def read_json(path: Path) -> dict[str, Any]:
-    """Return the object in a JSON file.
+def read_json(path: Path, expected: str = "") -> dict[str, Any]:
+    """Return the object in a JSON file; ``expected`` as for `read_text`.
 
     Raises
     ------
     IrtError
         If the file cannot be read or is broken.
     """
-    text = read_text(path)
+    text = read_text(path, expected)
     try:
         content: dict[str, Any] = json.loads(text)
     except ValueError as error:
@@ -131,15 +139,15 @@ def make_folder(path: PathLike) -> Path:
     return path
 
 
-def read_toml(path: PathLike) -> TomlTable:
-    """Read a TOML file as a table.
+def read_toml(path: PathLike, expected: str = "") -> TomlTable:
+    """Read a TOML file as a table; ``expected`` as for `read_text`.
 
     Raises
     ------
     IrtError
         If the file cannot be read, or is invalid TOML (the message contains line and column).
     """
-    return parse_toml(f"{path}", read_text(path))
+    return parse_toml(f"{path}", read_text(path, expected))
 
 
 def parse_toml(where: str, text: str | bytes) -> TomlTable:

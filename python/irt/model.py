@@ -358,7 +358,7 @@ def load_model(path: PathLike) -> Model:
         If the file is no model, or one of a newer format, or names an effect that the engine does not know;
         the message names section and key.
     """
-    table = read_toml(arguments.path("path", path))
+    table = read_toml(arguments.path("path", path), "a model.toml, as `irt tune` and `irt diagnose` write it")
     if not table.content:
         raise IrtError(f"{path}: the file is empty")
     _check_format(table)

@@ -25,6 +25,7 @@ from irt.validity import (
     STEP,
     TILT,
     check_commands,
+    check_header,
     check_marble,
     check_steepness,
     check_tilt,
@@ -338,9 +339,10 @@ def load_commands(path: PathLike) -> Commands:
     """
 
     def check(where: str, header: list[str]) -> None:
-        _check_header(where, header, (STEP, *_columns_of_commands(header)))
+        check_header(where, header, (STEP, *_columns_of_commands(header)))
 
-    return _commands(Columns.read(arguments.path("path", path), check))
+    expected = "a CSV file of commands, as `irt drive` writes them, or a recording"
+    return _commands(Columns.read(arguments.path("path", path), check, expected))
 
 
 def as_commands(value: Any) -> Commands:
@@ -364,7 +366,7 @@ def as_commands(value: Any) -> Commands:
     if is_table(value):
 
         def check(where: str, header: list[str]) -> None:
-            _check_header(where, header, _columns_of_commands(header))
+            check_header(where, header, _columns_of_commands(header))
 
         return _commands(Columns.of(value, "commands", check))
     knobs = arguments.array("commands", value)
@@ -427,22 +429,6 @@ def save_recording(
     write_atomic(path, recording.to_csv())
 
 
-def _check_header(where: str, header: list[str], required: Sequence[str]) -> None:
-    """Raise unless a header has the required columns, and no column twice."""
-    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-        raise IrtError(f"{where}: cells must be separated by commas")
-    if set(CMD) & set(header) and set(KNOBS) & set(header):
-        raise IrtError(
-            f"{where}: there are commands in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
-        )
-    for name in required:
-        if name not in header:
-            raise IrtError(f"{where}: column {name} is missing; the header has {', '.join(header)}")
-    for name in (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT):
-        if header.count(name) > 1:
-            raise IrtError(f"{where}: column {name} appears {header.count(name)} times; keep one")
-
-
 def _columns_of_commands(header: Sequence[str]) -> tuple[str, str]:
     return CMD if set(CMD) & set(header) else KNOBS
 
@@ -455,12 +441,12 @@ def _columns_of_recording(header: Sequence[str]) -> tuple[str, ...]:
 
 
 def _check_recording(where: str, header: list[str]) -> None:
-    _check_header(where, header, (STEP, *_columns_of_recording(header)))
+    check_header(where, header, (STEP, *_columns_of_recording(header)))
 
 
 def _check_frame(where: str, header: list[str]) -> None:
     """Check the header of a table in memory, where ``step`` is optional."""
-    _check_header(where, header, _columns_of_recording(header))
+    check_header(where, header, _columns_of_recording(header))
 
 
 def _read_commands(table: Columns) -> tuple[Array, Array | None, tuple[str, str]]:

@@ -254,8 +254,8 @@ class Rig:
         for one in self.recordings:
             measured = () if one.tilt is None else (one.tilt,)
             for array in (one.knobs, one.marble, one.stamps, *measured):
-                told = np.zeros(0) if array is None else array
-                sha.update(f"{one.name} {told.shape}".encode() + told.astype("<f8").tobytes())
+                values = np.zeros(0) if array is None else array
+                sha.update(f"{one.name} {values.shape}".encode() + values.astype("<f8").tobytes())
         return sha.hexdigest()
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import difflib
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irt.columns import is_number
 from irt.errors import IrtError
 
 Array = NDArray[np.float64]
@@ -20,6 +22,8 @@ KNOBS = ("knob_x_rad", "knob_y_rad")
 CMD = ("cmd_x", "cmd_y")
 MARBLE = ("marble_x", "marble_y")
 TILT = ("tilt_x_rad", "tilt_y_rad")
+#: All columns that are read.
+_NAMES = (STEP, STAMP, *KNOBS, *CMD, *MARBLE, *TILT)
 
 #: Largest median of positions [board edges]; larger values are in another unit.
 _MOST_EDGES = 2.0
@@ -29,6 +33,26 @@ _LARGEST = 1e6
 _STEEPEST_RAD = 0.5
 #: Longest duration of a command [s]: 5000 physics updates, the engine's limit.
 _LONGEST_STEP_S = 5000 / 240
+
+
+def check_header(where: str, header: list[str], required: Sequence[str]) -> None:
+    """Raise unless a header has the required columns, and no column twice."""
+    if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
+        raise IrtError(f"{where}: cells must be separated by commas")
+    if all(is_number(cell) for cell in header):
+        raise IrtError(f"{where}: the columns have no names; name them {', '.join(required)}")
+    if set(CMD) & set(header) and set(KNOBS) & set(header):
+        raise IrtError(
+            f"{where}: there are commands in both {', '.join(KNOBS)} and {', '.join(CMD)}; keep one pair"
+        )
+    for name in required:
+        if name not in header:
+            near = difflib.get_close_matches(name, [one for one in header if one not in _NAMES], n=1)
+            remedy = f"; rename {near[0]}" if near else "; count rows 0, 1, 2, ..." if name == STEP else ""
+            raise IrtError(f"{where}: column {name} is missing{remedy}; the header has {', '.join(header)}")
+    for name in _NAMES:
+        if header.count(name) > 1:
+            raise IrtError(f"{where}: column {name} appears {header.count(name)} times; keep one")
 
 
 def check_commands(

@@ -73,13 +73,17 @@ def test_by_default_windows_of_two_seconds_into_a_folder_here(irt, monkeypatch, 
 def test_a_window_that_is_none_is_wrong_usage(irt, rig: Path, model: Path, window: str) -> None:
     status, out, err = irt("evaluate", model, rig, "--window", window)
     assert (status, out) == (2, "")
-    assert f"argument --window: expected seconds above 0, found {window}" in err
+    assert f"argument --window: expected a number above 0, found {window}" in err
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("none.toml", "rig"), "irt: none.toml: no such file\n"),
+        (("none.toml", "rig"), "irt: none.toml: no such file; give a model.toml, as `irt tune`"),
+        (
+            ("rig", "rig"),
+            "irt: rig: is a folder, where a file was expected; give a model.toml, as `irt tune`",
+        ),
         (("model.toml", "none"), "irt: none: no such folder; give a folder with recordings (*.csv)\n"),
         (("model.toml", "model.toml"), "irt: model.toml: a rig is a folder, and this is a file; "),
         (("model.toml", "."), "irt: .: the rig holds no recording; "),

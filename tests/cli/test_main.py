@@ -68,6 +68,28 @@ def test_wrong_usage(irt, words: tuple[str, ...]) -> None:
     assert err.startswith("usage: irt")
 
 
+@pytest.mark.parametrize(
+    ("words", "usage", "error"),
+    [
+        (("simulte", "model.toml"), "irt [-h]", "invalid choice: 'simulte' .*; did you mean simulate?"),
+        (("check", "rig", "--jsn"), "irt check [-h]", "unrecognized arguments: --jsn; did you mean --json?"),
+        (("export", "m.toml", "--to", "mjfc"), "irt export [-h]", "'mjfc' .*; did you mean mjcf?"),
+        (("check", "rig", "another"), "irt check [-h]", "unrecognized arguments: another"),
+    ],
+)
+def test_the_nearest_word_is_suggested(irt, words: tuple[str, ...], usage: str, error: str) -> None:
+    status, out, err = irt(*words)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"usage: {usage}")
+    assert re.search(f"{error.replace('?', '[?]')}$", err.rstrip())
+
+
+def test_without_words_the_help_is_shown(irt) -> None:
+    status, out, err = irt()
+    assert (status, out) == (2, "")
+    assert err == irt("--help").out
+
+
 def test_version(irt) -> None:
     import irt as package  # noqa: PLC0415
 

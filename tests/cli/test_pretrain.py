@@ -43,6 +43,7 @@ def test_the_command_it_recorded_makes_the_same_network_again(irt, tmp_path):
     assert first.read_bytes() == second.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_rig_decides_the_drive(irt, write_rig, wave, tmp_path):
     rig = write_rig({"a": (wave, 0 * wave), "b": (wave[:30], 0 * wave[:30])})
     out = tmp_path / "net.safetensors"
@@ -69,6 +70,7 @@ def test_nothing_to_resume_takes_one_line(irt, tmp_path):
     assert done.err == f"irt: {tmp_path / 'net.checkpoint.safetensors'}: no such file\n"
 
 
+@pytest.mark.slow
 def test_other_options_than_before_take_one_line(irt, tmp_path, monkeypatch):
     out = tmp_path / "net.safetensors"
     stopped(irt, monkeypatch, "--out", out)
@@ -78,6 +80,7 @@ def test_other_options_than_before_take_one_line(irt, tmp_path, monkeypatch):
     assert done.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_interrupted_it_says_how_to_go_on(irt, tmp_path, monkeypatch):
     out, whole = tmp_path / "with space.safetensors", tmp_path / "whole.safetensors"
     done = stopped(irt, monkeypatch, "--out", out)
@@ -138,6 +141,7 @@ def small(monkeypatch):
     monkeypatch.setattr(streaming, "CHECKPOINT_POOLS", 2)
 
 
+@pytest.mark.slow
 def test_the_network_of_irt_plus_is_streamed(irt, tmp_path, small):
     out = tmp_path / "steps.safetensors"
     done = irt("pretrain", "--method", "irt+", "--pairs", "300", "--seed", "3", "--out", out)
@@ -151,6 +155,7 @@ def test_the_network_of_irt_plus_is_streamed(irt, tmp_path, small):
     assert (tmp_path / "again.safetensors").read_bytes() == out.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_streamed_training_goes_on_to_the_same_bytes(irt, tmp_path, monkeypatch, small):
     words = ("pretrain", "--method", "irt+", "--pairs", "640")
     run_pool = streaming._Training.run_pool

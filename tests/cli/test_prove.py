@@ -132,8 +132,14 @@ def test_ctrl_c_leaves_what_is_done(tmp_path: Path) -> None:
     [
         (("--rigs", "0", "--nulls", "0"), "irt: a proof needs at least one rig"),
         (("--verify",), "irt: none/plan.json: no such file"),
-        (("--world", "no-such-program"), "irt: the concealed world cannot be started (no-such-program): "),
-        (("--world", f"{sys.executable} -c pass"), "irt: the concealed world ended before it answered"),
+        (
+            ("--world", "no-such-program"),
+            "irt: the program that makes the rigs cannot be started (no-such-program): ",
+        ),
+        (
+            ("--world", f"{sys.executable} -c pass"),
+            "irt: the program that makes the rigs ended before it answered",
+        ),
     ],
 )
 def test_what_cannot_be_done(irt, monkeypatch, tmp_path: Path, words: tuple[str, ...], message: str) -> None:

@@ -29,7 +29,7 @@ def test_the_second_experiment_says_what_it_needs(irt, tmp_path, monkeypatch):
     assert "labsim-irt[prove]" in done.err
 
 
-@pytest.mark.parametrize("words", [["fig9"], ["--targets", "1"], ["--switched", "-1"]])
+@pytest.mark.parametrize("words", [["fig9"], ["--targets", "1"], ["--ablations", "-1"]])
 def test_what_cannot_be_is_a_wrong_usage(irt, tmp_path, words):
     assert irt("reproduce", *words, "--out", tmp_path).status == 2
 
@@ -38,7 +38,7 @@ def test_what_cannot_be_is_a_wrong_usage(irt, tmp_path, words):
     "words",
     [
         ["--full", "--real", "a rig", "--page", "docs/paper.md"],
-        ["--targets", "7", "--switched", "0", "--damping", "--literal-drive", "--seed", "3"],
+        ["--targets", "7", "--ablations", "0", "--damping", "--literal-drive", "--seed", "3"],
     ],
 )
 def test_the_command_on_the_page_asks_for_the_same(words):

@@ -109,8 +109,14 @@ def test_an_effect_that_the_engine_does_not_know(irt, tmp_path: Path, commands: 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("none.toml", "--commands", "run.csv"), "irt: none.toml: no such file\n"),
-        (("model.toml", "--commands", "none.csv"), "irt: none.csv: no such file\n"),
+        (
+            ("none.toml", "--commands", "run.csv"),
+            "irt: none.toml: no such file; give a model.toml, as `irt tune`",
+        ),
+        (
+            ("model.toml", "--commands", "none.csv"),
+            "irt: none.csv: no such file; give a CSV file of commands, ",
+        ),
         (("run.csv", "--commands", "run.csv"), "irt: run.csv: broken TOML: "),
         (("model.toml", "--commands", "model.toml"), "irt: model.toml, line 1: column step is missing; "),
         (

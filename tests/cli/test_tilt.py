@@ -87,6 +87,7 @@ def test_commands_that_move_both_axes(irt, tmp_path) -> None:
     assert matrix == pytest.approx({"x_from_y": 0.25, "y_from_x": -0.2}, rel=0.05)
 
 
+@pytest.mark.slow
 def test_runs_without_a_marble(irt, tmp_path, recordings) -> None:
     rig = written(tmp_path / "rig", recordings, marble=False)
     out = tmp_path / "tuned"

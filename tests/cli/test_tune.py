@@ -75,6 +75,7 @@ def test_it_leaves_model_numbers_and_pictures(irt, paper_rig, tmp_path, method):
     assert f"wrote {out / 'model.toml'}, {out / 'fit.json'} and {out / 'report.html'}" in done.out
 
 
+@pytest.mark.slow
 def test_under_the_papers_drive_it_works_at_once(irt, paper_rig, tmp_path, cache_folder):
     done = irt("tune", paper_rig, "--method", "irt", "--out", tmp_path / "out")
     assert "training" not in done.out

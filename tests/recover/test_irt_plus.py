@@ -42,7 +42,7 @@ def test_none_goes_astray(paths):
 
 
 def test_other_physics_do_not_mislead_it():
-    """The network tells the parameters of a board that lags; those whose path is nearest are others."""
+    """The network predicts the parameters of a board that lags; those whose path is nearest are others."""
     drive, file = Drive.paper(), load_steps(cache.SHIPPED_STEPS)
     truth = np.array([[0.06, 0.04, 3e-4, 20.0, 1.05]])
     lag = [{"name": "lag", "time_constant_s": 0.35}]
@@ -51,11 +51,11 @@ def test_other_physics_do_not_mislead_it():
     _, distance = library.nearest([each[None] for each in target])
     plus = Plus(drive, file, True, first, library)
     (path,) = run(drive, [target], [plus.search(np.random.default_rng(0))], 5)
-    told = plus.drive.simulate(plus._coordinates.parameters(file.ask(drive, first).mean))[0][0]
-    assert path.best.mae[-1] < 1.05 * distance < np.abs(told - target[0]).mean()
+    predicted = plus.drive.simulate(plus._coordinates.parameters(file.ask(drive, first).mean))[0][0]
+    assert path.best.mae[-1] < 1.05 * distance < np.abs(predicted - target[0]).mean()
 
 
-def test_what_no_path_tells_is_taken_from_the_middle_of_what_is_left():
+def test_what_no_path_shows_is_taken_from_the_middle_of_its_interval():
     """Off the rim every observation scale has the same path: the answer must not depend on it."""
     drive, file = Drive.paper(), load_steps(cache.SHIPPED_STEPS)
     truth = np.array([[0.02 / r, 0.015 / r, 1e-4 / r, 12.0, r] for r in (0.82, 1.0, 1.18)])

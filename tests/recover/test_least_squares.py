@@ -75,7 +75,7 @@ def test_what_the_recordings_fix_is_recovered_where_the_time_scale_is_free(write
 
 
 def test_the_papers_sinusoid_leaves_the_scale_of_the_picture_open_too(write_rig):
-    """Away from the rim and from rest at the centre nothing tells a larger picture from a larger push."""
+    """Away from the rim and from rest at the centre a larger picture looks like a larger push."""
     truth = [0.03, 0.02, 1e-4, 10.0, 1.0]
     knobs = paper_drive()
     noisy = np.random.default_rng(3).standard_normal((2, 100, 2)) * NOISE

@@ -94,14 +94,14 @@ def test_streaming_takes_no_more_memory_for_more_rollouts():
 
     In a process of its own: how a test worker's memory is filled by then is nobody's business here.
     """
-    told = subprocess.run(
+    printed = subprocess.run(
         [sys.executable, "-c", STREAMS],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         capture_output=True,
         text=True,
         check=True,
     )
-    before, after = (int(line) / 1024 for line in told.stdout.split())
+    before, after = (int(line) / 1024 for line in printed.stdout.split())
     assert after - before < 40
 
 

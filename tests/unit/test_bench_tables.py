@@ -59,7 +59,7 @@ def run(method, seconds, *, close=None, arrived=None):
     }
 
 
-def test_spread_is_the_standard_deviation_of_normal_samples_whatever_the_outliers():
+def test_spread_is_the_standard_deviation_of_normal_samples_with_any_outliers():
     samples = np.random.default_rng(0).normal(10.0, 0.5, 20_001)
     samples[:100] = 1e6
     found = Measured.of(samples.tolist())
@@ -174,7 +174,7 @@ def add_benchmark(criterion, name, median, spread):
     (folder / "estimates.json").write_text(json.dumps(estimates))
 
 
-def test_effects_are_told_in_multiples_of_the_base_rollout(tmp_path):
+def test_effects_are_given_in_multiples_of_the_base_rollout(tmp_path):
     add_benchmark(tmp_path, "effects/base", 2e6, 2e4)
     add_benchmark(tmp_path, "effects/backlash", 3e6, 0.0)
     add_benchmark(tmp_path, "effects/air_drag", 2.2e6, 0.0)

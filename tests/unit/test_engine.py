@@ -189,7 +189,7 @@ def test_what_fills_shorter_commands_up_does_not_count():
     assert (together[1] == rollouts(PAPER, drive[:25], effects=drift, rows=20)[0]).all()
 
 
-def test_the_catalogue_tells_of_each_effect_what_a_report_needs():
+def test_the_catalogue_has_of_each_effect_what_a_report_needs():
     catalogue = {effect.name: effect for effect in effects()}
     bump = catalogue["bump"]
     assert bump.stage == "board"

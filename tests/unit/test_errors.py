@@ -39,5 +39,5 @@ def test_unknown_name_without_a_near_one_lists_what_is_possible() -> None:
 
 
 def test_of_very_many_names_the_first_are_listed() -> None:
-    told = str(unknown_name("parameter", "zzz", [f"name_{i}" for i in range(60)]))
-    assert told.endswith("name_39, and 20 more")
+    message = str(unknown_name("parameter", "zzz", [f"name_{i}" for i in range(60)]))
+    assert message.endswith("name_39, and 20 more")

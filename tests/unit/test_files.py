@@ -221,6 +221,6 @@ class TestTomlTable:
         with pytest.raises(IrtError, match="absent is missing"):
             table.word("absent")
 
-    def test_unknown_keys_are_told_with_what_is_possible(self, table) -> None:
+    def test_unknown_keys_are_named_with_what_is_possible(self, table) -> None:
         with pytest.raises(IrtError, match=r'section\]: unknown key "a"; possible: b, c'):
             table.section("section").only("key", ("b", "c"))

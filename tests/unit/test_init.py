@@ -35,7 +35,7 @@ def test_importing_loads_nothing_heavy() -> None:
 @pytest.mark.parametrize(
     "first", ["", "import irt.engine", "from irt.engine import paper_drive", "import irt.residual"]
 )
-def test_rollouts_is_the_function_whatever_was_imported_before(first: str) -> None:
+def test_rollouts_is_the_function_after_any_import(first: str) -> None:
     assert run(
         f"{first}\nimport irt\nfrom irt import rollouts\nprint(callable(irt.rollouts), callable(rollouts))"
     ) == ("True True")

@@ -121,7 +121,7 @@ def test_a_first_demo_leaves_no_intermediate_files(machine: FreshMachine, built:
 
 @pytest.fixture
 def debian(machine: FreshMachine) -> FreshMachine:
-    """A machine where root installs by apt-get, which keeps a log of what it was told."""
+    """A machine where root installs by apt-get, which keeps a log of its arguments."""
     machine.add("id", "echo 0")
     machine.add("env", 'shift; exec "$@"')
     machine.add("apt-get", 'echo "$@" >> apt.log')

@@ -37,8 +37,9 @@ def test_a_marble_has_room_along_the_path_of_each_layout(name: str, holes: int) 
         [a + (b - a) * np.linspace(0.0, 1.0, 400)[:, None] for a, b in itertools.pairwise(path)]
     )
     for x0, y0, x1, y1 in maze.walls:
-        wall = np.array([x0, y0]) + np.linspace(0.0, 1.0, 400)[:, None] * [x1 - x0, y1 - y0]
-        gaps = np.linalg.norm(places[:, None] - wall, axis=2) - maze.wall_thickness_m / 2.0
+        from_end, wall = places - [x0, y0], np.array([x1 - x0, y1 - y0])
+        along = np.clip(from_end @ wall / (wall @ wall), 0.0, 1.0)
+        gaps = np.linalg.norm(from_end - along[:, None] * wall, axis=1) - maze.wall_thickness_m / 2.0
         assert gaps.min() > marble.radius_m
     for hole in maze.holes:
         assert np.linalg.norm(places - hole, axis=1).min() > maze.hole_radius_m + 0.001

@@ -92,9 +92,13 @@ BAD = {
         "\n".join(GOOD).replace("marble_y", "y"),
         r"run\.csv, line 1: column marble_y is missing; the header has step, t_s, .*, marble_x, y$",
     ),
+    "column misspelt": (
+        "\n".join(GOOD).replace("knob_x_rad", "knob_x"),
+        r"run\.csv, line 1: column knob_x_rad is missing; rename knob_x; the header has step, t_s, knob_x, ",
+    ),
     "header missing": (
         "\n".join(GOOD[1:]),
-        r"run\.csv, line 1: column step is missing; the header has 0, 0\.0",
+        r"run\.csv, line 1: the columns have no names; name them step, knob_x_rad, knob_y_rad, marble_x, ",
     ),
     "column twice": (
         with_line(1, GOOD[0].replace("t_s", "step")),

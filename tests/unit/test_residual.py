@@ -70,7 +70,7 @@ class TestSegments:
         found = segments(rig_of(record(wave, MOVING, uneven), start="moving"))
         assert [len(part.knobs) for part in found] == [25, 15]
 
-    def test_without_stamps_the_range_tells_the_time(self, wave) -> None:
+    def test_without_stamps_the_range_gives_the_time(self, wave) -> None:
         # The middle of the paper's range, 25 updates of 1/240 s, makes 1 s of 10 rows.
         found = segments(rig_of(record(wave, MOVING), start="moving"), seconds=1.04)
         assert [part.first_row for part in found] == [0, 10, 20, 30]
@@ -147,13 +147,13 @@ class TestFreeRun:
         assert free_run_error(model((*VALUES[:3], 24.3, 1.0)), run) == 0.0
         assert free_run_error(model((*VALUES[:3], 24.3, 1.0), time_step="continuous"), run) > 1e-4
 
-    def test_in_motion_the_first_rows_tell_the_velocity(self, wave, uneven) -> None:
+    def test_in_motion_the_first_rows_give_the_velocity(self, wave, uneven) -> None:
         for stamps in (None, uneven):
             run = record(wave, MOVING, stamps)
             assert free_run_error(model(start="moving"), run) < 1e-6
             assert free_run_error(model(start="rest"), run) > 0.01
 
-    def test_in_motion_with_lost_rows_later_ones_tell_it(self, wave) -> None:
+    def test_in_motion_with_lost_rows_later_ones_give_it(self, wave) -> None:
         run = record(wave, MOVING, lost=[1, 2, 4])
         assert free_run_error(model(start="moving"), run) < 1e-6
 

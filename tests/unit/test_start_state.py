@@ -87,7 +87,7 @@ def test_effects_remember_what_was_commanded_before_a_window(knobs, states) -> N
 @pytest.mark.parametrize("follows", [0, 1])
 @pytest.mark.parametrize("engine", ["rolling", "rapier"])
 def test_a_marble_is_turned_as_far_as_it_has_rolled(engine, follows) -> None:
-    """A window that begins half-way goes on as the whole run does, if it is told the path up to there."""
+    """A window that begins half-way goes on as the whole run does, given the path up to there."""
     values = [[0.05, 0.04, 2e-4, 1.0, 1.0]]
     knobs = np.array([[0.03, 0.05]]).repeat(300, axis=0)
     knobs[80:] = [-0.03, 0.06]
@@ -105,11 +105,11 @@ def test_a_marble_is_turned_as_far_as_it_has_rolled(engine, follows) -> None:
         "rolled": way[half],
         "turned": turned(whole * Board().edge_x_m, Marble().radius_m)[half],
     }
-    told = rollouts(values, knobs[half:], **before, **begun, **heavy)[0]
-    untold = rollouts(values, knobs[half:], **begun, **heavy)[0]
+    played = rollouts(values, knobs[half:], **before, **begun, **heavy)[0]
+    unplayed = rollouts(values, knobs[half:], **begun, **heavy)[0]
     gone = np.abs(whole[half:] - whole[half]).max()
-    assert np.abs(told - whole[half:]).max() < 0.01 * gone
-    assert np.abs(untold - whole[half:]).max() > 0.05 * gone
+    assert np.abs(played - whole[half:]).max() < 0.01 * gone
+    assert np.abs(unplayed - whole[half:]).max() > 0.05 * gone
 
 
 def test_a_segment_knows_how_the_marble_was_turned_before_it() -> None:
@@ -124,9 +124,9 @@ def test_a_segment_knows_how_the_marble_was_turned_before_it() -> None:
     state = np.append(whole[half], (whole[half + 1] - whole[half - 1]) * 120.0)
     segment = segment_of(Recording("run", Path("run.csv"), knobs, whole), slice(half, 300), state)
     inputs = inputs_of([segment], whole=True)
-    untold = dataclasses.replace(inputs, paths=(), path=None)
+    unplayed = dataclasses.replace(inputs, paths=(), path=None)
     missed, astray = (
-        np.abs(simulate(heavy, one, state[None])[0] - whole[half:]).max() for one in (inputs, untold)
+        np.abs(simulate(heavy, one, state[None])[0] - whole[half:]).max() for one in (inputs, unplayed)
     )
     gone = np.abs(whole[half:] - whole[half]).max()
     assert missed < 0.01 * gone

@@ -1,4 +1,4 @@
-"""Whatever is passed to the package's functions, an `IrtError` of one line says what was expected."""
+"""For anything passed to the package's functions, an `IrtError` of one line says what was expected."""
 
 from contextlib import suppress
 from pathlib import Path

@@ -337,7 +337,9 @@ def _of_effect(linear: _Linear, info: EffectInfo) -> Iterator[Detectable]:
         usual = 0.5 * float(sizes[-1])
         at_usual = float(np.exp(np.interp(np.log(usual), np.log(sizes), np.log(np.maximum(typical, 1e-9)))))
         runs = (SHOWS / at_usual) ** 2 if at_usual > 1e-6 else math.inf
-        yield Detectable(info.name, one.name, one.unit, _smallest(sizes, typical), usual, runs)
+        below = sizes < usual
+        smallest = _smallest(np.append(sizes[below], usual), np.append(typical[below], at_usual))
+        yield Detectable(info.name, one.name, one.unit, smallest, usual, runs)
 
 
 def _without_time(one: Detectable, row_s: float) -> Detectable | None:

@@ -22,7 +22,7 @@ from irt.conventions import (
     resampled,
 )
 from irt.engine import GRAVITY, SUBSTEP_S
-from irt.recording import MARBLE, TILT, Recording
+from irt.recording import MARBLE, TILT
 from irt.rig import PARAMETERS, Rig
 
 Array = NDArray[np.float64]
@@ -281,12 +281,6 @@ def _slip(ratio: float, edge_m: float) -> str:
         if 1.0 / _SAME < ratio / expected < _SAME:
             return advice
     return ""
-
-
-def runs_of(recordings: Sequence[Recording]) -> str:
-    """Return the names of recordings, shortened to the first ones."""
-    names = [one.name for one in recordings]
-    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
 
 
 def _listed(names: tuple[str, str]) -> str:

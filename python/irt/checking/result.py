@@ -179,8 +179,9 @@ class Detectable:
     effect, parameter, unit : str
         The effect, the parameter that is its size, and its unit, which has rows for seconds without stamps.
     smallest : float or None
-        Smallest distance from the neutral value that changes the marble's path by `irt.check.SHOWS` standard
-        errors, beyond changes by start states and the five parameters; None if no plausible size does.
+        Smallest distance from the neutral value from which on, up to the usual size, all change the marble's
+        path by `irt.checking.identify.SHOWS` standard errors, beyond changes by start states and the five
+        parameters; None if the usual size does not.
     usual : float
         Half of the largest plausible distance.
     runs : float

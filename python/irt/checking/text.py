@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 from irt.checking.result import Check, Detectable, Identified, ResponseFacts, RunFacts, SignalFacts
 
 #: Characters of a line.
 _WIDTH = 100
-#: Number of runs above which an advice is omitted.
+#: Number of runs from which on an effect counts as not detectable with any.
 _NEVER_RUNS = 1000
 #: Widths of the columns of the table of runs.
 _COLUMNS = (6, 6, 5, 7, 5, 4, 5, 5, 5, 7)
@@ -126,28 +127,43 @@ def _identified(found: Identified, runs: int) -> Iterator[str]:
     yield from _bullet(", ".join(known) or "none of the five parameters")
     for sentence in found.unidentifiable:
         yield from _bullet(sentence)
-    shown = [one for one in found.effects if one.runs <= 1.0 and one.smallest is not None]
-    hidden = [one for one in found.effects if not (one.runs <= 1.0 and one.smallest is not None)]
-    if shown:
-        yield from _bullet(f"effects are detectable from these sizes: {_grouped(shown, _size)}")
-    if hidden:
-        needed = _grouped(hidden, lambda one: _runs_needed(one, runs))
-        yield from _bullet(
-            "effects of half their largest usual size are not detectable; they would be with this many runs "
-            f"like these ({runs} so far): {needed}"
-        )
+    kinds = [_kind(one, runs) for one in found.effects]
+    for kind, text, word in (
+        ("shown", "effects are detectable from these sizes", _size),
+        (
+            "later",
+            f"not detectable at half their largest size, but with so many runs like these ({runs} so far)",
+            partial(_runs_needed, runs=runs),
+        ),
+        ("never", "not detectable with any number of runs like these", None),
+    ):
+        chosen = [one for one, its in zip(found.effects, kinds, strict=True) if its == kind]
+        if chosen:
+            others = {one.effect for one, its in zip(found.effects, kinds, strict=True) if its != kind}
+            yield from _bullet(f"{text}: {_grouped(chosen, word, others)}")
 
 
-def _grouped(effects: Sequence[Detectable], word: Callable[[Detectable], str]) -> str:
-    """Return the effects, with the parameters of one effect grouped."""
-    found: dict[str, list[str]] = {}
+def _kind(one: Detectable, runs: int) -> str:
+    if one.smallest is not None:
+        return "shown"
+    return "later" if runs * one.runs < _NEVER_RUNS else "never"
+
+
+def _grouped(effects: Sequence[Detectable], word: Callable[[Detectable], str] | None, split: set[str]) -> str:
+    """Return the effects, with the parameters of one effect grouped; named if it is ``split`` over lines."""
+    found: dict[str, list[Detectable]] = {}
     for one in effects:
-        found.setdefault(one.effect, []).append(word(one))
-    units = {one.effect: one.unit for one in effects}
+        found.setdefault(one.effect, []).append(one)
     parts = []
-    for name, words in found.items():
-        unit = f" {units[name]}" if units[name] and word is _size else ""
-        parts.append(f"{name.replace('_', ' ')} {' / '.join(words)}{unit}")
+    for name, of_one in found.items():
+        part = name.replace("_", " ")
+        if name in split:
+            part += f" ({', '.join(one.parameter for one in of_one)})"
+        if word is not None:
+            part += f" {' / '.join(word(one) for one in of_one)}"
+        if word is _size and of_one[0].unit:
+            part += f" {of_one[0].unit}"
+        parts.append(part)
     return ", ".join(parts)
 
 
@@ -156,8 +172,7 @@ def _size(one: Detectable) -> str:
 
 
 def _runs_needed(one: Detectable, runs: int) -> str:
-    needed = runs * one.runs
-    return f"{math.ceil(needed)}" if needed < _NEVER_RUNS else "never"
+    return f"{math.ceil(runs * one.runs)}"
 
 
 def _bullet(text: str) -> list[str]:

@@ -8,15 +8,17 @@ Each verb is a module of this package. It defines ``NAME``, a one-line ``HELP``,
 from __future__ import annotations
 
 import argparse
+import difflib
 import keyword
 import os
+import re
 import signal
 import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
 from types import FrameType
-from typing import Any, Protocol, cast
+from typing import Any, NoReturn, Protocol, cast
 
 from irt.errors import IrtError
 
@@ -24,18 +26,18 @@ from irt.errors import IrtError
 VERBS = (
     "demo",
     "drive",
-    "simulate",
-    "evaluate",
+    "track",
+    "import",
     "check",
-    "pretrain",
     "tune",
+    "evaluate",
     "diagnose",
     "suggest",
+    "simulate",
     "export",
+    "pretrain",
     "prove",
     "reproduce",
-    "import",
-    "track",
 )
 
 DONE = 0
@@ -67,6 +69,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     with_traceback = "--traceback" in words or os.environ.get("IRT_TRACEBACK", "0") not in {"", "0"}
     try:
         try:
+            if not words:
+                make_parser().print_help(sys.stderr)
+                return WRONG_USAGE
             args = make_parser().parse_args(words)
             args.run(args)
         finally:
@@ -87,14 +92,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> argparse.ArgumentParser:
     """Return the parser of all verbs."""
-    common = argparse.ArgumentParser(add_help=False)
+    common = _Parser(add_help=False)
     common.add_argument(
         "--traceback",
         action="store_true",
         default=argparse.SUPPRESS,
         help="show the Python traceback of an error (IRT_TRACEBACK=1 does the same)",
     )
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="irt",
         description="Tune a marble-labyrinth simulator to recordings, and find the physics it leaves out.",
         epilog="irt VERB --help describes a verb and shows an example.",
@@ -118,6 +123,31 @@ def make_parser() -> argparse.ArgumentParser:
         verb.add_arguments(subparser)
         subparser.set_defaults(run=verb.run)
     return parser
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors suggest the nearest verb, option or choice.
+
+    A verb refuses options that it does not know itself: argparse leaves that to the parser above, whose usage
+    does not show them.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            options = [name for action in self._actions for name in action.option_strings]
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{_nearest(unknown[0], options)}")
+        return found, unknown
+
+    def error(self, message: str) -> NoReturn:
+        if wrong := re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)$", message):
+            message += _nearest(wrong[1], re.findall(r"[^\s,']+", wrong[2]))
+        super().error(message)
+
+
+def _nearest(word: str, possible: Sequence[str]) -> str:
+    near = difflib.get_close_matches(word, possible, n=1)
+    return f"; did you mean {near[0]}?" if near else ""
 
 
 class _Version(argparse.Action):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 
-from irt.cli.inputs import whole
+from irt.cli.inputs import positive, whole
 
 NAME = "drive"
 HELP = "make commands for the first runs to record: CSV files with stamps, ready to play"
@@ -23,19 +22,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--runs", metavar="N", type=whole(1), default=6, help="number of runs (default: 6)")
     parser.add_argument(
-        "--seconds", metavar="S", type=_positive, default=8.0, help="length of a run (default: 8)"
+        "--seconds", metavar="S", type=positive, default=8.0, help="length of a run (default: 8)"
     )
     parser.add_argument(
         "--rate",
         metavar="HZ",
-        type=_positive,
+        type=positive,
         default=20.0,
         help="rows per second: the rate at which you can send a command and read a position (default: 20)",
     )
     parser.add_argument(
         "--amplitude",
         metavar="A",
-        type=_positive,
+        type=positive,
         default=0.1,
         help="largest command, in rad or in the unit given by --unit (default: 0.1)",
     )
@@ -91,14 +90,3 @@ def run(args: argparse.Namespace) -> None:
     )
     if args.unit is not None:
         print(f'Add a rig.toml to that folder with the lines\n[commands]\nunit = "{args.unit}"')
-
-
-def _positive(text: str) -> float:
-    """Read a number above 0."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, found {text}")
-    return value

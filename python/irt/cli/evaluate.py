@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from irt.cli.inputs import positive
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--window",
         metavar="SECONDS",
-        type=_seconds,
+        type=positive,
         default=2.0,
         help="length of a window; its start state is estimated from the four rows before it (default: 2)",
     )
@@ -65,16 +66,6 @@ def run(args: argparse.Namespace) -> None:
     write_atomic(folder / "evaluation.json", json.dumps(written, indent=2, allow_nan=False) + "\n")
     plot_evaluation(folder / "evaluation.svg", evaluation, rig.recordings)
     print(f"\nwrote {folder / 'evaluation.json'} and {folder / 'evaluation.svg'}")
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = math.nan
-    if not 0.0 < seconds < math.inf:
-        raise argparse.ArgumentTypeError(f"expected seconds above 0, found {text}")
-    return seconds
 
 
 def _table(evaluation: Evaluation) -> Iterator[str]:

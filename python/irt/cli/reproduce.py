@@ -20,7 +20,7 @@ HELP = "repeat the paper's experiments, with intervals, and write its figures, i
 ITEMS = ("fig3", "fig4", "fig5", "fig6", "fig7", "fig8", "table1", "symmetry")
 _OF_FIRST, _OF_SECOND = ITEMS[:4], ITEMS[4:7]
 #: Counts of a quick and of a full reproduction: targets, rigs, diagnosed rigs, targets per ablation.
-_COUNTS = ("targets", "rigs", "diagnosed", "switched")
+_COUNTS = ("targets", "rigs", "diagnosed", "ablations")
 _QUICK, _FULL = (100, 20, 3, 0), (500, 100, 20, 100)
 
 
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--diagnosed", metavar="N", type=whole(0), help="rigs of Experiment 2 to diagnose as well"
     )
     parser.add_argument(
-        "--switched",
+        "--ablations",
         metavar="N",
         type=whole(0),
         help="targets per ablation: the other drive, and the other damping",
@@ -125,7 +125,7 @@ def _done(
     from irt.extras import install_command
     from irt.files import make_folder, write_atomic
     from irt.paper import render, tables
-    from irt.paper.ablations import switched
+    from irt.paper.ablations import ablations
     from irt.paper.contenders import available
     from irt.paper.page import Results, write_page
     from irt.paper.recorded import judge
@@ -137,8 +137,8 @@ def _done(
     numbers = {}
     first = experiment1(setting, progress=progress) if items & set(_OF_FIRST) else None
     second = experiment2(setting, progress=progress) if items & set(_OF_SECOND) else None
-    others = _counts(args)["switched"] if items == set(ITEMS) else 0
-    other = switched(setting, others, progress) if others else {}
+    others = _counts(args)["ablations"] if items == set(ITEMS) else 0
+    other = ablations(setting, others, progress) if others else {}
     real = judge(setting, args.real, progress) if args.real is not None else []
     if first is not None:
         for name in sorted(items & set(_OF_FIRST)):

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from irt.cli.inputs import positive
 from irt.errors import IrtError
 
 if TYPE_CHECKING:
@@ -80,9 +81,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--colour", metavar="R,G,B", type=_colour, help="the marble's colour, 0 to 255 (default: learned)"
     )
     parser.add_argument(
-        "--fps", metavar="RATE", type=_positive, help="pictures per second, if those of the file are wrong"
+        "--fps", metavar="RATE", type=positive, help="pictures per second, if those of the file are wrong"
     )
-    parser.add_argument("--seconds", metavar="S", type=_positive, help="stop after this time")
+    parser.add_argument("--seconds", metavar="S", type=positive, help="stop after this time")
     parser.add_argument(
         "--publish", action="store_true", help="publish each position on /marble/position, for ROS 2 nodes"
     )
@@ -110,9 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "  irt track run-1.mp4 --commands knobs-1.csv --out my-rig     then: irt diagnose my-rig\n"
         "  irt track chessboard.mp4 --calibrate --out my-rig           calibrate the lens for later tracks\n"
         "  irt track --markers                                         markers to print for the tilt\n"
-        "  irt track 0 --publish                                       a camera, live; Ctrl-C ends it\n\n"
-        "example:\n"
-        "  irt track run-1.mp4"
+        "  irt track 0 --publish                                       a camera, live; Ctrl-C ends it"
     )
 
 
@@ -299,13 +298,6 @@ def _colour(text: str) -> tuple[float, ...]:
     if not all(0 <= one <= 255 for one in numbers):
         raise argparse.ArgumentTypeError(f"expected red, green, blue from 0 to 255, found {text}")
     return numbers[::-1]
-
-
-def _positive(text: str) -> float:
-    (number,) = _numbers(text, 1)
-    if number <= 0:
-        raise argparse.ArgumentTypeError(f"expected a number above 0, found {text}")
-    return number
 
 
 def _pattern(text: str) -> tuple[int, int]:

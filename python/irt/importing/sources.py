@@ -72,7 +72,7 @@ def detect(path: Path, *, mapped: bool = False) -> Kind:
             raise IrtError(f"{path}: neither a bag (metadata.yaml, *.db3, *.mcap) nor a TAG folder; {ask}")
         return _of_topics(path, ask)
     if not path.exists():
-        raise IrtError(f"{path}: cannot be read: No such file or directory")
+        raise IrtError(f"{path}: no such file; give a bag, a folder, a CSV or an NPZ file of the log")
     if path.suffix == ".npz":
         return "cyberrunner"
     if path.suffix == ".csv":

@@ -9,13 +9,13 @@ from irt.paper.setting import Setting, within
 from irt.paper.simulated import Experiment1, experiment1
 
 #: The paper's method, its main baseline, and two methods of this project.
-SWITCHED = ("irt-paper", "cma-es", "least-squares", "irt+")
+ABLATED = ("irt-paper", "cma-es", "least-squares", "irt+")
 
 #: Number of targets for the engine's least squares.
 ENGINE_TARGETS = 20
 
 
-def switched(setting: Setting, targets: int, progress: Progress | None = None) -> dict[str, Experiment1]:
+def ablations(setting: Setting, targets: int, progress: Progress | None = None) -> dict[str, Experiment1]:
     """Return Experiment 1 with each choice reversed, by the reversed choice.
 
     Results of an earlier call are reused.
@@ -29,6 +29,6 @@ def switched(setting: Setting, targets: int, progress: Progress | None = None) -
         ),
     }
     return {
-        name: experiment1(other, SWITCHED, within(progress, name), engine_targets=ENGINE_TARGETS)
+        name: experiment1(other, ABLATED, within(progress, name), engine_targets=ENGINE_TARGETS)
         for name, other in others.items()
     }

@@ -41,7 +41,7 @@ class Results:
     ----------
     first, second
         The paper's experiments.
-    switched
+    ablations
         Experiment 1 with the other drive and the other damping, if requested.
     real
         A real recording, if given.
@@ -49,7 +49,7 @@ class Results:
 
     first: Experiment1
     second: Experiment2
-    switched: Mapping[str, Experiment1]
+    ablations: Mapping[str, Experiment1]
     real: Sequence[Judged]
 
 
@@ -72,7 +72,7 @@ def write_page(page: Path, command: str, results: Results) -> None:
         *_floors(first, second),
         *_first(first, page.stem),
         *_second(second, page.stem),
-        *_switched(first, results.switched),
+        *_ablations(first, results.ablations),
         *_real(results.real),
         *_how(first.setting, command),
     ]
@@ -255,14 +255,14 @@ def _second(second: Experiment2, folder: str) -> Iterator[str]:
         yield ""
 
 
-def _switched(first: Experiment1, switched: Mapping[str, Experiment1]) -> Iterator[str]:
+def _ablations(first: Experiment1, ablations: Mapping[str, Experiment1]) -> Iterator[str]:
     yield "## What the paper leaves open, decided the other way"
     yield ""
-    if not switched:
-        yield "Not measured (`--switched N`)."
+    if not ablations:
+        yield "Not measured (`--ablations N`)."
         yield ""
         return
-    count = len(next(iter(switched.values())).truth)
+    count = len(next(iter(ablations.values())).truth)
     yield (
         f"Experiment 1 again, on {count} targets each, once with the other reading of Eq. 3 (and networks "
         "trained for it), once with the other damping (and networks trained without damping, as in `irt "
@@ -270,7 +270,7 @@ def _switched(first: Experiment1, switched: Mapping[str, Experiment1]) -> Iterat
         "combinations and parameters in % of their ranges."
     )
     yield ""
-    yield from tables.of_switches({"as above": first, **switched})
+    yield from tables.of_ablations({"as above": first, **ablations})
     yield ""
 
 

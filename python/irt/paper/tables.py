@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from irt.paper.ablations import SWITCHED
+from irt.paper.ablations import ABLATED
 from irt.paper.contenders import METHODS
 from irt.paper.setting import ROLLOUTS
 from irt.paper.simulated import SHOWN, Experiment1
@@ -47,13 +47,13 @@ def of_methods(first: Experiment1) -> Iterator[str]:
     )
 
 
-def of_switches(of: Mapping[str, Experiment1]) -> Iterator[str]:
+def of_ablations(of: Mapping[str, Experiment1]) -> Iterator[str]:
     """Yield the errors of each method after few rollouts, by reversed choice."""
     shown = [f"{what}, {n}" for what in ("state MAE", "combinations", "parameters") for n in _FEW]
     yield f"| | targets | at the rim | method | {' | '.join(shown)} |"
     yield f"| --- | ---: | ---: | --- |{' ---: |' * len(shown)}"
     for name, first in of.items():
-        for method in SWITCHED:
+        for method in ABLATED:
             held = first.held[method]
             kinds = (held.mae, first.combination_error(held), first.parameter_error(held))
             cells = [_digits(100 * kind[:, n].mean()) for kind in kinds for n in _FEW]

@@ -102,10 +102,10 @@ class Secret:
         return digest(f"{self.nonce} {self.seed}".encode())
 
 
-def begin(places: Places, plan: Plan, seed: int | None, made: Mapping[str, str]) -> Secret:
+def begin(places: Places, plan: Plan, seed: int | None, provenance: Mapping[str, str]) -> Secret:
     """Publish the plan of a new proof, or check that of an existing one; return its secret.
 
-    `seed` is by default from the operating system; `made` holds ``world``, ``code`` and ``commit``.
+    `seed` is by default from the operating system; `provenance` holds ``world``, ``code`` and ``commit``.
 
     Raises
     ------
@@ -117,14 +117,16 @@ def begin(places: Places, plan: Plan, seed: int | None, made: Mapping[str, str])
         drawn = secrets.randbits(64) if seed is None else seed
         secret = Secret(drawn, secrets.token_hex(32), secrets.token_hex(32))
         write_atomic(places.secret, canonical(vars(secret)))
-        write_atomic(places.plan, canonical({"plan": plan.as_dict(), "seed": secret.commitment, **made}))
+        write_atomic(
+            places.plan, canonical({"plan": plan.as_dict(), "seed": secret.commitment, **provenance})
+        )
     secret, published = Secret(**read_json(places.secret)), read_json(places.plan)
     if published["plan"] != plan.as_dict() or seed not in (None, secret.seed):
         raise IrtError(f"{places.out}: holds a proof of another plan or seed; choose another --out")
-    if published["code"] != made["code"] and not places.keys.exists():
+    if published["code"] != provenance["code"] and not places.keys.exists():
         raise IrtError(
-            f"{places.out}: an unfinished proof of {published['code']}, and this is {made['code']}; go on "
-            "with that version, or choose another --out"
+            f"{places.out}: an unfinished proof of {published['code']}, and this is {provenance['code']}; "
+            "resume it with that version, or choose another --out"
         )
     return secret
 
@@ -175,7 +177,7 @@ def verify(out: Path) -> int:
         If it is not finished, or a plan, label, recording, commitment, answer or seed was altered.
     """
     places = Places(out)
-    published = read_json(places.plan)
+    published = read_json(places.plan, "the folder of a proof with --out")
     plan = Plan(**published["plan"])
     names = plan.names()
     for path in (places.commitments, places.manifest, places.keys):

@@ -29,14 +29,14 @@ class Results:
         Scores of other methods on the same rigs; empty if they did not run.
     ties : tuple of Resolved
         Ties before and after one more run; empty without ties.
-    made : dict
-        Provenance: ``world``, ``code``, ``commit`` and ``seed``.
+    provenance : dict
+        ``world``, ``code``, ``commit`` and ``seed``.
     """
 
     scores: tuple[RigScore, ...]
     entries: tuple[Contestant, ...] = ()
     ties: tuple[Resolved, ...] = ()
-    made: dict[str, str] = field(default_factory=dict)
+    provenance: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, places: Places) -> Results:
@@ -59,8 +59,8 @@ class Results:
             )
         ]
         ties = tuple(all_resolved(scores, places.out / "further"))
-        made = {name: str(published[name]) for name in ("world", "code", "commit")}
-        return cls(scores, tuple(entries), ties, {**made, "seed": str(keys["seed"])})
+        provenance = {name: str(published[name]) for name in ("world", "code", "commit")}
+        return cls(scores, tuple(entries), ties, {**provenance, "seed": str(keys["seed"])})
 
     @property
     def standings(self) -> list[Standing]:
@@ -97,6 +97,6 @@ class Results:
             "rigs": [one.as_dict() for one in self.scores],
             "baselines": [one.as_dict() for one in self.entries],
             "ties": [asdict(one) for one in self.ties],
-            "made": self.made,
+            "provenance": self.provenance,
         }
         write_atomic(path, canonical(content) + b"\n")

@@ -50,7 +50,7 @@ class Proof:
         The command of the concealed world.
     workers : Workers
         Workers that run the diagnoses.
-    made : mapping
+    provenance : mapping
         ``world``, ``code`` and ``commit``, which are published with the plan.
     seed : int, optional
         Seed of the hidden physics; by default from the operating system.
@@ -73,7 +73,7 @@ class Proof:
         plan: Plan,
         world: Sequence[str],
         workers: Workers,
-        made: Mapping[str, str],
+        provenance: Mapping[str, str],
         *,
         seed: int | None = None,
         progress: Progress | None = None,
@@ -81,7 +81,7 @@ class Proof:
         hiders: int = 1,
     ) -> None:
         self.places, self.plan, self._workers = Places(make_folder(out)), plan, workers
-        self._world, self._made, self._seed, self._contest = world, made, seed, contest
+        self._world, self._provenance, self._seed, self._contest = world, provenance, seed, contest
         self._hiders = hiders
         self._progress = progress or (lambda *_: None)
         self._done = 0
@@ -89,7 +89,7 @@ class Proof:
     def run(self) -> Places:
         """Run all remaining steps."""
         names = self.plan.names()
-        secret = begin(self.places, self.plan, self._seed, self._made)
+        secret = begin(self.places, self.plan, self._seed, self._provenance)
         self._hide(secret)
         self._diagnose()
         release(self.places, names, secret)

@@ -317,7 +317,7 @@ def _how(settings: Mapping[str, str]) -> Iterator[str]:
 
 def _made(results: Results) -> dict[str, str]:
     titles = {"world": "recorded by", "code": "diagnosed by", "commit": "commit", "seed": "seed"}
-    return {title: results.made[name] for name, title in titles.items() if results.made.get(name)}
+    return {title: results.provenance[name] for name, title in titles.items() if results.provenance.get(name)}
 
 
 def _hashes(chain: Sequence[Path]) -> Iterator[str]:

@@ -37,7 +37,7 @@ class World:
         If it cannot be started.
     """
 
-    def __init__(self, command: Sequence[str], what: str = "the concealed world") -> None:
+    def __init__(self, command: Sequence[str], what: str = "the program that makes the rigs") -> None:
         self._what = what
         try:
             self._process = subprocess.Popen(

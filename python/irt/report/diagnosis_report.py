@@ -303,16 +303,16 @@ class _Report:
         span = min(evidence), max(evidence)
         pictures = []
         for name, title, group in (
-            ("one", "One effect added", [one for one in tried if len(one.effects) == 1]),
-            ("several", "Several effects together", [one for one in tried if len(one.effects) > 1]),
+            ("one", "Hypotheses of one effect", [one for one in tried if len(one.effects) == 1]),
+            ("several", "Hypotheses of several effects", [one for one in tried if len(one.effects) > 1]),
         ):
             if not group:
                 continue
             best = sorted(group, key=evidence_for, reverse=True)[:_MOST_BARS]
             path = self.folder / f"ranking-{name}.svg"
             plot_ranking(path, best, answer, ties, span=span)
-            which = f"the best {len(best)} of {len(group)}" if len(group) > len(best) else "all"
-            pictures.append(Picture(path, f"{title}: {which}."))
+            which = f", the best {len(best)} of {len(group)}" if len(group) > len(best) else ""
+            pictures.append(Picture(path, f"{title}{which}."))
         return pictures
 
 
@@ -404,9 +404,8 @@ def _certainty(diagnosis: Diagnosis) -> Iterator[str]:
             for one in diagnosis.effects
         )
         yield (
-            f"When each run in turn is left out of the selection among the most probable sets, the selection "
-            f"contains {chosen}. The selected sets predict the run left out with an error of "
-            f"{percent(diagnosis.nested_heldout_mae)} of the edge."
+            f"With each run in turn left out, the selection among the most probable sets contains {chosen}. "
+            f"Its error on that run is {percent(diagnosis.nested_heldout_mae)} of the edge."
         )
     elif diagnosis.effects and not tied:
         yield "Not validated: there were no held-out runs."

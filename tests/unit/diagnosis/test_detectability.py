@@ -17,6 +17,7 @@ def least(case):
     return {(one.effect, one.parameter): np.inf if one.least is None else one.least for one in found}
 
 
+@pytest.mark.slow
 def test_more_recordings_show_smaller_effects(plant):
     few, many = (least(plant(runs=runs, stamped=True)) for runs in (2, 8))
     assert few.keys() == many.keys()

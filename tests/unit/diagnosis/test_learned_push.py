@@ -145,6 +145,7 @@ def test_what_is_planted_is_learned_first_and_needs_no_push(plant, planted, fami
     assert found.fitted.noise < base.fitted.noise
 
 
+@pytest.mark.slow
 def test_what_is_learned_simulates_and_leaves_noise(plant):
     base, found = learned(plant([wave()], runs=6, stamped=True))
     assert found.fitted.noise < 1.3 * base.case.noise < base.fitted.noise

@@ -55,6 +55,7 @@ def test_a_push_that_never_repeats_depends_on_nothing(plant):
     assert min(found) > 0.0
 
 
+@pytest.mark.slow
 def test_the_push_of_a_table_that_is_not_level_is_found_in_every_row(plant):
     bias = 0.003
     level = {"name": "tilt_bias", "bias_x_rad": 0.0, "bias_y_rad": bias}

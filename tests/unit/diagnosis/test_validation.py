@@ -47,6 +47,7 @@ def test_what_was_seen_of_a_recording_has_no_part_in_the_fit_that_predicts_it(pl
     assert not np.array_equal(before.values[2], after.values[2])
 
 
+@pytest.mark.slow
 def test_recordings_held_out_are_predicted_as_well_as_noise_allows(plant):
     one = fitted(plant([DRAG], runs=5, stamped=True))
     held = Validation().of(one)

@@ -77,7 +77,7 @@ def test_advantages_are_discounted_sums_of_errors_within_an_episode():
 
 @pytest.mark.slow
 def test_a_policy_learns_a_short_path():
-    args = ppo.Args(steps=60_000, marbles=64, rows=32, rate=2e-3)
+    args = ppo.Args(steps=24_600, marbles=64, rows=32, rate=2e-3)
     options = {"max_episode_steps": 60, "noise": 0.0}
     envs = ppo.labyrinths(default_model(), SHORT, 64, 0.02, **options)
     before, _ = ppo.trial(ppo.Policy(args.stack * (18 - ppo.TILTS)), envs, args, 60)

@@ -23,7 +23,7 @@ def second(setting):
     return experiment2(setting, QUICK)
 
 
-def test_a_row_tells_minimum_final_and_best_so_far(second):
+def test_a_row_has_minimum_final_and_best_so_far(second):
     held = second.random["irt-paper"]
     row = Row.of("irt-paper", held)
     assert row.minimum[0] == pytest.approx(np.median(held.mae.min(axis=1)))

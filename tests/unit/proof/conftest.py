@@ -19,7 +19,7 @@ from irt.proof.score import Errors, RigScore
 from irt.rig import load_rig
 from irt.workers import Files
 
-MADE = {"world": "a small world", "code": "this code", "commit": ""}
+PROVENANCE = {"world": "a small world", "code": "this code", "commit": ""}
 WORLD = [sys.executable, str(Path(__file__).with_name("fake_world.py"))]
 #: Base values of the fake world.
 VALUES = (0.06, 0.05, 4e-4, 15.0, 1.03)
@@ -41,7 +41,7 @@ def answered(folder: Path, effects: tuple[Effect, ...] = ()) -> dict[str, bytes]
         **files,
         "diagnosis.json": json.dumps(content).encode(),
         "seconds.json": b'{"seconds":1.5}',
-        "code.json": json.dumps({"code": MADE["code"]}).encode(),
+        "code.json": json.dumps({"code": PROVENANCE["code"]}).encode(),
     }
 
 
@@ -90,7 +90,12 @@ def prove(tmp_path: Path, hat: Callable[..., Hat]) -> Callable[..., Places]:
         plan = options.pop("plan", Plan(none=1, single=2))
         options = {"seed": 5, "contest": False, **options}
         return Proof(
-            tmp_path / "proof", plan, WORLD, workers or hat(), options.pop("made", MADE), **options
+            tmp_path / "proof",
+            plan,
+            WORLD,
+            workers or hat(),
+            options.pop("provenance", PROVENANCE),
+            **options,
         ).run()
 
     return run
@@ -102,7 +107,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("finished")
     (place / "hat").mkdir()
     plan = Plan(none=1, single=2)
-    return Proof(place / "proof", plan, WORLD, Hat(place / "hat"), MADE, seed=5, contest=False).run().out
+    return (
+        Proof(place / "proof", plan, WORLD, Hat(place / "hat"), PROVENANCE, seed=5, contest=False).run().out
+    )
 
 
 @pytest.fixture
@@ -121,8 +128,18 @@ def files() -> Callable[[Path], dict[str, bytes]]:
 
 
 @pytest.fixture
-def score() -> Callable[..., RigScore]:
+def score(scores: Callable[[], Callable[..., RigScore]]) -> Callable[..., RigScore]:
     """Return what makes a score by hand."""
+    return scores()
+
+
+@pytest.fixture(scope="session")
+def scores() -> Callable[[], Callable[..., RigScore]]:
+    """Return what returns, each time, a maker of scores whose rigs are numbered from 1."""
+    return _scores
+
+
+def _scores() -> Callable[..., RigScore]:
     count = iter(range(1, 10_000))
 
     def make(group: str = "single", **values: Any) -> RigScore:

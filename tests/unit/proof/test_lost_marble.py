@@ -28,7 +28,7 @@ from irt.rig import load_rig
 from irt.workers import FAILED, Files
 
 REASON = "two marbles move on the board"
-MADE = {"world": "a small world", "code": "this code", "commit": ""}
+PROVENANCE = {"world": "a small world", "code": "this code", "commit": ""}
 
 
 def ask(request: Mapping[str, object]) -> dict:
@@ -146,7 +146,7 @@ def lose(world, answered, tmp_path: Path) -> Callable[..., tuple[Places, Results
     def run(*lost: str) -> tuple[Places, Results]:
         plan = Plan(single=3)
         workers = Diagnoses(tmp_path / "seen", answered)
-        places = Proof(tmp_path / "proof", plan, [*world, *lost], workers, MADE, seed=5).run()
+        places = Proof(tmp_path / "proof", plan, [*world, *lost], workers, PROVENANCE, seed=5).run()
         return places, Results.of(places)
 
     return run

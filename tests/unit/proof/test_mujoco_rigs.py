@@ -15,7 +15,7 @@ from irt.proof.pybullet_world.engine import Base, play
 from irt.proof.pybullet_world.in_mujoco import roll
 from irt.proof.pybullet_world.out_of_catalogue import BEYOND
 from irt.proof.pybullet_world.physics import EDGE_X_M, RADIUS_M, Physics
-from irt.proof.pybullet_world.spec import draw, made
+from irt.proof.pybullet_world.spec import draw, physics_of
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels up to Python 3.11 only: pip install pybullet")
 pytest.importorskip("mujoco", reason="MuJoCo is not installed: pip install mujoco")
@@ -55,7 +55,7 @@ def test_hidden_physics_does_the_same_in_both(kind: type[Physics]) -> None:
 def test_a_rim_returns_the_part_of_the_speed_that_it_should(increase: float) -> None:
     commands = np.tile([0.0, 0.12], (40, 1))
     commands[0] = 0.0
-    hidden = made([{"name": "wall_restitution", "increase": increase}]) if increase else ()
+    hidden = physics_of([{"name": "wall_restitution", "increase": increase}]) if increase else ()
     path = play(BASE, commands, (0.08, 0.0), hidden, rolled=roll).seen[:, 0] * EDGE_X_M / 1.03
     reach = EDGE_X_M / 2.0 - RADIUS_M
     assert path.max() == pytest.approx(reach, abs=1e-3)

@@ -155,9 +155,9 @@ def test_an_unfinished_proof_stays_with_its_code(prove, hat) -> None:
         prove(hat(stop=1))
     other = {"world": "a small world", "code": "other code", "commit": ""}
     with pytest.raises(IrtError, match="an unfinished proof of this code, and this is other code"):
-        prove(made=other)
+        prove(provenance=other)
     prove()
-    prove(made=other)
+    prove(provenance=other)
 
 
 def test_code_that_changes_under_way_releases_no_key(prove, hat, tmp_path: Path) -> None:
@@ -336,8 +336,8 @@ def test_no_key_without_all_answers(places: Places) -> None:
 
 def test_a_world_that_fails_is_one_clear_line(tmp_path: Path) -> None:
     for command, message in (
-        ([sys.executable, "-c", "pass"], "the concealed world ended before it answered"),
-        ([str(tmp_path / "none")], "the concealed world cannot be started"),
+        ([sys.executable, "-c", "pass"], "the program that makes the rigs ended before it answered"),
+        ([str(tmp_path / "none")], "the program that makes the rigs cannot be started"),
         ([sys.executable, "-c", 'print(\'{"error": "no marble"}\')'], "^no marble$"),
     ):
         with pytest.raises(IrtError, match=message), World(command) as world:

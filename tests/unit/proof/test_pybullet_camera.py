@@ -53,9 +53,9 @@ def test_picture_shows_what_the_formula_says(name: str) -> None:
 
 
 def test_board_that_yaws_turns_in_the_picture() -> None:
-    spec = dataclasses.replace(spec_with(), beyond={"name": "yaw", "from_x": 30.0, "from_y": -20.0})
+    spec = dataclasses.replace(spec_with(), out_of_catalogue={"name": "yaw", "from_x": 30.0, "from_y": -20.0})
     played = spec.play(0)
-    plain = dataclasses.replace(spec, beyond=None)
+    plain = dataclasses.replace(spec, out_of_catalogue=None)
     shift = camera.perfect(spec, played) - camera.perfect(plain, played)
     formula = played.seen - played.places / EDGE_X_M * spec.observation_scale
     assert np.abs(formula).max() > 0.01

@@ -12,7 +12,7 @@ from irt.catalogue import effect, hypothetical
 from irt.proof.pybullet_world.effects import EFFECTS
 from irt.proof.pybullet_world.engine import Base, Played, play
 from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
-from irt.proof.pybullet_world.spec import made
+from irt.proof.pybullet_world.spec import physics_of
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels up to Python 3.11 only: pip install pybullet")
 
@@ -90,7 +90,7 @@ def ours(played: Played, commands: np.ndarray, effects: list) -> np.ndarray:
 def compared(effect: dict, commands: np.ndarray, start: tuple[float, float]) -> tuple[float, float]:
     """Return the largest difference between the engines, and what the effect itself comes to [edges]."""
     commands = commands.round(6)
-    played = play(BASE, commands, start, made([effect]))
+    played = play(BASE, commands, start, physics_of([effect]))
     rows = until_rim(played)
     assert rows > 30
     with_it, without = ours(played, commands, [effect]), ours(played, commands, [])
@@ -145,7 +145,7 @@ def test_effect_is_the_one_that_our_engine_knows_by_its_name(name: str) -> None:
 def test_spring_hysteresis_in_steps_agrees_where_commands_change_slowly(gain: float) -> None:
     commands = np.stack([waves((0.06, 1.5, 0.0)), waves((0.05, 2.0, 0.0))], 1)
     effect = {"name": "spring_hysteresis", "strength": gain, "width_rad": 0.2}
-    played = play(BASE, commands.round(6), (0, 0), made([effect]))
+    played = play(BASE, commands.round(6), (0, 0), physics_of([effect]))
     rows = until_rim(played)
     stepped = ours(played, commands.round(6), [{**effect, "jumps": 1}])
     apart = np.abs(stepped - played.seen)[:rows].max()
@@ -160,7 +160,7 @@ def test_static_friction_holds_up_to_its_tilt_and_then_lets_go(ratio: float, mov
     commands = np.zeros((40, 2))
     commands[1:20, 1], commands[20:, 1] = 3.0 * threshold, 6.0 * threshold
     effect = {"name": "static_friction", "ratio": ratio}
-    played = play(BASE, commands.round(6), (-0.1, 0.0), made([effect]))
+    played = play(BASE, commands.round(6), (-0.1, 0.0), physics_of([effect]))
     travelled = played.places[:, 0] + 0.1
     assert (travelled[20] > 1e-3) == moved
     assert travelled[20] > 1e-3 or travelled[20] < 2e-5
@@ -195,7 +195,7 @@ def test_eccentric_marble_agrees_wherever_the_path_leads(run: int) -> None:
     effect = {"phase_rad": np.pi - 0.1, "lean_rad": 0.15, **HEAVY}
     agree(effect, DRIVES[run], STARTS[run])
     commands = DRIVES[run].round(6)
-    played = play(BASE, commands, STARTS[run], made([effect]))
+    played = play(BASE, commands, STARTS[run], physics_of([effect]))
     rows = until_rim(played)
     by_way = ours(played, commands, [{**effect, "lean_rad": 0.0, "follows_path": 1}])
     assert np.abs(by_way - played.seen)[:rows].max() > 0.01
@@ -203,13 +203,13 @@ def test_eccentric_marble_agrees_wherever_the_path_leads(run: int) -> None:
 
 def test_eccentric_marble_turns_its_heavy_side_back() -> None:
     """On the way back the ripple is that of the way there: what pushed on holds back."""
-    effect = made([{"phase_rad": np.pi, "lean_rad": 0.0, **HEAVY, "offset": 0.003}])
+    effect = physics_of([{"phase_rad": np.pi, "lean_rad": 0.0, **HEAVY, "offset": 0.003}])
     base = dataclasses.replace(BASE, rolling_friction=0.0)
     played = play(
         base,
         np.zeros((80, 2)),
         (0.0, 0.0),
-        [*effect, *made([{"name": "tilt_bias", "bias_x_rad": 0.0, "bias_y_rad": 0.002}])],
+        [*effect, *physics_of([{"name": "tilt_bias", "bias_x_rad": 0.0, "bias_y_rad": 0.002}])],
     )
     # A pendulum about where weight and tilt balance: it comes back to where it was let go, again and again.
     assert played.places[:, 0].max() < 2 * np.pi * RADIUS_M
@@ -221,7 +221,7 @@ def test_rim_returns_what_our_engine_returns() -> None:
     commands = np.tile([0.0, 0.1], (40, 1))
     commands[15:] = 0.0
     effect = {"name": "wall_restitution", "increase": 0.7}
-    played = play(BASE, commands, (0.11, 0.0), made([effect]))
+    played = play(BASE, commands, (0.11, 0.0), physics_of([effect]))
     with_it, without = ours(played, commands, [effect]), ours(played, commands, [])
     assert np.abs(with_it - without).max() > 0.05
     # The remaining spin differs between contact solvers, and with it a part of the way back.
@@ -231,7 +231,7 @@ def test_rim_returns_what_our_engine_returns() -> None:
 def test_shifted_camera_sees_the_rim_shifted() -> None:
     commands = np.tile([-0.1, 0.1], (40, 1))
     effect = {"name": "camera_offset", "x_edges": 0.06, "y_edges": -0.03}
-    played = play(BASE, commands, (0.1, 0.08), made([effect]))
+    played = play(BASE, commands, (0.1, 0.08), physics_of([effect]))
     np.testing.assert_allclose(played.seen[-1], REACH / EDGE_X_M * 1.05 + [0.06, -0.03], atol=0.002)
     np.testing.assert_allclose(played.seen[-1], ours(played, commands, [effect])[-1], atol=0.002)
 
@@ -241,7 +241,9 @@ def test_jitter_delays_as_often_as_ours() -> None:
     effect = {"name": "delay_jitter", "sd_s": 0.15}
     commands = DRIVES[0].round(6)
     plain = play(BASE, commands, STARTS[0])
-    runs = [play(BASE, commands, STARTS[0], made([effect]), np.random.default_rng(i)).seen for i in range(8)]
+    runs = [
+        play(BASE, commands, STARTS[0], physics_of([effect]), np.random.default_rng(i)).seen for i in range(8)
+    ]
     many = irt.rollouts(
         VALUES * 200,
         np.tile(commands, (200, 1, 1)),
@@ -256,7 +258,7 @@ def test_jitter_delays_as_often_as_ours() -> None:
 
 
 def test_jitter_is_never_early_and_half_of_it_is_punctual() -> None:
-    (jitter,) = made([{"name": "delay_jitter", "sd_s": 0.15}])
+    (jitter,) = physics_of([{"name": "delay_jitter", "sd_s": 0.15}])
     late = jitter.arrive(np.zeros(20_000), np.random.default_rng(1))
     assert late.min() == 0.0
     assert np.mean(late == 0.0) == pytest.approx(0.5, abs=0.02)

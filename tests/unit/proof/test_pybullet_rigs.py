@@ -22,7 +22,7 @@ from irt.proof.pybullet_world.engine import play
 from irt.proof.pybullet_world.out_of_catalogue import BEYOND
 from irt.proof.pybullet_world.physics import EDGE_X_M, EDGE_Y_M, RADIUS_M
 from irt.proof.pybullet_world.record import Recorded, record
-from irt.proof.pybullet_world.spec import Spec, draw, made
+from irt.proof.pybullet_world.spec import Spec, draw, physics_of
 from irt.recording import load_recording
 from irt.rig import load_rig
 
@@ -96,7 +96,7 @@ def test_noise_has_the_size_of_a_tracker() -> None:
 @pytest.mark.parametrize("kind", [one.name for one in BEYOND])
 def test_physics_beyond_the_catalogue_moves_the_marble_and_repeats(kind: str) -> None:
     one = next(one for one in BEYOND if one.name == kind)
-    spec = spec_with(beyond=one.draw(np.random.default_rng(1), 1.0).parameters())
+    spec = spec_with(out_of_catalogue=one.draw(np.random.default_rng(1), 1.0).parameters())
     commands, start = spec.excitation(0)
     first, again, other = (
         play(spec.base, commands[:80], start, spec.hidden, np.random.default_rng(seed)).seen
@@ -117,7 +117,7 @@ def test_beyond_is_another_list() -> None:
 def test_draws_go_from_small_to_large_and_are_made_again(one: type) -> None:
     small, large = (one.draw(np.random.default_rng(3), strength) for strength in (0.0, 1.0))
     assert small != large
-    assert made([json.loads(json.dumps(large.parameters()))]) == (large,)
+    assert physics_of([json.loads(json.dumps(large.parameters()))]) == (large,)
 
 
 def test_order_of_effects_does_not_matter() -> None:
@@ -128,9 +128,9 @@ def test_order_of_effects_does_not_matter() -> None:
 
 def test_unknown_physics_is_refused() -> None:
     with pytest.raises(ValueError, match="'lagg' is no physics of this world: one of delay, "):
-        made([{"name": "lagg"}])
+        physics_of([{"name": "lagg"}])
     with pytest.raises(ValueError, match="lag: "):
-        made([{"name": "lag", "time_s": 1.0}])
+        physics_of([{"name": "lag", "time_s": 1.0}])
     with pytest.raises(ValueError, match="a kind of rig is one of none, "):
         draw(np.random.default_rng(1), "quadruple")
     with pytest.raises(ValueError, match="pair: 2 of delay, "):
@@ -166,7 +166,7 @@ def test_label_is_complete(recorded: Recorded, tmp_path: Path) -> None:
         "time_scale": 14.0,
         "observation_scale": 1.03,
         "effects": [LAG],
-        "beyond": None,
+        "out_of_catalogue": None,
         "outliers": 0.0,
     }
     assert (label["sigma"], label["noise"], label["through_camera"]) == (0.002, "heavy", False)
@@ -185,7 +185,7 @@ def test_labels_name_what_is_hidden() -> None:
         "none": spec_with(),
         "outliers": spec_with(outliers=0.02),
         "lag": spec_with(effects=(LAG,)),
-        "unlisted_nap": spec_with(beyond=nap),
+        "unlisted_nap": spec_with(out_of_catalogue=nap),
     }
     assert {name: specs_kind(spec) for name, spec in cases.items()} == {name: name for name in cases}
     assert specs_kind(spec_with(effects=(delay, LAG))) == ["delay", "lag"]
@@ -217,9 +217,9 @@ def test_drawn_rigs_show_what_they_hide(monkeypatch: pytest.MonkeyPatch) -> None
         assert all(specs.shows(spec, one) for one in names)
         assert spec == draw(np.random.default_rng(2), kind, "rig-007", names)
     spec = draw(np.random.default_rng(2), "unlisted", physics=["swirl"])
-    assert spec.beyond is not None
-    assert spec.beyond["name"] == "swirl"
-    assert json.loads(json.dumps(spec.to_json()))["beyond"] == spec.beyond
+    assert spec.out_of_catalogue is not None
+    assert spec.out_of_catalogue["name"] == "swirl"
+    assert json.loads(json.dumps(spec.to_json()))["out_of_catalogue"] == spec.out_of_catalogue
 
 
 @pytest.mark.slow

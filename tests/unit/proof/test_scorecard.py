@@ -10,7 +10,7 @@ import pytest
 
 from irt.proof.contest import METHODS
 from irt.proof.contested import Contestant
-from irt.proof.hash_chain import CHAIN, verify
+from irt.proof.hash_chain import CHAIN, Places, verify
 from irt.proof.results import Results
 from irt.proof.scorecard import verdict, write_scorecard
 from irt.proof.seal import digest
@@ -19,9 +19,10 @@ PICTURES = ("confusion.png", "coverage.png", "gaps.png", "power.png")
 SETTINGS = {"command": "`irt prove`"}
 
 
-@pytest.fixture
-def results(score) -> Results:
+@pytest.fixture(scope="module")
+def results(scores) -> Results:
     """Return some of everything."""
+    score = scores()
     scores = [
         *[score(intervals={"gear_x": "yes", "delay.delay_s": "no"}) for _ in range(4)],
         score(named=("lag",), ties={"lag": ["latency"]}, exact=False, found=False, noise="heavy"),
@@ -39,9 +40,10 @@ def results(score) -> Results:
     return Results(tuple(scores), tuple(entries))
 
 
-@pytest.fixture
-def page(results: Results, places, tmp_path: Path) -> Path:
-    return write_scorecard(tmp_path / "docs" / "proof.md", results, places, SETTINGS, raw=True)
+@pytest.fixture(scope="module")
+def page(results: Results, finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("page") / "docs" / "proof.md"
+    return write_scorecard(path, results, Places(finished), SETTINGS, raw=True)
 
 
 def test_the_first_ten_lines_say_the_answer(page: Path, results: Results) -> None:
@@ -125,8 +127,8 @@ def test_where_nothing_is_copied_the_files_are_those_of_the_proof(results: Resul
 
 
 def test_the_page_names_code_commit_and_seed(score, places, tmp_path: Path) -> None:
-    made = {"world": "another engine", "code": "irt, code 12", "commit": "abc", "seed": "5"}
-    results = Results((score(), score("none")), made=made)
+    provenance = {"world": "another engine", "code": "irt, code 12", "commit": "abc", "seed": "5"}
+    results = Results((score(), score("none")), provenance=provenance)
     text = write_scorecard(tmp_path / "p.md", results, places, SETTINGS).read_text()
     for row in ("recorded by | another engine", "diagnosed by | irt, code 12", "commit | abc", "seed | 5"):
         assert f"| {row} |" in text

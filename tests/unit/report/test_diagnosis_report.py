@@ -109,10 +109,10 @@ def test_first_screen_says_how_often_the_choice_comes_back(missing, diagnosis_of
     count = len(diagnosis.runs)
     sure = spaced(answer(missing)["How sure is this?"])
     assert (
-        "When each run in turn is left out of the selection among the most probable sets, the selection "
-        f"contains backlash or delay {count}" in sure
+        "With each run in turn left out, the selection among the most probable sets contains backlash or "
+        f"delay {count}" in sure
     )
-    assert f"an error of {spaced(percent(diagnosis.nested_heldout_mae))} of the edge" in sure
+    assert f"Its error on that run is {spaced(percent(diagnosis.nested_heldout_mae))} of the edge" in sure
 
 
 def test_a_tie_stands_at_the_top_with_its_reason(missing, diagnosis_of):

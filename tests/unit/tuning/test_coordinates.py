@@ -75,7 +75,7 @@ def test_the_middle_of_what_is_open_is_nearer_than_a_guess():
         assert all(error < np.abs(other - truth[:, column]).mean() for other in others)
 
 
-def test_damping_tells_the_time_scale():
+def test_damping_shows_the_time_scale():
     damped = Coordinates(replace(PAPER.drive, marble=Marble(damping_per_s=0.04)))
     at = damped.of(np.array([[0.03, 0.02, 2e-4, 40.0, 1.15]]))
     moved = damped.central(at)

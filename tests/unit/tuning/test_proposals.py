@@ -48,14 +48,14 @@ def test_no_rollout_counts_beyond_what_is_given(target, rollouts):
 def test_searches_of_different_length_do_not_mind_each_other(target):
     batches = [proposals(3), proposals(4)]
     alone = run(DRIVE, [[target]], [asks(batches, [])], 20)[0]
-    company = run(
+    together = run(
         DRIVE,
         [[target]] * 3,
         [asks([proposals(2)], []), asks(batches, []), asks([proposals(9)], [])],
         20,
     )
-    np.testing.assert_array_equal(company[1].mae, alone.mae)
-    assert [len(path.mae) for path in company] == [2, 7, 9]
+    np.testing.assert_array_equal(together[1].mae, alone.mae)
+    assert [len(path.mae) for path in together] == [2, 7, 9]
 
 
 def test_what_is_held_is_the_best_so_far():

@@ -100,7 +100,7 @@ class Recorded:
             "truth": {
                 **vars(spec.base),
                 "effects": [dict(one) for one in spec.effects],
-                "beyond": None if spec.beyond is None else dict(spec.beyond),
+                "out_of_catalogue": None if spec.out_of_catalogue is None else dict(spec.out_of_catalogue),
                 "outliers": spec.outliers,
             },
             "sigma": _known(self.sigma),
@@ -125,8 +125,8 @@ class Recorded:
 
 def kind(spec: Spec) -> str | list[str]:
     """Return the right answer: one name, two, "none", "outliers" or "unlisted_" and a name."""
-    if spec.beyond is not None:
-        return f"unlisted_{spec.beyond['name']}"
+    if spec.out_of_catalogue is not None:
+        return f"unlisted_{spec.out_of_catalogue['name']}"
     names = [str(one["name"]) for one in spec.effects]
     if not names:
         return "outliers" if spec.outliers else "none"

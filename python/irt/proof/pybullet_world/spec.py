@@ -46,7 +46,7 @@ class Spec:
         The five parameters, in the units of the recordings' format.
     effects : tuple of dict
         Hidden effects of the catalogue: name and parameters.
-    beyond : dict, optional
+    out_of_catalogue : dict, optional
         Hidden physics outside the catalogue: name and parameters.
     outliers : float
         Share of rows with an outlier of the tracker.
@@ -70,7 +70,7 @@ class Spec:
     time_scale: float
     observation_scale: float
     effects: tuple[Mapping[str, Any], ...] = ()
-    beyond: Mapping[str, Any] | None = None
+    out_of_catalogue: Mapping[str, Any] | None = None
     outliers: float = 0.0
     noise: str = "white"
     sigma: float = 0.0
@@ -87,7 +87,9 @@ class Spec:
     @property
     def hidden(self) -> tuple[Physics, ...]:
         """The hidden physics, in the order in which it acts."""
-        return made(self.effects if self.beyond is None else (*self.effects, self.beyond))
+        return physics_of(
+            self.effects if self.out_of_catalogue is None else (*self.effects, self.out_of_catalogue)
+        )
 
     def random(self, run: int, what: int) -> np.random.Generator:
         """Return the random generator of a run's drive (0), random physics (1) or noise (2)."""
@@ -134,7 +136,7 @@ class Spec:
         return {**asdict(self), "effects": [dict(one) for one in self.effects]}
 
 
-def made(effects: Sequence[Mapping[str, Any]]) -> tuple[Physics, ...]:
+def physics_of(effects: Sequence[Mapping[str, Any]]) -> tuple[Physics, ...]:
     """Return physics from names and parameters, in the order in which it acts.
 
     Raises
@@ -200,7 +202,11 @@ def draw(
             strengths = random.uniform(least, 1.0, len(names)).tolist()
             drawn = [_KNOWN[one].draw(random, size) for one, size in zip(names, strengths, strict=True)]
             hidden = tuple(one.parameters() for one in drawn)
-            spec = replace(spec, beyond=hidden[0]) if kind == "unlisted" else replace(spec, effects=hidden)
+            spec = (
+                replace(spec, out_of_catalogue=hidden[0])
+                if kind == "unlisted"
+                else replace(spec, effects=hidden)
+            )
             if all(shows(spec, one) for one in names):
                 return spec
     raise AssertionError("draws do not end")
