@@ -215,7 +215,7 @@ impl Wrist {
 }
 
 /// A short trajectory that expires by itself: on from the set point for `ahead`, then a uniform slow-down to rest.
-fn trajectory(joint: &str, point: &SetPoint, bounds: &Bounds, ahead: f64) -> JointTrajectory {
+pub fn trajectory(joint: &str, point: &SetPoint, bounds: &Bounds, ahead: f64) -> JointTrajectory {
     let at = |position: f64, velocity: f64, after: f64| JointTrajectoryPoint {
         positions: vec![position.clamp(bounds.low, bounds.high)],
         velocities: vec![velocity],

@@ -18,6 +18,8 @@ use crate::watch::Moment;
 pub enum Level {
     /// It went as it should.
     Info = 20,
+    /// It may not be as it should.
+    Warn = 30,
     /// It did not.
     Error = 40,
 }
@@ -60,7 +62,7 @@ impl Base {
         let mut recorder = Recorder::create(&fresh(folder, name)?, config, all)?;
         let e_stop = link.subscribe(&safety.e_stop, Reliability::BestEffort)?;
         let clock = Clock::new();
-        Ok(Self {
+        let base = Self {
             e_stop: (e_stop, recorder.channel::<Bool>(&safety.e_stop)),
             stop: (
                 link.serve(&safety.stop_service)?,
@@ -72,7 +74,11 @@ impl Base {
             clock,
             link,
             recorder,
-        })
+        };
+        let warning = unauthenticated(network);
+        crate::say(&warning);
+        base.event(Level::Warn, "unauthenticated", &warning);
+        Ok(base)
     }
 
     /// All reasons to stop that come from people, from the system or from the bag.
@@ -108,4 +114,13 @@ impl Base {
         };
         self.recorder.record(self.events, now, now, &log);
     }
+}
+
+/// Warning about a network on which anybody may take part: DDS does not authenticate anyone here.
+fn unauthenticated(network: &Network) -> String {
+    let addresses: Vec<String> = network.interfaces.iter().map(ToString::to_string).collect();
+    format!(
+        "no peer is authenticated: every program that reaches {} can pose as tracker or arms, and can stop a run",
+        addresses.join(", ")
+    )
 }

@@ -13,10 +13,14 @@ mod commands;
 mod config;
 mod dds;
 mod error;
+#[cfg(test)]
+mod exploration;
 mod frames;
 #[cfg(test)]
 mod fuzz;
 mod labs;
+#[cfg(test)]
+mod long_play;
 mod messages;
 mod model;
 mod motion;

@@ -304,4 +304,6 @@ pub fn bounds(limits: &Limits, level: f64) -> Bounds {
 }
 
 #[cfg(test)]
+mod exhaustive;
+#[cfg(test)]
 mod tests;

@@ -1,6 +1,6 @@
 //! The simulated laboratory: two wrists, a board with a marble, and a camera, with the topics of real ones.
 
-mod board;
+pub mod board;
 pub mod lab;
 pub mod wrist;
 

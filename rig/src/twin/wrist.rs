@@ -82,7 +82,7 @@ impl Driver {
 
     /// Rate of the joint (rad/s).
     pub fn rate(&self) -> f64 {
-        self.wrist.rate
+        self.wrist.rate()
     }
 
     /// Clears the last command.
@@ -126,6 +126,11 @@ impl Wrist {
             rate: 0.0,
             credit: 0.0,
         }
+    }
+
+    /// Rate of the joint (rad/s).
+    pub fn rate(&self) -> f64 {
+        self.rate
     }
 
     /// Takes a trajectory; returns whether it is one of this joint. Otherwise the joint rests.
