@@ -36,7 +36,7 @@ RIGS = list(PINNED)
 
 
 def like(pinned):
-    """Return what an answer has to equal: to a unit of the third digit, and 0.2 % of the width for intervals."""
+    """Return what an answer has to equal, to a unit of the third digit; intervals to 0.2 % of their width."""
     if isinstance(pinned, dict):
         return {key: like(value) for key, value in pinned.items()}
     if isinstance(pinned, list) and None not in pinned:
