@@ -77,11 +77,11 @@ def _shown(found: Diagnosis) -> RunProof:
 
 
 def _draw_budget(axes: Any, found: Diagnosis) -> None:
-    """Draw the squared error on runs held out as one bar; what has no room in it stands below."""
+    """Draw the squared error on held-out runs as one bar; what has no room in it stands below."""
     bar = bars(found)[0]
     nameless = draw_bar(axes, bar, (-0.4, 0.4), WIDTH)
     axes.set(xlim=(0.0, 1.0), ylim=(-0.5, 0.5))
-    axes.set_title(f"where the squared error on runs held out goes, {bar.title}")
+    axes.set_title(f"where the squared error on held-out runs goes, {bar.title}")
     for index, place in zip(reversed(nameless), np.linspace(1.0, 0.0, 4), strict=False):
         look = {"color": colour(bar.parts, index), "transform": axes.transAxes, "ha": "right", "va": "top"}
         axes.text(place, -0.25, labels(bar.parts[index])[0], **look)

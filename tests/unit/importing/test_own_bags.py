@@ -90,4 +90,4 @@ def test_the_verb_says_what_was_seen(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "30.0 ms old" in output
     assert "stopped: no valid point" in output
     assert main(["import", str(tmp_path / "absent.mcap")]) == 1
-    assert "absent.mcap: cannot be read" in capsys.readouterr().err
+    assert "absent.mcap: no such file; give a bag" in capsys.readouterr().err
